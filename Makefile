@@ -35,7 +35,7 @@ METADATA := package.xml setup.py setup.cfg MANIFEST.in pyproject.toml README.md
 
 help:
 	@echo 'make install      environment $(VENV) with the library, the node and all tools'
-	@echo 'make demo         feedforward on a simulated arm, over ROS 2'
+	@echo 'make demo         feedforward on a simulated arm, over ROS 2; ROBOT=palletizer: closed loops'
 	@echo 'make test         tests, a few minutes'
 	@echo 'make test-slow    tests of endurance (also: make soak)'
 	@echo 'make bench        speed, against peers; a report in build/bench'
@@ -110,11 +110,13 @@ $(VENV)/.project: $(VENV)/.demo_dependencies $(VENV)/.interfaces $(VENV)/.files 
 
 # ---------------------------------------------------------------------- use and tests
 
+ROBOT ?= fr3
+
 # Installs only what the demo needs, on two processors.
 demo:
 	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j2) $(VENV)/.project \
 	  $(VENV)/.imported
-	$(ROS_ENV) $(BIN)/kane-dynamics demo
+	$(ROS_ENV) $(BIN)/kane-dynamics demo --robot '$(ROBOT)'
 
 # What runs nodes in real time or judges processor time has the processors to itself; all else shares
 # them.
@@ -142,13 +144,21 @@ $(VENV)/.bench: $(VENV)/.dependencies
 	$(BIN)/uv pip install --python $(BIN)/python --quiet -r setup.py --extra bench
 	@touch $@
 
+# crocoddyl's wheels are built for this Pinocchio: beside a newer one they compute without gravity.
+CROCODDYL_VENV := .venv-crocoddyl
+$(CROCODDYL_VENV)/.tools: $(VENV)/.uv
+	@$(PYTHON) -m venv $(CROCODDYL_VENV)
+	@if $(BIN)/uv pip install --python $(CROCODDYL_VENV)/bin/python --quiet crocoddyl==3.2.1 \
+	  pin==4.0.0; then touch $@; \
+	else rm -rf $(CROCODDYL_VENV); echo 'crocoddyl cannot be installed: its gate is not checked'; fi
+
 # All of them run, then any failure counts.
 BENCHMARKS ?= benchmarks/report.py benchmarks/exported_c.py benchmarks/torque_path.py \
   benchmarks/casadi_functions.py benchmarks/learning_functions.py benchmarks/time_optimal.py \
-  benchmarks/node_latency.py benchmarks/state_rates.py
+  benchmarks/predictive_control.py benchmarks/node_latency.py benchmarks/state_rates.py
 BENCH_ARGS ?=
 
-bench: install $(VENV)/.bench $(VENV)/.torch
+bench: install $(VENV)/.bench $(VENV)/.torch $(CROCODDYL_VENV)/.tools
 	@failed=; for program in $(BENCHMARKS); do \
 	  echo "== $$program"; $(ROS_ENV) $(BIN)/python $$program $(BENCH_ARGS) \
 	    || failed="$$failed $$program"; \
@@ -217,4 +227,4 @@ colcon-test: $(COLCON_VENV)/.tools
 	@grep -q '<testcase' $(COLCON_BASE)/build/$(INTERFACES)/test_results/$(INTERFACES)/*.xml
 
 clean:
-	rm -rf $(VENV) $(COLCON_VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(COLCON_VENV) $(CROCODDYL_VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -16,9 +16,10 @@ import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
+from kane_dynamics.demo.demo_settings import FR3
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.cdr import PreparedMessage, write_joint_state
-from node_latency import (BEST_EFFORT, BUSY, contenders, IDLE, JOINTS, MOST_LOST, NAMESPACES, OURS,
+from node_latency import (BEST_EFFORT, BUSY, contenders, IDLE, MOST_LOST, NAMESPACES, OURS,
                           REALTIME)
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
@@ -56,8 +57,8 @@ class Driver(Node):
         self.create_subscription(Float64MultiArray, f'{name}/commands', self._on_command, ALL,
                                  raw=True)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, ALL)
-        n = len(JOINTS)
-        writer, offsets = write_joint_state(JOINTS, '', (n, n, n))
+        n = len(FR3.joints)
+        writer, offsets = write_joint_state(FR3.joints, '', (n, n, n))
         self._message = PreparedMessage(writer, offsets[0], n)
         self.commands, self.lost = 0, '0'
         self._executor = EventsExecutor()
@@ -129,7 +130,7 @@ def main(*arguments: str) -> int:
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ.setdefault('ROS_DOMAIN_ID', str(random.SystemRandom().randint(1, 100)))
     rclpy.init()
-    with contenders([], *(REALTIME if 'realtime' in arguments else [])) as loader:
+    with contenders('fr3', [], *(REALTIME if 'realtime' in arguments else [])) as loader:
         assert loader.stdin is not None
         assert loader.stdout is not None
         loader.stdout.readline()
@@ -142,8 +143,8 @@ def main(*arguments: str) -> int:
             loader.stdin.flush()
         driver.destroy_node()
     rclpy.shutdown()
-    print(f'Joint states of {len(JOINTS)} joints, {SECONDS:g} s at each rate; load of the machine '
-          f'before {load:.2f}\n\n{table(results)}')
+    print(f'Joint states of {len(FR3.joints)} joints, {SECONDS:g} s at each rate; load of the '
+          f'machine before {load:.2f}\n\n{table(results)}')
     if results[0].unanswered < MOST_LOST:
         return 0
     print(f'FAILED: {results[0].unanswered:.2%} lost at {RATES[0]} Hz, {MOST_LOST:.0%} or more')

@@ -34,7 +34,7 @@ def toppra_timing(robot: Robot, waypoints: np.ndarray) -> Callable[[], float] | 
     effort, velocity = robot.limits.effort, robot.limits.velocity
 
     def duration() -> float:
-        path = toppra.SplineInterpolator(motion.times, waypoints, bc_type='clamped')
+        path = toppra.SplineInterpolator(motion.times, waypoints, bc_type='not-a-knot')
         torque = constraints.JointTorqueConstraint(
             lambda *state: pinocchio.rnea(model, data, *state),
             np.stack([-effort, effort], axis=1), np.zeros(robot.n),

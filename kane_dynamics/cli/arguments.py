@@ -35,6 +35,8 @@ def _simulate(sub: ArgumentParser) -> None:
                      help='integration step in s; default: 0.001')
     sub.add_argument('--integrator', choices=INTEGRATORS, default='rk4',
                      help='implicit: for stiff friction, springs and beams; default: rk4')
+    sub.add_argument('--stops', action='store_true',
+                     help='joints hit rigid, inelastic stops at their position limits')
     source = sub.add_mutually_exclusive_group()
     _add_motion(source, 'CSV or YAML file; followed by computed torque')
     source.add_argument('--torque', nargs='+', metavar='X', help='constant torques, or a CSV file')

@@ -7,8 +7,9 @@ deactivated), then with the node's feedforward torques on top. Last it is let go
 held against what the node's simulate service had predicted.
 """
 
-from argparse import ArgumentParser
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Sequence
+import math
 import os
 from pathlib import Path
 import random
@@ -18,8 +19,8 @@ from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.demo.children import Child, children, DemoError, stage, Waiting
-from kane_dynamics.demo.demo_settings import (desired_motion, DURATION, HOME, JOINTS, NODE, PLANT,
-                                              STATE_TIMEOUT, URDF)
+from kane_dynamics.demo.demo_settings import (DemoRobot, DURATION, NODE, PLANT, ROBOTS,
+                                              STATE_TIMEOUT)
 from kane_dynamics.demo.tracking_report import repeated_if_late, report, TrackingLog
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics_interfaces.srv import Simulate
@@ -103,11 +104,12 @@ class Director(Node):
         self.ask(SetBool, f'{PLANT}/reset', data=True)
         time.sleep(1.0)
         self.send(motion, feedforward)
-        end = time.monotonic() + LEAD + DURATION
-        with progress_bar(label, DURATION) as progress:
+        duration = motion.duration
+        end = time.monotonic() + LEAD + duration
+        with progress_bar(label, duration) as progress:
             while (left := end - time.monotonic()) > 0.0:
                 time.sleep(min(left, 0.1))
-                progress(DURATION - left)
+                progress(duration - left)
         return self._recorded(record)
 
     def _recorded(self, record: Path) -> TrackingLog:
@@ -116,12 +118,12 @@ class Director(Node):
             raise DemoError(f'the arm cannot save its record: {answer.message}')
         return TrackingLog.load(record)
 
-    def predict_and_let_go(self, record: Path) -> tuple[Any, TrackingLog]:
+    def predict_and_let_go(self, robot: DemoRobot, record: Path) -> tuple[Any, TrackingLog]:
         """Predict the arm's fall from home, then let it fall; return prediction and record."""
         self.change(Transition.TRANSITION_DEACTIVATE)
         prediction = self.ask(
-            Simulate, f'{NODE}/simulate', joint_names=list(JOINTS), position=HOME.tolist(),
-            duration=FALL, step=5e-4, sample_period=2e-3)
+            Simulate, f'{NODE}/simulate', joint_names=list(robot.positions),
+            position=list(robot.positions.values()), duration=FALL, step=5e-4, sample_period=2e-3)
         if not prediction.success:
             raise DemoError(f'{NODE}/simulate: {prediction.message}; expected success')
         self.ask(SetBool, f'{PLANT}/reset', data=False)
@@ -129,21 +131,45 @@ class Director(Node):
         return prediction, self._recorded(record)
 
 
-def commands(record: Path) -> dict[str, Sequence[str]]:
+def commands(name: str, record: Path) -> dict[str, Sequence[str]]:
     """Return the commands of arm and node by name."""
-    return {'arm': [sys.executable, '-u', '-m', 'kane_dynamics.demo.mujoco_plant', str(URDF),
+    parameters = ROBOTS[name].parameters | {'mode': 'inverse_dynamics',
+                                            'state_timeout': str(STATE_TIMEOUT)}
+    return {'arm': [sys.executable, '-u', '-m', 'kane_dynamics.demo.mujoco_plant', name,
                     str(record)],
             'node': [sys.executable, '-u', '-m', 'kane_dynamics.ros.dynamics_node.main',
-                     '--ros-args', '-p', f'urdf:={URDF}', '-p', f'joints:=[{",".join(JOINTS)}]',
-                     '-p', 'mode:=inverse_dynamics', '-p', f'state_timeout:={STATE_TIMEOUT}']}
+                     '--ros-args', *(word for key, value in parameters.items()
+                                     for word in ('-p', f'{key}:={value}'))]}
+
+
+def parsed(arguments: Sequence[str]) -> Namespace:
+    """Return the options of the demo."""
+    parser = ArgumentParser(prog='kane-dynamics demo', description=__doc__)
+    parser.add_argument('--robot', choices=ROBOTS, default='fr3',
+                        help='a seven-axis arm, or a palletizer with three closed loops (default: '
+                             '%(default)s)')
+    parser.add_argument('--duration', type=_seconds, default=DURATION, metavar='S',
+                        help='duration of the motion, at least 1 s (default: %(default)s)')
+    parser.add_argument('--output', type=Path, default=Path('demo_output'),
+                        help='folder for the pictures (default: %(default)s)')
+    return parser.parse_args(list(arguments))
+
+
+def _seconds(text: str) -> float:
+    """Return a duration of at least 1 s."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 1.0 <= value <= 600.0:
+        raise ArgumentTypeError(f'duration: {text}; expected 1 to 600 s')
+    return value
 
 
 def run(arguments: Sequence[str] = ()) -> int:
     """Run the demo; return the exit code."""
-    parser = ArgumentParser(prog='kane-dynamics demo', description=__doc__)
-    parser.add_argument('--output', type=Path, default=Path('demo_output'),
-                        help='folder for the pictures (default: %(default)s)')
-    options = parser.parse_args(list(arguments))
+    options = parsed(arguments)
+    robot, motion = ROBOTS[options.robot], ROBOTS[options.robot].motion(options.duration)
     options.output.mkdir(parents=True, exist_ok=True)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ.setdefault('ROS_DOMAIN_ID', str(random.SystemRandom().randint(1, 100)))
@@ -152,22 +178,21 @@ def run(arguments: Sequence[str] = ()) -> int:
     rclpy.init()
     director = Director()
     try:
-        with children(commands(record)) as running:
+        with children(commands(options.robot, record)) as running:
             director.children = running
             with stage('Start of the arm'):
                 director.ask(SetBool, f'{PLANT}/reset', data=True)
             with stage('Start of the node, which compiles its kernels'):
                 director.wait_until_active()
-            motion = desired_motion()
-            with stage(f'Motion of {DURATION:g} s with the servo alone'):
+            with stage(f'Motion of {options.duration:g} s with the servo alone'):
                 alone = director.perform('Servo alone         ', motion, record, False)
-            with stage(f'Motion of {DURATION:g} s with servo and feedforward'):
+            with stage(f'Motion of {options.duration:g} s with servo and feedforward'):
                 helped = repeated_if_late(motion, alone, lambda: director.perform(
                     'Servo + feedforward ', motion, record, True))
             with stage('Prediction of the fall, and the fall'):
-                prediction, fall = director.predict_and_let_go(record)
+                prediction, fall = director.predict_and_let_go(robot, record)
     finally:
         director.destroy_node()
         rclpy.try_shutdown()
     record.unlink(missing_ok=True)
-    return report(motion, alone, helped, prediction, fall, options.output)
+    return report(robot, motion, alone, helped, prediction, fall, options.output)

@@ -7,13 +7,15 @@ simulated time; late ticks are caught up. A record of the run is written to a fi
 """
 
 from collections.abc import Sequence
+from pathlib import Path
 import re
 import sys
 import time
 from typing import Any
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.demo.demo_settings import GAINS, HOME, JOINTS, NODE, PLANT, RATE
+from kane_dynamics.demo.demo_settings import DemoRobot, NODE, PLANT, RATE, ROBOTS
+from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.process import make_executor
 import mujoco
@@ -35,25 +37,44 @@ BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class MujocoArm:
-    """The arm in MuJoCo: the URDF's bodies, joints, damping and friction; no contacts."""
+    """
+    The arm in MuJoCo: the URDF's bodies, joints, damping and friction; no contacts.
 
-    def __init__(self, urdf: str) -> None:
+    Loops are closed by equality constraints of MuJoCo, which joins the origins of two frames.
+
+    Parameters
+    ----------
+    robot : DemoRobot
+    urdf : str, optional
+        Another URDF text than that of the robot, for example with a payload.
+
+    """
+
+    def __init__(self, robot: DemoRobot, urdf: str | None = None) -> None:
         """Compile the URDF without geometry, which may refer to files."""
-        bare = re.sub(r'<(visual|collision)\b.*?</\1>', '', urdf, flags=re.DOTALL)
-        self.model = mujoco.MjModel.from_xml_string(bare)
+        self.robot = robot
+        text = robot.urdf.read_text(encoding='utf-8') if urdf is None else urdf
+        spec = mujoco.MjSpec.from_string(
+            re.sub(r'<(visual|collision)\b.*?</\1>', '', text, flags=re.DOTALL))
+        if robot.constraints is not None:
+            _close_loops(spec, robot.constraints)
+        self.model = spec.compile()
         self.model.opt.timestep = 1.0 / (RATE * SUBSTEPS)
         self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.data = mujoco.MjData(self.model)
-        self._q = [self.model.joint(name).qposadr[0] for name in JOINTS]
-        self._u = [self.model.joint(name).dofadr[0] for name in JOINTS]
-        self._others = [k for k in range(self.model.nv) if k not in self._u]
+        self._home = {self.model.joint(name).qposadr[0]: angle
+                      for name, angle in robot.positions.items()}
+        self._q = [self.model.joint(name).qposadr[0] for name in robot.joints]
+        self._u = [self.model.joint(name).dofadr[0] for name in robot.joints]
+        moving = {self.model.joint(name).dofadr[0] for name in robot.positions}
+        self._others = [k for k in range(self.model.nv) if k not in moving]
         self.reset()
 
     def reset(self) -> None:
         """Put the arm at rest at home."""
         mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[self._q] = HOME
+        self.data.qpos[list(self._home)] = list(self._home.values())
         mujoco.mj_forward(self.model, self.data)
 
     @property
@@ -71,22 +92,35 @@ class MujocoArm:
             mujoco.mj_step(self.model, self.data)
 
 
+def _close_loops(spec: Any, path: Path) -> None:
+    """Join the frames of each closure of a constraints file; the pins are parallel."""
+    spec.compiler.fusestatic = False  # the frames are links without mass
+    for closure in load_constraints(path)['constraints']:
+        for frame in (closure.first, closure.second):
+            spec.body(frame).add_site(name=frame)
+        # All but rigid: the constraint is restored within two steps.
+        spec.add_equality(
+            type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_SITE,
+            name1=closure.first, name2=closure.second, solref=[2.0 / (RATE * SUBSTEPS), 1.0],
+            solimp=[0.9999, 0.9999, 1e-3, 0.5, 2.0])
+
+
 class MujocoPlant(Node):
     """The arm behind ROS topics and services."""
 
     def __init__(self, arm: MujocoArm, record: str) -> None:
         """Open topics and services; `record` is the file that ~/save writes."""
         super().__init__(PLANT.strip('/'))
-        self.arm = arm
+        self.arm, self._robot = arm, arm.robot
         self._record = record
         self._motion: Motion | None = None
         self._started = 0.0
         self._servo_on = True
-        self._command = np.zeros(len(JOINTS))
+        self._command = np.zeros(len(self._robot.joints))
         self._rows: list[tuple[Any, ...]] = []
         self._sent: dict[int, int] = {}
         self._latencies: list[tuple[float, float]] = []  # time in the motion, latency, s
-        self._message = JointState(name=list(JOINTS))
+        self._message = JointState(name=list(arm.robot.joints))
         self._publisher = self.create_publisher(JointState, 'joint_states', BEST_EFFORT)
         reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         self.create_subscription(Float64MultiArray, 'commands', self._on_command, reliable)
@@ -114,11 +148,11 @@ class MujocoPlant(Node):
     def _servo(self, t: float, q: Array, u: Array) -> Array:
         """Return the torque of the soft servo, N m."""
         if not self._servo_on:
-            return np.zeros(len(JOINTS))
-        q_d, u_d = HOME, np.zeros(len(JOINTS))
+            return np.zeros(len(self._robot.joints))
+        q_d, u_d = self._robot.home, np.zeros(len(self._robot.joints))
         if self._motion is not None:
             q_d, u_d, _ = self._motion.sample(t - self._started)
-        return GAINS[0] * (q_d - q) + GAINS[1] * (u_d - u)
+        return self._robot.kp * (q_d - q) + self._robot.kd * (u_d - u)
 
     def _on_command(self, message: Float64MultiArray) -> None:
         self._command = np.array(message.data)
@@ -136,7 +170,8 @@ class MujocoPlant(Node):
         self._begin_record(start.sec + start.nanosec * 1e-9)
         self._motion = Motion.from_points(
             [p.time_from_start.sec + p.time_from_start.nanosec * 1e-9 for p in message.points],
-            [p.positions for p in message.points], joint_names=message.joint_names, order=JOINTS)
+            [p.positions for p in message.points], joint_names=message.joint_names,
+            order=self._robot.joints)
 
     def _reset(self, request: Any, response: Any) -> Any:
         """Reset the arm to rest at home, switch the servo, and drop the motion."""
@@ -163,10 +198,9 @@ class MujocoPlant(Node):
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Run the arm until a signal; arguments: URDF file, record file."""
-    urdf, record = arguments
-    with open(urdf, encoding='utf-8') as file:
-        arm = MujocoArm(file.read())
+    """Run the arm until a signal; arguments: name of the robot, record file."""
+    name, record = arguments
+    arm = MujocoArm(ROBOTS[name])
     rclpy.init()
     plant = MujocoPlant(arm, record)
     period = round(1e9 / RATE)

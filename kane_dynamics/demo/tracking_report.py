@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.demo.demo_settings import DURATION, JOINTS, STATE_TIMEOUT, URDF
+from kane_dynamics.demo.demo_settings import DemoRobot, STATE_TIMEOUT
+from kane_dynamics.kinematics.loop_tracker import LoopTracker
+from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.plot import plot_tracking
 from kane_dynamics.robot.robot import Robot
@@ -60,7 +62,7 @@ class TrackingLog:
 
 def tracking_errors(motion: Motion, run: TrackingLog) -> Array:
     """Return the RMS tracking error of every joint during the motion, (n,), rad."""
-    run = run.within(0.0, DURATION)
+    run = run.within(0.0, motion.duration)
     error: Array = run.q - motion.sample(run.t)[0]
     return np.asarray(np.sqrt(np.mean(error * error, axis=0)))
 
@@ -71,9 +73,9 @@ def improvement(motion: Motion, alone: TrackingLog, helped: TrackingLog) -> floa
     return float(np.sqrt(np.mean(before**2) / np.mean(after**2)))
 
 
-def lateness(run: TrackingLog) -> str | None:
+def lateness(motion: Motion, run: TrackingLog) -> str | None:
     """Describe what was late in a run with feedforward; return None if it ran in real time."""
-    run = run.within(0.0, DURATION)
+    run = run.within(0.0, motion.duration)
     longest = float(run.late.max(initial=0.0))
     if longest < STATE_TIMEOUT and len(run.latency) >= MIN_ANSWERED * len(run.t):
         return None
@@ -91,29 +93,29 @@ def repeated_if_late(motion: Motion, alone: TrackingLog,
     arm. A sufficient ratio is therefore valid in any case.
     """
     helped = perform()
-    late = lateness(helped)
+    late = lateness(motion, helped)
     if late is None or improvement(motion, alone, helped) >= MIN_RATIO:
         return helped
     print(f'  the machine is too busy: {late}; the motion is repeated once', flush=True)
     return perform()
 
 
-def report(motion: Motion, alone: TrackingLog, helped: TrackingLog, prediction: Any,
-           fall: TrackingLog, folder: Path) -> int:
+def report(robot: DemoRobot, motion: Motion, alone: TrackingLog, helped: TrackingLog,
+           prediction: Any, fall: TrackingLog, folder: Path) -> int:
     """Print the results, save the plot, and return 0 if feedforward is effective, else 1."""
-    alone, helped = alone.within(0.0, DURATION), helped.within(0.0, DURATION)
+    alone, helped = (run.within(0.0, motion.duration) for run in (alone, helped))
     before, after = (tracking_errors(motion, run) for run in (alone, helped))
     print('\nTracking error, RMS in mrad\n'
           f'{"joint":14}{"servo alone":>14}{"+ feedforward":>16}{"ratio":>9}')
-    for name, x, y in zip(JOINTS, 1e3 * before, 1e3 * after):
+    for name, x, y in zip(robot.joints, 1e3 * before, 1e3 * after):
         print(f'{name:14}{x:14.2f}{y:16.3f}{x / y:9.1f}')
     ratio = improvement(motion, alone, helped)
     print(f'{"all joints":14}{1e3 * np.sqrt(np.mean(before**2)):14.2f}'
           f'{1e3 * np.sqrt(np.mean(after**2)):16.3f}{ratio:9.1f}')
     _print_latency(helped)
-    _print_fall(prediction, fall)
-    _draw(motion, alone, helped, folder)
-    return verdict(ratio, lateness(helped))
+    _print_fall(robot, prediction, fall)
+    _draw(robot, motion, alone, helped, folder)
+    return verdict(ratio, lateness(motion, helped))
 
 
 def verdict(ratio: float, late: str | None) -> int:
@@ -138,11 +140,12 @@ def _print_latency(run: TrackingLog) -> None:
           f'p99 {p99:.0f} us ({len(run.latency)} torques for {len(run.t)} states)')
 
 
-def _print_fall(prediction: Any, fall: TrackingLog) -> None:
+def _print_fall(robot: DemoRobot, prediction: Any, fall: TrackingLog) -> None:
     """Print the prediction error of the fall of the arm."""
     points = prediction.trajectory.points
+    columns = [prediction.trajectory.joint_names.index(name) for name in robot.joints]
     t = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
-    q = np.array([p.positions for p in points])
+    q = np.array([p.positions for p in points])[:, columns]
     actual = fall.q[:len(t)]
     q = q[:len(actual)]
     moved = np.abs(actual - actual[0]).max(axis=0)
@@ -150,17 +153,34 @@ def _print_fall(prediction: Any, fall: TrackingLog) -> None:
     worst = int(np.argmax(error))
     print(f'Free fall for {t[-1]:.2g} s: simulate (in {1e3 * prediction.wall_time:.1f} ms) '
           f'predicted its fall of up to {np.degrees(moved.max()):.0f} deg to within '
-          f'{np.degrees(error[worst]):.2f} deg ({JOINTS[worst]})')
+          f'{np.degrees(error[worst]):.2f} deg ({robot.joints[worst]})')
 
 
-def _draw(motion: Motion, alone: TrackingLog, helped: TrackingLog, folder: Path) -> None:
+def _draw(robot: DemoRobot, motion: Motion, alone: TrackingLog, helped: TrackingLog,
+          folder: Path) -> None:
     """Plot tracking and torques by source."""
-    robot = Robot(load_urdf(URDF, joints=JOINTS))
-    t = np.linspace(0.0, DURATION, 801)
-    terms = robot.torque_terms(*motion.sample(t))
+    t = np.linspace(0.0, motion.duration, 801)
     runs = {label: (run.t, motion.sample(run.t)[0], run.q)
             for label, run in (('servo alone', alone), ('servo + feedforward', helped))}
     picture = folder / 'demo.png'
-    plot_tracking(runs, JOINTS, picture, sources=(t, terms),
-                  title='A seven-axis arm in MuJoCo, with and without feedforward torques')
+    plot_tracking(runs, robot.joints, picture, sources=(t, torques_by_source(robot, motion, t)),
+                  title=f'{robot.title}, with and without feedforward torques')
     print(f'\nPicture: {picture}')
+
+
+def torques_by_source(robot: DemoRobot, motion: Motion, t: Array) -> Array:
+    """Return the terms of the torques of the joints with motors, (K, 5, n), N m."""
+    q, u, udot = motion.sample(t)
+    if robot.constraints is None:
+        return Robot(load_urdf(robot.urdf, joints=robot.joints)).torque_terms(q, u, udot)
+    closed = Robot(load_urdf(robot.urdf), **load_constraints(robot.constraints))
+    # The rates of the joints with motors are the independent speeds, in another order.
+    order = [robot.joints.index(name) for name in closed.speed_names]
+    tracker = LoopTracker(closed, robot.joints)
+    rows = []
+    for row in zip(q, u):
+        tracker.update(*row)
+        rows.append(tracker.q.copy())
+    terms = np.empty((len(t), 5, len(order)))
+    terms[:, :, order] = closed.torque_terms(np.array(rows), u[:, order], udot[:, order])
+    return terms

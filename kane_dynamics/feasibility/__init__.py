@@ -1,8 +1,9 @@
 """Feasibility of motions: torque demand, largest speed, time-optimal timing, largest payload."""
 
 from kane_dynamics.feasibility.payload_bound import largest_payload, PayloadBound
-from kane_dynamics.feasibility.time_optimal import ActiveLimit, time_optimal, TimeOptimal
+from kane_dynamics.feasibility.time_optimal import time_optimal
 from kane_dynamics.feasibility.time_scale import fastest, TimeScale
+from kane_dynamics.feasibility.timing_result import ActiveLimit, TimeOptimal
 from kane_dynamics.feasibility.torque_demand import Demand, demand, Excess
 
 __all__ = ['ActiveLimit', 'Demand', 'Excess', 'PayloadBound', 'TimeOptimal', 'TimeScale', 'demand',

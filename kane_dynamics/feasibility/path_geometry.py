@@ -17,7 +17,8 @@ from typing import NamedTuple
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.spline import free_velocities, spline_velocities
+from kane_dynamics.feasibility.banded_solution import banded_solution
+from kane_dynamics.mechanics.algebra.spline import free_velocities
 from kane_dynamics.motion.motion import Motion
 import numpy as np
 from numpy.typing import ArrayLike
@@ -156,17 +157,17 @@ class _Part:
         rate = 0.5 * (1.0 / span + self.speed / self.length)
         t = _hermite(share, mean, self.mesh, 1.0 / rate)
         t = np.clip(t, self.begin, np.nextafter(self.end, -np.inf))
-        q = self.motion.sample(t)[0]
-        still = np.ptp(q, axis=0) <= STILL * np.ptp(q, axis=0).max()
+        q = self.motion.positions_at(t)
+        ranges = np.ptp(q, axis=0)
+        still = ranges <= STILL * ranges.max()
         q[:, still] = q[0, still]
         slopes = [np.zeros(q.shape[1])] * 2
         for place, order in ((0, first), (-1, last)):
             if order == 1:
                 slopes[place] = np.where(still, 0.0, self._slope(q, t, place, s))
-        # The spline of the positions minus a line has slope 0 at the end, as the solver needs.
-        line = np.outer(s, slopes[-1])
-        first_slope = spline_velocities(s, q - line, slopes[0] - slopes[-1]) + slopes[-1]
-        return Section(q, first_slope, _second(s, q, first_slope), span)
+        step = 0.5 / intervals
+        first_slope = _spline_slopes(q, step, slopes[0], slopes[-1])
+        return Section(q, first_slope, _second(q, step, first_slope), span)
 
     def _slope(self, q: Array, t: Array, place: int, s: Array) -> Array:
         """Return dq/ds at an end at which the path moves, by differences of third order."""
@@ -186,10 +187,23 @@ def _hermite(x: Array, at: Array, values: Array, slopes: Array) -> Array:
                                                     + z * (a + b - 2.0 * rise))))
 
 
-def _second(s: Array, q: Array, first: Array) -> Array:
+def _spline_slopes(q: Array, step: float, first: Array, last: Array) -> Array:
+    """Return the slopes, (K, n), of the cubic spline with given slopes at its ends."""
+    slopes = np.empty_like(q)
+    slopes[0], slopes[-1] = first, last
+    right = (3.0 / step) * (q[2:] - q[:-2])
+    right[0] -= first
+    right[-1] -= last
+    diagonals = np.repeat([[4.0], [1.0], [0.0]], len(right), axis=1)
+    slopes[1:-1] = banded_solution(diagonals, right)
+    return slopes
+
+
+def _second(q: Array, step: float, first: Array) -> Array:
     """Return the second derivatives of a cubic spline at its points, (K, n)."""
-    h = np.diff(s)[:, None]
-    rise = np.diff(q, axis=0) / h
-    begin = (6.0 * rise - 4.0 * first[:-1] - 2.0 * first[1:]) / h
-    end = (2.0 * first[-2:-1] + 4.0 * first[-1:] - 6.0 * rise[-1:]) / h[-1:]
-    return np.concatenate([begin, end])
+    rise = np.diff(q, axis=0) / step
+    second = np.empty_like(q)
+    second[:-1] = 6.0 * rise - 4.0 * first[:-1] - 2.0 * first[1:]
+    second[-1] = 2.0 * first[-2] + 4.0 * first[-1] - 6.0 * rise[-1]
+    second /= step
+    return second

@@ -11,8 +11,10 @@ A limit P of the power bounds the torque by P / |q_s s'|, which is replaced like
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.feasibility.banded_solution import kernels as compile_spline
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.reachability import compile_passes, Limits
+from kane_dynamics.feasibility.segment_peaks import peaks_kernel
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.robot.robot import Robot
@@ -25,6 +27,7 @@ STIFF, STIFFEST = 4.0, 0.5
 TINY = 1e-300
 FLAT = 1e-9  # least x, relative to its size, at which friction has a tangent
 MARGIN = 5e-4  # of all limits, for the motion between the points
+OUT_OF_REACH = 1e4  # width of a limit on one side, relative to its numbers
 IRRELEVANT = 3.0  # torque of a limit of power at which it does not count, in limits of effort
 
 
@@ -50,8 +53,9 @@ class PathLimits:
         self.constant = tau[:count]
         self.inertia = tau[count:2 * count] - self.constant
         offset, _ = friction(robot, zero[:1])
-        self.square = tau[2 * count:] - self.constant - (friction(robot, first)[0] - offset)
-        self.offset = offset
+        self.square, self.offset = tau[2 * count:] - self.constant, offset
+        if self.rough:
+            self.square -= friction(robot, first)[0] - offset
         with np.errstate(divide='ignore', invalid='ignore'):
             speed = np.where(section.first == 0.0, np.inf,
                              bounds.velocity / np.abs(section.first)).min(axis=1)**2
@@ -72,6 +76,12 @@ class PathLimits:
         self.tight = np.full((len(bounds), count, robot.n), 1.0 - MARGIN)
 
     @property
+    def rough(self) -> bool:
+        """Return whether there is friction."""
+        return self.robot.friction and any(
+            body.joint.damping or body.joint.friction for body in self.robot.model.bodies)
+
+    @property
     def powered(self) -> bool:
         """Return whether there is a limit of power."""
         return bool(np.isfinite(self.bounds.power).any())
@@ -79,21 +89,22 @@ class PathLimits:
     @property
     def linear(self) -> bool:
         """Return whether the limits are linear in x: no friction, and no limit of power."""
-        robot = self.robot
-        return not self.powered and not (robot.friction and any(
-            body.joint.damping or body.joint.friction for body in robot.model.bodies))
+        return not self.powered and not self.rough
 
     def at(self, x: Array | None) -> Limits:
         """Return the limits, exact at a profile x, (N + 1,); without friction for None."""
         given, x = x, np.maximum(1.0 if x is None else x, FLAT * self.size) * np.ones(
             len(self.constant))
         x = x[:, None]
-        root, bounds, first = np.sqrt(x), self.bounds, self.first
-        force, slope = (self.offset, 0.0) if given is None else friction(self.robot, root * first)
-        change = slope * first / (2.0 * root)
+        bounds, first = self.bounds, self.first
         alpha = self.inertia / (2.0 * self.section.step)
-        beta, gamma = self.square + change, self.constant + force - self.offset - change * x
-        rows, none = [], np.zeros_like(alpha)
+        beta, gamma = self.square, self.constant
+        if given is not None and self.rough:
+            root = np.sqrt(x)
+            force, slope = friction(self.robot, root * first)
+            change = slope * first / (2.0 * root)
+            beta, gamma = beta + change, gamma + (force - self.offset - change * x)
+        rows, middles, none = [], [], np.zeros_like(alpha)
         for name, lines in (('effort', (alpha, beta, gamma)), ('power', (alpha, beta, gamma)),
                             ('acceleration', (first / (2.0 * self.section.step), self.second,
                                               none))):
@@ -103,19 +114,33 @@ class PathLimits:
                 used &= first.any(axis=0)
             if not used.any():
                 continue
-            width, drop = self.tight[Bounds._fields.index(name)] * limit, none
+            width = self.tight[Bounds._fields.index(name)] * limit
             if name == 'power':
-                width, drop = self._torque_of_power(width, none if given is None else x)
-            rows.append(np.stack([*lines, width, drop], axis=1)[:, :, used])
+                at = none if given is None else x
+                rows += [block[:, :, used] for block in _one_sided(
+                    *lines, *self._torque_of_power(width, at, first))]
+                # The limit at the middle counts too; the mean of those at both ends exceeds it.
+                alpha, beta, gamma, width, at = (0.5 * (line[1:] + line[:-1])
+                                                 for line in (*lines, width, at))
+                middles = [block[:, :, used] for block in _one_sided(
+                    alpha, beta, gamma,
+                    *self._torque_of_power(width, at, self.section.first[1::2]))]
+                continue
+            block = np.stack([*lines, width, none], axis=1)
+            rows.append(block if used.all() else block[:, :, used])
         tight = self.tight[1].min(axis=1)
         most = np.minimum(self.most * tight**2, self.free)
-        data = np.concatenate(rows, axis=2) if rows else np.zeros((len(x), 5, 1)) + [
-            [0.0], [0.0], [0.0], [1.0], [0.0]]
+        if not rows:
+            rows = [np.zeros((len(x), 5, 1)) + [[0.0], [0.0], [0.0], [1.0], [0.0]]]
+        data = rows[0] if len(rows) == 1 else np.concatenate(rows, axis=2)
         ratio = np.abs(data[:, 0]) / (np.abs(data[:, 1]) + np.abs(data[:, 4]) + TINY)
-        return Limits(_in_intervals(data, ratio < STIFF, np.diff(x, axis=0)),
+        intervals = _in_intervals(data, ratio < STIFF)
+        for block in middles:
+            block[:, 0] += 0.5 * block[:, 1]
+        return Limits(np.concatenate([intervals, *middles], axis=2) if middles else intervals,
                       np.minimum(most, _steady(data, ratio < STIFFEST)))
 
-    def _torque_of_power(self, power: Array, x: Array) -> tuple[Array, Array]:
+    def _torque_of_power(self, power: Array, x: Array, first: Array) -> tuple[Array, Array]:
         """
         Return the tangent at x of the torque P / (|q_s| sqrt(x)), as its value at 0 and slope.
 
@@ -124,7 +149,7 @@ class PathLimits:
         the largest such x is irrelevant there too.
         """
         with np.errstate(divide='ignore', invalid='ignore'):
-            speed = np.abs(self.first)
+            speed = np.abs(first)
             x = np.maximum(x, (power / (IRRELEVANT * self.bounds.effort * speed))**2)
             torque = power / (speed * np.sqrt(x))
         matters = np.isfinite(torque) & np.isfinite(x)
@@ -134,10 +159,30 @@ class PathLimits:
 
 def compile_timing(robot: Robot) -> None:
     """Compile what `time_optimal` needs for limits of effort and velocity."""
-    compile_passes(2 * int(np.isfinite(robot.limits.effort).sum()) or 2)
+    bounds = robot.limits.effort, robot.limits.velocity
+    compile_passes(2 * int(np.isfinite(bounds[0]).sum()) or 2)
+    compile_spline(robot.n)
+    used = [name for name, bound in zip(Bounds._fields, bounds) if np.isfinite(bound).any()]
+    if used:
+        peaks_kernel(robot, used).compile_lanes()
 
 
-def _in_intervals(rows: Array, stiff: Flags, increase: Array) -> Array:
+def _one_sided(alpha: Array, beta: Array, gamma: Array, width: Array, slope: Array
+               ) -> tuple[Array, Array]:
+    """
+    Return |alpha v + beta x + gamma| <= width + slope x as two limits without slope.
+
+    The other side of each is out of reach. So x of the width is that of the end of the interval
+    where the limit counts there, and a profile that satisfies the limits at the previous profile
+    satisfies those at itself.
+    """
+    far = OUT_OF_REACH * (np.abs(gamma) + width)
+    upper, lower = (np.stack([alpha, beta - sign * slope, gamma + sign * (far - width), far,
+                              np.zeros_like(far)], axis=1) for sign in (1.0, -1.0))
+    return upper, lower
+
+
+def _in_intervals(rows: Array, stiff: Flags) -> Array:
     """
     Return the limits in the intervals between vertices, (N, 5, 2 m), from those at the vertices.
 
@@ -146,14 +191,17 @@ def _in_intervals(rows: Array, stiff: Flags, increase: Array) -> Array:
     around the bound (Pham and Pham 2018).
     """
     m = rows.shape[2]
-    end = rows[1:].copy()
+    out = np.empty((len(rows) - 1, 5, 2 * m))
+    begin, end = out[:, :, :m], out[:, :, m:]
+    end[...] = rows[1:]
     end[:, 0] += end[:, 1]
-    end[:, 3] += end[:, 4] * increase
-    out = np.empty((len(end), 5, 2 * m))
-    out[:, :, m:] = 0.5 * (rows[:-1] + end)
-    out[:, :, :m] = out[:, :, m:]
-    k, j = np.nonzero(stiff[:-1] | stiff[1:] | (rows[:-1, 0] * rows[1:, 0] <= 0.0))
-    out[k, :, j], out[k, :, m + j] = rows[k, :, j], end[k, :, j]
+    # The mean counts where both ends do not; it is then the limit twice.
+    both = stiff[:-1] | stiff[1:] | (rows[:-1, 0] * rows[1:, 0] <= 0.0)
+    begin[...] = rows[:-1]
+    change = end - begin
+    change *= np.where(both, 0.0, 0.5)[:, None]
+    begin += change
+    end -= change
     return out
 
 

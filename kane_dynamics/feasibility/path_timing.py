@@ -6,6 +6,7 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.path_limits import Bounds
+from kane_dynamics.feasibility.segment_peaks import segment_peaks
 from kane_dynamics.feasibility.torque_demand import share
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.robot.robot import Robot
@@ -23,16 +24,22 @@ class Checked(NamedTuple):
     ----------
     points : ControllerPoints
         The N + 2 points.
+    coefficients : (N + 1, 6, n) array
+        Coefficients of the positions in the segments between them.
     tau : (N + 2, n) array
         Torques at the points.
-    uses : (4, 23, N + 1, n) array
-        Shares of `Bounds`, at the fractions `INSIDE` of the segments and at their ends.
+    at_points : (4, N + 2, n) array
+        Shares of `Bounds` at the points.
+    largest : (4, N + 1, n) array
+        The largest shares in the segments, at the fractions `INSIDE` and at their ends.
 
     """
 
     points: ControllerPoints
+    coefficients: Array
     tau: Array
-    uses: Array
+    at_points: Array
+    largest: Array
 
 
 def timed(section: Section, x: Array) -> ControllerPoints:
@@ -86,20 +93,17 @@ def _durations(steps: Array, total: Array, square: Array) -> Array:
 
 def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
     """Return the uses of the limits along the quintics between points."""
-    q, u, udot = (np.concatenate([inside.reshape(-1, robot.n), last[-1:]]) for inside, last in zip(
-        points.inside(np.arange(len(points.t) - 1), INSIDE), points[1:]))
-    still = (points.q == points.q[0]).all(axis=0)
-    u[:, still], udot[:, still] = 0.0, 0.0  # which are rounding
-    tau = robot.inverse_dynamics(q, u, udot)
-    uses = np.zeros((len(bounds), *q.shape))
-    for use, values, bound in zip(uses, (tau, u, tau * u, udot), bounds):
-        if np.isfinite(bound).any():
-            use[:] = share(np.abs(values), bound)
-    segments = len(points.t) - 1
-    inside = uses[:, :-1].reshape(len(uses), len(INSIDE), segments, robot.n)
-    ends = np.concatenate([inside[:, 0, 1:], uses[:, -1:]], axis=1)
-    return Checked(points, np.concatenate([tau[:segments], tau[-1:]]),
-                   np.concatenate([inside, ends[:, None]], axis=1))
+    tau, coefficients = robot.inverse_dynamics(*points[1:]), points.coefficients
+    at_points = np.zeros((len(bounds), *tau.shape))
+    largest = np.zeros((len(bounds), len(coefficients), robot.n))
+    used = np.flatnonzero([np.isfinite(bound).any() for bound in bounds]).tolist()
+    names = [Bounds._fields[k] for k in used]
+    for k, peak in zip(used, segment_peaks(robot, names, coefficients, np.diff(points.t),
+                                           INSIDE) if used else ()):
+        values = (tau, points.u, tau * points.u, points.udot)[k]
+        at_points[k] = share(np.abs(values), bounds[k])
+        largest[k] = np.maximum(share(peak, bounds[k]), at_points[k, 1:])
+    return Checked(points, coefficients, tau, at_points, largest)
 
 
 def joined(parts: Sequence[ControllerPoints]) -> ControllerPoints:

@@ -8,9 +8,7 @@ where it exceeds them, as at the corners of the profile.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 import math
-from typing import NamedTuple
 
 from kane_dynamics._util.checks import integer, number, per_joint
 from kane_dynamics._util.typing import Array
@@ -20,11 +18,12 @@ from kane_dynamics.feasibility.path_limits import Bounds, MARGIN, PathLimits
 from kane_dynamics.feasibility.path_timing import Checked, checked, duration, joined, timed
 from kane_dynamics.feasibility.reachability import (controllable_sets, fastest_profile,
                                                     Infeasible, Limits)
-from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING, STEP
-from kane_dynamics.feasibility.torque_demand import Demand, demand
+from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
+from kane_dynamics.feasibility.timing_result import TimeOptimal
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.motion.points import point_times
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,66 +35,6 @@ SLOW = 1e-3  # x of the first profile with limits of power, relative to that wit
 SLOWER = 12  # times that a profile is slowed down where the limits at it have no solution
 ROUNDS = 6  # in which limits are tightened
 SMALL, LARGEST = 1e-5, 1e-3  # excess of a limit between points; on the finest grid
-ACTIVE = 0.99  # least share of a limit that is active
-
-
-class ActiveLimit(NamedTuple):
-    """An interval of time in which one limit of a joint is used most, to at least 99 %."""
-
-    start: float
-    end: float
-    joint: str
-    limit: str  # 'effort', 'velocity', 'power' or 'acceleration'
-
-
-@dataclass(frozen=True, eq=False)
-class TimeOptimal:
-    """
-    Fastest motion along a path.
-
-    Attributes
-    ----------
-    motion : Motion
-        The motion, with continuous accelerations between rests.
-    tau : (K, n) array
-        Torques at the points of the motion, N m or N.
-    uses : dict of (K, n) arrays
-        Shares of the limits at the points of the motion: effort, velocity, power, acceleration.
-    demand : Demand
-        Torque, speed and power along the motion, densely sampled.
-
-    """
-
-    motion: Motion
-    tau: Array
-    uses: dict[str, Array]
-    _robot: Robot
-    _power: Array
-
-    @property
-    def duration(self) -> float:
-        """Return the duration, s."""
-        return self.motion.duration
-
-    @property
-    def demand(self) -> Demand:
-        """Return torque, speed and power of the motion, with the limits."""
-        step = max(STEP, 4.0 * self.duration / MOST_SAMPLES)
-        return demand(self._robot, self.motion, step=step, power=self._power)
-
-    @property
-    def active(self) -> tuple[ActiveLimit, ...]:
-        """Return the limits that bound the motion, in order of time."""
-        names, limits = self.motion.joint_names, tuple(self.uses)
-        uses = np.stack([self.uses[name] for name in limits], axis=1).reshape(
-            len(self.tau), -1)
-        found = np.where(uses.max(axis=1) >= ACTIVE, uses.argmax(axis=1), -1)
-        starts = np.flatnonzero(np.diff(found, prepend=-2))
-        ends = np.append(starts[1:], len(found)) - 1
-        return tuple(ActiveLimit(
-            float(self.motion.times[i]), float(self.motion.times[j]),
-            names[found[i] % len(names)], limits[found[i] // len(names)])
-            for i, j in zip(starts.tolist(), ends.tolist()) if found[i] >= 0)
 
 
 def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = math.inf,
@@ -171,6 +110,9 @@ def _check_positions(robot: Robot, section: Section) -> None:
     """Raise InputError if a path exceeds a position limit."""
     for what, bound, sign in (('lower', robot.limits.lower, -1.0),
                               ('upper', robot.limits.upper, 1.0)):
+        ends = section.q.max(axis=0) if sign > 0.0 else section.q.min(axis=0)
+        if (sign * ends <= sign * bound).all():
+            continue
         excess = sign * (section.q - bound) - ROUNDING * np.maximum(1.0, np.abs(bound))
         k, j = np.unravel_index(int(excess.argmax()), excess.shape)
         if excess[k, j] > 0.0:
@@ -182,7 +124,9 @@ def _check_positions(robot: Robot, section: Section) -> None:
 def _check_motion(bounds: Bounds, section: Section, names: Sequence[str]) -> None:
     """Raise InputError if a joint moves that has no speed, power or acceleration."""
     for what in ('velocity', 'power', 'acceleration'):
-        still = (getattr(bounds, what) == 0.0) & section.first.any(axis=0)
+        still = getattr(bounds, what) == 0.0
+        if still.any():
+            still &= section.first.any(axis=0)
         if still.any():
             raise InputError(f"{what} of joint '{names[int(still.argmax())]}': limit 0; expected "
                              'a positive limit, since the joint moves along the path')
@@ -195,16 +139,16 @@ def _solve(robot: Robot, section: Section, bounds: Bounds, start: float, end: fl
     for _ in range(ROUNDS):
         x = _profile(limits, start, end, x)
         found = checked(robot, timed(section, x), bounds)
-        worst = found.uses.max(axis=1)
+        worst = found.largest.copy()
         if (worst <= 1.0).all():
             return found
         worst[:, 1:-1] = np.maximum(worst[:, 1:-1], np.maximum(worst[:, :-2], worst[:, 2:]))
         limits.tight /= np.where(worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
-    if found.uses.max() <= 1.0 + most:
+    if found.largest.max() <= 1.0 + most:
         return found
-    limit, _, k, j = np.unravel_index(int(found.uses.argmax()), found.uses.shape)
+    limit, k, j = np.unravel_index(int(found.largest.argmax()), found.largest.shape)
     raise _Coarse(
-        f"path: joint '{robot.joint_names[int(j)]}': {found.uses.max():.6g} times its "
+        f"path: joint '{robot.joint_names[int(j)]}': {found.largest.max():.6g} times its "
         f'{Bounds._fields[int(limit)]} limit at {k / (len(worst[0]) - 1):.3g} of the path, '
         f'{found.points.q[k].round(4).tolist()}, on a grid of {len(limits.most) - 1} intervals; '
         'expected a path without sharp corners')
@@ -291,10 +235,10 @@ def _largest_end(limits: PathLimits, limited: Limits, start: float) -> float:
 def _result(robot: Robot, bounds: Bounds, parts: Sequence[Checked]) -> TimeOptimal:
     """Return the motion along all sections."""
     points = joined([part.points for part in parts])
-    at_points = np.concatenate([np.concatenate([part.uses[:, 0], part.uses[:, -1, -1:]], axis=1)
-                                for part in parts], axis=1)
+    at_points = np.concatenate([part.at_points for part in parts], axis=1)
     uses = {name: use for name, use, bound in zip(Bounds._fields, at_points, bounds)
             if np.isfinite(bound).any()}
-    motion = Motion.from_points(*points, joint_names=robot.joint_names)
+    motion = Motion(robot.joint_names, point_times(points.t), points.q, (
+        parts[0].coefficients if len(parts) == 1 else points.coefficients))
     return TimeOptimal(motion, np.concatenate([part.tau for part in parts]), uses, robot,
                        bounds.power)

@@ -9,8 +9,8 @@ the motion is smooth: the acceleration is continuous from rest to rest.
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.mechanics.algebra.spline import (inside_segments, segment_ends,
-                                                    spline_velocities)
+from kane_dynamics.mechanics.algebra.spline import (inside_segments, segment_coefficients,
+                                                    segment_ends, spline_velocities)
 from kane_dynamics.motion.points import State
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,11 @@ class ControllerPoints(NamedTuple):
     q: Array
     u: Array
     udot: Array
+
+    @property
+    def coefficients(self) -> Array:
+        """Return the coefficients of q in x from 0 to 1 of all segments, (K - 1, 6, n)."""
+        return segment_coefficients(self.t, self.q, self.u, self.udot)
 
     def inside(self, segments: Segments, x: Array) -> State:
         """Return q, u, udot, (m, S, n), at the fractions x, (m,), of some segments, (S,)."""

@@ -77,16 +77,16 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         all N states if those take longer; returning False ends the simulation there.
     integrator : {'rk4', 'implicit'}
         The fourth-order Runge-Kutta method; or a second-order Rosenbrock method whose step
-        friction, springs and beams do not limit, for robots in joint rates without constraints
-        (`mechanics.integrators.rosenbrock`). The first is more accurate for smooth motions; the
-        second is faster by orders of magnitude where joints stick.
+        friction, springs and beams do not limit (`mechanics.integrators.rosenbrock`). The first
+        is more accurate for smooth motions; the second is faster by orders of magnitude where
+        joints stick.
     t0 : float
         Initial time, s, for functions of time.
     stops : bool
         Put rigid, inelastic, frictionless stops at the position limits: the impulse of a stop
         ends the motion into it and acts on all joints, in the space of the motions that the
-        constraints admit. `Trajectory.stop_events` lists the impacts. Steps with a joint pressed
-        against its stop run in Python and take up to a millisecond more.
+        constraints admit. `Trajectory.stop_events` lists the impacts. Each impact takes about a
+        millisecond, a step with joints pressed against their stops a few times a free step.
 
     Returns
     -------

@@ -3,8 +3,8 @@ Detection of singularities in a simulation: where a step computes its margin, an
 
 A native step computes one margin (`step_kernels`). With closed loops it is that of the step's
 end, before the loops are closed, where the correction needs the same system. With constraints of
-velocities alone it is the smallest of the four stages of the Runge-Kutta method, where the
-dynamics need that system; the step's end is then a stage of the next step.
+velocities alone it is the smallest of the stages of the integrator, where the dynamics need that
+system; the step's end is then a stage of the next step.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,8 @@ from kane_dynamics.mechanics.constraints.conditioning import (best_choice, const
                                                               described, SHARE, Stack, stacked)
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
-from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
+from kane_dynamics.mechanics.integrators import integrator_of
+from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
@@ -154,10 +155,56 @@ def residual_error(mechanism: Mechanism, stack: Stack, kept: bool, q: Array, t: 
         f'is {missed} where the others hold; expected 0')
 
 
+class _StagesInNumbers:
+    """A robot during one step in NumPy, in the interface of the integrators (`System`)."""
+
+    def __init__(self, robot: Robot, state: Array, tau: Array, dual_to: tuple[str, ...],
+                 step: float) -> None:
+        """Store the arguments of `watched_configurations`."""
+        self.equations: Any = robot.equations
+        self.stages: list[tuple[float, Array]] = []
+        self._tau, self._dual_to, self._step = tau, dual_to, step
+        self._split = [robot.n_q, robot.n_q + robot.n]
+        self._time = state[self._split[1]:-1]
+        self.start = self._time[0] if len(self._time) else 0.0
+        self._block = robot.parameters.block[:robot.parameters.physical]
+        self._wrench = robot.kernels.no_wrench if len(robot.kernels.no_wrench) else None
+
+    def _stage(self, q: Array, moment: int) -> tuple[Array, float]:
+        """Store the configuration of a stage; return the torque, (n,), and the time."""
+        after = 0.5 * moment * self._step
+        self.stages.append((after, np.asarray(q, dtype=np.float64)))
+        t = self.start + after
+        return tau_from(self.equations, self._dual_to, q, self._tau, t), t
+
+    def rates(self, state: Any, moment: int) -> Any:
+        """Return the rates of q, u, time and margin."""
+        q, u, _ = np.split(state, self._split)
+        tau, t = self._stage(q, moment)
+        found = self.equations.state_rates(q, u, tau, self._wrench, self._block, t)
+        return np.array([*found, *self.quadratures(q, u, moment)], dtype=np.float64)
+
+    def torque(self, q: Any, u: Any, moment: int) -> Any:
+        """Return the held torque."""
+        return self._tau
+
+    def implicit_stage(self, q: Any, u: Any, tau: Any, before: tuple[Any, Any], g: Any,
+                       moment: int) -> tuple[Any, Any]:
+        """Return joint rates and udot of a stage of the linearly implicit equations."""
+        own, t = self._stage(q, moment)
+        found = ImplicitStep(self.equations).stage(q, u, own, before, g, self._wrench,
+                                                   self._block, t)
+        return np.asarray(found[0], dtype=np.float64), np.asarray(found[1], dtype=np.float64)
+
+    def quadratures(self, q: Any, u: Any, moment: int) -> Any:
+        """Return the rates of time and margin."""
+        return np.array([*(1.0 for _ in self._time), 0.0])
+
+
 def watched_configurations(robot: Robot, state: Array, tau: Array, dual_to: tuple[str, ...],
-                           step: float) -> list[tuple[float, Array]]:
+                           step: float, integrator: str) -> list[tuple[float, Array]]:
     """
-    Return where a Runge-Kutta step computes its margin: times after its start, s, and q, (n_q,).
+    Return where a step computes its margin: times after its start, s, and q, (n_q,).
 
     Computed in NumPy, without the correction of closed loops.
 
@@ -173,6 +220,8 @@ def watched_configurations(robot: Robot, state: Array, tau: Array, dual_to: tupl
         Names of independent speeds.
     step : float
         s.
+    integrator : str
+        One of `mechanics.integrators.INTEGRATORS`.
 
     Raises
     ------
@@ -180,24 +229,9 @@ def watched_configurations(robot: Robot, state: Array, tau: Array, dual_to: tupl
         The mass matrix, or the system of speeds and constraints, is singular.
 
     """
-    equations: Any = robot.equations
-    n_q, n = robot.n_q, robot.n
-    block = robot.parameters.block[:robot.parameters.physical]
-    wrench = robot.kernels.no_wrench if len(robot.kernels.no_wrench) else None
-
-    stages: list[Array] = []
-
-    def rates(x: Any, given: Any) -> Any:
-        stages.append(x[:n_q])
-        time = x[n_q + n:-1]
-        t = time[0] if len(time) else 0.0
-        own = tau_from(equations, dual_to, x[:n_q], tau, t)
-        found = equations.state_rates(x[:n_q], x[n_q:n_q + n], own, wrench, block, t)
-        return np.array([*found, *(1.0 for _ in time), 0.0], dtype=np.float64)
+    motion = _StagesInNumbers(robot, state, tau, dual_to, step)
     with np.errstate(all='ignore'):
-        after = runge_kutta_4(rates, state, (tau, tau, tau), step)
-    t = state[n_q + n] if equations.timed else 0.0
-    if not watches_stages(robot, state[:n_q], t):
-        return [(step, np.asarray(after[:n_q], dtype=np.float64))]
-    return [(moment * step, np.asarray(q, dtype=np.float64))
-            for moment, q in zip((0.0, 0.5, 0.5, 1.0), stages)]
+        after = integrator_of(integrator).step(motion, state, step)
+    if not watches_stages(robot, state[:robot.n_q], motion.start):
+        return [(step, np.asarray(after[:robot.n_q], dtype=np.float64))]
+    return motion.stages

@@ -232,16 +232,16 @@ class SwitchingInput:
     def _watched(self, i: int, state: Array,
                  done: int) -> list[tuple[float, Any, Array, float]]:
         """Return figure, system, q and time where the next step computes its margin."""
-        mechanism = self._phases[i].robot.mechanism
-        robot = self._phases[i].robot
+        mechanism = (robot := self._phases[i].robot).mechanism
         tau = self._source_of([i]).torque_at(state, done)
         dual_to = (robot if self._law else self.robot).speed_names
         try:
-            configurations = watched_configurations(robot, state, tau, dual_to, self.step)
+            stages = watched_configurations(robot, state, tau, dual_to, self.step,
+                                            self._integrator)
         except (ConstraintError, ZeroDivisionError):
             raise self._diverged(i, done + 1) from None
         result = []
-        for after, q in configurations:
+        for after, q in stages:
             t = self._time(done) + after
             stack = stacked(mechanism, q, t)
             if not np.isfinite(stack.J).all():

@@ -45,7 +45,7 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> No
     Raises
     ------
     InputError
-        The integrator is unknown, or does not support this robot.
+        The integrator is unknown.
 
     """
     def step(feedback: bool) -> None:
@@ -89,10 +89,10 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     Raises
     ------
     InputError
-        The integrator is unknown, or does not support this robot.
+        The integrator is unknown.
 
     """
-    integrator_of(integrator, robot.equations)
+    integrator_of(integrator)
     name = 'step_computed_torque' if feedback else 'step_held_torque'
     name = name if integrator == 'rk4' else f'{name}_{integrator}'
     if dual_to not in (None, robot.speed_names):
@@ -135,9 +135,9 @@ class _RobotMotion:
 
     def __init__(self, robot: Robot, inputs: Any, gains: Any, parameters: Any,
                  dual_to: tuple[str, ...] | None, watched: bool,
-                 followed: Sequence[int]) -> None:
+                 followed: Sequence[int], start: Any, h: Any) -> None:
         """
-        Store the arguments of the step.
+        Store the arguments of the step of length h, which begins at the time `start`, (0 or 1,).
 
         `gains` is None if torques are held; with `watched`, `margins` collects those of the
         configurations at which the dynamics are evaluated.
@@ -145,18 +145,24 @@ class _RobotMotion:
         self.equations, self._robot, self._dual_to = robot.equations, robot, dual_to
         self._inputs, self._gains, self._parameters = inputs, gains, parameters
         self.watched, self.margins = watched, list[Any]()
+        self._start, self._h = start, h
         kernels = robot.kernels
         self._wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
         self._law = None if gains is None else constrained_law_program(
             robot, followed, watched=False) if followed else law_program(robot)
 
     def torque(self, q: Any, u: Any, moment: int, *time: Any) -> Any:
-        """Return the held torque, or that of the control law."""
+        """Return the held torque, or that of the control law; by default at the moment's time."""
         if self._law is None:
             return self._inputs[0]
+        time = time or self._time(moment)
         desired = np.split(self._inputs[moment], 3)
         return np.array(call(self._law, q, u, *desired, self._gains, *self._wrench, *time,
                              self._parameters))
+
+    def _time(self, moment: int) -> tuple[Any, ...]:
+        """Return the time at a moment, or nothing if the equations do not depend on it."""
+        return tuple(t + (0.5 * moment) * self._h for t in self._start)
 
     @lazy_property
     def _motion(self) -> Program:
@@ -176,37 +182,38 @@ class _RobotMotion:
                          *[0.0] * margins])
 
     @lazy_property
-    def _implicit(self) -> tuple[ImplicitStep, Program]:
-        assert isinstance(self.equations, TreeEquations)
-        method = ImplicitStep(self.equations)
-        return method, implicit_rates(self._robot, method)
+    def _stage(self) -> Program:
+        return implicit_stage(self._robot, ImplicitStep(self.equations), self._dual_to,
+                              watched=self.watched)
 
-    def implicit_rates(self, q: Any, u: Any, tau: Any, resistance: Any, g: Any) -> Any:
-        """Return udot of the linearly implicit equations."""
-        return np.array(call(self._implicit[1], q, u, tau, resistance, np.array(g), *self._wrench,
-                             self._parameters))
-
-    def resistance(self, u: Any) -> Any:
-        """Return the friction over speed of the model."""
-        return self._implicit[0].resistance(u)
+    def implicit_stage(self, q: Any, u: Any, tau: Any, before: tuple[Any, Any], g: Any,
+                       moment: int) -> tuple[Any, Any]:
+        """Return joint rates and udot of a stage of the linearly implicit equations."""
+        found = call(self._stage, q, u, tau, *before, np.array(g), *self._wrench,
+                     *self._time(moment), self._parameters)
+        if self.watched:
+            *found, margin = found
+            self.margins.append(margin)
+        n_j = self._robot.model.n
+        return np.array(found[:n_j]), np.array(found[n_j:])
 
     def quadratures(self, q: Any, u: Any, moment: int) -> Any:
-        """Return an empty array, because only q and u are integrated."""
-        return np.zeros(0)
+        """Return the rates of time and margin."""
+        return np.array([*(1.0 for _ in self._start), *[0.0] * margin_count(self._robot)])
 
 
 def _program(robot: Robot, name: str, feedback: bool, integrator: str,
              dual_to: tuple[str, ...] | None = None, followed: Sequence[int] = ()) -> Program:
     """Trace one step; constraints project its end back onto their configurations."""
     n_q, n, equations = robot.n_q, robot.n, robot.equations
-    method = integrator_of(integrator, equations)
+    method = integrator_of(integrator)
 
     def step(state: Any, inputs: Any, constants: Any) -> Any:
         gains, h, parameters = np.split(constants, [2 * n, 2 * n + 1] if feedback else [0, 1])
         t = state[n_q + n] if equations.timed else 0.0
         watched = watches_stages(robot, state[:n_q], t)
         motion = _RobotMotion(robot, inputs, gains if feedback else None, parameters, dual_to,
-                              watched, followed)
+                              watched, followed, state[n_q + n:][:int(equations.timed)], h[0])
         after = method.step(motion, state, h[0])
         if watched:
             after[-1] = reduce(lambda x, y: select(x < y, x, y), motion.margins)
@@ -231,16 +238,38 @@ def _wrench_input(robot: Robot) -> list[tuple[str, Shape]]:
     return [('wrench', none.shape)] if len(none) else []
 
 
-def implicit_rates(robot: Robot, method: ImplicitStep) -> Program:
-    """Trace `ImplicitStep.rates` with inputs q, u, tau, resistance, g, wrench and parameters."""
-    wrench = _wrench_input(robot)
+def implicit_stage(robot: Robot, method: ImplicitStep, dual_to: tuple[str, ...] | None = None,
+                   *, watched: bool = False, varied: bool = False) -> Program:
+    """
+    Trace `ImplicitStep.stage`: joint rates, udot and, if `watched`, the margin.
 
-    def rates(q: Any, u: Any, tau: Any, resistance: Any, g: Any, *rest: Any) -> Any:
-        return method.rates(q, u, tau, resistance, g[()], rest[0] if wrench else None, rest[-1])
-    vectors: list[tuple[str, Shape]] = [(name, (robot.n,))
-                                        for name in ('q', 'u', 'tau', 'resistance')]
-    return trace_program('implicit_rates', rates, [
-        *vectors, ('g', ()), *wrench, ('parameters', robot.parameters.block.shape)])
+    Its inputs are q, u, tau, the results of the first stage, g, the factors on friction if they
+    are `varied`, wrench, time and parameters.
+    """
+    equations: Any = robot.equations
+    wrench, n_j = _wrench_input(robot), robot.model.n
+    inputs: list[tuple[str, Shape]] = [
+        ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), ('joint_rates', (n_j,)),
+        ('udot', (robot.n,)), ('g', ()), *([('factors', (n_j,))] if varied else []), *wrench,
+        *_time_input(robot)]
+
+    def stage(q: Any, u: Any, tau: Any, k_v: Any, k_u: Any, g: Any, *rest: Any) -> Any:
+        *given, parameters = rest
+        factors = given.pop(0) if varied else 1.0
+        push = given.pop(0) if wrench else None
+        t = given[0][()] if given else 0.0
+        tau = tau if dual_to is None else tau_from(equations, dual_to, q, tau, t)
+        found = method.stage(q, u, tau, (k_v, k_u), g[()], push,
+                             parameters[:robot.parameters.physical], t, factors)
+        margin = [equations.margin(q, t, parameters[-LIMITS:])] if watched else []
+        return [*found[0], *found[1], *margin]
+    return trace_program('implicit_stage', stage, [
+        *inputs, ('parameters', robot.parameters.block.shape)])
+
+
+def _time_input(robot: Robot) -> list[tuple[str, Shape]]:
+    """Return the input of time, if the equations depend on it."""
+    return [('t', ())] if robot.equations.timed else []
 
 
 def _state_program(robot: Robot, dual_to: tuple[str, ...] | None,
@@ -250,7 +279,7 @@ def _state_program(robot: Robot, dual_to: tuple[str, ...] | None,
     if not isinstance(equations, ConstrainedEquations):
         return robot.kernels.program('forward_dynamics')
     wrench = _wrench_input(robot)
-    time: list[tuple[str, Shape]] = [('t', ())] if equations.timed else []
+    time = _time_input(robot)
 
     def rates(q: Any, u: Any, tau: Any, *rest: Any) -> Any:
         *moment, parameters = rest[len(wrench):]

@@ -8,7 +8,6 @@ from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.integrators import integrator_of
-from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -91,13 +90,10 @@ def step_warning(robot: Robot, q: Any, step: float, integrator: str = 'rk4',
     longest, name = longest_step(robot, q, t=t)
     if step <= longest:
         return None
-    remedy = ("Use the integrator 'implicit', or shorten the step"
-              if isinstance(robot.equations, TreeEquations) else
-              'Shorten the step, or give the joint the inertia of its rotor (armature) or a '
-              'higher friction_speed')
     return (f"a step of {step:g} s is too long for '{name}'; expected at most {longest:.2g} s "
             'near rest with its friction, springs or bending. With a longer step it oscillates or '
-            f'creeps instead of resting. {remedy}')
+            f'creeps instead of resting. Use the '
+            "integrator 'implicit', or shorten the step")
 
 
 def _may_limit_step(model: Model, friction: bool) -> bool:

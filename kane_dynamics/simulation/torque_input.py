@@ -75,7 +75,7 @@ class TorqueInput:
     def _native(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
         """Compute the states as `advance`, without stops."""
         steps = buffer.shape[1] - 1
-        inputs, lane, stride = self._inputs(done, steps)
+        inputs, lane, stride = self.inputs(done, steps)
         rows = [Strided(buffer.ctypes.data, *buffer.strides[:2]),
                 Strided(inputs.ctypes.data, lane, stride), Strided(self.constants.ctypes.data),
                 Strided(buffer[:, 1:].ctypes.data, *buffer.strides[:2])]
@@ -87,7 +87,7 @@ class TorqueInput:
         run_batch(self.kernel.lane_address, rows, len(buffer), steps=steps, extremes=extremes)
         return extremes
 
-    def _inputs(self, done: int, count: int) -> tuple[Array, int, int]:
+    def inputs(self, done: int, count: int) -> tuple[Array, int, int]:
         """Return the inputs of `count` steps after `done`; strides of states and steps, bytes."""
         if isinstance(self.torque, ComputedTorque):
             halves: Array = self.start + np.arange(

@@ -26,7 +26,7 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.step_kernels import implicit_rates
+from kane_dynamics.simulation.step_kernels import implicit_stage
 import numpy as np
 
 NONE = 'none'
@@ -107,7 +107,7 @@ class Trial:
         self.n = self.robot.n
         self.parts = parts(self.n)
         self._carries = payload_frame is not None
-        self._integrator = integrator_of(integrator, self.equations)
+        self._integrator = integrator_of(integrator)
 
     def step(self, controller: str) -> Kernel:
         """
@@ -192,9 +192,8 @@ class _TrialMotion:
         return self._trial.frictionless.kernels.program('forward_dynamics')
 
     @lazy_property
-    def _implicit(self) -> tuple[ImplicitStep, Program]:
-        method = ImplicitStep(self.equations)
-        return method, implicit_rates(self._trial.robot, method)
+    def _stage(self) -> Program:
+        return implicit_stage(self._trial.robot, ImplicitStep(self.equations), varied=True)
 
     def _net_torque(self, q: Any, u: Any, moment: int) -> Any:
         """Return the torque of the controller minus the plant's friction."""
@@ -214,14 +213,12 @@ class _TrialMotion:
         return (self.law(q, u, self._desired[moment])
                 + (1.0 - self._factors) * self.equations.friction_force(u))
 
-    def implicit_rates(self, q: Any, u: Any, tau: Any, resistance: Any, g: Any) -> Any:
-        """Return udot of the linearly implicit equations."""
-        return np.array(call(self._implicit[1], q, u, tau, resistance, np.array(g),
-                             self._carried))
-
-    def resistance(self, u: Any) -> Any:
-        """Return the plant's friction over speed."""
-        return self._factors * self._implicit[0].resistance(u)
+    def implicit_stage(self, q: Any, u: Any, tau: Any, before: tuple[Any, Any], g: Any,
+                       moment: int) -> tuple[Any, Any]:
+        """Return joint rates and udot of a stage of the linearly implicit equations."""
+        found = np.array(call(self._stage, q, u, tau, *before, np.array(g), self._factors,
+                              self._carried))
+        return found[:self._trial.n], found[self._trial.n:]
 
     def quadratures(self, q: Any, u: Any, moment: int) -> Any:
         """Return the rates of work and squared errors."""

@@ -12,18 +12,21 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.timeout(120)
-def test_the_demo_ends_well_in_90_s_and_draws_its_picture(tmp_path):
+@pytest.mark.parametrize(('options', 'last_joint'), [
+    ([], 'fr3_joint7'), (['--robot', 'palletizer', '--duration', '3'], 'lever_drive')],
+    ids=['fr3', 'palletizer'])
+def test_the_demo_ends_well_in_90_s_and_draws_its_picture(tmp_path, options, last_joint):
     for module in ('rclpy', 'mujoco', 'matplotlib', 'kane_dynamics_interfaces'):
         pytest.importorskip(module)
     path = os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])
     environment = {**os.environ, 'PYTHONPATH': path,
                    'ROS_DOMAIN_ID': str(random.SystemRandom().randint(1, 100))}
-    done = subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', 'demo', '--output',
+    done = subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', 'demo', *options, '--output',
                            str(tmp_path)], capture_output=True, text=True, timeout=90,
                           env=environment)
     assert done.returncode == 0, done.stdout + done.stderr
     assert (tmp_path / 'demo.png').stat().st_size > 50_000
     assert not (tmp_path / 'record.npz').exists()
-    for words in ('Tracking error', 'fr3_joint7', 'Latency from joint state to torque',
+    for words in ('Tracking error', last_joint, 'Latency from joint state to torque',
                   'predicted'):
         assert words in done.stdout

@@ -10,12 +10,10 @@ from kane_dynamics.ros.torque_path.joint_state_reader import MISSING, STALE
 from kane_dynamics_interfaces.srv import Simulate
 from lifecycle_msgs.msg import Transition
 import numpy as np
-from palletizer import CONSTRAINTS, DRIVEN, palletizer, palletizer_urdf, positions
-from palletizer import SINGULAR_SHOULDER
+from palletizer import DRIVEN, LOOPS, palletizer, positions, SINGULAR_SHOULDER, URDF
 import pytest
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-import yaml
 
 START, END = (0.0, 0.0, 0.0, 0.0), (0.5, 0.3, -0.2, 1.0)
 REST = [(0.0,) * 4] * 2
@@ -23,13 +21,9 @@ DURATION = 1.6  # s
 
 
 @pytest.fixture(scope='module')
-def files(tmp_path_factory):
-    folder = tmp_path_factory.mktemp('palletizer')
-    urdf, loops = folder / 'palletizer.urdf', folder / 'palletizer.constraints.yaml'
-    urdf.write_text(palletizer_urdf())
-    loops.write_text(yaml.safe_dump(CONSTRAINTS))
+def files():
     palletizer().compile()
-    return {'urdf': urdf, 'constraints': loops}
+    return {'urdf': URDF, 'constraints': LOOPS}
 
 
 def commanded():

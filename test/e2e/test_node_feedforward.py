@@ -123,8 +123,24 @@ def test_the_service_times_a_path_as_the_library_does(filler, robot):
     for got, rows in ((answer.positions, expected.motion.positions),
                       (answer.effort, expected.tau)):
         np.testing.assert_allclose(got, rows[:, order].ravel(), rtol=0, atol=1e-9)
+    assert not answer.trajectory.points
     answer = filler.client.call(TimeOptimal, 'time_optimal', positions=[0.0] * 6)
     assert not answer.success and 'expected at least 2' in answer.message
+
+
+def test_the_service_answers_the_timing_as_a_joint_trajectory_where_asked(filler):
+    order = [2, 0, 1]
+    answer = filler.client.call(
+        TimeOptimal, 'time_optimal', joint_names=[JOINTS[k] for k in order],
+        positions=POINTS[:, order].ravel().tolist(), max_acceleration=[5.0], as_trajectory=True)
+    assert answer.success, answer.message
+    found = answer.trajectory
+    assert list(found.joint_names) == list(answer.joint_names) == [JOINTS[k] for k in order]
+    assert [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in found.points] == (
+        pytest.approx(list(answer.time_from_start), abs=1e-9))
+    for field in ('positions', 'velocities', 'accelerations', 'effort'):
+        rows = np.concatenate([getattr(point, field) for point in found.points])
+        np.testing.assert_array_equal(rows, getattr(answer, field))
 
 
 def test_joints_that_a_trajectory_lacks_rest_where_they_are_and_it_begins_there(filler, robot):

@@ -13,13 +13,22 @@ import pickle
 import subprocess
 from tempfile import TemporaryDirectory
 
-from kane_dynamics import (ComputedTorque, Controller, fill_trajectory,
+from kane_dynamics import (box, CollisionDetector, ComputedTorque, Controller, fill_trajectory,
                            MomentumObserver, Motion, natural_vibration, simulate)
+from kane_dynamics.analysis.power_balance import power_balance
+from kane_dynamics.control.controller import Mode
 from kane_dynamics.feasibility import demand, fastest, time_optimal
+from kane_dynamics.identification.payload.payload_fit import PayloadRegressor
+from kane_dynamics.identification.physical_consistency import parameters_of
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, moved as joints_moved
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
+from kane_dynamics.mechanics.integrators import INTEGRATORS
+from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.optimal_control import TrajectoryOptimizer
 from kane_dynamics.robot.verification import without_rotors
+from kane_dynamics.sweep import Sweep
+from kane_dynamics.sweep.simulator import Simulator
 import numpy as np
 
 TOLERANCE = 1e-11
@@ -314,11 +323,30 @@ def simulation(case, integrator='rk4', step=1e-4, tolerance=CLOSED):
 
 
 def stopped(case):
-    simulate(case.robot, case.q, case.u, 1e-4, step=1e-4, stops=True)
+    """Compare the impact of the fastest joint with the inelastic one by the definition's M."""
+    robot, h = case.robot.copy(), 1e-7
+    M = nonholonomic.mass_matrix(case.mechanism, case.q, case.time)
+    T = np.array([coordinate_rates(robot.model, case.q, column) for column in case.T.T]).T
+    joints = [k for k, name in enumerate(robot.coordinate_names)
+              if not ('/q' in name or 'mode' in name or np.abs(T[k]).max() < 1e-3)]
+    joint = max(joints, key=lambda k: abs(case.q_rate[k]))
+    row, into = T[joint], case.q_rate[joint]
+    along = np.linalg.solve(M, row)
+    bounds = {'lower': np.full(robot.n_q, -np.inf), 'upper': np.full(robot.n_q, np.inf)}
+    bounds['upper' if into > 0.0 else 'lower'][joint] = case.q[joint] + 0.1 * h * into
+    robot.limits = replace(robot.limits, **bounds)
+    for integrator in INTEGRATORS:
+        run = simulate(robot, case.q, case.u, 2 * h, step=h, t0=case.time, stops=True,
+                       integrator=integrator)
+        near(run.u[-1], case.u - along * into / (row @ along), 1e-4)
+        near(run.q[-1, joint], case.q[joint] + 0.1 * h * into)
+        assert [event.joint for event in run.stop_events] == [robot.coordinate_names[joint]]
+        if not case.t:
+            near(run.stop_events[0].loss, 0.5 * into**2 / (row @ along), 1e-4)
 
 
 def implicit(case):
-    simulation(case, 'implicit', 1e-5)
+    simulation(case, 'implicit', 1e-6)
 
 
 def rest_motion(case):
@@ -337,20 +365,86 @@ def computed_torque(case):
 
 
 def controller(case):
-    motion = rest_motion(case)
-    motion = Motion.from_points([0.0, 1.0], [motion.positions[0], motion.positions[0] + 0.3],
-                                joint_names=motion.joint_names)
-    command = Controller(case.robot).command(0.3, case.q, case.u, motion)
-    near(command.tau, kane.inverse_dynamics(case.robot.model, *motion.sample(0.3)))
+    motion, rest = rest_motion(case), 0.0 * case.u
+    for mode, expected in ((Mode.INVERSE_DYNAMICS, inverse(case, rest, rest)),
+                           (Mode.COMPUTED_TORQUE, inverse(case, udot=-5.0 * case.u,
+                                                          friction=False))):
+        law = Controller(case.robot, mode=mode, kp=10.0, kd=5.0)
+        near(case.T.T @ law.command(case.time, case.q, case.u, motion).tau, expected)
+    if not case.robot.constraint_names:
+        motion = Motion.from_points([0.0, 1.0], [motion.positions[0], motion.positions[0] + 0.3],
+                                    joint_names=motion.joint_names)
+        command = Controller(case.robot).command(0.3, case.q, case.u, motion)
+        near(command.tau, kane.inverse_dynamics(case.robot.model, *motion.sample(0.3)))
+
+
+def observed(case, force):
+    """
+    Return time and estimate of an observer whose arm has this force besides its actuators'.
+
+    The arm is at rest, held by the definition's torque; what follows a function of time moves.
+    """
+    watch = MomentumObserver(case.robot, gain=60.0)
+    if case.t:
+        run = simulate(case.robot, case.q, case.u, 0.3, step=1e-3, t0=case.time, torque=force,
+                       sample=1e-3)
+        return [(t, watch.update(t, q, u, 0.0 * u)) for t, q, u in zip(run.t, run.q, run.u)]
+    rest = 0.0 * case.u
+    held = inverse(case, rest, rest)
+    return [(t, watch.update(t, case.q, rest, held - force)) for t in 0.05 * np.arange(7.0)]
 
 
 def observer(case):
-    """Without motion, the estimate approaches what holds the arm beyond its actuators."""
-    watch, rest = MomentumObserver(case.robot, gain=10.0), 0.0 * case.u
-    held = inverse(case, rest, rest)
-    for t in (0.0, 0.05):
-        found = watch.update(t, case.q, rest, held - 1.0)
-    near(found, -np.expm1(-0.5) * np.ones(case.robot.n), CLOSED)
+    force = np.linspace(1.0, 2.0, case.robot.n)
+    samples = observed(case, force)
+    reached = 1.0 if case.t else -np.expm1(-60.0 * samples[-1][0])
+    near(samples[-1][1], reached * force, 1e-3 if case.t else CLOSED)
+
+
+def collision(case):
+    force = np.zeros(case.robot.n)
+    force[-1] = 2.0
+    for acting, joint in ((0.0 * force, None), (force, case.robot.speed_names[-1])):
+        detector = CollisionDetector(case.robot.speed_names, 1.0)
+        for t, estimate in observed(case, acting):
+            detector.update(t, estimate)
+        assert detector.joint == joint
+        assert detector.beyond == ((joint,) if joint else ())
+
+
+def balanced_power(case):
+    balance = power_balance(case.robot, case.q, case.u, case.udot, **case.t)
+    model, (v, accelerations) = case.robot.model, case.joint_motion
+
+    def energy(s):
+        q = case.q + s * case.q_rate
+        return energies.kinetic_energy(model, q, v + s * accelerations) + (
+            energies.potential_energy(model, q))
+    near(balance.joints + balance.constraints,
+         slope(energy) + friction_of_joints(case) @ v, 1e-8)
+    if not case.t:
+        near(balance.joints, inverse(case) @ case.u, CLOSED)
+
+
+def payload(case):
+    """Compare the regressor times the parameters with what a payload adds to the torque."""
+    load, model = box(2.0, (0.1, 0.2, 0.3), at=(0.02, 0.03, 0.05)), case.robot.model
+    Y = PayloadRegressor(model, TOOL)(case.q, case.u, case.udot)
+    heavy = with_payload(model, TOOL, load)
+    near(Y @ parameters_of(load.pseudo_inertia), np.subtract(*(
+        kane.inverse_dynamics(each, case.q, case.u, case.udot) for each in (heavy, model))))
+
+
+def swept(case):
+    start = {'q0': dict(zip(case.robot.joint_names, case.q.tolist())),
+             'u0': dict(zip(case.robot.joint_names, case.u.tolist()))}
+    for integrator, tolerance in (('rk4', CLOSED), ('implicit', 1e-7)):
+        sweep = Sweep(case.robot.model, samples=2, duration=1e-5, step=1e-5,
+                      integrator=integrator, **start)
+        found = Simulator(sweep).columns(0)
+        q, u = reference_step(case, 1e-5)
+        for name, *expected in zip(case.robot.joint_names, q, u):
+            near([found[f'{kind}.{name}'][1] for kind in 'qu'], expected, tolerance)
 
 
 def verification(case):
@@ -429,6 +523,14 @@ def timed(case):
         (tau, limits.effort), (states[1], limits.velocity), (states[2], 2.0))]
     near(np.median(np.max(uses, axis=0)), 1.0, 1e-2)
     assert np.max(uses) <= 1.001
+
+
+def optimized(case):
+    """Plan a motion of three short intervals, whose torques are those of Kane's definition."""
+    problem = TrajectoryOptimizer(case.robot, nodes=3, interval=1e-6)
+    plan = problem.solve(case.q, case.u, iterations=2)
+    udot = np.diff(plan.u, axis=0) / problem.interval
+    near(plan.tau[1], kane.inverse_dynamics(case.robot.model, plan.q[1], plan.u[1], udot[1]), 1e-4)
 
 
 def filled(case):

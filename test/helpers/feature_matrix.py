@@ -32,7 +32,11 @@ NO_REST = ('A mechanism that follows a function of time has no equilibrium about
 NO_ANGLE = ('The position of a ball joint is a rotation, which the points and splines of a motion '
             'do not state.')
 MISSING = 'Not available; the call raises an error that says so.'
-UNTESTED = 'Computed, but no test compares it with an independent formulation.'
+ALONE = 'Not available: it takes a model alone, without chosen speeds and constraints.'
+NO_ROTATION = ('The position of a ball joint is a rotation, which joint states, recordings and '
+               'sampled angles do not state.')
+SAME = ('Joint states and efforts are those of joints: chosen speeds would not change a message.')
+NO_FUNCTION = 'A function of time is Python code, which no parameter file states.'
 
 
 @dataclass(frozen=True)
@@ -43,9 +47,10 @@ class Row:
     Attributes
     ----------
     name : str
-    check : callable
+    check : callable, optional
         Fails unless a case's result is that of an independent formulation. It runs for every kind
-        and pair without a reason, and must be refused for the others.
+        and pair without a reason, and must be refused for the others. With reason `ALONE` there
+        is nothing to call.
     reasons : dict of kind or pair to sentence
         Why it does not work. A pair has the reasons of its kinds.
     tests : dict of kind to test
@@ -68,8 +73,7 @@ class Row:
 
 
 CONTROL = 'test/unit/control/'
-CONSTRAINED = f'{CONTROL}test_constrained_'
-STOPS = 'test/unit/simulation/test_stops.py::test_'
+NODE = 'test/e2e/test_node_'
 DERIVATIVES = 'test/property/test_derivatives_of_all_kinds.py::'
 ROWS = (
     Row('inverse dynamics, external wrenches', check.inverse_dynamics),
@@ -99,29 +103,28 @@ ROWS = (
     Row('pickling', check.pickling, pairs=False),
     Row('`verify`', check.verification, pairs=False),
     Row('`simulate`', check.simulation, pairs=False),
-    Row('`simulate` with the implicit integrator', check.implicit, {
-        SPEEDS: MISSING,
-        LOOP: MISSING,
-        ROLLING: MISSING,
-        TIME: MISSING,
-        BALL: MISSING}),
+    Row('`simulate` with the implicit integrator', check.implicit),
     Row('`ComputedTorque`', check.computed_torque, {BEAM: NO_ACTUATOR, BALL: NO_ANGLE},
         pairs=False),
-    Row('`Controller`, beams by `QuasiStatic`', check.controller, {
-        ROLLING: UNTESTED,
-        TIME: UNTESTED,
-        BALL: NO_ANGLE}, {
-        LOOP: f'{CONSTRAINED}control.py::test_the_feedforward_of_a_five_bar_is_that_of_the_'
-              'definition',
+    Row('`Controller`, beams by `QuasiStatic`', check.controller, {BALL: NO_ANGLE}, {
         BEAM: f'{CONTROL}test_quasi_static.py::'
               'test_feedforward_that_knows_of_the_bending_follows_far_better'}, pairs=False),
-    Row('`MomentumObserver`', check.observer, {TIME: UNTESTED}, pairs=False),
-    Row('joint stops of `simulate`', check.stopped, {
-        TIME: UNTESTED, BEAM: UNTESTED, BALL: MISSING}, {
-        TREE: f'{STOPS}an_arm_rests_on_its_stops_and_the_balance_counts_what_was_lost',
-        SPEEDS: f'{STOPS}chosen_speeds_hit_the_stops_of_the_tree',
-        LOOP: f'{STOPS}the_impact_of_a_five_bar_is_projected_and_loses_the_energy_of_the_jump',
-        ROLLING: f'{STOPS}the_impact_of_a_body_on_a_runner_is_projected'}, pairs=False),
+    Row('`MomentumObserver`', check.observer, pairs=False),
+    Row('collision detection', check.collision, pairs=False),
+    Row('payload estimate', check.payload, {
+        LOOP: ALONE, ROLLING: ALONE, TIME: ALONE, BEAM: NO_TEN, BALL: NO_ROTATION}, pairs=False),
+    Row('joint stops of `simulate`', check.stopped, pairs=False),
+    Row('power balance', check.balanced_power, {SPEEDS: MISSING}, pairs=False),
+    Row('sweep', check.swept, {
+        SPEEDS: ALONE, LOOP: ALONE, ROLLING: ALONE, TIME: ALONE, BALL: NO_ROTATION},
+        pairs=False),
+    Row('node', None, {
+        SPEEDS: SAME, ROLLING: NO_SHAPE, TIME: NO_FUNCTION, BALL: NO_ROTATION}, {
+        TREE: f'{NODE}torques.py::test_along_a_motion_the_torques_equal_those_of_the_library',
+        LOOP: f'{NODE}closed_loops.py::'
+              'test_computed_torque_moves_the_plant_with_only_the_driven_joints_measured',
+        BEAM: f'{NODE}flexible.py::'
+              'test_quasi_static_feedforward_is_better_than_rigid_feedforward'}, pairs=False),
     Row('`export_c`', check.exported, pairs=False),
     Row('natural vibration', check.vibration, {TIME: NO_REST, BALL: MISSING}),
     Row('`demand`, `largest_payload`: motion of the driving joints', check.demanded, {
@@ -142,6 +145,13 @@ ROWS = (
         TIME: NO_SCALE,
         BEAM: BENDS,
         BALL: NO_ANGLE}),
+    Row('`TrajectoryOptimizer`', check.optimized, {
+        SPEEDS: MISSING,
+        LOOP: MISSING,
+        ROLLING: MISSING,
+        TIME: MISSING,
+        BEAM: MISSING,
+        BALL: MISSING}),
     Row('`fill_trajectory`', check.filled, {
         SPEEDS: MISSING,
         LOOP: MISSING,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from graph import DEEP, JOINTS, NAME, Process, URDF
 from kane_dynamics import Controller, load_urdf, Robot
-from kane_dynamics.demo.demo_settings import HOME, JOINTS as FR3_JOINTS, URDF as FR3
+from kane_dynamics.demo.demo_settings import FR3
 from kane_dynamics.ros.common.transport import without_shared_memory
 from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
 import numpy as np
@@ -124,7 +124,7 @@ PLANT_ARM = Arm(URDF, JOINTS, np.zeros(3), np.array([0.6, 0.4, 0.1]), 2000.0)
 
 def mujoco_arm():
     """Return the arm of the demo."""
-    return Arm(FR3.read_text(), FR3_JOINTS, HOME, np.full(7, 0.25), 1000.0)
+    return Arm(FR3.urdf.read_text(), FR3.joints, FR3.home, np.full(7, 0.25), 1000.0)
 
 
 class Rig:
@@ -158,7 +158,7 @@ class Rig:
             self.parameters['joints'] = f'[{",".join(arm.joints)}]'
         self.recorder = Recorder()
         self.plant = Process(program=[
-            '-m', 'kane_dynamics.demo.mujoco_plant', str(urdf),
+            '-m', 'kane_dynamics.demo.mujoco_plant', 'fr3',
             str(folder / 'record.npz')]) if mujoco else Process(
             module='kane_dynamics.ros.plant.plant_main', **self.urdf, command_timeout=100.0,
             after_timeout='hold')

@@ -25,7 +25,7 @@ kinematics shapes
 control
 simulation
 analysis
-feasibility identification sweep
+feasibility identification optimal_control sweep
 plot view
 ros cli
 demo

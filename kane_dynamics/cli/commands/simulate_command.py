@@ -34,19 +34,20 @@ def simulation(options: Namespace) -> None:
     with progress_bar('simulating', duration) as progress, (
             model_warnings(verbose=options.verbose)):
         result = simulate(robot, q0, u0, duration, step=options.step, torque=source,
-                          progress=progress, integrator=options.integrator)
+                          progress=progress, integrator=options.integrator, stops=options.stops)
     wall = time.perf_counter() - start
     if options.out:
         (result.save_npz if options.out.endswith('.npz') else result.save_csv)(options.out)
     if plot is not None:
         pictures.draw(plot, options, robot, result, getattr(source, 'motion', None))
     before, after = result.energy[[0, -1]].sum(axis=1).tolist()
-    events = [str(event) for event in result.limit_events]
+    events = [str(event) for event in (*result.limit_events, *result.stop_events)]
     if options.json:
         print_json({'joint_names': robot.joint_names, 'duration': float(result.t[-1]),
                     'wall_time': wall, 'q': result.q[-1], 'u': result.u[-1],
                     'tau': result.tau[-1], 'energy_before': before, 'energy_after': after,
-                    'limit_events': events})
+                    'limit_events': [str(event) for event in result.limit_events],
+                    'stop_events': [str(event) for event in result.stop_events]})
         return
     print(f'{result.t[-1]:g} s in steps of {options.step:g} s took {wall:.3g} s; energy went '
           f'from {before:.6g} J to {after:.6g} J')

@@ -18,6 +18,8 @@ _QUINTIC = np.array([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
                      [-10.0, -6.0, -1.5, 10.0, -4.0, 0.5],
                      [15.0, 8.0, 1.5, -15.0, 7.0, -1.0],
                      [-6.0, -3.0, -0.5, 6.0, -3.0, 0.5]])
+# The same with the difference of q at both ends in place of q at x = 1.
+_BY_RISE = np.column_stack([np.eye(6)[0], _QUINTIC[:, 1:]])
 # The same for the cubic with given q and h u at both ends.
 _CUBIC = np.array([[1.0, 0.0, 0.0, 0.0],
                    [0.0, 1.0, 0.0, 0.0],
@@ -129,7 +131,8 @@ def segment_coefficients(t: Array, q: Array, u: Array, udot: Array | None) -> Ar
     ends = segment_ends(t, q, u, udot)
     basis = _CUBIC if udot is None else _QUINTIC
     out = np.zeros((len(t) - 1, 6, q.shape[1]))
-    out[:, :len(basis)] = np.einsum('pe,esn->spn', basis, ends)
+    out[:, :len(basis)] = (basis @ ends.reshape(len(basis), -1)).reshape(
+        len(basis), *ends.shape[1:]).swapaxes(0, 1)
     return out
 
 
@@ -151,8 +154,14 @@ def inside_segments(ends: Array, h: Array, x: Array) -> tuple[Array, Array, Arra
     first, second = np.zeros((2, *powers.shape))
     first[:, 1:] = np.arange(1, 6) * powers[:, :5]
     second[:, 2:] = np.arange(2, 6) * np.arange(1, 5) * powers[:, :4]
-    q, u, udot = (np.tensordot(each @ _QUINTIC, ends, axes=1) for each in (powers, first, second))
-    return q, u / h[:, None], udot / (h * h)[:, None]
+    known = ends.copy()
+    known[3] -= known[0]  # so that a joint that does not move has no velocity by rounding
+    shape, rate = (len(x), *ends.shape[1:]), (1.0 / h)[:, None]
+    out = []
+    for each in (powers, first, second):
+        out.append((each @ _BY_RISE @ known.reshape(6, -1)).reshape(shape))
+        known *= rate
+    return out[0], out[1], out[2]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,18 +15,8 @@ __all__ = ['INTEGRATORS', 'Integrator', 'System', 'integrator_of']
 INTEGRATORS: dict[str, Integrator] = {each.name: each for each in (RungeKutta4(), Rosenbrock())}
 
 
-def integrator_of(name: str, equations: object = None) -> Integrator:
-    """
-    Return the integrator with this name.
-
-    Raise InputError if the name is unknown, or the integrator does not support the equations.
-    """
+def integrator_of(name: str) -> Integrator:
+    """Return the integrator with this name; raise InputError for an unknown one."""
     if name not in INTEGRATORS:
         raise InputError(f'integrator: {name!r}; expected one of {", ".join(INTEGRATORS)}')
-    found = INTEGRATORS[name]
-    if equations is not None and not found.supports(equations):
-        valid = ', '.join(repr(each.name) for each in INTEGRATORS.values()
-                          if each.supports(equations))
-        raise InputError(f'integrator: {name!r}, which needs a robot whose speeds are the joint '
-                         f'rates, without constraints; expected {valid}')
-    return found
+    return INTEGRATORS[name]

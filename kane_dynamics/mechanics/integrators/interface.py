@@ -21,11 +21,9 @@ class System(Protocol):
     def torque(self, q: Any, u: Any, moment: int) -> Any:
         """Return the generalized force of actuators, (n,)."""
 
-    def implicit_rates(self, q: Any, u: Any, tau: Any, resistance: Any, g: Any) -> Any:
-        """Return udot of the linearly implicit equations; see `rosenbrock.ImplicitStep.rates`."""
-
-    def resistance(self, u: Any) -> Any:
-        """Return friction over speed, (n,), N m s or N s/m."""
+    def implicit_stage(self, q: Any, u: Any, tau: Any, before: tuple[Any, Any], g: Any,
+                       moment: int) -> tuple[Any, Any]:
+        """Return joint rates and udot of a stage; see `rosenbrock.ImplicitStep.stage`."""
 
     def quadratures(self, q: Any, u: Any, moment: int) -> Any:
         """Return the time derivative of the quadratures, which are integrated beside q and u."""
@@ -52,9 +50,6 @@ class Integrator(Protocol):
     @property
     def damps(self) -> bool:
         """Return whether it damps unresolved vibrations."""
-
-    def supports(self, equations: object) -> bool:
-        """Return whether it can integrate these equations of motion."""
 
     def step(self, system: System, state: Any, h: Any) -> Any:
         """Return the state after one step of length h, s."""

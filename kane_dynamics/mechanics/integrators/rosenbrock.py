@@ -3,11 +3,13 @@ Linearly implicit integration (Rosenbrock) of friction, springs and bending.
 
 Coulomb friction with a small onset speed, stiff springs and high modes of a beam restrict explicit
 methods to small steps. Here each is linearized within a step and solved together with the
-accelerations: the mass matrix becomes M + g D + g^2 K with damping D and stiffness K.
+accelerations: with q' = T u + X, the mass matrix becomes M + T^T (g D + g^2 K) T with the damping
+D and the stiffness K of the joints.
 
 The method is the second-order Rosenbrock method of Verwer, Spee, Blom & Hundsdorfer (SIAM J. Sci.
 Comput. 20 (1999), eq. 1.6). It is of second order for any linearization; a better linearization
-allows larger steps. With linear friction and springs it is unconditionally stable.
+allows larger steps. With linear friction and springs it is unconditionally stable. T is constant
+in the linearization, and so are all other forces.
 """
 
 from collections.abc import Callable
@@ -15,13 +17,16 @@ import math
 from typing import Any
 
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
+from kane_dynamics.mechanics.ball_joints import coordinate_rates
+from kane_dynamics.mechanics.constraints.constrained_equations import (congruent,
+                                                                       ConstrainedEquations)
 from kane_dynamics.mechanics.friction import friction_over_rate
 from kane_dynamics.mechanics.integrators.interface import System
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
 
 GAMMA = 1.0 - math.sqrt(0.5)  # the smaller of the two values for L-stability
-Rates = Callable[[Any, Any, Any, Any, Any], Any]
+Stage = Callable[[Any, Any, Any, Any, Any, int], tuple[Any, Any]]
 
 
 class ImplicitStep:
@@ -30,82 +35,114 @@ class ImplicitStep:
 
     Parameters
     ----------
-    equations : TreeEquations
-        Equations of motion with u = q'.
+    equations : TreeEquations or ConstrainedEquations
+        Equations of motion.
 
     """
 
-    def __init__(self, equations: TreeEquations) -> None:
+    def __init__(self, equations: TreeEquations | ConstrainedEquations) -> None:
         """Collect the linear springs and dampers."""
         self.equations = equations
-        n, model = equations.n, equations.model
-        self._K, self._C = np.zeros((2, n, n))
+        self._tree = equations if isinstance(equations, TreeEquations) else equations.tree
+        self.n, model = self._tree.n, equations.model
+        self._K, self._C = np.zeros((2, self.n, self.n))
         for body in model.bodies:
             joint = body.joint
             self._K[joint.coordinate, joint.coordinate] += joint.multiplier**2 * joint.stiffness
             if body.beam is not None:
                 here = np.ix_(body.beam.coordinates, body.beam.coordinates)
                 self._K[here] += body.beam.stiffness
-                if equations.friction:
+                if self._tree.friction:
                     self._C[here] += body.beam.damping
-        self._sprung = self._K.any(axis=0).astype(float)
+        # Joints whose rates are implicit. Those of a loop remain compatible: all, or none.
+        sprung = self._K.any(axis=0)
+        self._sprung = (sprung if self._tree is equations else
+                        np.full(self.n, sprung.any())).astype(float)
 
-    def resistance(self, u: Any) -> Any:
+    def resistance(self, v: Any) -> Any:
         """
-        Return the friction of the joints divided by speed, (n,), N m s or N s/m.
+        Return the friction of the joints divided by speed, (n_j,), N m s or N s/m.
 
-        For Coulomb friction that is mu / sqrt(u^2 + u_s^2), within 8 % of mu tanh(u / u_s) / u.
+        For Coulomb friction that is mu / sqrt(v^2 + u_s^2), within 8 % of mu tanh(v / u_s) / v.
         The slope of the law is not suitable: it vanishes in sliding, and large steps then
         oscillate about zero speed.
         """
-        total: list[Any] = [0.0] * self.equations.n
+        total: list[Any] = [0.0] * self.n
         for joint in (body.joint for body in self.equations.model.bodies):
-            if self.equations.friction:
-                ratio = friction_over_rate(joint, joint.multiplier * u[joint.coordinate])
+            if self._tree.friction:
+                ratio = friction_over_rate(joint, joint.multiplier * v[joint.coordinate])
                 total[joint.coordinate] = total[joint.coordinate] + joint.multiplier**2 * ratio
         return np.array(total)
 
-    def rates(self, q: Any, u: Any, tau: Any, resistance: Any, g: Any, wrench: Any,
-              parameters: Any) -> Any:
-        """Return (M + g D + g^2 K)^-1 (tau + external - bias), (n,)."""
-        equations = self.equations
-        held = equations.inverse_dynamics(q, u, equations.zeros, wrench, parameters)
-        M = (equations.mass_matrix(q, parameters) + np.diag(g * resistance)
-             + _scaled(self._C, g) + _scaled(self._K, g * g))
-        return solve(factorize(M, equations.order), equations.order, tau - held)
+    def stage(self, q: Any, u: Any, tau: Any, before: tuple[Any, Any], g: Any, wrench: Any,
+              parameters: Any, t: Any = 0.0, factors: Any = 1.0) -> tuple[Any, Any]:
+        """
+        Return the rates of the joints, (n_j,), and udot, (n,), of one stage of a step.
 
-    def step(self, rates: Rates, q: Any, u: Any, torque: Callable[[Any, Any, int], Any], h: Any,
-             resistance: Callable[[Any], Any] | None = None) -> tuple[Any, Any]:
+        Parameters
+        ----------
+        q, u, tau : arrays
+            State and torque of the stage.
+        before : two arrays
+            Results of the first stage; zeros in the first. The sum of both stages is as in the
+            reference, since this returns its second stage plus twice the first.
+        g : scalar
+            gamma times the step, s.
+        wrench, parameters, t
+            As in `equations.forward_dynamics`.
+        factors : scalar or (n_j,) array
+            Factors on the model's friction in the linearization.
+
+        """
+        T, v, M, net, order = self._linear_system(q, u, tau, wrench, parameters, t)
+        K, k_v = self._K, before[0]
+        # Each stage evaluates its own friction over speed; otherwise stopping joints reverse.
+        D, turned = factors * self.resistance(v), T @ before[1]
+        resisted = D * turned + self._C @ turned + K @ k_v
+        force = (2.0 * g) * resisted - g * (K @ (v - (2.0 * g) * turned))
+        A = np.diag(g * D) + _scaled(self._C, g) + _scaled(K, g * g)
+        w_u = solve(factorize(M + congruent(A, T), order), order, net + T.T @ force)
+        return v + g * (self._sprung * (T @ w_u - 2.0 * turned)), w_u
+
+    def _linear_system(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
+                       t: Any) -> tuple[Any, Any, Any, Any, list[int]]:
+        """Return T, rates of the joints, M, tau + external - bias, and the order of M."""
+        equations = self.equations
+        if isinstance(equations, TreeEquations):
+            held = equations.inverse_dynamics(q, u, equations.zeros, wrench, parameters)
+            return (np.eye(self.n), u, equations.mass_matrix(q, parameters), tau - held,
+                    equations.order)
+        motion = equations.joint_motion(q, u, equations.zeros, t)
+        held = self._tree.inverse_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
+        M = congruent(self._tree.mass_matrix(q, parameters), motion.T)
+        return motion.T, motion.qdot, M, tau - motion.T.T @ held, list(range(equations.n))
+
+    def step(self, stage: Stage, q: Any, u: Any, torque: Callable[[Any, Any, int], Any],
+             h: Any) -> tuple[Any, Any]:
         """
         Return q and u after one step.
 
         Parameters
         ----------
-        rates : callable
-            ``rates(q, u, tau, resistance, g)``: `ImplicitStep.rates` with the robot's wrenches
-            and parameters.
-        q, u : (n,) arrays
+        stage : callable
+            ``stage(q, u, tau, before, g, moment)``: `ImplicitStep.stage` with the robot's
+            wrenches, parameters and time; `moment` is 0 at the beginning of the step and 2 at
+            its end.
+        q, u : (n_q,), (n,) arrays
             The state.
         torque : callable
-            ``torque(q, u, moment)``, (n,), at the beginning (0) and the end (1) of the step.
+            ``torque(q, u, moment)``, (n,).
         h : scalar
             Step size, s.
-        resistance : callable, optional
-            ``resistance(u)``, (n,). Default: that of the model.
 
         """
-        K, sprung, g = self._K, self._sprung, GAMMA * h
-        resistance = resistance or self.resistance
-        k_u = rates(q, u, torque(q, u, 0) - g * (K @ u), resistance(u), g)
-        turn = g * (sprung * k_u)
-        k_q = u + turn
+        model, g = self.equations.model, GAMMA * h
+        none = np.zeros(self.n), np.zeros(self.equations.n)
+        k_v, k_u = stage(q, u, torque(q, u, 0), none, g, 0)
+        k_q = coordinate_rates(model, q, k_v)
         q_1, u_1 = q + h * k_q, u + h * k_u
-        # Each stage evaluates its own friction over speed; otherwise stopping joints reverse.
-        D = resistance(u_1)
-        again = D * k_u + self._C @ k_u + K @ k_q
-        w_u = rates(q_1, u_1, torque(q_1, u_1, 1) + (2.0 * g) * again
-                    - g * (K @ (u_1 - 2.0 * turn)), D, g)
-        w_q = u_1 - 2.0 * turn + g * (sprung * w_u)
+        w_v, w_u = stage(q_1, u_1, torque(q_1, u_1, 2), (k_v, k_u), g, 2)
+        w_q = coordinate_rates(model, q_1, w_v)
         return q + (0.5 * h) * (k_q + w_q), u + (0.5 * h) * (k_u + w_u)
 
 
@@ -114,17 +151,11 @@ class Rosenbrock:
 
     name, damps = 'implicit', True
 
-    def supports(self, equations: object) -> bool:
-        """Return whether these are a tree's equations in joint rates."""
-        return isinstance(equations, TreeEquations)
-
     def step(self, system: System, state: Any, h: Any) -> Any:
         """Return the state after one step of length h, s; quadratures by the trapezoidal rule."""
-        n = system.equations.n
-        q, u, rest = np.split(state, [n, 2 * n])
-        q_1, u_1 = ImplicitStep(system.equations).step(
-            system.implicit_rates, q, u, lambda q, u, end: system.torque(q, u, 2 * end), h,
-            system.resistance)
+        equations = system.equations
+        q, u, rest = np.split(state, [equations.n_q, equations.n_q + equations.n])
+        q_1, u_1 = ImplicitStep(equations).step(system.implicit_stage, q, u, system.torque, h)
         if not len(rest):
             return np.concatenate([q_1, u_1])
         sums = rest + (0.5 * h) * (system.quadratures(q, u, 0) + system.quadratures(q_1, u_1, 2))

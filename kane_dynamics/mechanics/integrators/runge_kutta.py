@@ -37,10 +37,6 @@ class RungeKutta4:
 
     name, damps = 'rk4', False
 
-    def supports(self, equations: object) -> bool:
-        """Return True: it integrates any equations of motion."""
-        return True
-
     def step(self, system: System, state: Any, h: Any) -> Any:
         """Return the state after one step of length h, s."""
         return runge_kutta_4(system.rates, state, (0, 1, 2), h)

@@ -36,7 +36,7 @@ class JointForces:
         return self._of_beams(self._by_coordinate(force),
                               lambda beam: beam.damping @ u[list(beam.coordinates)])
 
-    def _friction_slope(self, u: Any) -> Any:
+    def friction_slope(self, u: Any) -> Any:
         """Return d friction_force / du, (n,)."""
         if not self.friction:
             return self.zeros

@@ -162,7 +162,7 @@ class TreeEquations(JointForces):
         ones = np.ones(self.n)
         return rigid + np.stack([np.diag(x) for x in (
             self._by_coordinate(lambda j: j.multiplier**2 * j.stiffness),
-            self._friction_slope(u), self.armature(ones))])
+            self.friction_slope(u), self.armature(ones))])
 
     def forward_dynamics_derivatives(self, q: Any, u: Any, tau: Any, parameters: Any) -> Any:
         """Return dudot/dq, dudot/du and dudot/dtau = M^-1, (3, n, n), no external wrenches."""

@@ -178,7 +178,11 @@ class ConstraintMethods(Dispatch):
     def _special(self, name: str, arguments: tuple[Any, ...], t: ArrayLike,
                  out: Array | None) -> Array:
         self._require(name)
-        return self._call(name, arguments, out, t)
+        if self.equations.timed:
+            return self._call(name, arguments, out, t)
+        entry = self._entry(name, '', lambda _: self.kernels.quantity(name))
+        result: Array = entry(*arguments) if out is None else entry(*arguments, out=out)
+        return result
 
     def _require(self, name: str) -> None:
         if not isinstance(self.equations, ConstrainedEquations):

@@ -1,7 +1,7 @@
 """Convert messages to arrays and back: reorder joints, check lengths and finiteness."""
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Vector3, Wrench
@@ -178,12 +178,19 @@ def trajectory_message(trajectory: Trajectory, robot: Robot,
     if robot.constraint_names:
         rows = {'positions': q, 'velocities': robot.joint_rates(q, u),
                 'effort': robot.joint_torques(tau, q)}
+    return message_of_points(names, trajectory.t, {
+        field: row[:, order] for field, row in rows.items()})
+
+
+def message_of_points(names: Sequence[str], t: Array, rows: Mapping[str, Array]
+                      ) -> JointTrajectory:
+    """Return a message with times, (K,), s, and (K, n) rows of the fields of its points."""
     # array(typecode, bytes) is several times faster than a conversion from a list of floats; the
     # torque path shares the interpreter.
-    columns = {field: np.ascontiguousarray(row[:, order]) for field, row in rows.items()}
-    points = [JointTrajectoryPoint(time_from_start=duration(t), **{
+    columns = {field: np.ascontiguousarray(row) for field, row in rows.items()}
+    points = [JointTrajectoryPoint(time_from_start=duration(at), **{
         field: array('d', column[k].tobytes()) for field, column in columns.items()})
-        for k, t in enumerate(trajectory.t.tolist())]
-    message = JointTrajectory(joint_names=names)
+        for k, at in enumerate(t.tolist())]
+    message = JointTrajectory(joint_names=list(names))
     message.points = points
     return message

@@ -31,6 +31,7 @@ from kane_dynamics.ros.torque_path.path_controller import path_controller, path_
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.step_kernels import compile_simulation, step_kernel
+from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
 import numpy as np
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
@@ -100,9 +101,11 @@ class ConfiguredRobot:
         check_optional_topics(values, self.robot)
         compile_simulation(self.robot, values['simulation.integrator'], 'external_force',
                            'body_torques')
+        follow = joints_that_follow(self.robot)
+        if values['simulation.stops']:
+            compile_pressed_steps(self.robot, values['simulation.integrator'], follow)
         if self.robot.constraint_names:
-            step_kernel(self.robot, True, values['simulation.integrator'], None,
-                        joints_that_follow(self.robot))
+            step_kernel(self.robot, True, values['simulation.integrator'], None, follow)
         else:  # for filled trajectories
             compile_timing(self.robot)
             for robot in (self.robot, *([bending.robot] if bending else [])):

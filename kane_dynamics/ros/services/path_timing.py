@@ -8,7 +8,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility import time_optimal
 from kane_dynamics.motion.motion import Motion
-from kane_dynamics.ros.common.conversion import check_points, doubles
+from kane_dynamics.ros.common.conversion import check_points, doubles, message_of_points
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.trajectory_filling import FIELDS, table
 import numpy as np
@@ -54,8 +54,12 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
         back = np.argsort(order)
         response.joint_names = names
         response.time_from_start = doubles(motion.times)
-        for field, rows in zip((*FIELDS, 'effort'), (*motion.sample(at), found.tau)):
-            setattr(response, field, doubles(rows[:, back]))
+        columns = {field: rows[:, back] for field, rows in zip(
+            (*FIELDS, 'effort'), (*motion.sample(at), found.tau))}
+        for field, rows in columns.items():
+            setattr(response, field, doubles(rows))
+        if request.as_trajectory:
+            response.trajectory = message_of_points(names, motion.times, columns)
     return compute
 
 

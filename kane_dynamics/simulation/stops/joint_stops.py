@@ -4,34 +4,34 @@ Joint stops of `simulate`: rigid, inelastic and frictionless, at the position li
 After a native step that ends past a stop, the joints are moved back and the impulses of the stops
 end the motion into them. With constraints or chosen speeds both act in the space of the admissible
 motions: an impulse p of a stop at joint j changes the independent speeds by -M^-1 T_j^T s p. While
-a joint presses against its stop, every step ends so.
+a joint presses against its stop, every step ends so; these steps are native (`pressed_steps`).
 """
 
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.joint_stops import nearest_stops, stop_impulses, stopped_state
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import Impact
-from kane_dynamics.simulation.energy_kernels import energy_kernel
+from kane_dynamics.simulation.stops.pressed_steps import pressed_steps, ROUNDING
+from kane_dynamics.simulation.stops.stop_energies import energies
 from kane_dynamics.simulation.trajectory import StopEvent
-from kane_dynamics.simulation.user_speeds import UserSpeeds
 import numpy as np
 
 if TYPE_CHECKING:
     from kane_dynamics.simulation.torque_input import TorqueInput
 
-ROUNDING = 1e-11  # rad or m: past a stop, with constraints, after loops are closed
 TOUCHING = 1e-9  # rad or m
 REGULAR = 1e-12  # relative, added to impulses of stops that the constraints couple
 DRIVEN = 1e-6  # relative: speed into a stop that its impulse cannot end
 RESTING = 1e-4  # rad/s or m/s: speed into a stop of a joint that already rests there
 ITERATIONS = 10  # of moving joints back and closing loops
+PRESSED = 16  # pressed steps in the first native piece
 MORE = 4  # ratio of the lengths of successive pieces without contact
 
 
@@ -65,7 +65,6 @@ class JointStops:
 
     def __init__(self, robot: Robot, starts: Array, step: float, start: float) -> None:
         """Check the initial states."""
-        require_angles(robot.model, 'stops')
         self._robot, self._step, self._start = robot, step, start
         self._lower, self._upper = robot.limits.lower, robot.limits.upper
         self._constrained = isinstance(robot.equations, ConstrainedEquations)
@@ -137,6 +136,7 @@ class JointStops:
     def _follow(self, source: 'TorqueInput', i: int, rows: Array, done: int) -> None:
         """Apply the stops to the states of simulation i, (K + 1, size)."""
         at, have, piece, end = 0, len(rows) - 1, 1, len(rows) - 1
+        pressed = PRESSED
         watched = bool(self._robot.constraint_names)
         while at < end:
             if have == at:
@@ -154,8 +154,43 @@ class JointStops:
                 at = have
                 continue
             piece = 1 if first == 0 else MORE
+            if first == 0:
+                asked = min(pressed, end - at)
+                done_here = self._pressed(source, i, rows[at:at + asked + 1], done + at)
+                pressed = MORE * pressed if done_here == asked else PRESSED
+                if done_here:
+                    at += done_here
+                    have = min(at + 1, end) if done_here < asked else at
+                    continue
             at = have = at + 1 + first
             rows[at] = self._stopped(source, i, rows[at - 1], rows[at], done + at)
+
+    def _pressed(self, source: 'TorqueInput', i: int, rows: Array, done: int) -> int:
+        """
+        Compute steps in which the joints at their stops press against them, and no others.
+
+        Return their number. Unless all are such steps, the row after them is the end of the next
+        step before the impulses of the stops.
+        """
+        n_q, n = self._robot.n_q, self._robot.n
+        q, u, t = rows[0, :n_q], rows[0, n_q:n_q + n], self._start + done * self._step
+        side, away = nearest_stops(q, self._lower, self._upper)
+        side = side * ((np.abs(away) < TOUCHING)
+                       & (np.abs(self._rates(source.robot, q, u, t)) < RESTING))
+        if not side.any():
+            return 0
+        after, before, valid = pressed_steps(source, rows[0], done, len(rows) - 1, side,
+                                             self._lower, self._upper)
+        count = len(valid) if valid.all() else int(np.argmin(valid))
+        if count:
+            rows[1:count + 1] = after[:count]
+            steps = done + np.arange(1, count + 1)
+            lost = energies(source, self._robot, before[:count], after[:count], steps)
+            self._contacts.setdefault(i, {}).update(
+                (step, Contact({}, *each)) for step, each in zip(steps.tolist(), lost))
+            if count < len(valid):
+                rows[count + 1] = before[count]
+        return count
 
     def _stopped(self, source: 'TorqueInput', i: int, last: Array, state: Array,
                  step: int) -> Array:
@@ -176,7 +211,7 @@ class JointStops:
         hits = {int(j): ('upper' if side[j] > 0.0 else 'lower', float(side[j] * qdot[j]))
                 for j in np.flatnonzero((side * away > self._most) & ~rested)}
         self._contacts.setdefault(i, {})[step] = Contact(
-            hits, *self._energy(source, state, after, step))
+            hits, *energies(source, self._robot, state[None], after[None], np.array([step]))[0])
         return after
 
     def _rates(self, robot: Robot, q: Array, u: Array, t: Any) -> Array:
@@ -223,49 +258,23 @@ class JointStops:
         return (rates[1:] - rates[0]).T, rates[0], robot.inverse_mass_matrix(q, **at)
 
     def _closed(self, robot: Robot, q: Array, t: float) -> Array:
-        """Return q after two Newton steps on the loops."""
+        """Return q on unit quaternions after two Newton steps on the loops."""
         equations: Any = robot.equations
         if not equations.keeps_positions(q, t):
-            return q
+            return np.asarray(on_unit_quaternions(robot.model, q))
         arguments = [Argument('q', (robot.n_q,)), Argument('t', ())]
         block = robot.parameters.block
         kernel = robot.kernels.extra('closure_step', lambda: trace_program(
             'closure_step', lambda q, t, _: equations.closure_step(q, t[()]),
             [('q', (robot.n_q,)), ('t', ()), ('parameters', block.shape)]), arguments, block,
             (robot.n_q,))
-        result: Array = kernel(kernel(q, t), t)
+        result: Array = on_unit_quaternions(robot.model, kernel(kernel(q, t), t))
         return result
 
     def _driven(self, q: Array, into: Array, t: float) -> ConstraintError:
         name = self._robot.coordinate_names[int(np.argmax(into))]
         return ConstraintError(f"{t:.6g} s: joint '{name}' is at its stop, and the constraints "
                                'drive it on; expected a motion between the stops')
-
-    def _energy(self, source: 'TorqueInput', before: Array, after: Array,
-                step: int) -> tuple[float, float, float]:
-        """Return loss, balance and uncertainty of a `Contact`."""
-        robot, n_q, n, h = source.robot, self._robot.n_q, self._robot.n, self._step
-        size = n_q + n + robot.equations.timed
-        u = [before[n_q:n_q + n], after[n_q:n_q + n]]
-        (kinetic, potential, friction), rest = energy_kernel(robot)(
-            np.array([before[:size], after[:size]])).tolist()
-        lost, power = kinetic - rest[0] + potential - rest[1], rest[2] - friction
-        if not source.follows:
-            tau = source.torque_at(before, step - 1)
-            if not self._constrained:
-                work = float(tau @ (before[:n_q] - after[:n_q]))
-                return lost, lost - work - 0.5 * h * power, 0.0
-            if robot.speed_names != self._robot.speed_names:  # tau is dual to the user's speeds
-                t, user = self._start + step * h, UserSpeeds(self._robot)
-                u = [user.speeds(robot, state[:n_q], x, 0.0 * x, t)[0]
-                     for state, x in zip((before, after), u)]
-            return lost, lost - 0.5 * h * (float(tau @ (u[0] - u[1])) + power), 0.0
-        given = [float(source.torque_at(state, step) @ x)
-                 for state, x in zip((before, after), u)]
-        work = 0.5 * h * (given[0] - given[1])
-        # Feedback of the speed bends the power within the step by this fraction.
-        bent = min(1.0, 0.5 * h * float(np.max(source.torque.kd, initial=0.0)))
-        return lost, lost - work - 0.5 * h * power, bent * abs(work)
 
 
 def _response(side: Array, joints: Any, T: Array, inverse: Array) -> tuple[Array, Array, Array]:

@@ -10,7 +10,7 @@ pytest.importorskip('mujoco')
 from kane_dynamics import load_urdf, Robot  # noqa: E402, I100
 from kane_dynamics.control.collision_detection import CollisionDetector  # noqa: E402
 from kane_dynamics.control.momentum_observer import MomentumObserver  # noqa: E402
-from kane_dynamics.demo.demo_settings import HOME, JOINTS, KD, KP, RATE, URDF  # noqa: E402
+from kane_dynamics.demo.demo_settings import FR3, RATE  # noqa: E402
 from kane_dynamics.demo.mujoco_plant import MujocoArm  # noqa: E402
 import mujoco  # noqa: E402
 
@@ -20,13 +20,13 @@ OMEGA = np.array([1.9, 3.1, 2.3, 3.3, 4.9, 4.1, 4.7])  # rad/s
 NOISE = np.array([1e-5, 5e-4])  # of positions, rad, and speeds, rad/s: of good encoders
 # What the encoders' noise and the steps leave of a perfect model stays below half of these, N m.
 THRESHOLD = np.array([0.6, 0.8, 0.6, 0.6, 0.1, 0.1, 0.05])
-ROBOT = Robot(load_urdf(URDF, joints=list(JOINTS)))
+ROBOT = Robot(load_urdf(FR3.urdf, joints=list(FR3.joints)))
 
 
 def wave(t):
     """Return the desired state; it swells from rest in a second."""
     swell = min(t, 1.0)
-    return (HOME + AMPLITUDE * swell * np.sin(OMEGA * t),
+    return (FR3.home + AMPLITUDE * swell * np.sin(OMEGA * t),
             AMPLITUDE * (OMEGA * swell * np.cos(OMEGA * t) + (t < 1.0) * np.sin(OMEGA * t)),
             AMPLITUDE * (2.0 * (t < 1.0) * OMEGA * np.cos(OMEGA * t)
                          - OMEGA**2 * swell * np.sin(OMEGA * t)))
@@ -36,10 +36,9 @@ class Rig:
     """The demo's arm under feedforward and a servo, watched by observer and detector."""
 
     def __init__(self):
-        with open(URDF, encoding='utf-8') as file:
-            self.arm = MujocoArm(file.read())
+        self.arm = MujocoArm(FR3)
         self.observer = MomentumObserver(ROBOT, gain=50.0, held=True)
-        self.detector = CollisionDetector(JOINTS, THRESHOLD)
+        self.detector = CollisionDetector(FR3.joints, THRESHOLD)
         self.chance = np.random.default_rng(0)
         self.ticks = 0
         self.fastest = np.zeros(7)
@@ -63,7 +62,7 @@ class Rig:
         q += NOISE[0] * self.chance.normal(size=7)
         u += NOISE[1] * self.chance.normal(size=7)
         q_d, u_d, udot_d = wave(t)
-        tau = ROBOT.inverse_dynamics(q_d, u_d, udot_d) + KP * (q_d - q) + KD * (u_d - u)
+        tau = ROBOT.inverse_dynamics(q_d, u_d, udot_d) + FR3.kp * (q_d - q) + FR3.kd * (u_d - u)
         changed = self.detector.update(t, self.observer.update(t, q, u, tau))
         self.largest = np.maximum(self.largest, np.abs(self.observer.torque))
         self.arm.step(tau)
@@ -101,9 +100,9 @@ def test_a_push_of_five_newtons_is_found_within_50_ms_and_the_joint_named(link, 
     assert any(rig.tick() for _ in range(25)), 'found within 50 ms'
     assert rig.detector.collision
     share = np.abs(torque) / THRESHOLD
-    assert share[JOINTS.index(rig.detector.joint)] > 0.9 * share.max()
+    assert share[FR3.joints.index(rig.detector.joint)] > 0.9 * share.max()
     touched = int(link[-1])
-    assert set(rig.detector.beyond) <= set(JOINTS[:touched]), 'no joint beyond the touched link'
+    assert set(rig.detector.beyond) <= set(FR3.joints[:touched]), 'no joint beyond that link'
     rig.push(link, (0.0, 0.0, 0.0))
     assert any(rig.tick() for _ in range(175)), 'and its end is found too'
     assert not rig.detector.collision

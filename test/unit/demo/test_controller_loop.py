@@ -5,8 +5,7 @@ from functools import cache
 from jtc import EffortLoop, Gains
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
-from kane_dynamics.demo.demo_settings import (desired_motion, DURATION, HOME, JOINTS, KD, KP, RATE,
-                                              URDF)
+from kane_dynamics.demo.demo_settings import DURATION, FR3, RATE
 import numpy as np
 import pytest
 
@@ -19,17 +18,17 @@ PERIOD = 1.0 / RATE
 
 @cache
 def filled(tolerance):
-    motion = desired_motion()
-    return fill_trajectory(Robot(load_urdf(URDF, joints=JOINTS)), motion.times, motion.positions,
-                           tolerance=tolerance)
+    motion = FR3.motion()
+    return fill_trajectory(Robot(load_urdf(FR3.urdf, joints=FR3.joints)), motion.times,
+                           motion.positions, tolerance=tolerance)
 
 
 @cache
 def error(tolerance, feedforward, ahead):
     """Return the RMS error of all joints in the demo's motion, rad."""
-    arm, loop, points = MujocoArm(URDF.read_text()), EffortLoop(Gains(p=KP, d=KD), ahead), (
+    arm, loop, points = MujocoArm(FR3), EffortLoop(Gains(p=FR3.kp, d=FR3.kd), ahead), (
         filled(tolerance))
-    loop.accept(0.0, HOME, points.times, points.positions, points.velocities,
+    loop.accept(0.0, FR3.home, points.times, points.positions, points.velocities,
                 points.accelerations, points.efforts if feedforward else None)
     errors = []
     for now in np.arange(0.0, DURATION, PERIOD):

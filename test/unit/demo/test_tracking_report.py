@@ -1,11 +1,11 @@
 """The demo says what its figures are worth, and repeats a run that a busy machine spoiled."""
 
 from kane_dynamics.demo import tracking_report as demo
-from kane_dynamics.demo.demo_settings import desired_motion, DURATION, RATE, STATE_TIMEOUT
+from kane_dynamics.demo.demo_settings import DURATION, FR3, RATE, STATE_TIMEOUT
 import numpy as np
 import pytest
 
-MOTION = desired_motion()
+MOTION = FR3.motion()
 
 
 def log(error, late=1e-4, answered=1.0):
@@ -37,7 +37,7 @@ def test_a_run_in_time_or_good_enough_is_not_repeated(run):
 def test_it_succeeds_only_where_feedforward_did_what_it_must(capsys):
     ratios = [demo.improvement(MOTION, log(0.1), log(error)) for error in (0.001, 0.02)]
     assert ratios == pytest.approx([100.0, 5.0])
-    late = demo.lateness(log(0.02, late=0.158, answered=0.375))
+    late = demo.lateness(MOTION, log(0.02, late=0.158, answered=0.375))
     assert demo.verdict(ratios[0], None) == 0
     assert capsys.readouterr().out == ''
     assert demo.verdict(ratios[1], None) == 1

@@ -194,8 +194,10 @@ def test_past_a_singular_configuration_the_assembly_mode_is_unknown():
 def test_without_a_given_assembly_mode_the_first_state_needs_all_joints():
     robot, names = palletizer(configuration=None), palletizer().joint_names
     start = positions(robot, *POSE)
-    start[names.index('triangle_pin')] -= 2.5  # the other intersection of two circles
-    start[names.index('rod_1_pin')] += 0.7
+    # The other intersection of two circles; the loop behind it turns along.
+    for name, angle in (('triangle_pin', -3.0), ('rod_1_pin', 0.5), ('wrist_pin', -3.0),
+                        ('rod_2_pin', 3.0)):
+        start[names.index(name)] += angle
     flipped = closed_posture(robot.mechanism, start, fixed=DRIVEN)
     assert np.abs(flipped - positions(robot, *POSE)).max() > 0.1
     mode = {name: x for name, x in zip(names, flipped) if name not in DRIVEN}

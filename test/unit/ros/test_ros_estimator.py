@@ -10,8 +10,7 @@ pytest.importorskip('kane_dynamics_interfaces')
 pytest.importorskip('mujoco')
 
 from kane_dynamics import Controller, Inertial, load_urdf, Robot  # noqa: E402, I100
-from kane_dynamics.demo.demo_settings import (desired_motion, JOINTS,  # noqa: E402
-                                              KD, KP, RATE, URDF)
+from kane_dynamics.demo.demo_settings import FR3, RATE  # noqa: E402
 from kane_dynamics.demo.mujoco_plant import MujocoArm  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
@@ -29,7 +28,7 @@ CARRIED = f"""<link name="load"><inertial><origin xyz="{' '.join(map(str, COM))}
   <mass value="{MASS}"/><inertia ixx="0.02" iyy="0.015" izz="0.01" ixy="0" ixz="0" iyz="0"/>
   </inertial></link><joint name="carried" type="fixed"><parent link="{FRAME}"/>
   <child link="load"/></joint></robot>"""
-MODEL = load_urdf(URDF, joints=list(JOINTS))
+MODEL = load_urdf(FR3.urdf, joints=list(FR3.joints))
 NANO = 10**9
 NOISE = np.array([1e-5, 5e-4])  # of positions, rad, and speeds, rad/s: of good encoders
 
@@ -45,9 +44,9 @@ class Rig:
     """The demo's arm with payload and servo, and the torque path with the payload monitor."""
 
     def __init__(self, carrying=True, **changes):
-        with open(URDF, encoding='utf-8') as file:
+        with open(FR3.urdf, encoding='utf-8') as file:
             text = file.read()
-        self.arm = MujocoArm(text.replace('</robot>', CARRIED) if carrying else text)
+        self.arm = MujocoArm(FR3, text.replace('</robot>', CARRIED) if carrying else text)
         self.published, self.rejected, self.time = [], [], 100 * NANO
         self.chance = np.random.default_rng(0)
         self.robot = Robot(MODEL, payload_frame=FRAME)
@@ -69,9 +68,10 @@ class Rig:
         for k in range(round(seconds * RATE)):
             q, u = self.arm.state
             t = k / RATE
-            q_d, u_d, udot_d = (motion or desired_motion()).sample(t if motion else 0.0)
-            tau = self.robot.inverse_dynamics(q_d, u_d, udot_d) + KP * (q_d - q) + KD * (u_d - u)
-            message = JointState(name=list(JOINTS),
+            q_d, u_d, udot_d = (motion or FR3.motion()).sample(t if motion else 0.0)
+            servo = FR3.kp * (q_d - q) + FR3.kd * (u_d - u)
+            tau = self.robot.inverse_dynamics(q_d, u_d, udot_d) + servo
+            message = JointState(name=list(FR3.joints),
                                  position=(q + NOISE[0] * self.chance.normal(size=7)).tolist(),
                                  velocity=(u + NOISE[1] * self.chance.normal(size=7)).tolist(),
                                  effort=tau.tolist() if effort else [])
@@ -90,7 +90,7 @@ def test_two_kilograms_are_found_to_2_percent_and_5_mm_within_ten_seconds_of_mot
         loads, memory, rise):
     rig = Rig(memory=memory)
     rig.path.set_loads(GravityAndPayload(MODEL.gravity, loads))
-    rig.run(8.0, desired_motion())
+    rig.run(8.0, FR3.motion())
     found = rig.published[-1]
     assert len(rig.published) == 16
     assert found.header.frame_id == FRAME
@@ -109,7 +109,7 @@ def test_two_kilograms_are_found_to_2_percent_and_5_mm_within_ten_seconds_of_mot
 
 def test_without_payload_the_mass_is_zero_and_its_center_unknown():
     rig = Rig(carrying=False)
-    rig.run(4.0, desired_motion())
+    rig.run(4.0, FR3.motion())
     assert abs(rig.published[-1].mass) < 0.1
     assert np.isnan(rig.published[-1].com.x)
 

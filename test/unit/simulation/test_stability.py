@@ -97,7 +97,7 @@ def test_friction_in_a_closed_loop_counts_by_the_speeds_that_remain():
     assert growth(rate * step) == pytest.approx(1.0, abs=1e-3)
     assert step_warning(robot, q, 0.9 * step) is None
     said = step_warning(robot, q, 1.1 * step)
-    assert "'crank'" in said and 'armature' in said and 'implicit' not in said
+    assert "'crank'" in said and "'implicit'" in said
 
 
 def test_commands_and_sweeps_say_it_too(tmp_path, capsys):

@@ -112,16 +112,15 @@ def implicit(plant, law, x, moments, h):
     """Return the state of a trial after one implicit step."""
     method, n, block = ImplicitStep(plant.equations), plant.n, plant.parameters.block
     q, u, sums = np.split(x, [n, 2 * n])
-    ends = (moments[0], moments[2])
 
-    def rates(*arguments):
-        return method.rates(*arguments, None, block)
+    def stage(*arguments):
+        return method.stage(*arguments[:-1], None, block)
 
     def running(q, u, wanted):
         return np.array([(law(q, u, wanted) - plant.friction_force(u)) @ u,
                          *(wanted[:n] - q)**2])
-    after = method.step(rates, q, u, lambda q, u, k: law(q, u, ends[k]), h)
-    both = running(q, u, ends[0]) + running(*after, ends[1])
+    after = method.step(stage, q, u, lambda q, u, k: law(q, u, moments[k]), h)
+    both = running(q, u, moments[0]) + running(*after, moments[2])
     return np.concatenate([*after, sums + 0.5 * h * both])
 
 

@@ -13,7 +13,7 @@ import pytest
 
 FOLDER = Path(__file__).resolve().parents[3] / 'urdf'
 NAMES = sorted(path.stem for path in FOLDER.glob('*.urdf'))
-SOLID = ['fr3', 'human_hand', 'two_link', 'two_link_planar', 'ur10e']
+SOLID = ['fr3', 'human_hand', 'palletizer', 'two_link', 'two_link_planar', 'ur10e']
 # MuJoCo refuses particles and thin rods.
 WARNINGS = {  # semidefinite inertias on purpose: a particle and two thin rods
     'spring_mass_pendulum': ['pendulum'],
@@ -89,14 +89,15 @@ def test_every_model_loads_with_the_announced_warnings_only(name):
 
 
 def test_models_named_in_the_documentation_exist():
-    assert NAMES == ['fr3', 'human_hand', 'spring_mass_pendulum', 'two_link', 'two_link_planar',
-                     'two_rods', 'ur10e']
+    assert NAMES == ['fr3', 'human_hand', 'palletizer', 'spring_mass_pendulum', 'two_link',
+                     'two_link_planar', 'two_rods', 'ur10e']
     readme = (FOLDER / 'README.md').read_text()
     for path in FOLDER.iterdir():
         assert f'`{path.name}`' in readme or path.name == 'README.md'
 
 
-@pytest.mark.parametrize('path', sorted(FOLDER.glob('*.yaml')), ids=lambda path: path.stem)
+@pytest.mark.parametrize('path', sorted(
+    {*FOLDER.glob('*.yaml')} - {*FOLDER.glob('*.constraints.yaml')}), ids=lambda path: path.stem)
 def test_every_supplement_fits_its_model(path):
     name = path.name.split('.')[0]
     model = load(name, supplement=path)
@@ -144,6 +145,21 @@ def test_the_ur10e_reaches_its_data_sheets_1300_mm():
     q = np.array([0.0, 0.0, 0.0, -math.pi / 2, 0.0, 0.0])
     pose = Robot(load('ur10e')).frame_pose('wrist_2_link', q)
     assert abs(pose[0, 3]) == pytest.approx(1.300, rel=0.004)
+
+
+def test_the_palletizer_has_the_published_lengths_and_ranges_and_mass():
+    robot, q = Robot(load('palletizer')), np.zeros(10)
+    published = {'lower_arm': (0.26, 0.745), 'upper_arm': (0.26, 0.745 + 0.945), 'wrist': (
+        0.26 + 1.025, 1.69), 'tool': (0.26 + 1.025 + 0.225, 1.69 - 0.2515)}  # m: x, z at zero
+    for frame, place in published.items():
+        np.testing.assert_allclose(robot.frame_pose(frame, q)[[0, 2], 3], place, atol=1e-12)
+    for joint, *degrees in (('swivel', -165, 165, 145), ('shoulder', -40, 85, 110),
+                            ('lever_drive', -20, 120, 120), ('turn', -300, 300, 400)):
+        limits = robot.model.coordinate_joints[robot.joint_names.index(joint)].limits
+        np.testing.assert_allclose(np.degrees([limits.lower, limits.upper, limits.velocity]),
+                                   degrees, atol=0.003)
+    mass = sum(body.inertial.mass for body in robot.model.bodies)
+    assert mass + 329.0 == pytest.approx(925.0)  # kg; the base is fixed
 
 
 def test_the_research_3_reaches_its_data_sheets_855_mm():

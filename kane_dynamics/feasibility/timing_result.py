@@ -1,0 +1,72 @@
+"""Result of `time_optimal`: the motion, its torques and its use of the limits."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.feasibility.samples import MOST_SAMPLES, STEP
+from kane_dynamics.feasibility.torque_demand import Demand, demand
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+ACTIVE = 0.99  # least share of a limit that is active
+
+
+class ActiveLimit(NamedTuple):
+    """An interval of time in which one limit of a joint is used most, to at least 99 %."""
+
+    start: float
+    end: float
+    joint: str
+    limit: str  # 'effort', 'velocity', 'power' or 'acceleration'
+
+
+@dataclass(frozen=True, eq=False)
+class TimeOptimal:
+    """
+    Fastest motion along a path.
+
+    Attributes
+    ----------
+    motion : Motion
+        The motion, with continuous accelerations between rests.
+    tau : (K, n) array
+        Torques at the points of the motion, N m or N.
+    uses : dict of (K, n) arrays
+        Shares of the limits at the points of the motion: effort, velocity, power, acceleration.
+    demand : Demand
+        Torque, speed and power along the motion, densely sampled.
+
+    """
+
+    motion: Motion
+    tau: Array
+    uses: dict[str, Array]
+    _robot: Robot
+    _power: Array
+
+    @property
+    def duration(self) -> float:
+        """Return the duration, s."""
+        return self.motion.duration
+
+    @property
+    def demand(self) -> Demand:
+        """Return torque, speed and power of the motion, with the limits."""
+        step = max(STEP, 4.0 * self.duration / MOST_SAMPLES)
+        return demand(self._robot, self.motion, step=step, power=self._power)
+
+    @property
+    def active(self) -> tuple[ActiveLimit, ...]:
+        """Return the limits that bound the motion, in order of time."""
+        names, limits = self.motion.joint_names, tuple(self.uses)
+        uses = np.stack([self.uses[name] for name in limits], axis=1).reshape(
+            len(self.tau), -1)
+        found = np.where(uses.max(axis=1) >= ACTIVE, uses.argmax(axis=1), -1)
+        starts = np.flatnonzero(np.diff(found, prepend=-2))
+        ends = np.append(starts[1:], len(found)) - 1
+        return tuple(ActiveLimit(
+            float(self.motion.times[i]), float(self.motion.times[j]),
+            names[found[i] % len(names)], limits[found[i] // len(names)])
+            for i, j in zip(starts.tolist(), ends.tolist()) if found[i] >= 0)

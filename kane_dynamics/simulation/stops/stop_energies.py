@@ -1,0 +1,60 @@
+"""The energies that joint stops take, for the energy balance."""
+
+from typing import Any, TYPE_CHECKING
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.energy_kernels import energy_kernel
+from kane_dynamics.simulation.user_speeds import UserSpeeds
+import numpy as np
+
+if TYPE_CHECKING:
+    from kane_dynamics.simulation.torque_input import TorqueInput
+
+
+def energies(source: 'TorqueInput', asked: Robot, before: Array, after: Array,
+             steps: Any) -> list[list[float]]:
+    """
+    Return loss, balance and uncertainty of the contacts at the end of K steps; see `Contact`.
+
+    Parameters
+    ----------
+    source : TorqueInput
+        Of one simulation.
+    asked : Robot
+        The user's robot; held torques are dual to its speeds.
+    before, after : (K, size) arrays
+        States before and after the impulses of the stops.
+    steps : (K,) array
+        Numbers of the steps, from 1.
+
+    """
+    robot, n_q, n, h = source.robot, asked.n_q, asked.n, source.step
+    constrained = isinstance(robot.equations, ConstrainedEquations)
+    size, K = n_q + n + robot.equations.timed, len(steps)
+    u = [x[:, n_q:n_q + n] for x in (before, after)]
+    terms = energy_kernel(robot)(np.concatenate([before[:, :size], after[:, :size]]))
+    (kinetic, potential, friction), rest = terms[:K].T, terms[K:].T
+    lost, power = kinetic - rest[0] + potential - rest[1], rest[2] - friction
+    unresolved = np.zeros(K)
+    if source.follows:
+        given = [np.sum(source.torques(steps, state[None, :, :n_q], x[None])[0] * x, axis=1)
+                 for state, x in zip((before, after), u)]
+        work = 0.5 * h * (given[0] - given[1])
+        # Feedback of the speed bends the power within the step by this fraction.
+        bent = min(1.0, 0.5 * h * float(np.max(source.torque.kd, initial=0.0)))
+        unresolved = bent * np.abs(work)
+    else:
+        table = source.torque[0]
+        tau = table[np.minimum(steps - 1, len(table) - 1)]
+        if robot.speed_names != asked.speed_names:  # tau is dual to the user's speeds
+            t, user = source.start + steps * h, UserSpeeds(asked)
+            u = [user.speeds(robot, state[:, :n_q], x, 0.0 * x, t)[:, 0]
+                 for state, x in zip((before, after), u)]
+        moved = 0.5 * h * (u[0] - u[1]) if constrained else (
+            before[:, :n_q] - after[:, :n_q])
+        work = np.sum(tau * moved, axis=1)
+    found: list[list[float]] = np.stack(
+        [lost, lost - work - 0.5 * h * power, unresolved], axis=1).tolist()
+    return found

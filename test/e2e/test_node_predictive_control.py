@@ -1,0 +1,43 @@
+"""The example of predictive control moves the arm of plant_node, at 500 Hz, within its limits."""
+
+from pathlib import Path
+import re
+
+from graph import DEEP, Process, wait_until
+from kane_dynamics import load_urdf, Robot
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLE = ROOT / 'examples' / 'predictive_control.py'
+SPEED_BOUND = 1.05  # of the limit, as the page on predictive control states
+RATE = 500.0
+
+
+def test_the_example_reaches_its_targets_within_the_limits(client):
+    limits = Robot(load_urdf(ROOT / 'urdf' / 'fr3.urdf', tip='fr3_link7')).limits
+    states = []
+    opened = client.create_subscription(JointState, 'joint_states', lambda message: states.append(
+        np.array([message.position, message.velocity, message.effort])), DEEP)
+    example = Process(program=[str(EXAMPLE)])
+    try:
+        example.wait_for('ready', 90.0)  # the kernels compile
+        assert wait_until(lambda: not example.alive(), 30.0), example.log
+    finally:
+        code, _ = example.end()
+        client.destroy_subscription(opened)
+    assert code == 0, example.log
+    cycles, error, used = (float(re.search(pattern, example.log)[1]) for pattern in (
+        r'(\d+) cycles', r'end (\S+) rad', r'(\S+) ms of the processor'))
+    assert error < 0.01
+    assert used < 1e3 / RATE, 'ms of the processor, which other processes do not change'
+    assert cycles > 0.2 * 3.0 * RATE, 'a busy machine loses some states, but not most'
+    q, u, tau = np.array(states).transpose(1, 0, 2)
+    assert len(states) > 500
+    assert np.ptp(q[:, 0]) > 0.9, 'the first joint moves by 1 rad'
+    assert (np.abs(tau) <= limits.effort).all()
+    assert (np.abs(tau) > 0.999 * limits.effort).any(), 'a limit is active'
+    if cycles < 0.8 * 3.0 * RATE:
+        pytest.skip('the machine held the controller up; the bound of speeds is that at 500 Hz')
+    assert (np.abs(u) <= SPEED_BOUND * limits.velocity).all()

@@ -1,0 +1,197 @@
+"""Optimal torques over a horizon: gradients, optimality, limits, friction, errors."""
+
+from functools import cache
+
+from kane_dynamics import absolute_rates, InputError, load_urdf, Motion, Robot
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.mechanics.integrators.implicit_friction import (implicit_friction_slopes,
+                                                                   implicit_friction_step)
+from kane_dynamics.optimal_control import CostWeights, TrajectoryOptimizer
+from kane_dynamics.optimal_control.backward_step import limited_minimum
+from kane_dynamics.optimal_control.stage_cost import cost_slopes, Limits
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear, minimize
+
+NODES, INTERVAL = 12, 0.02
+GOAL = np.array([0.7, -0.5])
+FRICTION = {'friction': 1.0, 'friction_speed': 0.05, 'damping': 0.5}
+
+
+@cache
+def arm(friction=True):
+    """Return a two-link arm with Coulomb friction."""
+    model = load_urdf(resource_path('urdf', 'two_link.urdf'))
+    joints = dict.fromkeys(model.joint_names, FRICTION)
+    return Robot(load_urdf(resource_path('urdf', 'two_link.urdf'),
+                           supplement={'joints': joints}), friction=friction)
+
+
+def optimizer(robot, **options):
+    """Return an optimizer that is to reach `GOAL`."""
+    made = TrajectoryOptimizer(robot, **{
+        'nodes': NODES, 'interval': INTERVAL, 'torque_limits': [30.0, 8.0],
+        'speed_limits': [3.0, 3.0], 'weights': CostWeights(excess_speed=50.0), **options})
+    made.set_target(GOAL)
+    return made
+
+
+def gradient(problem, solution):
+    """Return the derivative of the cost by all torques, (N, n), from the last to the first."""
+    robot, arrays, h = problem.robot, problem._arrays, problem.interval
+    n, limits = robot.n, Limits(problem.torque_limits, problem.speed_limits,
+                                np.full(robot.n, problem.weights.excess_speed))
+    found, v = np.zeros((problem.nodes, n)), np.zeros(2 * n)
+    for i in reversed(range(problem.nodes)):
+        x = np.concatenate([solution.q[i + 1], solution.u[i + 1]])
+        g, _ = cost_slopes(x, solution.tau[i], arrays.targets[i], arrays.weights[i], limits)
+        A, B, W = implicit_friction_slopes(
+            robot.equations, solution.q[i], solution.u[i], solution.tau[i], h,
+            robot.parameters.block).astype(float)
+        v = v + g[:2 * n].astype(float)
+        w = v[n:] + h * v[:n]  # of the speed at the end
+        found[i] = h * w @ W + g[2 * n:].astype(float)
+        v = np.concatenate([v[:n] + h * w @ A, w + h * w @ B])
+    return found
+
+
+@pytest.mark.parametrize('friction', [True, False])
+def test_the_gradient_of_the_total_cost_is_that_of_finite_differences(friction):
+    problem = optimizer(arm(friction))
+    rng = np.random.default_rng(1)
+    tau = rng.uniform(-7.0, 7.0, (NODES, 2))
+
+    def cost(x):
+        problem.start(x.reshape(NODES, 2))
+        return problem.solve([0.1, 0.4], [0.5, -1.0], iterations=0).cost
+    cost(tau.ravel())
+    exact = gradient(problem, problem.solve([0.1, 0.4], [0.5, -1.0], iterations=0)).ravel()
+    steps = 1e-5 * np.eye(2 * NODES)
+    numeric = [(cost(tau.ravel() + e) - cost(tau.ravel() - e)) / 2e-5 for e in steps]
+    np.testing.assert_allclose(exact, numeric, rtol=1e-5,
+                               atol=1e-6 * np.abs(numeric).max())
+
+
+def test_the_result_is_that_of_an_independent_shooting_method():
+    problem = optimizer(arm())
+    problem.start([0.0, 0.0])
+    solution = problem.solve([0.1, 0.4], [0.5, -1.0], iterations=300)
+    assert solution.converged
+
+    def total(x):
+        problem.start(x.reshape(NODES, 2))
+        return problem.solve([0.1, 0.4], [0.5, -1.0], iterations=0).cost
+    bounds = [(-most, most) for _ in range(NODES) for most in problem.torque_limits]
+    other = minimize(total, np.zeros(2 * NODES), bounds=bounds, method='L-BFGS-B',
+                     options={'maxfun': 40000, 'ftol': 1e-14, 'gtol': 1e-9})
+    assert solution.cost <= other.fun * (1.0 + 1e-6)
+    assert solution.cost == pytest.approx(other.fun, rel=1e-4)
+
+
+def test_torques_keep_their_limits_exactly_and_are_optimal_there():
+    problem = optimizer(arm(friction=False))
+    problem.start([0.0, 0.0])
+    first = problem.solve([0.1, 0.4], [0.5, -1.0], iterations=0)
+    scale = np.abs(gradient(problem, first)).max()
+    solution = problem.solve([0.1, 0.4], [0.5, -1.0], iterations=300)
+    limits = problem.torque_limits
+    assert solution.converged and (np.abs(solution.tau) <= limits).all()
+    held = np.abs(solution.tau) == limits
+    assert held.sum() >= 3, 'the limits must be active'
+    slope = gradient(problem, solution)
+    assert np.abs(slope[~held]).max() < 1e-5 * scale
+    assert (slope[held] * np.sign(solution.tau[held]) < 0.0).all(), 'the limits must hold them'
+
+
+def test_speeds_exceed_their_limits_by_little():
+    far = np.array([2.5, -2.0])
+    excess = []
+    for weight in (0.0, 1e4):
+        problem = optimizer(arm(), nodes=30, torque_limits=[200.0, 60.0],
+                            weights=CostWeights(excess_speed=weight))
+        problem.set_target(far)
+        problem.start(arm().gravity_force([0.0, 0.0]))
+        solution = problem.solve([0.0, 0.0], [0.0, 0.0], iterations=200)
+        excess.append(np.abs(solution.u).max() / 3.0)
+    assert excess[0] > 1.2
+    assert excess[1] < 1.01
+
+
+def test_a_step_follows_its_equation_with_friction_at_its_end():
+    robot, h = arm(), 0.02
+    q, u, tau = np.array([0.3, -0.4]), np.array([0.6, -0.2]), np.array([9.0, -2.0])
+    after, speed = implicit_friction_step(robot.equations, q, u, tau, h, robot.parameters.block)
+    smooth = Robot(robot.model, friction=False)
+    needed = (smooth.inverse_dynamics(q, u, (np.array(speed, float) - u) / h)
+              + robot.friction_force(np.array(speed, float)))
+    np.testing.assert_allclose(needed, tau, atol=1e-2)
+    np.testing.assert_allclose(np.array(after, float), q + h * np.array(speed, float))
+
+
+def test_friction_stops_a_joint_without_reversing_it():
+    robot = arm()
+    held = robot.gravity_force([0.3, -0.4])
+    for speed in (1e-3, 0.02, 0.1):
+        _, after = implicit_friction_step(robot.equations, np.array([0.3, -0.4]),
+                                          np.array([0.0, speed]), held, 0.05,
+                                          robot.parameters.block)
+        assert -1e-3 < after[1] <= speed
+
+
+@pytest.mark.parametrize(('condition', 'share'), [(10.0, 1.0), (1e3, 0.8)])
+def test_the_quadratic_within_bounds_never_costs_more_than_no_change(condition, share):
+    rng = np.random.default_rng(0)
+    exact = []
+    for _ in range(40):
+        basis, _ = np.linalg.qr(rng.normal(size=(7, 7)))
+        Q = basis @ np.diag(np.geomspace(1.0, condition, 7)) @ basis.T
+        g, lower, upper = (2.0 * Q @ rng.normal(size=7), -rng.uniform(0.0, 2.0, 7),
+                           rng.uniform(0.0, 2.0, 7))
+        k, _ = limited_minimum(Q, g, np.zeros((7, 14)), lower, upper)
+        k = np.array(k, dtype=float)
+        assert (lower <= k).all() and (k <= upper).all()
+        C = np.linalg.cholesky(Q)
+        best = lsq_linear(C.T, -np.linalg.solve(C, g), bounds=(lower, upper), tol=1e-14).x
+        value, least = (g @ x + 0.5 * x @ Q @ x for x in (k, best))
+        assert value <= 0.0
+        exact.append(value <= least + 1e-6 * abs(least))
+    assert np.mean(exact) >= share, np.mean(exact)
+
+
+def test_gravity_of_the_robot_counts_when_solving():
+    robot = arm(friction=False).copy()
+    problem = optimizer(robot, torque_limits=500.0)
+    first = problem.solve([0.0, 0.0], [0.0, 0.0], iterations=50).tau
+    robot.parameters.gravity = [0.0, 0.0, 0.0]
+    problem.set_target(GOAL)
+    problem.start([0.0, 0.0])
+    without = problem.solve([0.0, 0.0], [0.0, 0.0], iterations=50).tau
+    assert np.abs(first - without).max() > 1.0
+
+
+def test_bad_arguments_are_named():
+    robot = arm()
+    for options, words in (({'nodes': 0}, 'nodes: 0'), ({'interval': -1.0}, 'interval: -1'),
+                           ({'torque_limits': [1.0]}, 'torque_limits'),
+                           ({'weights': CostWeights(torque=0.0)}, 'weights.torque'),
+                           ({'weights': CostWeights(speed=-1.0)}, 'weights.speed')):
+        with pytest.raises(InputError, match=words):
+            optimizer(robot, **options)
+    problem = optimizer(robot)
+    with pytest.raises(InputError, match='q of joint'):
+        problem.solve([np.nan, 0.0], [0.0, 0.0])
+    with pytest.raises(InputError, match='elapsed'):
+        problem.shift(-1.0)
+    with pytest.raises(InputError, match='tau: 3 rows'):
+        problem.start(np.zeros((3, 2)))
+    with pytest.raises(InputError, match='target: a motion of a, b'):
+        problem.set_target(Motion.from_points([0.0, 1.0], np.zeros((2, 2)),
+                                              joint_names=['a', 'b']))
+    with pytest.raises(InputError, match='not finite'):
+        problem.solve([0.0, 0.0], [1e200, 0.0])
+
+
+def test_robots_that_are_not_supported_are_refused():
+    robot = Robot(load_urdf(resource_path('urdf', 'two_link_planar.urdf')), speeds=absolute_rates)
+    with pytest.raises(InputError, match='chosen speeds'):
+        TrajectoryOptimizer(robot)

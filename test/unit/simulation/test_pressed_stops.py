@@ -1,0 +1,99 @@
+"""Steps with joints that press against their stops: native, and those of the readable solution."""
+
+from dataclasses import replace
+import json
+import warnings
+
+from kane_dynamics import ComputedTorque, Motion, simulate
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.cli import main
+from kane_dynamics.simulation.stops import pressed_steps
+from kane_dynamics.simulation.stops.joint_stops import JointStops
+from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
+from kinds_of_mechanism import case
+import numpy as np
+import pytest
+
+PRESSED = {'tree': 'upper', 'chosen speeds': 'fore', 'closed loop': 'rocker',
+           'nonholonomic': 'cart/x', 'time-dependent': 'upper', 'flexible': 'fore',
+           'free and ball joints': 'upper'}
+
+
+def pressing(kind):
+    """Return a robot with a stop ahead of one joint, its state, and torques that press on it."""
+    one = case(kind)
+    robot = one.robot.copy()
+    joint = robot.coordinate_names.index(PRESSED[kind])
+    push = np.array([robot.joint_rates(one.q, x, **one.t)[joint] for x in np.eye(robot.n)])
+    push = push - robot.joint_rates(one.q, np.zeros(robot.n), **one.t)[joint]
+    upper = np.full(robot.n_q, np.inf)
+    upper[joint] = one.q[joint] + 0.005
+    robot.limits = replace(robot.limits, lower=np.full(robot.n_q, -np.inf), upper=upper)
+    held = robot.gravity_force(one.q, **one.t)
+    return robot, one, joint, held + 60.0 * push / np.abs(push).max()
+
+
+@pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
+@pytest.mark.parametrize('kind', PRESSED)
+def test_native_pressed_steps_are_those_of_the_readable_solution(kind, integrator, monkeypatch):
+    robot, one, joint, tau = pressing(kind)
+    given = {'torque': tau, 't0': one.time, 'stops': True, 'integrator': integrator,
+             'sample': 5e-3, 'step': 1e-4 if kind == 'flexible' else 1e-3}
+    duration = 0.06 if kind == 'flexible' else 0.2
+    solved = []
+    readable = JointStops._stopped
+    monkeypatch.setattr(JointStops, '_stopped',
+                        lambda *x: solved.append(x[-1]) or readable(*x))
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')  # the energy balance closes
+        native = simulate(robot, one.q, 0.1 * one.u, duration, **given)
+        contacts = len(solved)
+        monkeypatch.setattr(JointStops, '_pressed', lambda *_: 0)
+        python = simulate(robot, one.q, 0.1 * one.u, duration, **given)
+    rested = native.q[:, joint] >= robot.limits.upper[joint] - 1e-10
+    assert rested.sum() > 10 and len(solved) - contacts > 50
+    assert contacts < 0.2 * (len(solved) - contacts)
+    np.testing.assert_allclose(native.q, python.q, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(native.u, python.u, rtol=1e-7, atol=1e-7)
+    assert [(e.joint, e.t) for e in native.stop_events] == [
+        (e.joint, e.t) for e in python.stop_events]
+    np.testing.assert_allclose(native.drift, python.drift, atol=1e-10)
+
+
+def test_a_joint_leaves_its_stop_when_pulled_and_computed_torque_presses_it():
+    robot, one, joint, tau = pressing('closed loop')
+    rest = 0.0 * one.u
+    away = np.concatenate([np.tile(tau, (100, 1)), np.tile(-tau, (100, 1))])
+    run = simulate(robot, one.q, rest, 0.2, torque=away, stops=True)
+    assert len(run.stop_events) == 1
+    assert run.q[-1, joint] < robot.limits.upper[joint] - 1e-3
+    assert run.q[100, joint] == pytest.approx(robot.limits.upper[joint], abs=1e-10)
+    name = robot.speed_names[0]
+    k = robot.coordinate_names.index(name)
+    ahead = np.sign(robot.joint_rates(one.q, [1.0])[joint])
+    motion = Motion.from_points([0.0, 0.1], [[one.q[k]], [one.q[k] + 0.5 * ahead]],
+                                joint_names=[name])
+    run = simulate(robot, one.q, rest, 0.2, stops=True, torque=ComputedTorque(robot, motion))
+    np.testing.assert_allclose(run.q[-1, joint], robot.limits.upper[joint], atol=1e-10)
+    assert not run.warnings
+
+
+def test_kernels_compiled_in_advance_are_those_of_a_simulation(monkeypatch):
+    robot, one, _, tau = pressing('closed loop')
+    compile_pressed_steps(robot, 'rk4', [robot.coordinate_names.index(robot.speed_names[0])])
+    monkeypatch.setattr(pressed_steps, '_step', None)  # to trace another fails
+    run = simulate(robot, one.q, one.u, 0.1, torque=tau, stops=True)
+    assert run.stop_events
+
+
+def test_the_command_line_has_stops(capsys):
+    asked = ['simulate', str(resource_path('urdf', 'two_link.urdf')), '--duration', '1',
+             '--torque', '0', '15']
+    assert main([*asked, '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['stop_events'] == []
+    assert main([*asked, '--json', '--stops']) == 0
+    held = json.loads(capsys.readouterr().out)
+    assert 'hits its upper stop' in held['stop_events'][0]
+    assert held['q'][1] <= 2.8
+    assert main([*asked, '--stops']) == 0
+    assert held['stop_events'][0] in capsys.readouterr().out
