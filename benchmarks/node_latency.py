@@ -42,6 +42,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 PALLETIZER = 'palletizer'
+SHORT = 0.5  # s: before the falling palletizer comes to a dead point
 OURS, DEFAULT, EVENTS, IN_C = ('node', 'echo, default executor', 'echo, EventsExecutor',
                                'echo in C')
 NAMESPACES = {OURS: '/ours', DEFAULT: '/default', EVENTS: '/events', IN_C: '/c'}
@@ -99,7 +100,7 @@ def compile_echo() -> str:
 
 
 def load(robot: DemoRobot) -> None:
-    """Repeat simulations of ten seconds, from each line of standard input to the next."""
+    """Repeat simulations, from each line of standard input to the next."""
     rclpy.init()
     node = Node('load', namespace=NAMESPACES[OURS])
     client = node.create_client(Simulate, 'kane_dynamics/simulate')
@@ -115,7 +116,8 @@ def load(robot: DemoRobot) -> None:
     threading.Thread(target=read, daemon=True).start()
     done = 0
     request = Simulate.Request(joint_names=list(robot.positions),
-                               position=list(robot.positions.values()), duration=10.0)
+                               position=list(robot.positions.values()),
+                               duration=10.0 if robot.constraints is None else SHORT)
     print('ready', flush=True)
     while wanted.wait() and not ended.is_set():
         future = client.call_async(request)
@@ -270,7 +272,7 @@ def main(*arguments: str, samples: int = 2500) -> int:
     simulations = int(loader.stdout.readline())
     rclpy.shutdown()
     print(f'Round trip, joint state to torques, {robot}, one shuffled run, '
-          f'{len(trips[IDLE][OURS])} visits each; {simulations} simulations of 10 s meanwhile; '
+          f'{len(trips[IDLE][OURS])} visits each; {simulations} simulations meanwhile; '
           f'load of the machine before {machine_load:.2f}')
     ratios = show(IDLE, trips[IDLE]) | show(BUSY, trips[BUSY])
     lost = np.isnan(trips[BUSY][OURS]).mean()
@@ -290,7 +292,9 @@ def main(*arguments: str, samples: int = 2500) -> int:
 if __name__ == '__main__':
     if sys.argv[1:2] == ['load']:
         load(ROBOTS[sys.argv[2]])
-    elif len(sys.argv) == 3:
+    elif sys.argv[1:2] and sys.argv[1] in NAMESPACES.values():
         echo(*sys.argv[1:])
+    elif unknown := set(sys.argv[1:]) - {'realtime', PALLETIZER}:
+        sys.exit(f'arguments: {sorted(unknown)}; expected realtime, {PALLETIZER} or none')
     else:
         sys.exit(main(*sys.argv[1:]))

@@ -23,6 +23,7 @@ from kane_dynamics.motion.motion import Motion
 import numpy as np
 from numpy.typing import ArrayLike
 
+SAME, CLOSE = 1e-12, 1e-6  # distance of waypoints, of the length of the path
 AT_REST = 1e-9  # speed relative to the mean one of the section
 MESH = 200  # intervals on which the parameter is computed
 STILL = 1e-13  # range of a joint that does not move, relative to the largest range
@@ -76,10 +77,18 @@ def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
         raise InputError(f'path: a {type(path).__name__}; expected a Motion or (K, n) waypoints'
                          ) from None
     points = [finite_row(row, f'waypoint {k}', names) for k, row in enumerate(rows)]
-    q = np.array([row for k, row in enumerate(points) if not k or (row != points[k - 1]).any()])
+    gaps = np.linalg.norm(np.diff(points, axis=0), axis=1) if points else np.zeros(0)
+    kept = np.flatnonzero(np.append(True, gaps > SAME * gaps.sum())[:len(points)])
+    q = np.array([points[k] for k in kept])
     if len(q) < 2:
         raise InputError(f'path: {len(q)} different waypoints; expected at least 2')
-    times = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
+    steps = np.linalg.norm(np.diff(q, axis=0), axis=1)
+    k = int(np.argmin(steps))
+    if steps[k] < CLOSE * steps.sum():
+        raise InputError(f'path: waypoints {kept[k]} and {kept[k + 1]} are {steps[k]:.3g} apart; '
+                         f'expected equal ones, or at least {CLOSE:g} of the length of the path, '
+                         'since a spline turns far away between close waypoints')
+    times = np.concatenate([[0.0], np.cumsum(steps)])
     return Motion.from_points(times, q, free_velocities(times, q), joint_names=names)
 
 

@@ -87,6 +87,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         ends the motion into it and acts on all joints, in the space of the motions that the
         constraints admit. `Trajectory.stop_events` lists the impacts. Each impact takes about a
         millisecond, a step with joints pressed against their stops a few times a free step.
+        Pressed joints take energy from the motion of the others, of the first order in the step
+        (see the page on limits); no warning says so.
 
     Returns
     -------
@@ -132,6 +134,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     source: Any = torque_input(robot, step, 1 if callable(torque) else count,
                                None if callable(torque) else torque, None if single else N,
                                integrator, t0)
+    if not isinstance(stops, bool | np.bool_):
+        raise InputError(f'stops: {stops!r}; expected True or False')
     if stops:
         source = replace(source, stops=JointStops(robot, starts, step, t0))
     watched = bool(robot.constraint_names)
@@ -157,7 +161,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
                       joint_names=robot.joint_names, limit_events=events,
                       coordinate_names=robot.coordinate_names,
                       speed_names=robot.speed_names, constraint_names=robot.constraint_names,
-                      warnings=tuple(text for text in (step_text, missed) if text is not None),
+                      warnings=tuple(filter(None, (step_text, missed))),
                       speed_changes=tuple(source.changes) if watched else (), stop_events=hits)
 
 

@@ -59,7 +59,7 @@ class JointStops:
     Raises
     ------
     InputError
-        A joint starts past its stop.
+        A joint starts past its stop, or the limits of a joint leave it no range.
 
     """
 
@@ -71,6 +71,10 @@ class JointStops:
         self._most = ROUNDING if self._constrained else 0.0
         self._contacts: dict[int, dict[int, Contact]] = {}  # by simulation, then steps done
         self._events: list[StopEvent] = []
+        for name, low, high in zip(robot.coordinate_names, self._lower, self._upper):
+            if not (low < high or (low == high and self._constrained)):
+                raise InputError(f"limits: of joint '{name}' {low:g} to {high:g}; expected a "
+                                 'range, between its stops; a joint that cannot move is fixed')
         q = starts[:, :robot.n_q]
         past = (q < self._lower - TOUCHING) | (q > self._upper + TOUCHING)
         if past.any():

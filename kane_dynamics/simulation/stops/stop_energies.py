@@ -12,6 +12,8 @@ import numpy as np
 if TYPE_CHECKING:
     from kane_dynamics.simulation.torque_input import TorqueInput
 
+BENT = 1e-6  # uncertain part of the energy that a joint gains on its way into a stop
+
 
 def energies(source: 'TorqueInput', asked: Robot, before: Array, after: Array,
              steps: Any) -> list[list[float]]:
@@ -37,14 +39,14 @@ def energies(source: 'TorqueInput', asked: Robot, before: Array, after: Array,
     terms = energy_kernel(robot)(np.concatenate([before[:, :size], after[:, :size]]))
     (kinetic, potential, friction), rest = terms[:K].T, terms[K:].T
     lost, power = kinetic - rest[0] + potential - rest[1], rest[2] - friction
-    unresolved = np.zeros(K)
+    unresolved = BENT * np.abs(kinetic - rest[0])
     if source.follows:
         given = [np.sum(source.torques(steps, state[None, :, :n_q], x[None])[0] * x, axis=1)
                  for state, x in zip((before, after), u)]
         work = 0.5 * h * (given[0] - given[1])
         # Feedback of the speed bends the power within the step by this fraction.
         bent = min(1.0, 0.5 * h * float(np.max(source.torque.kd, initial=0.0)))
-        unresolved = bent * np.abs(work)
+        unresolved += bent * np.abs(work)
     else:
         table = source.torque[0]
         tau = table[np.minimum(steps - 1, len(table) - 1)]

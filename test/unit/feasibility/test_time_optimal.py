@@ -481,3 +481,13 @@ def test_robots_without_bounds_or_with_constraints_are_refused():
     assert found.uses['acceleration'].max() > 0.99
     with pytest.raises(InputError, match='robot: chosen speeds, constraints or beams; expected'):
         time_optimal(four_bar(), np.zeros((2, 1)))
+
+
+def test_waypoints_that_are_all_but_equal_are_one_or_refused():
+    """A spline between close waypoints in the middle of a path turns far away."""
+    robot, corners = two_link(), [[0.0, 0.0], [0.5, 0.3], [1.0, 0.2]]
+    asked = time_optimal(robot, corners)
+    rounded = time_optimal(robot, [[0, 0], [1e-14, 0], [0.5, 0.3], [0.5, 0.3 + 1e-15], [1, 0.2]])
+    assert rounded.motion.duration == pytest.approx(asked.motion.duration, rel=1e-9)
+    with pytest.raises(InputError, match='waypoints 1 and 2 are 1e-09 apart; expected equal'):
+        time_optimal(robot, [*corners[:2], [0.5 + 1e-9, 0.3], corners[2]])

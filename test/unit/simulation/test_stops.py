@@ -192,3 +192,31 @@ def test_stops_act_after_a_change_of_the_independent_speeds():
     assert [event.joint for event in run.stop_events] == ['body/y']
     assert run.q[:, 1].max() < 0.9 + 1e-9
     np.testing.assert_allclose(run.u[:, 1], 1.7 + 0.5 * run.t, atol=1e-6)  # no moment of the stop
+
+
+def test_what_a_pressed_joint_takes_from_the_others_is_of_the_first_order_in_the_step():
+    """The first joint stays at its stop, so the second one is a pendulum, which loses nothing."""
+    robot = stopped(Robot(random_model(1, 2, prismatic=0.0, branching=0.0), friction=False),
+                    joint0=(0.0, 1.0))
+    taken = []
+    for step in (1e-4, 5e-5):
+        run = simulate(robot, [0.0, 0.3], [0.0, 0.0], 0.5, step=step, stops=True,
+                       torque=[-50.0, 0.0])
+        assert not run.warnings
+        total = run.energy.sum(axis=1)
+        taken.append(total[0] - total[-1])
+    assert taken[0] == pytest.approx(2.0 * taken[1], rel=0.1)
+    assert taken[1] > 0.0
+
+
+@pytest.mark.parametrize('bad', ['no', 1, None, np.array([True, False])], ids=repr)
+def test_stops_are_on_or_off(bad):
+    with pytest.raises(InputError, match=r'stops: .*expected True or False'):
+        simulate(tree(), [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], 0.01, stops=bad)
+
+
+@pytest.mark.parametrize('limits', [(0.1, 0.1), (0.4, -0.4)])
+def test_limits_that_leave_no_range_are_refused(limits):
+    with pytest.raises(InputError, match=r"limits: of joint 'joint0' .*expected a range"):
+        simulate(stopped(tree(), joint0=limits), [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], 0.01,
+                 stops=True)
