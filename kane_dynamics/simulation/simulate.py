@@ -86,9 +86,9 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         Put rigid, inelastic, frictionless stops at the position limits: the impulse of a stop
         ends the motion into it and acts on all joints, in the space of the motions that the
         constraints admit. `Trajectory.stop_events` lists the impacts. Each impact takes about a
-        millisecond, a step with joints pressed against their stops a few times a free step, but stops that hold the same motion
-        twice act in Python too.
-        Pressed joints take energy from the motion of the others, of the first order in the step
+        millisecond, a step with joints pressed against their stops a few times a free step; where
+        two stops hold the same motion, it takes as long as an impact. Pressed joints take energy
+        from the motion of the others, of the first order in the step
         (see the page on limits); no warning says so.
 
     Returns
