@@ -5,15 +5,19 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_geometry import Section
-from kane_dynamics.feasibility.path_limits import Bounds
+from kane_dynamics.feasibility.path_limits import Bounds, Flags
 from kane_dynamics.feasibility.segment_peaks import segment_peaks
 from kane_dynamics.feasibility.torque_demand import share
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
-PAUSE = 1e-6  # s between two sections, in which the acceleration changes
-INSIDE = np.r_[0.0, 0.01, np.arange(0.05, 0.96, 0.05), 0.99]  # of a segment: where limits count
+PAUSE = 1e-6  # s of rest between two sections
+# Places in a segment where limits count: in all segments, and where much changes within one.
+INSIDE = np.array([0.02, 0.25, 0.5, 0.75, 0.98])
+CLOSELY = np.linspace(0.0, 1.0, 200, endpoint=False)
+CHANGING = 0.02  # of a limit
+TURNING = 4.0  # speeds of friction, below which friction changes
 
 
 class Checked(NamedTuple):
@@ -31,7 +35,7 @@ class Checked(NamedTuple):
     at_points : (4, N + 2, n) array
         Shares of `Bounds` at the points.
     largest : (4, N + 1, n) array
-        The largest shares in the segments, at the fractions `INSIDE` and at their ends.
+        The largest shares in the segments.
 
     """
 
@@ -96,21 +100,42 @@ def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
     tau, coefficients = robot.inverse_dynamics(*points[1:]), points.coefficients
     at_points = np.zeros((len(bounds), *tau.shape))
     largest = np.zeros((len(bounds), len(coefficients), robot.n))
-    used = np.flatnonzero([np.isfinite(bound).any() for bound in bounds]).tolist()
-    names = [Bounds._fields[k] for k in used]
-    for k, peak in zip(used, segment_peaks(robot, names, coefficients, np.diff(points.t),
-                                           INSIDE) if used else ()):
-        values = (tau, points.u, tau * points.u, points.udot)[k]
-        at_points[k] = share(np.abs(values), bounds[k])
-        largest[k] = np.maximum(share(peak, bounds[k]), at_points[k, 1:])
+    used = np.flatnonzero([np.isfinite(bound).any() for bound in bounds])
+    if used.size:
+        names, durations = [Bounds._fields[k] for k in used], np.diff(points.t)
+        limits = np.array([bounds[k] for k in used])[:, None]
+        peaks, ranges = segment_peaks(robot, names, coefficients, durations, INSIDE)
+        changing = (ranges > CHANGING * limits).any(axis=(0, 2)) | _turning(robot, points.u)
+        if changing.any():
+            peaks[:, changing] = np.maximum(peaks[:, changing], segment_peaks(
+                robot, names, coefficients[changing], durations[changing], CLOSELY)[0])
+        values = np.stack([(tau, points.u, tau * points.u, points.udot)[k] for k in used])
+        at_points[used] = share(np.abs(values), limits)
+        largest[used] = np.maximum(share(peaks, limits), at_points[used, 1:])
     return Checked(points, coefficients, tau, at_points, largest)
 
 
-def joined(parts: Sequence[ControllerPoints]) -> ControllerPoints:
-    """Return the points of all sections, one after the other."""
-    begin, times = 0.0, []
+def _turning(robot: Robot, u: Array) -> Flags:
+    """Return whether the Coulomb friction of a joint changes much within a segment."""
+    found = np.zeros(len(u) - 1, dtype=bool)
+    for body in robot.model.bodies if robot.friction else ():
+        joint = body.joint
+        if joint.friction:
+            rate = joint.multiplier * u[:, joint.coordinate]
+            slow = np.abs(rate) < TURNING * joint.friction_speed
+            found |= (rate[1:] * rate[:-1] <= 0.0) | slow[1:] | slow[:-1]
+    return found
+
+
+def joined(parts: Sequence[Checked]) -> tuple[ControllerPoints, Array]:
+    """Return the points of all sections, one after the other, and the coefficients between."""
+    begin, times, coefficients = 0.0, [], []
     for part in parts:
-        times.append(begin + part.t)
+        rest = np.zeros((1, *part.coefficients.shape[1:]))
+        rest[0, 0] = part.points.q[0]
+        coefficients += [rest, part.coefficients]
+        times.append(begin + part.points.t)
         begin = times[-1][-1] + PAUSE
-    return ControllerPoints(np.concatenate(times), *(
-        np.concatenate(rows) for rows in list(zip(*parts))[1:]))
+    return (ControllerPoints(np.concatenate(times), *(
+        np.concatenate(rows) for rows in list(zip(*(part.points for part in parts)))[1:])),
+        np.concatenate(coefficients[1:]))

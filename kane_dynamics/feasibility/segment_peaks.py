@@ -49,9 +49,9 @@ def _polynomial(coefficients: Any, x: Any) -> Any:
 
 
 def segment_peaks(robot: Robot, names: Sequence[str], coefficients: Array, durations: Array,
-                  x: Array) -> Array:
+                  x: Array) -> tuple[Array, Array]:
     """
-    Return the largest absolute values in segments, (len(names), S, n).
+    Return the largest absolute values in segments and their ranges, (len(names), S, n).
 
     Parameters
     ----------
@@ -78,5 +78,7 @@ def segment_peaks(robot: Robot, names: Sequence[str], coefficients: Array, durat
     if run_batch(kernel.lane_address, rows, count, steps=len(x), extremes=(low, high)):
         raise InputError('path: the torques along it are not finite; expected a path with '
                          'finite torques')
-    return np.ascontiguousarray(np.maximum(high, -low).reshape(
+    largest, ranges = (np.ascontiguousarray(values.reshape(
         count, len(names), robot.n).swapaxes(0, 1))
+        for values in (np.maximum(high, -low), high - low))
+    return largest, ranges

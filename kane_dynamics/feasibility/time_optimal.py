@@ -35,6 +35,7 @@ SLOW = 1e-3  # x of the first profile with limits of power, relative to that wit
 SLOWER = 12  # times that a profile is slowed down where the limits at it have no solution
 ROUNDS = 6  # in which limits are tightened
 SMALL, LARGEST = 1e-5, 1e-3  # excess of a limit between points; on the finest grid
+COARSE, FINE = 2e-3, 4000  # a grid on which tighter limits cost more time, and is not fine yet
 
 
 def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = math.inf,
@@ -80,20 +81,22 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     speeds = [_speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')]
     points = integer(points, 'points', 10, MOST_SAMPLES)
     motion = path_of(path, names)
+    best: list[Checked] = []
     while True:
         parts = sections(motion, points, 2, (not speeds[0], not speeds[1]))
         for part in parts:
             _check_positions(robot, part)
             _check_motion(bounds, part, names)
-        most = SMALL if points < FINEST else LARGEST
+        most, slower = SMALL if points < FINEST else LARGEST, math.inf
         try:
-            return _result(robot, bounds, [
-                _solve(robot, part, bounds, speeds[0] if k == 0 else 0.0,
-                       speeds[1] if k == len(parts) - 1 else 0.0, most)
-                for k, part in enumerate(parts)])
+            found, slower = _all_solved(robot, parts, bounds, speeds, most)
+            if not best or _time(found) < _time(best):
+                best = found
         except _Coarse as error:
-            if points >= FINEST:
+            if points >= FINEST and not best:
                 raise InputError(str(error)) from None
+        if best and (slower <= COARSE or points >= FINE):
+            return _result(robot, bounds, best)
         points *= 2
 
 
@@ -132,20 +135,39 @@ def _check_motion(bounds: Bounds, section: Section, names: Sequence[str]) -> Non
                              'a positive limit, since the joint moves along the path')
 
 
+def _all_solved(robot: Robot, parts: Sequence[Section], bounds: Bounds, speeds: Sequence[float],
+                most: float) -> tuple[list[Checked], float]:
+    """Return all sections with their fastest timings, and how much tighter limits slow them."""
+    last = len(parts) - 1
+    found, times = zip(*(_solve(robot, part, bounds, speeds[0] if k == 0 else 0.0,
+                                speeds[1] if k == last else 0.0, most)
+                         for k, part in enumerate(parts)))
+    return list(found), _time(found) / sum(times) - 1.0
+
+
+def _time(parts: Sequence[Checked]) -> float:
+    return float(sum(part.points.t[-1] for part in parts))
+
+
 def _solve(robot: Robot, section: Section, bounds: Bounds, start: float, end: float,
-           most: float) -> Checked:
-    """Return a section with its fastest timing, with an excess of the limits of at most `most`."""
-    limits, x = PathLimits(robot, section, bounds), None
+           most: float) -> tuple[Checked, float]:
+    """
+    Return a section with its fastest timing, and the duration before limits were tightened.
+
+    The limits are exceeded at most by `most`.
+    """
+    limits, x, first = PathLimits(robot, section, bounds), None, math.inf
     for _ in range(ROUNDS):
         x = _profile(limits, start, end, x)
         found = checked(robot, timed(section, x), bounds)
+        first = min(first, found.points.t[-1])
         worst = found.largest.copy()
         if (worst <= 1.0).all():
-            return found
+            return found, first
         worst[:, 1:-1] = np.maximum(worst[:, 1:-1], np.maximum(worst[:, :-2], worst[:, 2:]))
         limits.tight /= np.where(worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
     if found.largest.max() <= 1.0 + most:
-        return found
+        return found, first
     limit, k, j = np.unravel_index(int(found.largest.argmax()), found.largest.shape)
     raise _Coarse(
         f"path: joint '{robot.joint_names[int(j)]}': {found.largest.max():.6g} times its "
@@ -234,11 +256,10 @@ def _largest_end(limits: PathLimits, limited: Limits, start: float) -> float:
 
 def _result(robot: Robot, bounds: Bounds, parts: Sequence[Checked]) -> TimeOptimal:
     """Return the motion along all sections."""
-    points = joined([part.points for part in parts])
+    points, coefficients = joined(parts)
     at_points = np.concatenate([part.at_points for part in parts], axis=1)
     uses = {name: use for name, use, bound in zip(Bounds._fields, at_points, bounds)
             if np.isfinite(bound).any()}
-    motion = Motion(robot.joint_names, point_times(points.t), points.q, (
-        parts[0].coefficients if len(parts) == 1 else points.coefficients))
+    motion = Motion(robot.joint_names, point_times(points.t), points.q, coefficients)
     return TimeOptimal(motion, np.concatenate([part.tau for part in parts]), uses, robot,
                        bounds.power)
