@@ -22,9 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Flags = NDArray[np.bool_]
-# Ratios of the coefficients of v and x below which a limit is stiff, and v = 0 must satisfy it.
-STIFF, STIFFEST = 4.0, 0.5
-TINY = 1e-300
 FLAT = 1e-9  # least x, relative to its size, at which friction has a tangent
 MARGIN = 5e-4  # of all limits, for the motion between the points
 OUT_OF_REACH = 1e4  # width of a limit on one side, relative to its numbers
@@ -132,13 +129,11 @@ class PathLimits:
         most = np.minimum(self.most * tight**2, self.free)
         if not rows:
             rows = [np.zeros((len(x), 5, 1)) + [[0.0], [0.0], [0.0], [1.0], [0.0]]]
-        data = rows[0] if len(rows) == 1 else np.concatenate(rows, axis=2)
-        ratio = np.abs(data[:, 0]) / (np.abs(data[:, 1]) + np.abs(data[:, 4]) + TINY)
-        intervals = _in_intervals(data, ratio < STIFF)
         for block in middles:
             block[:, 0] += 0.5 * block[:, 1]
-        return Limits(np.concatenate([intervals, *middles], axis=2) if middles else intervals,
-                      np.minimum(most, _steady(data, ratio < STIFFEST)))
+        return Limits(*(np.ascontiguousarray(blocks[0] if len(blocks) == 1 else np.concatenate(
+            blocks, axis=2)) for blocks in (rows, middles or [np.zeros((len(x) - 1, 5, 0))])),
+            most)
 
     def _torque_of_power(self, power: Array, x: Array, first: Array) -> tuple[Array, Array]:
         """
@@ -160,7 +155,7 @@ class PathLimits:
 def compile_timing(robot: Robot) -> None:
     """Compile what `time_optimal` needs for limits of effort and velocity."""
     bounds = robot.limits.effort, robot.limits.velocity
-    compile_passes(2 * int(np.isfinite(bounds[0]).sum()) or 2)
+    compile_passes(int(np.isfinite(bounds[0]).sum()) or 1)
     compile_spline(robot.n)
     used = [name for name, bound in zip(Bounds._fields, bounds) if np.isfinite(bound).any()]
     if used:
@@ -180,45 +175,6 @@ def _one_sided(alpha: Array, beta: Array, gamma: Array, width: Array, slope: Arr
     upper, lower = (np.stack([alpha, beta - sign * slope, gamma + sign * (far - width), far,
                               np.zeros_like(far)], axis=1) for sign in (1.0, -1.0))
     return upper, lower
-
-
-def _in_intervals(rows: Array, stiff: Flags) -> Array:
-    """
-    Return the limits in the intervals between vertices, (N, 5, 2 m), from those at the vertices.
-
-    It is the mean of the limits at both ends, which is that at the middle. Of a stiff limit, which
-    bounds x rather than v, both ends count: a limit at the middle alone would let x oscillate
-    around the bound (Pham and Pham 2018).
-    """
-    m = rows.shape[2]
-    out = np.empty((len(rows) - 1, 5, 2 * m))
-    begin, end = out[:, :, :m], out[:, :, m:]
-    end[...] = rows[1:]
-    end[:, 0] += end[:, 1]
-    # The mean counts where both ends do not; it is then the limit twice.
-    both = stiff[:-1] | stiff[1:] | (rows[:-1, 0] * rows[1:, 0] <= 0.0)
-    begin[...] = rows[:-1]
-    change = end - begin
-    change *= np.where(both, 0.0, 0.5)[:, None]
-    begin += change
-    end -= change
-    return out
-
-
-def _steady(rows: Array, stiff: Flags) -> Array:
-    """
-    Return the largest x at which the stiff limits of a vertex hold for v = 0, (N + 1,).
-
-    A larger x would need a v that changes x by much of its size, back and forth between vertices.
-    """
-    most = np.full(len(rows), np.inf)
-    k, j = np.nonzero(stiff)
-    _, beta, gamma, width, slope = rows[k, :, j].T
-    for sign in (1.0, -1.0):
-        rate, room = sign * beta - slope, width - sign * gamma
-        bound = (rate > 0.0) & (room > 0.0)
-        np.minimum.at(most, k[bound], room[bound] / rate[bound])
-    return most
 
 
 def friction(robot: Robot, rates: Array) -> tuple[Array, Array]:

@@ -105,7 +105,8 @@ def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
         names, durations = [Bounds._fields[k] for k in used], np.diff(points.t)
         limits = np.array([bounds[k] for k in used])[:, None]
         peaks, ranges = segment_peaks(robot, names, coefficients, durations, INSIDE)
-        changing = (ranges > CHANGING * limits).any(axis=(0, 2)) | _turning(robot, points.u)
+        changing = _turning(robot, points.u) | (
+            (ranges > CHANGING * limits) & (peaks + ranges > limits)).any(axis=(0, 2))
         if changing.any():
             peaks[:, changing] = np.maximum(peaks[:, changing], segment_peaks(
                 robot, names, coefficients[changing], durations[changing], CLOSELY)[0])

@@ -10,13 +10,13 @@ where it exceeds them, as at the corners of the profile.
 from collections.abc import Sequence
 import math
 
-from kane_dynamics._util.checks import integer, number, per_joint
+from kane_dynamics._util.checks import instance, integer, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.path_geometry import path_of, Section, sections
 from kane_dynamics.feasibility.path_limits import Bounds, MARGIN, PathLimits
 from kane_dynamics.feasibility.path_timing import Checked, checked, duration, joined, timed
-from kane_dynamics.feasibility.reachability import (controllable_sets, fastest_profile,
+from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit, fastest_profile,
                                                     Infeasible, Limits)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike
 
 POINTS, FINEST = 1000, 16_000  # intervals of the grid
 CONVERGED, PROGRAMS = 1e-6, 40  # relative change of the duration by the last of the profiles
+FASTEST = 1e9  # speed at an end, whose square is a number
 SMALLEST = 1e-9  # x relative to its size
 SLOW = 1e-3  # x of the first profile with limits of power, relative to that without
 SLOWER = 12  # times that a profile is slowed down where the limits at it have no solution
@@ -70,6 +71,7 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
         robot on the path, or nothing bounds the motion; the message names joint and place.
 
     """
+    instance(robot, Robot, 'robot')
     require_angles(robot.model, 'time_optimal')
     if isinstance(robot.equations, ConstrainedEquations) or robot.model.flexible:
         raise InputError('robot: chosen speeds, constraints or beams; expected a rigid robot with '
@@ -93,7 +95,7 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
             if not best or _time(found) < _time(best):
                 best = found
         except _Coarse as error:
-            if points >= FINEST and not best:
+            if points >= error.finest and not best:
                 raise InputError(str(error)) from None
         if best and (slower <= COARSE or points >= FINE):
             return _result(robot, bounds, best)
@@ -101,12 +103,16 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
 
 
 class _Coarse(Exception):  # noqa: N818 - raised only inside this module
-    """No timing was found on a grid; one may exist on a finer grid."""
+    """No timing was found on a grid; one may exist on a finer grid of at most `finest`."""
+
+    def __init__(self, message: str, finest: int = FINE) -> None:
+        super().__init__(message)
+        self.finest = finest
 
 
 def _speed(value: float, what: str) -> float:
-    return number(value, what, 'a finite number >= 0', lambda found: (
-        0.0 <= found < math.inf and not isinstance(value, bool | np.bool_)))
+    return number(value, what, f'a number from 0 to {FASTEST:g}', lambda found: (
+        0.0 <= found <= FASTEST and not isinstance(value, bool | np.bool_)))
 
 
 def _check_positions(robot: Robot, section: Section) -> None:
@@ -173,7 +179,7 @@ def _solve(robot: Robot, section: Section, bounds: Bounds, start: float, end: fl
         f"path: joint '{robot.joint_names[int(j)]}': {found.largest.max():.6g} times its "
         f'{Bounds._fields[int(limit)]} limit at {k / (len(worst[0]) - 1):.3g} of the path, '
         f'{found.points.q[k].round(4).tolist()}, on a grid of {len(limits.most) - 1} intervals; '
-        'expected a path without sharp corners')
+        'expected a path without sharp corners', FINEST)
 
 
 def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> Array:
@@ -184,7 +190,7 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
     for _ in range(PROGRAMS):
         limited = limits.at(x)
         try:
-            last = (0.0, float(limited.most[-1])) if ends[1] is None else (ends[1], ends[1])
+            last = (0.0, end_limit(limited)) if ends[1] is None else (ends[1], ends[1])
             sets = controllable_sets(limited, last)
         except Infeasible as error:
             slower += 1
@@ -244,7 +250,7 @@ def _refusal(limits: PathLimits, limited: Limits, vertex: int, start: float, end
 def _largest_end(limits: PathLimits, limited: Limits, start: float) -> float:
     """Return the largest speed at the end of the path; infinite if it is not known."""
     try:
-        sets = controllable_sets(limited, (0.0, float(limited.most[-1])))
+        sets = controllable_sets(limited, (0.0, end_limit(limited)))
     except Infeasible:
         return math.inf
     first = start**2 / float(limits.first[0] @ limits.first[0]) if start else sets[0, 1]

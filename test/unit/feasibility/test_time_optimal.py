@@ -117,7 +117,8 @@ def test_controllable_sets_are_those_of_linear_programs():
         b = np.concatenate([width - gamma, width + gamma, [last[1], -last[0]]])
         ends = [linprog([sign, 0.0], A, b, bounds=[(0.0, 50.0), (None, None)], method='highs')
                 for sign in (1.0, -1.0)]
-        limits = reachability.Limits(rows, np.full(2, 50.0))
+        limits = reachability.Limits(np.zeros((2, 5, 1)) + np.eye(5)[3][:, None], rows,
+                                     np.full(2, 50.0))
         if ends[0].status == 2:
             with pytest.raises(reachability.Infeasible):
                 reachability.controllable_sets(limits, last)
@@ -373,7 +374,7 @@ def test_banded_systems_are_solved_as_dense_ones(count):
 
 def test_excess_that_no_grid_removes_is_named():
     with pytest.raises(InputError, match=r"path: joint 'rail': \S+ times its velocity limit at "
-                       r'\S+ of the path, \[0.0\], on a grid of 16000 intervals'):
+                       r'\S+ of the path, \[0\.\d\], on a grid of 16000 intervals'):
         time_optimal(slider(velocity=1e-5), [[0.0], [0.3]])
 
 
@@ -437,8 +438,11 @@ def test_balls_are_named():
 
 @pytest.mark.parametrize(('change', 'words'), [
     ({'start_speed': 100.0}, r'start_speed: 100; expected 0 to \d'),
-    ({'start_speed': -1.0}, 'start_speed: -1.0; expected a finite number >= 0'),
-    ({'start_speed': True}, 'start_speed: True; expected a finite number >= 0'),
+    ({'start_speed': -1.0}, 'start_speed: -1.0; expected a number from 0 to 1e'),
+    ({'start_speed': True}, 'start_speed: True; expected a number from 0 to 1e'),
+    ({'end_speed': 1e300}, r'end_speed: 1e\+300; expected a number from 0 to 1e'),
+    ({'power': True}, 'power: True; expected one number, or one per joint'),
+    ({'robot': None}, 'robot: a NoneType; expected a Robot'),
     ({'end_speed': 100.0}, 'end_speed: 100; expected a smaller one, with which the path can be'),
     ({'path': [[0.0, 0.0]]}, 'path: 1 different waypoints; expected at least 2'),
     ({'path': [[0.0, 0.0], [0.0, math.nan]]}, "waypoint 1 of joint 'joint1': nan"),
@@ -455,7 +459,7 @@ def test_balls_are_named():
 def test_invalid_arguments_are_named(change, words):
     robot = two_link()
     with pytest.raises(InputError, match=words):
-        time_optimal(robot, **{'path': bent_path(robot), **change})
+        time_optimal(**{'robot': robot, 'path': bent_path(robot), **change})
 
 
 def test_configuration_that_the_motors_cannot_hold_is_named_with_its_place():
