@@ -8,7 +8,7 @@ linear in x = s'^2. It is replaced with its tangent at a profile x, which the ne
 A limit P of the power bounds the torque by P / |q_s s'|, which is replaced likewise.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.banded_solution import kernels as compile_spline
@@ -17,6 +17,9 @@ from kane_dynamics.feasibility.reachability import compile_passes, Limits
 from kane_dynamics.feasibility.segment_peaks import peaks_kernel
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import NDArray
@@ -44,18 +47,13 @@ class PathLimits:
         """Compute the coefficients of the torque."""
         q, first, second = (np.ascontiguousarray(x[::2]) for x in section[:3])
         self.robot, self.section, self.bounds, self.first = robot, section, bounds, first
-        self.second, count, zero = second, len(q), np.zeros_like(q)
-        tau = robot.inverse_dynamics(*(np.concatenate(rows) for rows in (
-            (q, q, q), (zero, zero, first), (zero, first, second))))
-        self.constant = tau[:count]
-        self.inertia = tau[count:2 * count] - self.constant
-        offset, _ = friction(robot, zero[:1])
-        self.square, self.offset = tau[2 * count:] - self.constant, offset
-        if self.rough:
-            self.square -= friction(robot, first)[0] - offset
+        self.second, count = second, len(q)
+        tau = torque_kernel(robot)(q, first, second)
+        self.inertia, self.square, self.constant = tau[:, 0], tau[:, 1], tau[:, 2]
+        self.offset, _ = friction(robot, np.zeros((1, robot.n)))
         with np.errstate(divide='ignore', invalid='ignore'):
-            speed = np.where(section.first == 0.0, np.inf,
-                             bounds.velocity / np.abs(section.first)).min(axis=1)**2
+            needs = section.first / np.where(bounds.velocity > 0.0, bounds.velocity, 1.0)
+            speed = 1.0 / (needs * needs).max(axis=1)
             rates = [np.fmin.reduce(bound / np.abs(size), axis=None, initial=np.inf)
                      for bound, size in ((bounds.effort, self.inertia),
                                          (bounds.acceleration, first))]
@@ -152,11 +150,35 @@ class PathLimits:
                 np.where(matters, -0.5 * torque / x, 0.0))
 
 
+def torque_kernel(robot: Robot) -> Kernel:
+    """
+    Return the kernel of the coefficients of the torque, (3, n), without friction.
+
+    Its arguments are q and its derivatives with respect to s. The results multiply s'' and s'^2,
+    and the last one, with the offset of friction, is the torque at rest.
+    """
+    block = robot.parameters.block
+    inputs: list[tuple[str, tuple[int, ...]]] = [(name, (robot.n,)) for name in (
+        'q', 'first', 'second')]
+
+    def values(q: Any, first: Any, second: Any, parameters: Any) -> Any:
+        equations, zero = robot.equations, np.zeros(robot.n)
+        static, inertia, moving = (equations.rigid_dynamics(q, *state, None, parameters)
+                                   for state in ((zero, zero), (zero, first), (first, second)))
+        return np.array([inertia - static, moving - static,
+                         static + equations.friction_force(zero)])
+    return robot.kernels.extra(
+        'path_torque', lambda: trace_program('path_torque', values, [
+            *inputs, ('parameters', block.shape)]),
+        [Argument(*each) for each in inputs], block, (3, robot.n))
+
+
 def compile_timing(robot: Robot) -> None:
     """Compile what `time_optimal` needs for limits of effort and velocity."""
     bounds = robot.limits.effort, robot.limits.velocity
     compile_passes(int(np.isfinite(bounds[0]).sum()) or 1)
     compile_spline(robot.n)
+    torque_kernel(robot).compile_lanes()
     used = [name for name, bound in zip(Bounds._fields, bounds) if np.isfinite(bound).any()]
     if used:
         peaks_kernel(robot, used).compile_lanes()

@@ -7,42 +7,32 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.path_limits import Bounds, Flags
 from kane_dynamics.feasibility.segment_peaks import segment_peaks
-from kane_dynamics.feasibility.torque_demand import share
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 PAUSE = 1e-6  # s of rest between two sections
 # Places in a segment where limits count: in all segments, and where much changes within one.
-INSIDE = np.array([0.02, 0.25, 0.5, 0.75, 0.98])
-CLOSELY = np.linspace(0.0, 1.0, 200, endpoint=False)
-CHANGING = 0.02  # of a limit
+INSIDE = np.array([0.0, 0.5, 0.98])
+CLOSELY = np.linspace(0.0, 1.0, 201)
+CHANGING = 0.005  # of a limit
 TURNING = 4.0  # speeds of friction, below which friction changes
 
 
 class Checked(NamedTuple):
     """
-    The points of a section, and the uses of the limits at points and between them.
+    The points of a section, and the largest uses of the limits between them.
 
     Attributes
     ----------
     points : ControllerPoints
         The N + 2 points.
-    coefficients : (N + 1, 6, n) array
-        Coefficients of the positions in the segments between them.
-    tau : (N + 2, n) array
-        Torques at the points.
-    at_points : (4, N + 2, n) array
-        Shares of `Bounds` at the points.
     largest : (4, N + 1, n) array
         The largest shares in the segments.
 
     """
 
     points: ControllerPoints
-    coefficients: Array
-    tau: Array
-    at_points: Array
     largest: Array
 
 
@@ -97,23 +87,19 @@ def _durations(steps: Array, total: Array, square: Array) -> Array:
 
 def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
     """Return the uses of the limits along the quintics between points."""
-    tau, coefficients = robot.inverse_dynamics(*points[1:]), points.coefficients
-    at_points = np.zeros((len(bounds), *tau.shape))
-    largest = np.zeros((len(bounds), len(coefficients), robot.n))
-    used = np.flatnonzero([np.isfinite(bound).any() for bound in bounds])
-    if used.size:
-        names, durations = [Bounds._fields[k] for k in used], np.diff(points.t)
-        limits = np.array([bounds[k] for k in used])[:, None]
-        peaks, ranges = segment_peaks(robot, names, coefficients, durations, INSIDE)
-        changing = _turning(robot, points.u) | (
-            (ranges > CHANGING * limits) & (peaks + ranges > limits)).any(axis=(0, 2))
-        if changing.any():
-            peaks[:, changing] = np.maximum(peaks[:, changing], segment_peaks(
-                robot, names, coefficients[changing], durations[changing], CLOSELY)[0])
-        values = np.stack([(tau, points.u, tau * points.u, points.udot)[k] for k in used])
-        at_points[used] = share(np.abs(values), limits)
-        largest[used] = np.maximum(share(peaks, limits), at_points[used, 1:])
-    return Checked(points, coefficients, tau, at_points, largest)
+    limits = {name: bound for name, bound in zip(Bounds._fields, bounds)
+              if np.isfinite(bound).any()}
+    largest = np.zeros((len(bounds), len(points.t) - 1, robot.n))
+    if limits:
+        peaks, ranges = segment_peaks(robot, limits, points, None, INSIDE)
+        near = (peaks + ranges > 1.0) & (ranges > CHANGING)
+        changing = np.flatnonzero(_turning(robot, points.u) | near.any(axis=1))
+        if changing.size:
+            peaks[changing] = np.maximum(peaks[changing], segment_peaks(
+                robot, limits, points, changing, CLOSELY)[0])
+        for k, name in enumerate(limits):
+            largest[Bounds._fields.index(name)] = peaks[:, k * robot.n:(k + 1) * robot.n]
+    return Checked(points, largest)
 
 
 def _turning(robot: Robot, u: Array) -> Flags:
@@ -128,15 +114,17 @@ def _turning(robot: Robot, u: Array) -> Flags:
     return found
 
 
-def joined(parts: Sequence[Checked]) -> tuple[ControllerPoints, Array]:
+def joined(parts: Sequence[ControllerPoints]) -> tuple[ControllerPoints, Array]:
     """Return the points of all sections, one after the other, and the coefficients between."""
     begin, times, coefficients = 0.0, [], []
     for part in parts:
-        rest = np.zeros((1, *part.coefficients.shape[1:]))
-        rest[0, 0] = part.points.q[0]
+        rest = np.zeros((1, 6, part.q.shape[1]))
+        rest[0, 0] = part.q[0]
         coefficients += [rest, part.coefficients]
-        times.append(begin + part.points.t)
+        times.append(begin + part.t)
         begin = times[-1][-1] + PAUSE
+    if len(parts) == 1:
+        return parts[0], coefficients[1]
     return (ControllerPoints(np.concatenate(times), *(
-        np.concatenate(rows) for rows in list(zip(*(part.points for part in parts)))[1:])),
+        np.concatenate(rows) for rows in list(zip(*parts))[1:])),
         np.concatenate(coefficients[1:]))

@@ -20,6 +20,7 @@ from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit
                                                     Infeasible, Limits)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
+from kane_dynamics.feasibility.torque_demand import share
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
@@ -262,10 +263,10 @@ def _largest_end(limits: PathLimits, limited: Limits, start: float) -> float:
 
 def _result(robot: Robot, bounds: Bounds, parts: Sequence[Checked]) -> TimeOptimal:
     """Return the motion along all sections."""
-    points, coefficients = joined(parts)
-    at_points = np.concatenate([part.at_points for part in parts], axis=1)
-    uses = {name: use for name, use, bound in zip(Bounds._fields, at_points, bounds)
-            if np.isfinite(bound).any()}
+    points, coefficients = joined([part.points for part in parts])
+    tau = robot.inverse_dynamics(*points[1:])
+    uses = {name: share(np.abs(values), bound) for name, values, bound in zip(
+        Bounds._fields, (tau, points.u, tau * points.u, points.udot), bounds)
+        if np.isfinite(bound).any()}
     motion = Motion(robot.joint_names, point_times(points.t), points.q, coefficients)
-    return TimeOptimal(motion, np.concatenate([part.tau for part in parts]), uses, robot,
-                       bounds.power)
+    return TimeOptimal(motion, tau, uses, robot, bounds.power)
