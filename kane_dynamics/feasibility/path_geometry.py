@@ -41,6 +41,8 @@ class Section(NamedTuple):
     ----------
     q, first, second : (2 N + 1, n) arrays
         Positions and their derivatives with respect to s.
+    lowest, highest : (n,) arrays
+        Least and largest positions.
     span : float
         Duration of the section in the motion, s.
 
@@ -49,6 +51,8 @@ class Section(NamedTuple):
     q: Array
     first: Array
     second: Array
+    lowest: Array
+    highest: Array
     span: float
 
     @property
@@ -201,7 +205,9 @@ class _Part:
         t = _hermite(share, mean, self.mesh, 1.0 / rate)
         t = np.clip(t, self.begin, np.nextafter(self.end, -np.inf))
         q = self.motion.positions_at(t)
-        ranges = np.ptp(q, axis=0)
+        columns = q.T.copy()  # whose rows are reduced ten times as fast
+        lowest, highest = columns.min(axis=1), columns.max(axis=1)
+        ranges = highest - lowest
         still = ranges <= STILL * ranges.max()
         q[:, still] = q[0, still]
         slopes = [np.zeros(q.shape[1])] * 2
@@ -210,7 +216,8 @@ class _Part:
                 slopes[place] = np.where(still, 0.0, self._slope(q, t, place, s))
         step = 0.5 / intervals
         first_slope = _spline_slopes(q, step, slopes[0], slopes[-1])
-        return Section(q, first_slope, _second(q, step, first_slope), span)
+        return Section(q, first_slope, _second(q, step, first_slope),
+                       lowest, highest, span)
 
     def _slope(self, q: Array, t: Array, place: int, s: Array) -> Array:
         """Return dq/ds at an end at which the path moves, by differences of third order."""

@@ -52,8 +52,9 @@ class PathLimits:
         self.inertia, self.square, self.constant = tau[:, 0], tau[:, 1], tau[:, 2]
         self.offset, _ = friction(robot, np.zeros((1, robot.n)))
         with np.errstate(divide='ignore', invalid='ignore'):
-            needs = section.first / np.where(bounds.velocity > 0.0, bounds.velocity, 1.0)
-            speed = 1.0 / (needs * needs).max(axis=1)
+            needs = (section.first / np.where(
+                bounds.velocity > 0.0, bounds.velocity, 1.0)).T.copy()
+            speed = 1.0 / (needs * needs).max(axis=0)
             rates = [np.fmin.reduce(bound / np.abs(size), axis=None, initial=np.inf)
                      for bound, size in ((bounds.effort, self.inertia),
                                          (bounds.acceleration, first))]

@@ -1,13 +1,14 @@
 """The motion along a path with given squared path velocities, and its use of the limits."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_geometry import Section
-from kane_dynamics.feasibility.path_limits import Bounds, Flags
+from kane_dynamics.feasibility.path_limits import Bounds
 from kane_dynamics.feasibility.segment_peaks import segment_peaks
-from kane_dynamics.motion.controller_points import ControllerPoints
+from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -92,8 +93,8 @@ def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
     largest = np.zeros((len(bounds), len(points.t) - 1, robot.n))
     if limits:
         peaks, ranges = segment_peaks(robot, limits, points, None, INSIDE)
-        near = (peaks + ranges > 1.0) & (ranges > CHANGING)
-        changing = np.flatnonzero(_turning(robot, points.u) | near.any(axis=1))
+        near = np.flatnonzero((peaks + ranges > 1.0) & (ranges > CHANGING)) // peaks.shape[1]
+        changing = np.union1d(_turning(robot, points.u), near)
         if changing.size:
             peaks[changing] = np.maximum(peaks[changing], segment_peaks(
                 robot, limits, points, changing, CLOSELY)[0])
@@ -102,8 +103,8 @@ def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
     return Checked(points, largest)
 
 
-def _turning(robot: Robot, u: Array) -> Flags:
-    """Return whether the Coulomb friction of a joint changes much within a segment."""
+def _turning(robot: Robot, u: Array) -> Segments:
+    """Return the segments within which the Coulomb friction of a joint changes much."""
     found = np.zeros(len(u) - 1, dtype=bool)
     for body in robot.model.bodies if robot.friction else ():
         joint = body.joint
@@ -111,20 +112,24 @@ def _turning(robot: Robot, u: Array) -> Flags:
             rate = joint.multiplier * u[:, joint.coordinate]
             slow = np.abs(rate) < TURNING * joint.friction_speed
             found |= (rate[1:] * rate[:-1] <= 0.0) | slow[1:] | slow[:-1]
-    return found
+    return np.flatnonzero(found)
 
 
-def joined(parts: Sequence[ControllerPoints]) -> tuple[ControllerPoints, Array]:
-    """Return the points of all sections, one after the other, and the coefficients between."""
-    begin, times, coefficients = 0.0, [], []
+def joined(parts: Sequence[ControllerPoints]) -> tuple[ControllerPoints, Callable[[], Array]]:
+    """Return the points of all sections, and a function that returns the coefficients between."""
+    begin, times = 0.0, []
+    for part in parts:
+        times.append(begin + part.t)
+        begin = times[-1][-1] + PAUSE
+    return ControllerPoints(np.concatenate(times), *(
+        np.concatenate(rows) for rows in list(zip(*parts))[1:])), partial(_coefficients, parts)
+
+
+def _coefficients(parts: Sequence[ControllerPoints]) -> Array:
+    """Return the coefficients of the sections and of the rests between them."""
+    found = []
     for part in parts:
         rest = np.zeros((1, 6, part.q.shape[1]))
         rest[0, 0] = part.q[0]
-        coefficients += [rest, part.coefficients]
-        times.append(begin + part.t)
-        begin = times[-1][-1] + PAUSE
-    if len(parts) == 1:
-        return parts[0], coefficients[1]
-    return (ControllerPoints(np.concatenate(times), *(
-        np.concatenate(rows) for rows in list(zip(*parts))[1:])),
-        np.concatenate(coefficients[1:]))
+        found += [rest, part.coefficients]
+    return np.concatenate(found[1:])

@@ -163,7 +163,8 @@ def controllable(steps: int, following: Any, rows: Any, after: Any, *rest: Any) 
     *middles, most = rest
     lines = _bounds(following, [*_in_interval(rows, after), *(x for m in middles for x in m.T)])
     high, error = _root(lines, _steady(rows, most[()]), 1.0, steps)
-    low, low_error = _root(lines, 0.0 * most[()], -1.0, steps)
+    # The least x is 0, unless a limit excludes slow motion.
+    low, low_error = _root(lines, 0.0 * most[()], -1.0, 1 if steps == NEWTON_STEPS[0] else steps)
     return np.array([low, high, select(low_error < error, error, low_error)])
 
 

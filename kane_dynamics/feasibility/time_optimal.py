@@ -120,7 +120,7 @@ def _check_positions(robot: Robot, section: Section) -> None:
     """Raise InputError if a path exceeds a position limit."""
     for what, bound, sign in (('lower', robot.limits.lower, -1.0),
                               ('upper', robot.limits.upper, 1.0)):
-        ends = section.q.max(axis=0) if sign > 0.0 else section.q.min(axis=0)
+        ends = section.highest if sign > 0.0 else section.lowest
         if (sign * ends <= sign * bound).all():
             continue
         excess = sign * (section.q - bound) - ROUNDING * np.maximum(1.0, np.abs(bound))
