@@ -8,6 +8,7 @@ linear in x = s'^2. It is replaced with its tangent at a profile x, which the ne
 A limit P of the power bounds the torque by P / |q_s s'|, which is replaced likewise.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
@@ -48,7 +49,7 @@ class PathLimits:
         q, first, second = (np.ascontiguousarray(x[::2]) for x in section[:3])
         self.robot, self.section, self.bounds, self.first = robot, section, bounds, first
         self.second, count = second, len(q)
-        tau = torque_kernel(robot)(q, first, second)
+        tau: Array = torque_kernel(robot)(q, first, second)
         self.inertia, self.square, self.constant = tau[:, 0], tau[:, 1], tau[:, 2]
         self.offset, _ = friction(robot, np.zeros((1, robot.n)))
         with np.errstate(divide='ignore', invalid='ignore'):
@@ -130,9 +131,8 @@ class PathLimits:
             rows = [np.zeros((len(x), 5, 1)) + [[0.0], [0.0], [0.0], [1.0], [0.0]]]
         for block in middles:
             block[:, 0] += 0.5 * block[:, 1]
-        return Limits(*(np.ascontiguousarray(blocks[0] if len(blocks) == 1 else np.concatenate(
-            blocks, axis=2)) for blocks in (rows, middles or [np.zeros((len(x) - 1, 5, 0))])),
-            most)
+        return Limits(_side_by_side(rows), _side_by_side(
+            middles or [np.zeros((len(x) - 1, 5, 0))]), most)
 
     def _torque_of_power(self, power: Array, x: Array, first: Array) -> tuple[Array, Array]:
         """
@@ -163,7 +163,8 @@ def torque_kernel(robot: Robot) -> Kernel:
         'q', 'first', 'second')]
 
     def values(q: Any, first: Any, second: Any, parameters: Any) -> Any:
-        equations, zero = robot.equations, np.zeros(robot.n)
+        equations: Any = robot.equations
+        zero = np.zeros(robot.n)
         static, inertia, moving = (equations.rigid_dynamics(q, *state, None, parameters)
                                    for state in ((zero, zero), (zero, first), (first, second)))
         return np.array([inertia - static, moving - static,
@@ -183,6 +184,11 @@ def compile_timing(robot: Robot) -> None:
     used = [name for name, bound in zip(Bounds._fields, bounds) if np.isfinite(bound).any()]
     if used:
         peaks_kernel(robot, used).compile_lanes()
+
+
+def _side_by_side(blocks: Sequence[Array]) -> Array:
+    """Return limits as one array for the passes."""
+    return np.ascontiguousarray(blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=2))
 
 
 def _one_sided(alpha: Array, beta: Array, gamma: Array, width: Array, slope: Array

@@ -161,7 +161,8 @@ def controllable(steps: int, following: Any, rows: Any, after: Any, *rest: Any) 
     there are any, and the largest x at the start.
     """
     *middles, most = rest
-    lines = _bounds(following, [*_in_interval(rows, after), *(x for m in middles for x in m.T)])
+    lines = _bounds(following, [*_in_interval(rows, after), *(
+        limit for each in middles for limit in each.T)])
     high, error = _root(lines, _steady(rows, most[()]), 1.0, steps)
     # The least x is 0, unless a limit excludes slow motion.
     low, low_error = _root(lines, 0.0 * most[()], -1.0, 1 if steps == NEWTON_STEPS[0] else steps)
@@ -171,7 +172,7 @@ def controllable(steps: int, following: Any, rows: Any, after: Any, *rest: Any) 
 def reached(x: Any, following: Any, rows: Any, after: Any, *middles: Any) -> Any:
     """Return the largest x at the end of an interval, in the set there, for x at its start."""
     upper, _ = _bounds(following, [*_in_interval(rows, after), *(
-        limit for m in middles for limit in m.T)])
+        limit for each in middles for limit in each.T)])
     end = x[()] + _extreme([(at + slope * x[()], slope) for at, slope in upper], 1.0)[0]
     return select(end < following[0], following[0], end)
 
@@ -183,7 +184,7 @@ def end_limit(limits: Limits) -> float:
 
 @cache
 def _kernel(name: str, m: int, middles: int, steps: int) -> Kernel:
-    """Return the kernel of one interval of a pass, for numbers of limits at vertices and within."""
+    """Return the kernel of one interval of a pass, for m limits at vertices and some within."""
     back = name == 'controllable'
     inputs: list[tuple[str, tuple[int, ...]]] = [
         ('following', (3,)), ('rows', (5, m)), ('after', (5, m))]

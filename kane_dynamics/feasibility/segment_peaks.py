@@ -1,4 +1,4 @@
-"""Largest shares of limits of torque, speed, power, acceleration in segments, by a traced kernel."""
+"""Largest shares of torque, speed, power and acceleration limits in quintic segments."""
 
 from collections.abc import Sequence
 from typing import Any
