@@ -152,7 +152,8 @@ class Motion:
         with np.errstate(over='ignore', invalid='ignore'):
             u = spline_velocities(t, q, rest) if u is None else u
             motion = cls(names, t, q, segment_coefficients(t, q, u, udot))
-        if np.isfinite(motion._table).all():
+            finite = np.isfinite(motion._table).all()
+        if finite:
             return motion
         raise InputError(f'motion: positions up to {np.abs(q).max():g} overflow; expected a '
                          'finite motion')
