@@ -244,8 +244,8 @@ def _refusal(limits: PathLimits, limited: Limits, vertex: int, start: float, end
     q = limits.section.q[2 * vertex].round(4).tolist()
     return _Coarse(
         f'path: no timing satisfies the limits from {vertex / count:.3g} of the path, {q}, '
-        f'with start_speed {start:g} and end_speed {end:g}; expected a path that the motors '
-        'can follow')
+        f'with start_speed {start:g} and end_speed {end:g}, on a grid of {count} intervals; '
+        'expected a path that the motors can follow, or more points')
 
 
 def _largest_end(limits: PathLimits, limited: Limits, start: float) -> float:
