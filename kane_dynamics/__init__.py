@@ -14,7 +14,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.control.terms import Terms
     from kane_dynamics.control.trajectory_feedforward import (fill_trajectory,
                                                               FilledTrajectory)
-    from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
+    from kane_dynamics.errors import (CompileError, ConstraintError, DeviceError, InputError, KaneError,
                                       ModelError, ModelWarning, SweepError, UrdfError)
     from kane_dynamics.kinematics import (inverse_kinematics, InverseKinematics, pose_error,
                                           pose_exp, pose_log, rotation_exp, rotation_log)
@@ -62,8 +62,8 @@ _NAMES_BY_MODULE = {
     'control.terms': 'Terms',
     'control.trajectory_feedforward': 'fill_trajectory FilledTrajectory',
     'errors':
-        'CompileError ConstraintError InputError KaneError ModelError ModelWarning SweepError '
-        'UrdfError',
+        'CompileError ConstraintError DeviceError InputError KaneError ModelError ModelWarning '
+        'SweepError UrdfError',
     'kinematics':
         'inverse_kinematics InverseKinematics pose_error pose_exp pose_log rotation_exp '
         'rotation_log',
