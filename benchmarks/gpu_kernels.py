@@ -1,5 +1,7 @@
 """
-Registers and spilled bytes of GPU kernels of the FR3, with subroutines, by NVIDIA's assembler: no GPU is needed.
+Registers and spilled bytes of GPU kernels of the FR3, by NVIDIA's assembler; no GPU is needed.
+
+Stack and spills are those of a kernel and of its subroutines together.
 
 A test compares them with gpu_kernels.json, which `--record` writes; they hold for the versions of
 LLVM and of the assembler that they were recorded with. The assembler, `ptxas`, comes with the
@@ -7,6 +9,7 @@ package nvidia-cuda-nvcc-cu12 or is on the PATH.
 """
 
 import argparse
+from collections.abc import Sequence
 from functools import cache
 from importlib.util import find_spec
 import json
@@ -83,10 +86,10 @@ def texts() -> dict[str, str]:
     return found
 
 
-def measured() -> dict[str, list[int]]:
-    """Return `COLUMNS` of every kernel for every target."""
+def measured(targets: Sequence[str] = TARGETS) -> dict[str, list[int]]:
+    """Return `COLUMNS` of every kernel for some targets."""
     return {f'{name} {target}': assembled(ptx, target)
-            for name, ptx in texts().items() for target in TARGETS}
+            for name, ptx in texts().items() for target in targets}
 
 
 def recorded() -> dict[str, Any]:

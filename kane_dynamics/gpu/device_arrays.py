@@ -194,6 +194,7 @@ def empty(like: Any, batch: Sequence[int], shape: Sequence[int], dtype: str, coa
     batch, shape : sequences of int
         Axes of the states, and of the result of each.
     dtype : str
+        Of the numbers.
     coalesced : bool
         Numbers of neighboring states are neighbors in memory; else those of one state.
     driver, device : Driver, int

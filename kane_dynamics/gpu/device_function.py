@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from kane_dynamics.gpu.kernel_call import KernelCall, ptx_text, REALS, require_dtype, row
-from kane_dynamics.native.backends.device_kernel import kernel_text
+from kane_dynamics.native.backends.gpu_kernel import kernel_text
 from kane_dynamics.robot.derivative_kernels import Derivative
 from kane_dynamics.robot.frameworks.quantity_function import QuantityFunction, require_shape
 from kane_dynamics.robot.methods.derivative_methods import place_of
@@ -26,7 +26,7 @@ class DeviceFunction(QuantityFunction):
 
     @property
     def ptx(self) -> str:
-        """The kernel in PTX, the assembly language that the driver compiles."""
+        """Return the kernel in PTX, the assembly language that the driver compiles."""
         if self._ptx is None:
             robot, quantity, at, own, _ = self._made_of
             kernels = robot.kernels

@@ -9,7 +9,7 @@ from kane_dynamics._util.checks import constant, integer, positive_time
 from kane_dynamics.errors import InputError
 from kane_dynamics.gpu.kernel_call import KernelCall, ptx_text, REALS, require_dtype, row
 from kane_dynamics.mechanics.integrators import integrator_of
-from kane_dynamics.native.backends.device_rollout import rollout_text, StepLayout
+from kane_dynamics.native.backends.gpu_rollout import rollout_text, StepLayout
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.robot.derivative_kernels import PARAMETERS
 from kane_dynamics.robot.frameworks.batch_function import batch_function
@@ -51,7 +51,7 @@ class DeviceRollout:
 
     @property
     def ptx(self) -> str:
-        """The kernel in PTX, the assembly language that the driver compiles."""
+        """Return the kernel in PTX, the assembly language that the driver compiles."""
         if self._ptx is None:
             self._ptx = ptx_text(
                 f'rollout {self._integrator} {tuple(self._layout.parameters)}',

@@ -13,11 +13,11 @@ from kane_dynamics.errors import InputError
 
 CUDA, MANAGED = 2, 13  # kinds of devices: memory of a GPU, or shared with the host
 FLOATING = 2  # code of the type
-NAME = b'dltensor'  # of a capsule that nobody has taken yet
+NAME = b'dltensor'  # of a capsule that no library has taken yet
 
 
 class Tensor(ctypes.Structure):
-    """`DLTensor`."""
+    """A `DLTensor`."""
 
     _fields_ = [('data', c_void_p), ('kind', c_int32), ('device', c_int32), ('ndim', c_int32),
                 ('code', c_uint8), ('bits', c_uint8), ('lanes', c_uint16),
@@ -26,13 +26,13 @@ class Tensor(ctypes.Structure):
 
 
 class Managed(ctypes.Structure):
-    """`DLManagedTensor`."""
+    """A `DLManagedTensor`."""
 
     _fields_ = [('tensor', Tensor), ('context', c_void_p), ('deleter', c_void_p)]
 
 
 class Read(NamedTuple):
-    """What a capsule says; strides are in numbers."""
+    """Content of a capsule; strides are in numbers."""
 
     pointer: int
     shape: tuple[int, ...]
@@ -45,7 +45,7 @@ _pointer.restype, _pointer.argtypes = c_void_p, [py_object, c_char_p]
 _is_valid = ctypes.pythonapi.PyCapsule_IsValid
 _is_valid.argtypes = [c_void_p, c_char_p]
 _new = ctypes.pythonapi.PyCapsule_New
-_destructor = ctypes.CFUNCTYPE(None, c_void_p)
+_destructor: Any = ctypes.CFUNCTYPE(None, c_void_p)
 _new.restype, _new.argtypes = py_object, [c_void_p, c_char_p, _destructor]
 _raw_pointer = ctypes.PYFUNCTYPE(c_void_p, c_void_p, c_char_p)(
     ('PyCapsule_GetPointer', ctypes.pythonapi))
@@ -54,7 +54,7 @@ _written: dict[int, tuple[Any, ...]] = {}  # what capsules refer to, by address
 
 def read(capsule: Any) -> Read:
     """
-    Return what a capsule says, without taking it: it must be kept while its memory is in use.
+    Return the content of a capsule without taking it; it must be kept while the memory is in use.
 
     Raises
     ------
@@ -80,17 +80,18 @@ def contiguous(shape: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(reversed(strides))
 
 
-@_destructor
 def _delete(managed: int) -> None:
     """Forget what a capsule refers to, when its consumer no longer uses it."""
     _written.pop(managed, None)
 
 
-@_destructor
 def _discard(capsule: int) -> None:
-    """Forget what a capsule refers to, if nobody took it."""
+    """Forget what a capsule refers to, if no library took it."""
     if _is_valid(capsule, NAME):
         _written.pop(_raw_pointer(capsule, NAME), None)
+
+
+_deleter, _discarder = _destructor(_delete), _destructor(_discard)
 
 
 def write(owner: Any, array: Read, device: int) -> Any:
@@ -99,7 +100,7 @@ def write(owner: Any, array: Read, device: int) -> Any:
     shape, strides = (c_int64 * count)(*array.shape), (c_int64 * count)(*array.strides)
     managed = Managed(Tensor(array.pointer, CUDA, device, count, FLOATING,
                              int(array.dtype.removeprefix('float')), 1, shape, strides, 0),
-                      None, ctypes.cast(_delete, c_void_p))
+                      None, ctypes.cast(_deleter, c_void_p))
     address = ctypes.addressof(managed)
     _written[address] = managed, shape, strides, owner
-    return _new(address, NAME, _discard)
+    return _new(address, NAME, _discarder)

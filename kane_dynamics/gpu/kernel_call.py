@@ -11,7 +11,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.gpu.cuda_driver import Driver, driver
 from kane_dynamics.gpu.device_arrays import (current_stream, DeviceArray, empty, handed_over, ITEM,
                                              view)
-from kane_dynamics.native.backends.device_kernel import KERNEL
+from kane_dynamics.native.backends.gpu_kernel import KERNEL
 from kane_dynamics.native.backends.real_types import DOUBLE, FLOAT, Real
 from kane_dynamics.native.machine_code import llvm, object_cache
 from kane_dynamics.native.tracing.program import Shape
@@ -84,24 +84,30 @@ class KernelCall:
         return found
 
     def batch(self, own: Sequence[Shape]) -> Shape:
-        """Return the batch axes of the result for those of each argument; check the devices."""
+        """
+        Return the batch axes of the result for those of each argument; check the devices.
+
+        The layout of the result is that of the first argument that has them.
+        """
         for x in self.views:
             if x.device != self.device and 0 not in x.shape:
                 raise InputError(f'{x.name}: on device {x.device}; expected device {self.device}, '
                                  f"that of '{self.views[0].name}'")
-        full = {axes for axes in own if math.prod(axes) != 1}
+        full = dict.fromkeys(axes for axes in own if math.prod(axes) != 1)
         if len(full) > 1:
             given = ', '.join(f'{x.name} {x.shape}' for x in self.views)
             raise InputError(f'{self.name}: arguments {given}; expected the same batch axes, or '
                              'one state for all')
-        return next(iter(full)) if full else max(own, key=len)
+        batch = next(iter(full)) if full else max(own, key=len)
+        self._like = self.views[list(own).index(batch)]
+        return batch
 
     def result(self, out: Any, batch: Shape, shape: Shape) -> tuple[DeviceArray, Any]:
         """Return a view of the result and the array that the caller receives."""
         given = out
         if out is None:
-            first = self.views[0]
-            stride = collapsed(first.shape[:len(batch)], first.strides[:len(batch)])
+            like = self._like
+            stride = collapsed(like.shape[:len(batch)], like.strides[:len(batch)])
             given = empty(self._first, batch, shape, self.dtype, stride == 1, self._driver,
                           self.device)
         found = self._view('out', given)
@@ -182,4 +188,3 @@ def collapsed(shape: Sequence[int], strides: Sequence[int]) -> int | None:
             return None
         expected = stride * size
     return found
-

@@ -6,9 +6,9 @@ multiply-add; larger angles than `MOST`, fast-math and x87 arithmetic go to libm
 """
 
 from dataclasses import dataclass
-from kane_dynamics.native.backends.real_types import COS, EXP, LN2, SIN
 import math
 
+from kane_dynamics.native.backends.real_types import COS, EXP, LN2, SIN
 
 
 @dataclass(frozen=True)

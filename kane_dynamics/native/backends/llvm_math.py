@@ -2,9 +2,8 @@
 
 import math
 
-from kane_dynamics.native.backends.real_types import (ARCTAN, COS, DOUBLE, EXP, intrinsic_end, LOG,
-                                                      overflow_scale, Real, SIN, splat,
-                                                      vector_type)
+from kane_dynamics.native.backends.real_types import (DOUBLE, intrinsic_end, overflow_scale, Real,
+                                                      splat, vector_type)
 
 FUNCTION_LANES = 4  # arguments of one state whose elementary functions are evaluated in one vector
 
@@ -89,7 +88,6 @@ class Vector:
         The error is 2 ulp for |x| < 1e6 and 1e-15 absolute up to 1e15; beyond 3e15 the
         results are wrong. Of floats: 2e-7 absolute up to their position limit.
         """
-        terms = self.real.terms
         shifted = self.fma(x, self.const(2.0 / math.pi), self.const(self.real.round))
         quadrant = self.bits(shifted)
         turns = self.new(f'fneg {self.type} '
@@ -97,9 +95,9 @@ class Vector:
         r = self.fma(turns, self.const(self.real.half_pi[0]), x)
         r = self.fma(turns, self.const(self.real.half_pi[1]), r)
         z = self.op('fmul', r, r)
-        sine = self.fma(self.op('fmul', r, z), self.polynomial(SIN[:terms[0]], z), r)
+        sine = self.fma(self.op('fmul', r, z), self.polynomial(self.real.sine, z), r)
         head = self.fma(z, self.const(-0.5), self.const(1.0))
-        cosine = self.fma(self.op('fmul', z, z), self.polynomial(COS[:terms[1]], z), head)
+        cosine = self.fma(self.op('fmul', z, z), self.polynomial(self.real.cosine, z), head)
         odd = self.new(f'icmp ne {self.integer} {self.integer_op("and", quadrant, 1)}, '
                        'zeroinitializer')
         result = []
@@ -122,7 +120,7 @@ class Vector:
         k = self.new(f'fneg {self.type} ' + self.op('fsub', shifted, self.const(self.real.round)))
         r = self.fma(k, self.const(self.real.log_2[0]), z)
         r = self.fma(k, self.const(self.real.log_2[1]), r)
-        small = self.fma(self.op('fmul', r, r), self.polynomial(EXP[:self.real.terms[2]], r), r)
+        small = self.fma(self.op('fmul', r, r), self.polynomial(self.real.exp, r), r)
         power = self.number(self.integer_op(
             'shl', self.integer_op('add', self.bits(shifted), self.real.bias),
             self.real.mantissa))
@@ -139,9 +137,10 @@ class Vector:
             x = self.select(past, self.const(most), x)
         shifted = self.fma(x, self.const(1.0 / math.log(2.0)), self.const(self.real.round))
         k = self.new(f'fneg {self.type} ' + self.op('fsub', shifted, self.const(self.real.round)))
-        r = self.fma(k, self.const(self.real.log_2[1]), self.fma(k, self.const(self.real.log_2[0]), x))
+        r = self.fma(k, self.const(self.real.log_2[0]), x)
+        r = self.fma(k, self.const(self.real.log_2[1]), r)
         power = self.op('fadd', self.const(1.0),
-                        self.fma(self.op('fmul', r, r), self.polynomial(EXP[:self.real.terms[2]], r), r))
+                        self.fma(self.op('fmul', r, r), self.polynomial(self.real.exp, r), r))
         whole = self.new(f'sub {self.integer} {self.bits(shifted)}, '
                          + self.bits(self.const(self.real.round)))
         half = self.integer_op('ashr', whole, 1)
@@ -166,7 +165,7 @@ class Vector:
         s = self.op('fdiv', f, self.op('fadd', f, self.const(2.0)))
         z = self.op('fmul', s, s)
         half = self.op('fmul', self.op('fmul', f, f), self.const(0.5))
-        rest = self.op('fmul', s, self.fma(z, self.polynomial(LOG[:self.real.terms[3]], z), half))
+        rest = self.op('fmul', s, self.fma(z, self.polynomial(self.real.log, z), half))
         rest = self.op('fsub', half, self.fma(k, self.const(self.real.log_2[1]), rest))
         value = self.fma(k, self.const(self.real.log_2[0]), self.op('fsub', f, rest))
         for code, edge, result in (('oeq', 0.0, -math.inf), ('oeq', math.inf, math.inf),
@@ -191,7 +190,7 @@ class Vector:
             base = self.select(past, self.const(share * self.real.half_pi[0]), base)
             rest = self.select(past, self.const(share * self.real.half_pi[1]), rest)
         z = self.op('fmul', r, r)
-        tail = self.fma(self.op('fmul', r, z), self.polynomial(ARCTAN[:self.real.terms[4]], z), rest)
+        tail = self.fma(self.op('fmul', r, z), self.polynomial(self.real.arctan, z), rest)
         value = self.op('fadd', base, self.op('fadd', r, tail))
         return self.new(f'call {self.type} @llvm.copysign.{self.end}({self.type} {value}, '
                         f'{self.type} {x})')

@@ -8,7 +8,6 @@ same way. `bad` accumulates bits that are set where an argument or a result is n
 """
 
 from functools import cache
-import math
 
 from kane_dynamics.native.backends.llvm_math import Vector
 from kane_dynamics.native.backends.llvm_scalar import Function, with_callees

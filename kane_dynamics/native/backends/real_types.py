@@ -43,8 +43,8 @@ class Real:
         Leading part and rest of pi/2 and of log 2.
     exp_range : two floats
         Beyond these, exp is 0 or infinity.
-    terms : tuple of int
-        Of SIN, COS, EXP, LOG and ARCTAN that are used.
+    sine, cosine, exp, log, arctan : tuples of float
+        The terms of SIN, COS, EXP, LOG and ARCTAN that are used.
     position_limit : float
         Largest position accepted, rad or m.
 
@@ -58,7 +58,11 @@ class Real:
     half_pi: tuple[float, float]
     log_2: tuple[float, float]
     exp_range: tuple[float, float]
-    terms: tuple[int, int, int, int, int]
+    sine: tuple[float, ...]
+    cosine: tuple[float, ...]
+    exp: tuple[float, ...]
+    log: tuple[float, ...]
+    arctan: tuple[float, ...]
     position_limit: float
 
     @property
@@ -90,12 +94,13 @@ class Real:
 
 DOUBLE = Real('double', 64, 52, sys.float_info.max, sys.float_info.min,
               (1.5707963267948966, 6.123233995736766e-17), LN2, (-746.0, 710.0),
-              (len(SIN), len(COS), len(EXP), len(LOG), len(ARCTAN)), POSITION_LIMIT)
+              SIN, COS, EXP, LOG, ARCTAN, POSITION_LIMIT)
 # Neighboring floats are 1e-3 apart at its largest position. Terms that are left out are under
 # 3e-9 of the result.
 FLOAT = Real('float', 32, 23, 2.0**128 - 2.0**104, 2.0**-126,
              (1.57079637050628662109375, -4.37113900018624283e-8),
-             (0.693359375, -2.12194440054690583e-4), (-104.0, 89.0), (4, 4, 7, 4, 8), 1e4)
+             (0.693359375, -2.12194440054690583e-4), (-104.0, 89.0), SIN[:4], COS[:4], EXP[:7],
+             LOG[:4], ARCTAN[:8], 1e4)
 
 
 def size_limit(argument: str) -> float:

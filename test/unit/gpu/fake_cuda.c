@@ -24,8 +24,8 @@ int cuDeviceGetName(char *text, int size, int device)
 int cuDevicePrimaryCtxRetain(void **context, int device)
 { CHECK("cuDevicePrimaryCtxRetain"); NOTE("retain %d\n", device);
   *context = (void *)(uintptr_t)(0x100 + device); return 0; }
-int cuCtxPushCurrent_v2(void *context) { NOTE("push %p\n", context); return 0; }
-int cuCtxPopCurrent_v2(void **context) { *context = 0; NOTE("pop\n"); return 0; }
+int cuCtxPushCurrent_v2(void *context) { NOTE("enter %p\n", context); return 0; }
+int cuCtxPopCurrent_v2(void **context) { *context = 0; NOTE("leave\n"); return 0; }
 int cuPointerGetAttribute(void *data, int attribute, uint64_t pointer)
 { if (attribute != 9 || pointer >= host_begin) return 1;
   *(int *)data = pointer >= 0x1000000 ? 1 : 0; return 0; }

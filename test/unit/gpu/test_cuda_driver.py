@@ -68,15 +68,15 @@ def arrays(count=1000, **more):
     return [At(0x10000 * (k + 1), count, 7, **more) for k in range(4)]
 
 
-def test_a_call_pushes_the_context_loads_launches_and_pops(fake):
+def test_a_call_enters_the_context_loads_launches_and_leaves(fake):
     *given, out = arrays()
     assert dynamics()(*given, out=out, stream=0x77) is out
     launch = ('launch 0x300 grid 8 1 1 block 128 1 1 shared 0 stream 0x77 extra (nil) values 1000 '
               f'{0x10000} 7 1 {0x20000} 7 1 {0x30000} 7 1 {0x40000} 7 1 0 0 -9.81')
-    assert fake.calls() == ['retain 0', 'push 0x100', 'load .version', 'function 0x200 kernel',
-                            launch, 'pop']
+    assert fake.calls() == ['retain 0', 'enter 0x100', 'load .version', 'function 0x200 kernel',
+                            launch, 'leave']
     dynamics()(*given, out=out, stream=5)  # the same text is loaded once
-    assert [call.split()[0] for call in fake.calls()] == ['push', 'launch', 'pop']
+    assert [call.split()[0] for call in fake.calls()] == ['enter', 'launch', 'leave']
 
 
 def test_layout_is_passed_as_strides_and_shared_arguments_have_none(fake):
@@ -90,7 +90,7 @@ def test_layout_is_passed_as_strides_and_shared_arguments_have_none(fake):
 def test_without_a_stream_the_call_waits_and_with_one_it_does_not(fake):
     *given, out = arrays()
     dynamics()(*given, out=out)
-    assert [call.split()[0] for call in fake.calls()][-3:] == ['launch', 'synchronize', 'pop']
+    assert [call.split()[0] for call in fake.calls()][-3:] == ['launch', 'synchronize', 'leave']
     dynamics()(*given, out=out, stream=5)
     assert not any(call.startswith('synchronize') for call in fake.calls())
 
@@ -110,13 +110,13 @@ def test_results_are_allocated_on_the_device_and_freed(fake):
     assert result.__cuda_array_interface__['data'] == (0x900000, False)
     assert result.__dlpack_device__() == (2, 0)
     del result
-    assert fake.calls() == ['push 0x100', 'free 0x900000', 'pop']
+    assert fake.calls() == ['enter 0x100', 'free 0x900000', 'leave']
 
 
 def test_arrays_of_the_second_device_run_there(fake):
     *given, out = (At(0x1000000 + 0x10000 * k, 10, 7) for k in range(4))
     dynamics()(*given, out=out)
-    assert 'push 0x101' in fake.calls()
+    assert 'enter 0x101' in fake.calls()
     with pytest.raises(InputError, match="u: on device 0; expected device 1, that of 'q'"):
         dynamics()(given[0], At(0x1000, 10, 7), given[2])
     with pytest.raises(InputError, match='out: on device 0; expected device 1'):
@@ -134,7 +134,7 @@ def test_an_error_of_the_driver_is_named_and_explained(fake, name):
     assert isinstance(error.value, KaneError)
     assert ('ptxas fatal: line 7' in str(error.value)) == (name == 'cuModuleLoadDataEx')
     calls = [call.split()[0] for call in fake.calls()]
-    assert calls.count('push') == calls.count('pop')
+    assert calls.count('enter') == calls.count('leave')
     fake.fail('')
     dynamics()(*arrays()[:3])  # a failure leaves nothing half made
 
@@ -145,15 +145,15 @@ def test_devices_are_listed(fake):
 
 def test_memory_of_the_host_is_refused(fake):
     *given, out = arrays()
-    with pytest.raises(InputError, match='u: address 0x[0-9a-f]+; expected memory of a GPU'):
+    with pytest.raises(InputError, match=r'u: address 0x[0-9a-f]+; expected memory of a GPU'):
         dynamics()(given[0], HostArray(np.zeros((1000, 7))), given[2], out=out)
 
 
 def test_without_driver_or_device_the_error_says_so(library, fake, monkeypatch):
-    with pytest.raises(DeviceError, match='driver: no_such_library.so: .*; expected a machine '
+    with pytest.raises(DeviceError, match=r'driver: no_such_library.so: .*; expected a machine '
                        'with an NVIDIA GPU'):
         cuda_driver.Driver('no_such_library.so')
-    with pytest.raises(DeviceError, match='driver: .*cuInit.*; expected a machine with an NVIDIA'):
+    with pytest.raises(DeviceError, match=r'driver: .*cuInit.*; expected a machine with an'):
         cuda_driver.Driver('libm.so.6')
     fake.fail('cuInit')
     with pytest.raises(DeviceError, match='cuInit: error 719'):

@@ -3,7 +3,7 @@ Generate LLVM IR of GPU kernels that integrate over time: one thread takes all s
 
 The state of a thread is in its local memory, and a step is a subroutine of it. By value, the
 kernel receives: the numbers of states and of steps; an address and the strides, as
-`device_kernel`, of q, u, tau, of the run-time parameters that are arguments, and of the result;
+`gpu_kernel`, of q, u, tau, of the run-time parameters that are arguments, and of the result;
 for tau and the result a stride from step to step; then the step length, the time at the beginning
 and the block of parameters. A step stride of 0 holds tau, or keeps the last result.
 
@@ -15,8 +15,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 
-from kane_dynamics.native.backends.device_kernel import (declarations, definition, END, entrance,
-                                                         GLOBAL)
+from kane_dynamics.native.backends.gpu_kernel import (declarations, definition, END, entrance,
+                                                      GLOBAL)
 from kane_dynamics.native.backends.llvm_math import Vector
 from kane_dynamics.native.backends.llvm_scalar import Function, with_callees
 from kane_dynamics.native.backends.real_types import Real
@@ -28,7 +28,7 @@ STEP = 'step'
 @dataclass(frozen=True)
 class StepLayout:
     """
-    Where a step program has what a roll-out reads and writes.
+    Places in a step program of the numbers that a roll-out reads and writes.
 
     Attributes
     ----------
@@ -57,6 +57,7 @@ def rollout_text(program: Program, layout: StepLayout, real: Real, host: bool = 
     program : Program
         One step: state, torques and constants (step length, parameters) to the next state.
     layout : StepLayout
+        Of that program.
     real : Real
         The type of the numbers.
     host : bool

@@ -67,7 +67,7 @@ def declarations(host: bool) -> list[str]:
                             for name in REGISTERS]
 
 
-class DeviceFunction(Function):
+class GpuKernel(Function):
     """
     LLVM IR of the kernel of a program.
 
@@ -117,9 +117,9 @@ class DeviceFunction(Function):
                 self.names[index] = f'%{block}.{k}'
         self._result = self._row('result')
         self._places: dict[int, list[int]] = {}  # of results that are not stored yet
-        for k, x in enumerate(self.program.outputs):
-            if isinstance(x, Expr):
-                self._places.setdefault(x.index, []).append(k)
+        for k, result in enumerate(self.program.outputs):
+            if isinstance(result, Expr):
+                self._places.setdefault(result.index, []).append(k)
 
     def _row(self, name: str) -> str:
         """Return the address of this state's row of an argument or of the result."""
@@ -155,11 +155,11 @@ class DeviceFunction(Function):
         self.lines.append(f'  store {self.type} {value}, {GLOBAL} {at}')
 
     def _store_outputs(self) -> None:
-        for k, x in enumerate(self.program.outputs):
-            if isinstance(x, Expr):
-                self._store_result(x)
+        for k, result in enumerate(self.program.outputs):
+            if isinstance(result, Expr):
+                self._store_result(result)
             else:
-                self._store(k, self.value(x))
+                self._store(k, self.value(result))
         bad = self._vector.new(f'icmp ne {self._vector.integer} {self._bad}, 0')
         self.lines += [f'  br i1 {bad}, label %nothing, label %end', 'nothing:']
         for k in range(self.program.n_outputs):
@@ -169,4 +169,4 @@ class DeviceFunction(Function):
 
 def kernel_text(program: Program, real: Real, host: bool = False) -> str:
     """Return the LLVM IR of the kernel of a program, with its subroutines."""
-    return with_callees(DeviceFunction(program, real, host), declarations(host))
+    return with_callees(GpuKernel(program, real, host), declarations(host))

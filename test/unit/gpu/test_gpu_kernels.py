@@ -6,7 +6,7 @@ import pickle
 
 from host_gpu import host_gpu, HostArray, on_gpu, values_of
 from kane_dynamics import gpu, Inertial, Robot, simulate
-from kane_dynamics.native.backends.device_kernel import kernel_text
+from kane_dynamics.native.backends.gpu_kernel import kernel_text
 from kane_dynamics.native.backends.real_types import DOUBLE, FLOAT
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.tracing.program import trace_program
