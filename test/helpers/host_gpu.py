@@ -80,10 +80,7 @@ def host_gpu():
 
 def on_gpu(*arrays, dtype='float64', coalesced=True):
     """Return copies of arrays, with states as neighbors in memory or row by row."""
-    def stored(x):
-        x = np.asarray(x, dtype=dtype)
-        return np.ascontiguousarray(x.T).T if coalesced else np.ascontiguousarray(x)
-    return [HostArray(stored(x)) for x in arrays]
+    return [HostArray(np.array(x, dtype=dtype, order='F' if coalesced else 'C')) for x in arrays]
 
 
 def values_of(result):
