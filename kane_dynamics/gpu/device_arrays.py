@@ -125,7 +125,8 @@ class DeviceMemory:
     Memory of a GPU as an array that other libraries take over without a copy.
 
     `torch.from_dlpack`, `cupy.from_dlpack`, `jax.dlpack.from_dlpack` and
-    `numba.cuda.as_cuda_array` accept it.
+    `numba.cuda.as_cuda_array` accept it. It says that its content is ready: as ``out`` of a call
+    with a stream of your own, wait for that stream first.
     """
 
     def __init__(self, driver: Driver, device: int, shape: tuple[int, ...],

@@ -93,7 +93,8 @@ def function(robot: Robot, name: str, *, parameters: str | Sequence[str] = (),
         Called with arrays. ``out=`` is an array for the result; by default it is a new one of
         PyTorch, CuPy or JAX, or else a `DeviceMemory`. ``stream=`` is the handle of a CUDA stream,
         by default the current one of PyTorch or CuPy, on which the call does not wait; with other
-        libraries the call returns when the result is there. ``ptx`` is the kernel as text.
+        libraries, and with a new `DeviceMemory`, the call returns when the result is there.
+        ``ptx`` is the kernel as text.
 
     Raises
     ------

@@ -122,8 +122,10 @@ def rollout(robot: Robot, *, parameters: str | Sequence[str] = (), dtype: str = 
       last one, (..., n_q + n). Positions come first.
     - out, stream: as of `function`, and so are the arrays.
 
-    From where a state is not finite, a position is too large or constraints are not valid within
-    their limits, its results are NaN; `simulate` raises errors, or continues with other speeds.
+    From where a state is not finite, a position is too large, a step ends with loops that are open
+    by more than ``robot.parameters.closure_tolerance``, before it closes them, or independent
+    speeds are singular, its results are NaN; `simulate` raises errors, or continues with other
+    speeds.
 
     Parameters
     ----------

@@ -9,8 +9,8 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.gpu.cuda_driver import Driver, driver
-from kane_dynamics.gpu.device_arrays import (current_stream, DeviceArray, empty, handed_over, ITEM,
-                                             view)
+from kane_dynamics.gpu.device_arrays import (current_stream, DeviceArray, DeviceMemory, empty,
+                                             handed_over, ITEM, view)
 from kane_dynamics.native.backends.gpu_kernel import KERNEL
 from kane_dynamics.native.backends.real_types import DOUBLE, FLOAT, Real
 from kane_dynamics.native.machine_code import llvm, object_cache
@@ -110,6 +110,7 @@ class KernelCall:
             stride = collapsed(like.shape[:len(batch)], like.strides[:len(batch)])
             given = empty(self._first, batch, shape, self.dtype, stride == 1, self._driver,
                           self.device)
+            self._waits |= isinstance(given, DeviceMemory)  # which says that it is ready
         found = self._view('out', given)
         if found.shape != (*batch, *shape):
             raise InputError(f'out: shape {found.shape}; expected {(*batch, *shape)}')

@@ -67,6 +67,21 @@ def declarations(host: bool) -> list[str]:
                             for name in REGISTERS]
 
 
+def row_address(v: Vector, name: str, step: str = '') -> str:
+    """Return the address of a state's row of an argument or of the result, at a step."""
+    row = f'%{name}.base'
+    for index, stride in (('%i', 'stride'), *([(step, 'step')] if step else [])):
+        offset = v.new(f'mul i64 {index}, %{name}.{stride}')
+        row = v.new(f'getelementptr {v.type}, {GLOBAL} {row}, i64 {offset}')
+    return row
+
+
+def entry_address(v: Vector, name: str, row: str, k: int) -> str:
+    """Return the address of an entry of a row."""
+    offset = v.new(f'mul i64 %{name}.pitch, {k}')
+    return v.new(f'getelementptr {v.type}, {GLOBAL} {row}, i64 {offset}')
+
+
 class GpuKernel(Function):
     """
     LLVM IR of the kernel of a program.
@@ -106,31 +121,20 @@ class GpuKernel(Function):
         used = {node.args: node.index for node in schedule if node.op == 'input'}
         *arguments, (block, _) = self.program.inputs
         for name, shape in arguments:
-            row = self._row(name)
+            row = row_address(v, name)
             for k in range(size_of(shape)):
-                x = v.new(f'load {self.type}, {GLOBAL} {self._entry(name, row, k)}')
+                x = v.new(f'load {self.type}, {GLOBAL} {entry_address(v, name, row, k)}')
                 self._flag(x, self.real.size_limit(name))
                 if (name, k) in used:
                     self.names[used[name, k]] = x
         for (name, k), index in used.items():
             if name == block:
                 self.names[index] = f'%{block}.{k}'
-        self._result = self._row('result')
+        self._result = row_address(v, 'result')
         self._places: dict[int, list[int]] = {}  # of results that are not stored yet
         for k, result in enumerate(self.program.outputs):
             if isinstance(result, Expr):
                 self._places.setdefault(result.index, []).append(k)
-
-    def _row(self, name: str) -> str:
-        """Return the address of this state's row of an argument or of the result."""
-        offset = self._vector.new(f'mul i64 %i, %{name}.stride')
-        return self._vector.new(
-            f'getelementptr {self.type}, {GLOBAL} %{name}.base, i64 {offset}')
-
-    def _entry(self, name: str, row: str, k: int) -> str:
-        """Return the address of an entry of a row."""
-        offset = self._vector.new(f'mul i64 %{name}.pitch, {k}')
-        return self._vector.new(f'getelementptr {self.type}, {GLOBAL} {row}, i64 {offset}')
 
     def _flag(self, x: str, most: float = math.inf) -> None:
         """Remember whether a number is not finite, or larger than `most`."""
@@ -151,7 +155,7 @@ class GpuKernel(Function):
             self._flag(self.value(node))
 
     def _store(self, k: int, value: str) -> None:
-        at = self._entry('result', self._result, k)
+        at = entry_address(self._vector, 'result', self._result, k)
         self.lines.append(f'  store {self.type} {value}, {GLOBAL} {at}')
 
     def _store_outputs(self) -> None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import math
 
 from kane_dynamics.native.backends.gpu_kernel import (declarations, definition, END, entrance,
-                                                      GLOBAL)
+                                                      entry_address, GLOBAL, row_address)
 from kane_dynamics.native.backends.llvm_math import Vector
 from kane_dynamics.native.backends.llvm_scalar import Function, with_callees
 from kane_dynamics.native.backends.real_types import Real
@@ -104,23 +104,11 @@ class _Rollout:
     def _put(self, value: str, memory: str, k: int) -> None:
         self.lines.append(f'  store {self._type} {value}, ptr {self._at(memory, k)}')
 
-    def _row(self, name: str, step: str = '') -> str:
-        """Return the address of this state's row of an argument, at a step."""
-        row = f'%{name}.base'
-        for index, stride in (('%i', 'stride'), *([(step, 'step')] if step else [])):
-            offset = self._v.new(f'mul i64 {index}, %{name}.{stride}')
-            row = self._v.new(f'getelementptr {self._type}, {GLOBAL} {row}, i64 {offset}')
-        return row
-
-    def _entry(self, name: str, row: str, k: int) -> str:
-        offset = self._v.new(f'mul i64 %{name}.pitch, {k}')
-        return self._v.new(f'getelementptr {self._type}, {GLOBAL} {row}, i64 {offset}')
-
     def _copy(self, name: str, count: int, memory: str, begin: int, step: str = '') -> None:
         """Copy a row of an argument to local memory."""
-        row = self._row(name, step)
+        row = row_address(self._v, name, step)
         for k in range(count):
-            x = self._v.new(f'load {self._type}, {GLOBAL} {self._entry(name, row, k)}')
+            x = self._v.new(f'load {self._type}, {GLOBAL} {entry_address(self._v, name, row, k)}')
             self._put(x, memory, begin + k)
 
     def _load(self) -> None:
@@ -161,11 +149,11 @@ class _Rollout:
         self.lines += [f'  call void @{STEP}(ptr %args)',
                        f'  %bad.next = or {v.integer} %bad, {self._flags()}']
         invalid = v.new(f'icmp ne {v.integer} %bad.next, 0')
-        row = self._row('result', '%s')
+        row = row_address(v, 'result', '%s')
         for k in range(layout.n_q + layout.n):
             x = v.new(f'load {self._type}, ptr {self._at("%x", k)}')
             x = v.select(invalid, v.const(math.nan), x)
-            self.lines.append(
-                f'  store {self._type} {x}, {GLOBAL} {self._entry("result", row, k)}')
+            at = entry_address(v, 'result', row, k)
+            self.lines.append(f'  store {self._type} {x}, {GLOBAL} {at}')
         self.lines += ['  %next = add i64 %s, 1', '  %more = icmp slt i64 %next, %steps',
                        '  br i1 %more, label %loop, label %done', 'done:']

@@ -93,6 +93,8 @@ def test_without_a_stream_the_call_waits_and_with_one_it_does_not(fake):
     assert [call.split()[0] for call in fake.calls()][-3:] == ['launch', 'synchronize', 'leave']
     dynamics()(*given, out=out, stream=5)
     assert not any(call.startswith('synchronize') for call in fake.calls())
+    dynamics()(*given, stream=5)  # the result, new memory, says that it is ready
+    assert 'synchronize 0x5' in fake.calls()
 
 
 def test_a_stream_that_an_array_states_is_waited_for_unless_it_is_that_of_the_call(fake):

@@ -219,6 +219,10 @@ def test_rollouts_are_nan_from_where_they_are_not_valid():
     found = values_of(gpu.rollout(loop.robot)(
         *on_gpu(np.tile(loop.q, (2, 1)), fast, 0.0 * fast), h=1e-2, steps=3))
     assert np.isfinite(found[0]).all() and np.isnan(found[1, -1]).all()
+    q = np.array([[0.0], [0.01]]) * [0.0, 1.0, 0.0] + loop.q  # open from the beginning
+    still = np.zeros((2, loop.robot.n))
+    found = values_of(gpu.rollout(loop.robot)(*on_gpu(q, still, still), h=1e-4, steps=2))
+    assert np.isfinite(found[0]).all() and np.isnan(found[1]).all()
 
 
 def test_functions_and_rollouts_can_be_copied_and_pickled():

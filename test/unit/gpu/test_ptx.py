@@ -60,4 +60,5 @@ def test_text_is_ptx_that_calls_no_library():
             text = gpu.rollout(case(kind).robot, dtype=dtype).ptx
             assert '.target sm_75' in text and '.entry kernel(' in text
             assert '.extern' not in text
+            assert 'approx' not in text and '.ftz' not in text  # exact quotients, no flushing
             assert ('.b64' if dtype == 'float64' else 'fma.rn.f32') in text
