@@ -125,7 +125,8 @@ class _Rollout:
             self._put('%time', '%x', layout.n_q + layout.n)
         if layout.watched:
             self._put(v.const(1.0), '%x', self._sizes[0] - 1)
-        self.lines.append(f'  %bad.first = or {v.integer} {self._flags()}, 0')
+        flags = self._flags()
+        self.lines.append(f'  %bad.first = or {v.integer} {flags}, 0')
 
     def _flags(self) -> str:
         """Return bits that are set where the state is not valid."""
@@ -146,8 +147,9 @@ class _Rollout:
         self.lines += ['  br label %loop', 'loop:', '  %s = phi i64 [0, %state], [%next, %loop]',
                        f'  %bad = phi {v.integer} [%bad.first, %state], [%bad.next, %loop]']
         self._copy('tau', layout.n, '%f', 0, '%s')
-        self.lines += [f'  call void @{STEP}(ptr %args)',
-                       f'  %bad.next = or {v.integer} %bad, {self._flags()}']
+        self.lines.append(f'  call void @{STEP}(ptr %args)')
+        flags = self._flags()
+        self.lines.append(f'  %bad.next = or {v.integer} %bad, {flags}')
         invalid = v.new(f'icmp ne {v.integer} %bad.next, 0')
         row = row_address(v, 'result', '%s')
         for k in range(layout.n_q + layout.n):
