@@ -107,8 +107,8 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     inputs = _inputs(robot, feedback)
     arguments = [Argument(key, shape) for key, shape in inputs[:2]]
     return robot.kernels.extra(
-        name, lambda: _program(robot, name, feedback, integrator, dual_to, followed), arguments,
-        np.zeros(inputs[2][1]), inputs[0][1])
+        name, lambda: step_program(robot, name, feedback, integrator, dual_to, followed),
+        arguments, np.zeros(inputs[2][1]), inputs[0][1])
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:
@@ -202,9 +202,10 @@ class _RobotMotion:
         return np.array([*(1.0 for _ in self._start), *[0.0] * margin_count(self._robot)])
 
 
-def _program(robot: Robot, name: str, feedback: bool, integrator: str,
-             dual_to: tuple[str, ...] | None = None, followed: Sequence[int] = ()) -> Program:
-    """Trace one step; constraints project its end back onto their configurations."""
+def step_program(robot: Robot, name: str, feedback: bool, integrator: str,
+                 dual_to: tuple[str, ...] | None = None,
+                 followed: Sequence[int] = ()) -> Program:
+    """Trace the program of `step_kernel`; constraints project its end onto where they hold."""
     n_q, n, equations = robot.n_q, robot.n, robot.equations
     method = integrator_of(integrator)
 

@@ -13,8 +13,9 @@ import pickle
 import subprocess
 from tempfile import TemporaryDirectory
 
+from host_gpu import host_gpu, on_gpu, values_of
 from kane_dynamics import (box, CollisionDetector, ComputedTorque, Controller, fill_trajectory,
-                           MomentumObserver, Motion, natural_vibration, simulate)
+                           gpu, MomentumObserver, Motion, natural_vibration, simulate)
 from kane_dynamics.analysis.power_balance import power_balance
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.feasibility import demand, fastest, time_optimal
@@ -320,6 +321,19 @@ def simulation(case, integrator='rk4', step=1e-4, tolerance=CLOSED):
     near(run.q[-1], q, tolerance)
     near(run.u[-1], u, tolerance)
     assert run.drift < 1e-9
+
+
+def on_a_gpu(case, step=1e-4):
+    """Evaluate the kernels of GPUs on the processor."""
+    given = {'q': case.q, 'u': case.u, 'udot': case.udot, 't': np.array(case.time),
+             'wrench': np.zeros_like(case.robot.kernels.no_wrench)}
+    with host_gpu():
+        function = gpu.function(case.robot, 'inverse_dynamics')
+        near(values_of(function(*on_gpu(*(given[name] for name in function.names)))),
+             inverse(case))
+        state = on_gpu(case.q, case.u, 0.0 * case.u)
+        after = gpu.rollout(case.robot)(*state, h=step, steps=1, t=case.time, every_step=False)
+        near(values_of(after), np.concatenate(reference_step(case, step)), CLOSED)
 
 
 def stopped(case):

@@ -100,6 +100,7 @@ ROWS = (
         (TREE,): NO_CONSTRAINT, (BEAM,): NO_CONSTRAINT}),
     Row('workspace', check.workspace, pairs=False),
     Row('batches', check.batches, pairs=False),
+    Row('batches on a GPU: quantities, roll-outs', check.on_a_gpu, pairs=False),
     Row('pickling', check.pickling, pairs=False),
     Row('`verify`', check.verification, pairs=False),
     Row('`simulate`', check.simulation, pairs=False),

@@ -25,7 +25,7 @@ kinematics shapes
 control
 simulation
 analysis
-feasibility identification optimal_control sweep
+feasibility gpu identification optimal_control sweep
 plot view
 ros cli
 demo

@@ -8,10 +8,10 @@ same way. `bad` accumulates bits that are set where an argument or a result is n
 """
 
 from functools import cache
-import math
 
-from kane_dynamics.native.backends.llvm_math import overflow_scale, size_limit, Vector, vector_type
+from kane_dynamics.native.backends.llvm_math import Vector
 from kane_dynamics.native.backends.llvm_scalar import Function, with_callees
+from kane_dynamics.native.backends.real_types import size_limit, vector_type
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.tracing.expression import Expr
 from kane_dynamics.native.tracing.program import Program, size_of
@@ -90,7 +90,7 @@ class RowFunction(Function):
         v, outputs = self._vector, self.program.outputs
         rows = self._rows(len(self.program.inputs))
         computed = {x.index: x for x in outputs if isinstance(x, Expr)}
-        self._add_flags(1, [self._nonfinite_bits(self.value(x)) for x in computed.values()])
+        self._add_flags(1, [v.nonfinite_bits(self.value(x)) for x in computed.values()])
         self._prefetch(rows, len(outputs), writing=True)
         for c in range(0, len(outputs), v.width):
             tile = [self.value(x) for x in outputs[c:c + v.width]]
@@ -127,7 +127,7 @@ class RowFunction(Function):
         for c in range(0, size, v.width):  # loading half rows exchanges the largest blocks
             tile = [self._load_halves(rows[i], rows[i + half], place, size)
                     for place in (c, c + half) for i in range(half)]
-            bits += [self._nonfinite_bits(row, most) for row in tile if row != 'zeroinitializer']
+            bits += [v.nonfinite_bits(row, most) for row in tile if row != 'zeroinitializer']
             columns += exchange_blocks(v, tile, half // 2)
         return columns[:size]
 
@@ -149,12 +149,6 @@ class RowFunction(Function):
         places = ', '.join(f'i32 {k}' for k in range(self.lanes))
         return v.new(f'shufflevector {kind} {halves[0]}, {kind} {halves[1]}, '
                      f'<{self.lanes} x i32> <{places}>')
-
-    def _nonfinite_bits(self, x: str, most: float = math.inf) -> str:
-        """Return the bits of x - x: zero where x is finite, those of NaN elsewhere."""
-        if math.isfinite(most):  # larger numbers overflow
-            x = self._vector.op('fmul', x, self._vector.const(overflow_scale(most)))
-        return self._vector.bits(self._vector.op('fsub', x, x))
 
     def _add_flags(self, place: int, bits: list[str]) -> None:
         """Combine bits with the flags of the arguments (place 0) or of the result (1)."""
