@@ -132,8 +132,6 @@ ROWS = (
         BEAM: BENDS,
         BALL: NO_ANGLE}, pairs=False),
     Row('`fastest`', check.scaled, {
-        SPEEDS: MISSING,
-        LOOP: MISSING,
         ROLLING: NO_SHAPE,
         TIME: NO_SCALE,
         BEAM: BENDS,
