@@ -190,6 +190,7 @@ def _feasible(sub: ArgumentParser) -> None:
 
 def _fill(sub: ArgumentParser) -> None:
     _add_model(sub)
+    _add_constraints(sub)
     _add_motion(sub, 'YAML, CSV or npz file, or a ROS 2 bag', required=True)
     sub.add_argument('--topic', help='topic of the trajectories in a bag (default: the only one)')
     sub.add_argument('--tolerance', type=float, nargs='+', metavar='X',

@@ -200,7 +200,7 @@ def _of_mechanism(robot: Robot, motion: Motion, t: Array, q: Array, rates: Array
 
 def whole_motion(robot: Robot, motion: Motion, t: Array, q: Array, rates: Array,
                  accelerations: Array) -> MechanismMotion:
-    """Return the motion of a rigid robot with chosen speeds or constraints, from driving joints."""
+    """Return the motion of a robot with chosen speeds or constraints, from driving joints."""
     if robot.model.flexible:
         raise InputError('robot: flexible, with chosen speeds or constraints; expected one '
                          'without beams, as a motion of joints does not state their deflections')

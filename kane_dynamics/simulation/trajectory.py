@@ -166,6 +166,7 @@ class Trajectory:
         Parameters
         ----------
         robot : Robot
+            Of any kind.
         t : (K,) array
             s; increases from row to row.
         q, u, udot : (K, n_q), (K, n) arrays
@@ -177,8 +178,7 @@ class Trajectory:
             Names the argument, what was given and what is expected.
 
         """
-        q = np.asarray(q)
-        if q.ndim != 2:
+        if (q := np.asarray(q)).ndim != 2:
             raise InputError(f'q: shape {q.shape}; expected (K, {robot.n_q})')
         t = increasing(t, len(q), 't')
         tau = robot.inverse_dynamics(q, u, udot, t=t)

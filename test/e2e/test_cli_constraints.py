@@ -114,10 +114,18 @@ def test_doctor_examines_the_motors_under_the_loops(tmp_path):
 
 
 def test_feasible_has_the_torques_of_the_motors_only(motion):
-    found = command('feasible', *ARM, '--motion', motion, '--json')
-    peaks = dict(zip(*(json.loads(found.stdout)[name] for name in ('joint_names',)), json.loads(
-        found.stdout)['torque']['peak']))
+    found = json.loads(command('feasible', *ARM, '--motion', motion, '--json').stdout)
+    peaks = dict(zip(found['joint_names'], found['torque']['peak']))
     assert {name for name, peak in peaks.items() if peak > 0.0} == set(DRIVEN)
+    assert found['fastest'] is None or found['fastest']['joint'] in palletizer().joint_names
+
+
+def test_filled_efforts_are_those_of_the_motors(motion):
+    (found,) = answer('fill', *ARM, '--motion', motion)
+    assert found['joint_names'] == list(DRIVEN)
+    tau = expected(positions(palletizer(), *AT), RATES, ACCELERATIONS)
+    places = [palletizer().joint_names.index(name) for name in DRIVEN]
+    np.testing.assert_allclose(found['efforts'][0], tau[places], atol=1e-9 * np.abs(tau).max())
 
 
 def test_exported_c_is_that_of_the_closed_loops(tmp_path):
@@ -129,8 +137,8 @@ def test_exported_c_is_that_of_the_closed_loops(tmp_path):
 
 
 @pytest.mark.parametrize(('arguments', 'message'), [
-    (['torque', *ARM, '--q', '0', '0', '0'], '--q: 3 numbers; expected 4, in the order swivel, sho'
-     + 'ulder, lever_drive, turn, or 10, in the order swivel, shoulder, elbow'),
+    (['torque', *ARM, '--q', '0', '0', '0'], 'lever_drive, turn, or 10, in the order swivel, sh'),
+    (['torque', *ARM, '--q', '0', '0', '0'], '--q: 3 numbers; expected 4, in the order swivel'),
     (['torque', *ARM, '--u', *'0' * 10], '--u: 10 numbers; expected 4'),
     (['torque', str(URDF), '--constraints', 'none.yaml'], 'none.yaml'),
     (['torque', *ARM, '--q', '0', '0', '3', '0'], 'expected'),

@@ -46,8 +46,9 @@ def simulation(options: Namespace) -> None:
         robot.constraint_names) else {}
     if options.json:
         print_json({'joint_names': robot.joint_names, **constrained,
-                    'duration': float(result.t[-1]), 'wall_time': wall, 'q': result.q[-1], 'u': result.u[-1],
-                    'tau': result.tau[-1], 'energy_before': before, 'energy_after': after,
+                    'duration': float(result.t[-1]), 'wall_time': wall, 'q': result.q[-1],
+                    'u': result.u[-1], 'tau': result.tau[-1], 'energy_before': before,
+                    'energy_after': after,
                     'limit_events': [str(event) for event in result.limit_events],
                     'stop_events': [str(event) for event in result.stop_events]})
         return
