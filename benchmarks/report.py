@@ -25,7 +25,8 @@ from kane_dynamics._util.resources import package_version, resource_path
 from kane_dynamics.native.machine_code import llvm
 
 FOLDER = Path(__file__).resolve().parents[1] / 'build' / 'bench'
-PARTS = ('python_calls', 'native_loop', 'simulation_loop', 'constrained_loop', 'sweep')
+PARTS = ('python_calls', 'native_loop', 'simulation_loop', 'constrained_loop', 'machine_loop',
+         'machine_calls', 'sweep')
 PYTHON, CPP, MUJOCO, START = 'Pinocchio from Python', 'Pinocchio C++', 'MuJoCo', 'start'
 UNCHECKED = 'simulate without the energy balance'
 PLAIN, CLOCK = 'the plain arm', 'the clock'
@@ -34,7 +35,8 @@ UNDER = ('absolute rates', 'momenta', 'a knife edge at the tip', 'the tip on a p
 WATCHED, UNWATCHED = 'with the watch of constraints', 'without it'
 WATCHED_ROBOTS = ('four-bar', 'rolling disc', 'a knife edge at the tip', 'the tip on a plane',
                   'a coupling')
-ARMS, LARGE = ('ur10e', 'fr3'), ('talos',)
+ARMS, LARGE, FREE = ('ur10e', 'fr3'), ('talos',), ('free-flying fr3',)
+LOOPS = ('four-bar', 'palletizer', 'delta robot', 'stewart platform')
 PACKAGES = ('pin', 'mujoco', 'cmeel-eigen', 'numpy', 'llvmlite')
 
 
@@ -72,6 +74,12 @@ def gates() -> list[Gate]:
         Gate(loop + 'inverse_dynamics', CPP, 10.0, 14.0, LARGE),
         Gate(loop + 'forward_dynamics', CPP, 5.0, 8.0, LARGE),
         Gate(loop + 'inverse_dynamics_derivatives', CPP, 2.5, 5.0, LARGE),
+        Gate(loop + 'forward_dynamics_derivatives', CPP, 8.0, 12.0, ('fr3',)),
+        Gate(loop + 'inverse_dynamics', CPP, 8.0, 12.0, FREE),
+        Gate(loop + 'forward_dynamics', CPP, 8.0, 12.0, FREE),
+        # its constraintDynamics, with a proximal solver
+        Gate(loop + 'constraint dynamics', CPP, 12.0, 20.0, LOOPS),
+        Gate('constraint dynamics', PYTHON, 20.0, 40.0, LOOPS),
         *(Gate(f'forward dynamics under {what}', PLAIN, 1.0 / 3.0, 0.5) for what in UNDER),
         *(Gate(f'{what} {WATCHED}', UNWATCHED, 1.0 / 1.05, 1.0, WATCHED_ROBOTS)  # costs 5 %
           for what in ('step', 'calls')),
