@@ -26,7 +26,7 @@ from kane_dynamics.simulation.simulation_arguments import (
 from kane_dynamics.simulation.speed_switching import SwitchingInput
 from kane_dynamics.simulation.step_kernels import state_names
 from kane_dynamics.simulation.step_size import diverged_error, step_warning
-from kane_dynamics.simulation.stops.joint_stops import JointStops
+from kane_dynamics.simulation.stops.joint_stops import JointStops, require_stops
 from kane_dynamics.simulation.torque_input import evaluated_torque, torque_input
 from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
@@ -138,7 +138,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     if not isinstance(stops, bool | np.bool_):
         raise InputError(f'stops: {stops!r}; expected True or False')
     if stops:
-        source = replace(source, stops=JointStops(robot, starts, step, t0))
+        require_stops(robot, starts[:, :robot.n_q])
+        source = replace(source, stops=JointStops(robot, step, t0))
     watched = bool(robot.constraint_names)
     if watched:
         source = SwitchingInput(source, N, integrator, single)

@@ -2,23 +2,21 @@
 Joint stops of `simulate`: rigid, inelastic and frictionless, at the position limits.
 
 After a native step that ends past a stop, the joints are moved back and the impulses of the stops
-end the motion into them. With constraints or chosen speeds both act in the space of the admissible
-motions: an impulse p of a stop at joint j changes the independent speeds by -M^-1 T_j^T s p. While
-a joint presses against its stop, every step ends so; these steps are native (`pressed_steps`).
+end the motion into them (`impulses`). While joints press against their stops, the forces of these
+hold them within the steps, which are native too (`pressed_steps`).
 """
 
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
+from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.joint_stops import nearest_stops, stop_impulses, stopped_state
-from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.mechanics.joint_stops import nearest_stops, stopped_state
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import Impact
-from kane_dynamics.simulation.stops.pressed_steps import pressed_steps, ROUNDING
+from kane_dynamics.simulation.stops.impulses import admissible_state, TOUCHING
+from kane_dynamics.simulation.stops.pressed_steps import (pressed_steps, PressedSteps,
+                                                          ROUNDING)
 from kane_dynamics.simulation.stops.stop_energies import energies
 from kane_dynamics.simulation.trajectory import StopEvent
 import numpy as np
@@ -26,11 +24,10 @@ import numpy as np
 if TYPE_CHECKING:
     from kane_dynamics.simulation.torque_input import TorqueInput
 
-TOUCHING = 1e-9  # rad or m
-REGULAR = 1e-12  # relative, added to impulses of stops that the constraints couple
-DRIVEN = 1e-6  # relative: speed into a stop that its impulse cannot end
+AT_REST = 1e-7  # rad/s or m/s, with constraints; speeds of trees at their stops are zero
 RESTING = 1e-4  # rad/s or m/s: speed into a stop of a joint that already rests there
-ITERATIONS = 10  # of moving joints back and closing loops
+NEGLIGIBLE = 1e-9  # acceleration into a stop, relative to those without forces of stops
+MOST_SETS = 64  # of stops that hold, tried at the beginning of a step
 PRESSED = 16  # pressed steps in the first native piece
 MORE = 4  # ratio of the lengths of successive pieces without contact
 
@@ -44,6 +41,30 @@ class Contact(NamedTuple):
     unresolved: float  # J: uncertainty of the work of that step
 
 
+def require_stops(robot: Robot, q: Array) -> None:
+    """
+    Check the stops of a robot, and that its initial configurations, (N, n_q), are between them.
+
+    Raises
+    ------
+    InputError
+        A limit is not a number, or the limits of a joint leave it no range; or a joint starts
+        past its stop.
+
+    """
+    lower, upper = robot.limits.lower, robot.limits.upper
+    constrained = isinstance(robot.equations, ConstrainedEquations)
+    for name, low, high in zip(robot.coordinate_names, lower, upper):
+        if not (low < high or (low == high and constrained)):
+            raise InputError(f"limits: of joint '{name}' {low:g} to {high:g}; expected a "
+                             'range, between its stops; a joint that cannot move is fixed')
+    past = (q < lower - TOUCHING) | (q > upper + TOUCHING)
+    if past.any():
+        i, j = (int(x) for x in np.argwhere(past)[0])
+        raise InputError(f"q0: joint '{robot.coordinate_names[j]}' at {q[i, j]:.6g}; expected "
+                         f'{lower[j]:.6g} to {upper[j]:.6g}, between its stops')
+
+
 class JointStops:
     """
     The stops of N simulations of one robot.
@@ -51,36 +72,19 @@ class JointStops:
     Parameters
     ----------
     robot : Robot
-    starts : (N, size) array
-        Initial states.
     step, start : float
         s.
 
-    Raises
-    ------
-    InputError
-        A joint starts past its stop, or the limits of a joint leave it no range.
-
     """
 
-    def __init__(self, robot: Robot, starts: Array, step: float, start: float) -> None:
-        """Check the initial states."""
+    def __init__(self, robot: Robot, step: float, start: float) -> None:
+        """Begin without contacts."""
         self._robot, self._step, self._start = robot, step, start
         self._lower, self._upper = robot.limits.lower, robot.limits.upper
         self._constrained = isinstance(robot.equations, ConstrainedEquations)
         self._most = ROUNDING if self._constrained else 0.0
         self._contacts: dict[int, dict[int, Contact]] = {}  # by simulation, then steps done
         self._events: list[StopEvent] = []
-        for name, low, high in zip(robot.coordinate_names, self._lower, self._upper):
-            if not (low < high or (low == high and self._constrained)):
-                raise InputError(f"limits: of joint '{name}' {low:g} to {high:g}; expected a "
-                                 'range, between its stops; a joint that cannot move is fixed')
-        q = starts[:, :robot.n_q]
-        past = (q < self._lower - TOUCHING) | (q > self._upper + TOUCHING)
-        if past.any():
-            i, j = (int(x) for x in np.argwhere(past)[0])
-            raise InputError(f"q0: joint '{robot.coordinate_names[j]}' at {q[i, j]:.6g}; expected "
-                             f'{self._lower[j]:.6g} to {self._upper[j]:.6g}, between its stops')
 
     def apply(self, source: 'TorqueInput', buffer: Array, done: int) -> list[int]:
         """
@@ -154,141 +158,132 @@ class JointStops:
             first = int(np.argmax(past)) if past.any() else len(new)
             if watched and not (new[:first + 1, -1] > 0.0).all():
                 return  # the simulation continues from there in other speeds, or ends
-            if first == len(new):
-                at = have
+            if first:
+                at, piece = at + first, piece if first == len(new) else 1
                 continue
-            piece = 1 if first == 0 else MORE
-            if first == 0:
+            held, before, after = self._held_step(source, rows[at], rows[at + 1], done + at)
+            if watched and not before[-1] > 0.0:
+                rows[at + 1] = before
+                return
+            count = 0
+            if held.any():
                 asked = min(pressed, end - at)
-                done_here = self._pressed(source, i, rows[at:at + asked + 1], done + at)
-                pressed = MORE * pressed if done_here == asked else PRESSED
-                if done_here:
-                    at += done_here
-                    have = min(at + 1, end) if done_here < asked else at
-                    continue
-            at = have = at + 1 + first
-            rows[at] = self._stopped(source, i, rows[at - 1], rows[at], done + at)
+                count = self._pressed(source, i, rows[at:at + asked + 1], done + at, held)
+                pressed = MORE * pressed if count == asked else PRESSED
+            if not count:
+                rows[at + 1], count = self._stopped(source, i, rows[at], before, after,
+                                                    done + at + 1), 1
+            at, piece = at + count, 1
+            have = at
 
-    def _pressed(self, source: 'TorqueInput', i: int, rows: Array, done: int) -> int:
+    def step_end(self, source: 'TorqueInput', state: Array, free: Array) -> Array:
         """
-        Compute steps in which the joints at their stops press against them, and no others.
+        Return the state at the end of the first step, with stops; `free` is that without.
 
-        Return their number. Unless all are such steps, the row after them is the end of the next
-        step before the impulses of the stops.
+        Parameters
+        ----------
+        source : TorqueInput
+            Of one simulation.
+        state, free : (size,) arrays
+            States at the begin and, without stops, at the end of the step.
+
         """
+        after = self._held_step(source, state, free, 0)[2]
+        return self._resolved(source.robot, after, self._start + self._step)[0] if self._past(
+            after) else after
+
+    def _resting(self, robot: Robot, state: Array, done: int) -> Array:
+        """Return the sides of the stops, (n_q,), at which joints rest; 0 of other joints."""
         n_q, n = self._robot.n_q, self._robot.n
-        q, u, t = rows[0, :n_q], rows[0, n_q:n_q + n], self._start + done * self._step
+        q, u, t = state[:n_q], state[n_q:n_q + n], self._start + done * self._step
         side, away = nearest_stops(q, self._lower, self._upper)
-        side = side * ((np.abs(away) < TOUCHING)
-                       & (np.abs(self._rates(source.robot, q, u, t)) < RESTING))
+        near, slow = (TOUCHING, AT_REST) if self._constrained else (0.0, 0.0)
+        found: Array = side * ((np.abs(away) <= near)
+                               & (np.abs(self._rates(robot, q, u, t)) <= slow))
+        return found
+
+    def _held_step(self, source: 'TorqueInput', state: Array, free: Array,
+                   done: int) -> tuple[Array, Array, Array]:
+        """
+        Return the sides of the stops that hold joints during a step, and the ends of the step.
+
+        At the beginning forces f and accelerations a into the stops of the joints that rest solve
+        the complementarity problem f >= 0, a <= 0, f . a = 0 of `stop_impulses`, by the same
+        method. A stop that pulls later in the step does not hold in this step. None holds if
+        another joint passes its stop: the impulses at the end of the free step then include those
+        of the forces, so that an impact moves joints off their stops only against their pressure.
+
+        Returns
+        -------
+        held : (n_q,) array
+        before, after : (size,) arrays
+            States before and after the last correction of `pressed_steps`.
+
+        """
+        side = self._resting(source.robot, state, done)
+        held = np.zeros(len(side))
         if not side.any():
-            return 0
-        after, before, valid = pressed_steps(source, rows[0], done, len(rows) - 1, side,
-                                             self._lower, self._upper)
-        count = len(valid) if valid.all() else int(np.argmin(valid))
+            return held, free, free
+
+        def step() -> PressedSteps:
+            return pressed_steps(source, state, done, 1, held, self._lower, self._upper)
+        one = step()
+        scale = NEGLIGIBLE * float(np.abs(one.acceleration * side).max())
+        for _ in range(MOST_SETS):
+            wrong = np.where(held != 0.0, one.first[0] > 0.0, side * one.acceleration[0] > scale)
+            if not wrong.any():
+                break
+            least = int(np.argmax(wrong))
+            held[least] = side[least] - held[least]
+            one = step()
+        while (pulled := (held != 0.0) & (one.pull[0] > 0.0)).any():
+            held[pulled] = 0.0
+            one = step()
+        if not held.any() or self._past(one.after[0]):
+            return np.zeros(len(side)), free, free
+        return held, one.before[0], one.after[0]
+
+    def _pressed(self, source: 'TorqueInput', i: int, rows: Array, done: int,
+                 held: Array) -> int:
+        """Compute steps in which stops hold joints, and no others act; return their number."""
+        found = pressed_steps(source, rows[0], done, len(rows) - 1, held, self._lower,
+                              self._upper)
+        count = len(found.valid) if found.valid.all() else int(np.argmin(found.valid))
         if count:
-            rows[1:count + 1] = after[:count]
+            rows[1:count + 1] = found.after[:count]
             steps = done + np.arange(1, count + 1)
-            lost = energies(source, self._robot, before[:count], after[:count], steps)
+            lost = energies(source, self._robot, found.before[:count], found.after[:count], steps)
             self._contacts.setdefault(i, {}).update(
                 (step, Contact({}, *each)) for step, each in zip(steps.tolist(), lost))
-            if count < len(valid):
-                rows[count + 1] = before[count]
         return count
 
-    def _stopped(self, source: 'TorqueInput', i: int, last: Array, state: Array,
+    def _stopped(self, source: 'TorqueInput', i: int, last: Array, before: Array, after: Array,
                  step: int) -> Array:
-        """Return a state after the impulses of the stops, and record the contact."""
+        """Return the state after the impulses of the stops, and record the contact."""
         robot, n_q, n = source.robot, self._robot.n_q, self._robot.n
-        t = self._start + step * self._step
-        q, u = state[:n_q].copy(), state[n_q:n_q + n].copy()
-        after, qdot = state.copy(), self._rates(robot, q, u, t)
-        side, away = nearest_stops(q, self._lower, self._upper)
-        if self._constrained:
-            after[:n_q], after[n_q:n_q + n] = self.admissible(robot, q, u, t)
-        else:
-            after[:n_q], after[n_q:n_q + n] = stopped_state(
-                q, u, robot.inverse_mass_matrix(q), self._lower, self._upper)
-        before = self._rates(robot, last[:n_q], last[n_q:n_q + n], t - self._step)
-        near = np.abs(nearest_stops(last[:n_q], self._lower, self._upper)[1]) < TOUCHING
-        rested = near & (side * before < RESTING)
-        hits = {int(j): ('upper' if side[j] > 0.0 else 'lower', float(side[j] * qdot[j]))
-                for j in np.flatnonzero((side * away > self._most) & ~rested)}
+        t, hits = self._start + step * self._step, {}
+        if self._past(after):
+            after, speeds = self._resolved(robot, after, t)
+            side, away = nearest_stops(last[:n_q], self._lower, self._upper)
+            rates = self._rates(robot, last[:n_q], last[n_q:n_q + n], t - self._step)
+            rested = (np.abs(away) < TOUCHING) & (side * rates < RESTING)
+            at = nearest_stops(after[:n_q], self._lower, self._upper)[0]
+            hits = {int(j): ('upper' if at[j] > 0.0 else 'lower', float(speeds[j]))
+                    for j in np.flatnonzero((speeds > 0.0) & ~rested)}
         self._contacts.setdefault(i, {})[step] = Contact(
-            hits, *energies(source, self._robot, state[None], after[None], np.array([step]))[0])
+            hits, *energies(source, self._robot, before[None], after[None], np.array([step]))[0])
         return after
 
+    def _resolved(self, robot: Robot, state: Array, t: float) -> tuple[Array, Array]:
+        """Return a state after the impulses of the stops, and the speeds that they ended."""
+        n_q, n = self._robot.n_q, self._robot.n
+        q, u, after = state[:n_q].copy(), state[n_q:n_q + n].copy(), state.copy()
+        stops = self._lower, self._upper
+        after[:n_q], after[n_q:n_q + n], speeds = admissible_state(
+            robot, q, u, t, *stops) if self._constrained else stopped_state(
+            q, u, robot.inverse_mass_matrix(q), *stops)
+        return after, speeds
+
     def _rates(self, robot: Robot, q: Array, u: Array, t: Any) -> Array:
-        """Return q', (..., n_q)."""
+        """Return q', (n_q,)."""
         return robot.joint_rates(q, u, **({'t': t} if robot.equations.timed else {}))
-
-    def admissible(self, robot: Robot, q: Array, u: Array, t: float) -> tuple[Array, Array]:
-        """Return q and u after impulses in the space of the admissible motions."""
-        at: dict[str, Any] = {'t': t} if robot.equations.timed else {}
-        contact: Any = None  # indices of the joints that end at their stops
-        for _ in range(ITERATIONS):
-            T, X, inverse = self._partial_rates(robot, q, t, at)
-            side, away = nearest_stops(q, self._lower, self._upper)
-            past = np.flatnonzero(side * away > self._most)
-            if contact is None:
-                stops = np.flatnonzero(side)
-                s, along, A = _response(side, stops, T, inverse)
-                p, active = stop_impulses(s * away[stops], A)
-                contact = stops[active]
-            else:  # the loops are not linear: iterate to the stops, from either side
-                contact = np.union1d(contact, past)
-                if not len(past) and (np.abs(away[contact]) <= self._most).all():
-                    break
-                s, along, A = _response(side, contact, T, inverse)
-                p = np.linalg.solve(A, s * away[contact])
-            q = self._closed(robot, q - T @ (along @ p), t)
-        else:
-            raise self._driven(q, side * away, t)
-        side = side * (np.abs(away) < TOUCHING)
-        qdot, stops = T @ u + X, np.flatnonzero(side)
-        s, along, A = _response(side, stops, T, inverse)
-        u = u - along @ stop_impulses(s * qdot[stops], A)[0]
-        into = side * (T @ u + X)
-        if (into > DRIVEN * np.abs(qdot).max(initial=1e-6)).any():
-            raise self._driven(q, into, t)
-        return q, u
-
-    def _partial_rates(self, robot: Robot, q: Array, t: float,
-                       at: dict[str, Any]) -> tuple[Array, Array, Array]:
-        """Return T (n_q, n), X (n_q,) of q' = T u + X, and M^-1 (n, n)."""
-        n = robot.n
-        rows = np.concatenate([np.zeros((1, n)), np.eye(n)])
-        rates = self._rates(robot, np.tile(q, (n + 1, 1)), rows, t)
-        return (rates[1:] - rates[0]).T, rates[0], robot.inverse_mass_matrix(q, **at)
-
-    def _closed(self, robot: Robot, q: Array, t: float) -> Array:
-        """Return q on unit quaternions after two Newton steps on the loops."""
-        equations: Any = robot.equations
-        if not equations.keeps_positions(q, t):
-            return np.asarray(on_unit_quaternions(robot.model, q))
-        arguments = [Argument('q', (robot.n_q,)), Argument('t', ())]
-        block = robot.parameters.block
-        kernel = robot.kernels.extra('closure_step', lambda: trace_program(
-            'closure_step', lambda q, t, _: equations.closure_step(q, t[()]),
-            [('q', (robot.n_q,)), ('t', ()), ('parameters', block.shape)]), arguments, block,
-            (robot.n_q,))
-        result: Array = on_unit_quaternions(robot.model, kernel(kernel(q, t), t))
-        return result
-
-    def _driven(self, q: Array, into: Array, t: float) -> ConstraintError:
-        name = self._robot.coordinate_names[int(np.argmax(into))]
-        return ConstraintError(f"{t:.6g} s: joint '{name}' is at its stop, and the constraints "
-                               'drive it on; expected a motion between the stops')
-
-
-def _response(side: Array, joints: Any, T: Array, inverse: Array) -> tuple[Array, Array, Array]:
-    """
-    Return the response to impulses of the stops of k joints, given by index.
-
-    It is their sides (k,), the changes of the independent speeds (n, k), and the motion away from
-    each stop (k, k), regular where the constraints couple stops.
-    """
-    s = side[joints]
-    along = inverse @ (T[joints] * s[:, None]).T
-    A = s[:, None] * T[joints] @ along
-    return s, along, A + (REGULAR * np.diag(A).max(initial=0.0) or 1.0) * np.eye(len(A))
