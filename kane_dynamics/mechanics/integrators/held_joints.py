@@ -43,6 +43,20 @@ class Held(NamedTuple):
     conditions: list[Any]
 
 
+class Solution(NamedTuple):
+    """
+    Accelerations w, (n,), and what holds k joints.
+
+    The forces on the joints, (k,), zero for those that are not held; the accelerations of the
+    joints, (k,), zero for those that are; and the forces in the space of the speeds, T_s^T f.
+    """
+
+    w: Any
+    f: Any
+    accelerations: Any
+    generalized: Any
+
+
 def linear_system(equations: TreeEquations | ConstrainedEquations, q: Any, u: Any, tau: Any,
                   wrench: Any, parameters: Any, t: Any = 0.0) -> LinearSystem:
     """Return the equations of motion of a state; arguments as of `forward_dynamics`."""
@@ -57,16 +71,12 @@ def linear_system(equations: TreeEquations | ConstrainedEquations, q: Any, u: An
                         list(range(equations.n)))
 
 
-def held_solution(system: LinearSystem, M: Any, force: Any,
-                  held: Held) -> tuple[Any, Any, Any]:
-    """
-    Return w with M w = force + T_s^T f, (n,), the forces f and the accelerations of candidates.
-
-    Forces are zero for the joints that are not held, accelerations for those that are.
-    """
+def held_solution(system: LinearSystem, M: Any, force: Any, held: Held) -> Solution:
+    """Return the solution of M w = force + T_s^T f with a f that holds joints."""
     joints, conditions, order = held.joints, held.conditions, system.order
     if not joints:
-        return solve(factorize(M, order), order, force), np.zeros(0), np.zeros(0)
+        return Solution(solve(factorize(M, order), order, force), *np.zeros((2, 0)),
+                        np.zeros(len(force)))
     if system.T is None:  # u' of a held joint is exactly zero, and its row takes no part
         fixed = dict(zip(joints, conditions))
         rows = range(len(force))
@@ -74,14 +84,14 @@ def held_solution(system: LinearSystem, M: Any, force: Any,
         w = solve(factorize(np.array(masked), order), order,
                   np.array([_unless(fixed, (i,), force[i], 0.0) for i in rows]))
         f = [select(c, M[j] @ w - force[j], 0.0) for j, c in fixed.items()]
-        return w, np.array(f), w[joints]
+        return Solution(w, np.array(f), w[joints], np.eye(len(force))[joints].T @ np.array(f))
     factors, T_s = factorize(M, order), system.T[joints]
     free = solve(factors, order, force)
     along = np.stack([solve(factors, order, row) for row in T_s], axis=1)
     a = T_s @ free + system.drift[joints]
     f = -held_response(T_s @ along, conditions, a)
     w = free + along @ f
-    return w, f, T_s @ w + system.drift[joints]
+    return Solution(w, f, T_s @ w + system.drift[joints], T_s.T @ f)
 
 
 def held_response(A: Any, conditions: list[Any], motion: Any) -> Any:

@@ -20,7 +20,8 @@ from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.constrained_equations import (congruent,
                                                                        ConstrainedEquations)
 from kane_dynamics.mechanics.friction import friction_over_rate
-from kane_dynamics.mechanics.integrators.held_joints import Held, held_solution, linear_system
+from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution, linear_system,
+                                                             Solution)
 from kane_dynamics.mechanics.integrators.interface import System
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
@@ -94,17 +95,14 @@ class ImplicitStep:
             Factors on the model's friction in the linearization.
 
         """
-        return self.held_stage(Held([], []), q, u, tau, before, g, wrench, parameters, t,
-                               factors)[:2]
+        v, found = self.held_stage(Held([], []), q, u, tau, before, g, wrench, parameters, t,
+                                   factors)
+        return v, found.w
 
     def held_stage(self, held: Held, q: Any, u: Any, tau: Any, before: tuple[Any, Any], g: Any,
                    wrench: Any, parameters: Any, t: Any = 0.0,
-                   factors: Any = 1.0) -> tuple[Any, Any, Any, Any]:
-        """
-        Return the results of `stage` while joints are held; see `held_joints`.
-
-        Then the forces that hold them and the accelerations of the candidates, (k,) each.
-        """
+                   factors: Any = 1.0) -> tuple[Any, Solution]:
+        """Return the results of `stage` while joints are held, with what holds them."""
         system = linear_system(self.equations, q, u, tau, wrench, parameters, t)
         T = np.eye(self.n) if system.T is None else system.T
         v = system.v
@@ -114,9 +112,9 @@ class ImplicitStep:
         resisted = D * turned + self._C @ turned + K @ k_v
         force = (2.0 * g) * resisted - g * (K @ (v - (2.0 * g) * turned))
         A = np.diag(g * D) + _scaled(self._C, g) + _scaled(K, g * g)
-        w_u, f, a = held_solution(system, system.M + congruent(A, T),
-                                  system.net + T.T @ force, held)
-        return v + g * (self._sprung * (T @ w_u - 2.0 * turned)), w_u, f, a
+        found = held_solution(system, system.M + congruent(A, T),
+                              system.net + T.T @ force, held)
+        return v + g * (self._sprung * (T @ found.w - 2.0 * turned)), found
 
     def step(self, stage: Stage, q: Any, u: Any, torque: Callable[[Any, Any, int], Any],
              h: Any) -> tuple[Any, Any]:

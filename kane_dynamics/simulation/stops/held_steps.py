@@ -22,15 +22,13 @@ ROUNDING = 1e-12  # relative to the forces of all stops
 
 class HeldStep(NamedTuple):
     """
-    The state after a step with held joints, and what holds them.
+    The state after a step with held joints, and what holds them in each stage.
 
-    For k joints with stops: the forces that hold them in each stage, list of (k,), and their
-    accelerations in the first stage, (k,); zeros of the joints that are not held, and are.
+    The entries of `stages` are those of `held_joints.Solution`, w aside, for k joints with stops.
     """
 
     state: Any
-    forces: list[Any]
-    accelerations: Any
+    stages: list[Any]
 
 
 def held_step(robot: Robot, choice: StepChoice, state: Any, inputs: Any, constants: Any,
@@ -54,7 +52,7 @@ def held_step(robot: Robot, choice: StepChoice, state: Any, inputs: Any, constan
         motions.append(_HeldMotion(held, stopped, *given))
         return motions[0]
     after = traced_step(robot, choice, state, inputs, constants, system)
-    return HeldStep(after, motions[0].forces, motions[0].accelerations[0])
+    return HeldStep(after, motions[0].stages)
 
 
 class _HeldMotion(RobotMotion):
@@ -64,16 +62,15 @@ class _HeldMotion(RobotMotion):
         """Store which joints are held, and the arguments of `RobotMotion`."""
         super().__init__(*given)
         self._held, self._stopped = held, stopped
-        self.forces, self.accelerations = list[Any](), list[Any]()
+        self.stages = list[Any]()
 
     def called(self, program: Program, q: Any, u: Any, tau: Any, time: Sequence[Any],
                *more: Any) -> Any:
-        """Return the results of the dynamics of a stage, and keep the forces."""
+        """Return the results of the dynamics of a stage, and keep what holds joints."""
         found = super().called(program, q, u, tau, time, self._held, *more)
-        rest, forces, accelerations = np.split(np.array(found), [
-            -2 * len(self._stopped), -len(self._stopped)])
-        self.forces.append(forces)
-        self.accelerations.append(accelerations)
+        k, n = len(self._stopped), self.robot.n
+        rest, *stage = np.split(np.array(found), np.cumsum([len(found) - 2 * k - n, k, k]))
+        self.stages.append(stage)
         return rest
 
     @lazy_property
@@ -100,7 +97,7 @@ class _HeldMotion(RobotMotion):
             tau = tau if dual_to is None else tau_from(equations, dual_to, q, tau, t)
             held = Held(joints, [s * s > 0.5 for s in side])
             if method is not None:
-                v, *found = method.held_stage(held, q, u, tau, first[:2], first[2][()], push,
+                v, found = method.held_stage(held, q, u, tau, first[:2], first[2][()], push,
                                               physical, t)
             else:
                 system = linear_system(equations, q, u, tau, push, physical, t)

@@ -17,7 +17,7 @@ from kane_dynamics.simulation.energy_balance import Impact
 from kane_dynamics.simulation.stops.impulses import admissible_state, TOUCHING
 from kane_dynamics.simulation.stops.pressed_steps import (pressed_steps, PressedSteps,
                                                           ROUNDING)
-from kane_dynamics.simulation.stops.stop_energies import energies
+from kane_dynamics.simulation.stops.stop_energies import energies, work_through_constraints
 from kane_dynamics.simulation.trajectory import StopEvent
 import numpy as np
 
@@ -161,18 +161,19 @@ class JointStops:
             if first:
                 at, piece = at + first, piece if first == len(new) else 1
                 continue
-            held, before, after = self._held_step(source, rows[at], rows[at + 1], done + at)
-            if watched and not before[-1] > 0.0:
-                rows[at + 1] = before
+            held, one = self._held_step(source, rows[at], done + at)
+            if one is None:
+                rows[at + 1] = self._stopped(source, i, rows[at], rows[at + 1], done + at + 1)
+                count = 1
+            elif watched and not one.before[0, -1] > 0.0:
+                rows[at + 1] = one.before[0]
                 return
-            count = 0
-            if held.any():
+            else:
                 asked = min(pressed, end - at)
                 count = self._pressed(source, i, rows[at:at + asked + 1], done + at, held)
                 pressed = MORE * pressed if count == asked else PRESSED
-            if not count:
-                rows[at + 1], count = self._stopped(source, i, rows[at], before, after,
-                                                    done + at + 1), 1
+                if not count:
+                    count = self._keep(source, i, rows[at:at + 2], done + at, one, 1)
             at, piece = at + count, 1
             have = at
 
@@ -188,9 +189,10 @@ class JointStops:
             States at the begin and, without stops, at the end of the step.
 
         """
-        after = self._held_step(source, state, free, 0)[2]
-        return self._resolved(source.robot, after, self._start + self._step)[0] if self._past(
-            after) else after
+        one = self._held_step(source, state, 0)[1]
+        end: Array = self._resolved(source.robot, free, self._start + self._step)[0] if (
+            one is None) else one.after[0]
+        return end
 
     def _resting(self, robot: Robot, state: Array, done: int) -> Array:
         """Return the sides of the stops, (n_q,), at which joints rest; 0 of other joints."""
@@ -202,31 +204,24 @@ class JointStops:
                                & (np.abs(self._rates(robot, q, u, t)) <= slow))
         return found
 
-    def _held_step(self, source: 'TorqueInput', state: Array, free: Array,
-                   done: int) -> tuple[Array, Array, Array]:
+    def _held_step(self, source: 'TorqueInput', state: Array,
+                   done: int) -> tuple[Array, PressedSteps | None]:
         """
-        Return the sides of the stops that hold joints during a step, and the ends of the step.
+        Return the sides of the stops that hold joints during a step, (n_q,), and that step.
 
         At the beginning forces f and accelerations a into the stops of the joints that rest solve
         the complementarity problem f >= 0, a <= 0, f . a = 0 of `stop_impulses`, by the same
         method. A stop that pulls later in the step does not hold in this step. None holds if
         another joint passes its stop: the impulses at the end of the free step then include those
         of the forces, so that an impact moves joints off their stops only against their pressure.
-
-        Returns
-        -------
-        held : (n_q,) array
-        before, after : (size,) arrays
-            States before and after the last correction of `pressed_steps`.
-
         """
         side = self._resting(source.robot, state, done)
         held = np.zeros(len(side))
-        if not side.any():
-            return held, free, free
 
         def step() -> PressedSteps:
             return pressed_steps(source, state, done, 1, held, self._lower, self._upper)
+        if not side.any():
+            return held, None
         one = step()
         scale = NEGLIGIBLE * float(np.abs(one.acceleration * side).max())
         for _ in range(MOST_SETS):
@@ -239,39 +234,44 @@ class JointStops:
         while (pulled := (held != 0.0) & (one.pull[0] > 0.0)).any():
             held[pulled] = 0.0
             one = step()
-        if not held.any() or self._past(one.after[0]):
-            return np.zeros(len(side)), free, free
-        return held, one.before[0], one.after[0]
+        return held, one if held.any() and not self._past(one.after[0]) else None
 
     def _pressed(self, source: 'TorqueInput', i: int, rows: Array, done: int,
                  held: Array) -> int:
         """Compute steps in which stops hold joints, and no others act; return their number."""
         found = pressed_steps(source, rows[0], done, len(rows) - 1, held, self._lower,
                               self._upper)
-        count = len(found.valid) if found.valid.all() else int(np.argmin(found.valid))
+        valid = found.valid
+        return self._keep(source, i, rows, done, found,
+                          len(valid) if valid.all() else int(np.argmin(valid)))
+
+    def _keep(self, source: 'TorqueInput', i: int, rows: Array, done: int, found: PressedSteps,
+              count: int) -> int:
+        """Record pressed steps, as many as `count`, which is returned, and their states."""
+        rows[1:count + 1] = found.after[:count]
+        steps = done + np.arange(1, count + 1)
         if count:
-            rows[1:count + 1] = found.after[:count]
-            steps = done + np.arange(1, count + 1)
             lost = energies(source, self._robot, found.before[:count], found.after[:count], steps)
+            lost[:, 1] -= work_through_constraints(source.robot, rows[:count + 1],
+                                                   found.force[:, :count], self._step)
             self._contacts.setdefault(i, {}).update(
-                (step, Contact({}, *each)) for step, each in zip(steps.tolist(), lost))
+                (step, Contact({}, *each)) for step, each in zip(steps.tolist(), lost.tolist()))
         return count
 
-    def _stopped(self, source: 'TorqueInput', i: int, last: Array, before: Array, after: Array,
+    def _stopped(self, source: 'TorqueInput', i: int, last: Array, state: Array,
                  step: int) -> Array:
-        """Return the state after the impulses of the stops, and record the contact."""
-        robot, n_q, n = source.robot, self._robot.n_q, self._robot.n
-        t, hits = self._start + step * self._step, {}
-        if self._past(after):
-            after, speeds = self._resolved(robot, after, t)
-            side, away = nearest_stops(last[:n_q], self._lower, self._upper)
-            rates = self._rates(robot, last[:n_q], last[n_q:n_q + n], t - self._step)
-            rested = (np.abs(away) < TOUCHING) & (side * rates < RESTING)
-            at = nearest_stops(after[:n_q], self._lower, self._upper)[0]
-            hits = {int(j): ('upper' if at[j] > 0.0 else 'lower', float(speeds[j]))
-                    for j in np.flatnonzero((speeds > 0.0) & ~rested)}
-        self._contacts.setdefault(i, {})[step] = Contact(
-            hits, *energies(source, self._robot, before[None], after[None], np.array([step]))[0])
+        """Return a state after the impulses of the stops, and record the contact."""
+        n_q, n = self._robot.n_q, self._robot.n
+        t = self._start + step * self._step
+        after, speeds = self._resolved(source.robot, state, t)
+        side, away = nearest_stops(last[:n_q], self._lower, self._upper)
+        rates = self._rates(source.robot, last[:n_q], last[n_q:n_q + n], t - self._step)
+        rested = (np.abs(away) < TOUCHING) & (side * rates < RESTING)
+        at = nearest_stops(after[:n_q], self._lower, self._upper)[0]
+        hits = {int(j): ('upper' if at[j] > 0.0 else 'lower', float(speeds[j]))
+                for j in np.flatnonzero((speeds > 0.0) & ~rested)}
+        self._contacts.setdefault(i, {})[step] = Contact(hits, *energies(
+            source, self._robot, state[None], after[None], np.array([step]))[0].tolist())
         return after
 
     def _resolved(self, robot: Robot, state: Array, t: float) -> tuple[Array, Array]:

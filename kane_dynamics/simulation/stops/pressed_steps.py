@@ -39,7 +39,8 @@ class PressedSteps(NamedTuple):
 
     The states after the steps and before the last correction, (K, size). By coordinate, (K, n_q):
     accelerations of the joints at the beginning of the step, the pull of each stop then, and the
-    largest pull of all stages; a stop cannot pull. Which steps are valid, (K,).
+    largest pull of all stages; a stop cannot pull. The generalized forces of the stops at both
+    ends of the step, (2, K, n). Which steps are valid, (K,).
     """
 
     after: Array
@@ -47,6 +48,7 @@ class PressedSteps(NamedTuple):
     acceleration: Array
     first: Array
     pull: Array
+    force: Array
     valid: Any
 
 
@@ -80,8 +82,11 @@ def pressed_steps(source: 'TorqueInput', state: Array, done: int, count: int, si
            [x.ctypes.data for x in (rows, inputs, contact, source.constants, rows[1:])],
            [rows.strides[0], stride, 0, 0, rows.strides[0]], count)
     joints = np.zeros((3, count, len(side)))
-    joints[:, :, stopped] = rows[1:, 2 * size:-1].reshape(count, 3, k).swapaxes(0, 1)
-    return PressedSteps(rows[1:, :size], rows[1:, size:2 * size], *joints, rows[1:, -1] > 0.5)
+    after, before, of_joints, force, valid = np.split(
+        rows[1:], np.cumsum([size, size, 3 * k, 2 * source.robot.n]), axis=1)
+    joints[:, :, stopped] = of_joints.reshape(count, 3, k).swapaxes(0, 1)
+    return PressedSteps(after, before, *joints, force.reshape(count, 2, -1).swapaxes(0, 1),
+                        valid[:, 0] > 0.5)
 
 
 def compile_pressed_steps(robot: Robot, integrator: str, followed: Sequence[int] = ()) -> None:
@@ -112,7 +117,7 @@ def _kernel(robot: Robot, free: Kernel, choice: StepChoice, stopped: list[int]) 
     return robot.kernels.extra(
         name, lambda: trace_program(name, partial(_step, robot, choice, stopped),
                                     [*inputs, constants]),
-        [Argument(*x) for x in inputs], np.zeros(constants[1]), (2 * size + 3 * k + 1,))
+        [Argument(*x) for x in inputs], np.zeros(constants[1]), (2 * size + 3 * k + 2 * robot.n + 1,))
 
 
 def _step(robot: Robot, choice: StepChoice, stopped: list[int], state: Any, inputs: Any,
@@ -129,14 +134,16 @@ def _step(robot: Robot, choice: StepChoice, stopped: list[int], state: Any, inpu
         q, u, left = _corrected(robot, stopped, touching, [
             select(s > 0.0, b, a) for s, a, b in zip(side, lower, upper)], q, u,
             list(rest[:int(robot.equations.timed)]), constants[-len(robot.parameters.block):])
-        slack, valid = ROUNDING, _all(*(c for x in left for c in (x < ROUNDING, -ROUNDING < x)))
-    first, pull = pulls(step.forces[:1], side), pulls(step.forces, side)
+        slack, valid = ROUNDING, _all(*(c for x in left for c in (x < ROUNDING, x > -ROUNDING)))
+    forces = [stage[0] for stage in step.stages]
+    first, pull = pulls(forces[:1], side), pulls(forces, side)
     for c, x, a, b, j in zip(touching, pull, lower, upper, stopped):
         within = (1.0 - _all(b + slack < q[j])) * (1.0 - _all(q[j] < a - slack))
         valid = valid * select(c, 1.0 - _all(x > 0.0), within)
     if margin_count(robot):
         valid = valid * _all(rest[-1] > 0.0)
-    return [*q, *u, *rest, *free, *step.accelerations, *first, *pull, valid]
+    return [*q, *u, *rest, *free, *step.stages[0][1], *first, *pull,
+            *step.stages[0][2], *step.stages[-1][2], valid]
 
 
 def _corrected(robot: Robot, stopped: list[int], touching: list[Any], stops: list[Any], q: Any,
