@@ -1,8 +1,8 @@
-"""Steps with joints held at their stops, in NumPy: one system of equations for motion and force."""
+"""Steps with joints held at their stops, in NumPy: one linear system for motion and forces."""
 
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.integrators.rosenbrock import GAMMA, ImplicitStep
+from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.simulation.stops.pressed_steps import PressedSteps
 import numpy as np
@@ -51,7 +51,7 @@ class HeldMotion:
 
     def implicit(self, x, t, h):
         """Return q and u after a linearly implicit step."""
-        method, g = self.method, GAMMA * h
+        method = self.method
 
         def stage(q, u, tau, before, g, moment):
             now = t + 0.5 * moment * h

@@ -104,7 +104,7 @@ class JointStops:
 
         """
         places = range(len(buffer)) if source.places is None else source.places
-        past = self._past(buffer[:, 1:]).any(axis=1)
+        past = (self._past(buffer[:, 1:]) | self._refused(buffer[:, 1:])).any(axis=1)
         changed = []
         for row, i in enumerate(places):
             if i in self._contacts:
@@ -141,11 +141,14 @@ class JointStops:
         q = rows[..., :self._robot.n_q]
         return ((q < self._lower - self._most) | (q > self._upper + self._most)).any(axis=-1)
 
+    def _refused(self, rows: Array) -> Any:
+        """Return which states, (..., size), have no positive margin (`step_kernels`)."""
+        return ~(rows[..., -1] > 0.0) & bool(self._robot.constraint_names)
+
     def _follow(self, source: 'TorqueInput', i: int, rows: Array, done: int) -> None:
         """Apply the stops to the states of simulation i, (K + 1, size)."""
         at, have, piece, end = 0, len(rows) - 1, 1, len(rows) - 1
         pressed = PRESSED
-        watched = bool(self._robot.constraint_names)
         while at < end:
             if have == at:
                 have, piece = min(at + piece, end), MORE * piece
@@ -154,20 +157,19 @@ class JointStops:
                 source.advance(local, done + at, True)
                 rows[at + 1:have + 1] = local[0, 1:]
             new = rows[at + 1:have + 1]
-            past = self._past(new)
-            first = int(np.argmax(past)) if past.any() else len(new)
-            if watched and not (new[:first + 1, -1] > 0.0).all():
-                return  # the simulation continues from there in other speeds, or ends
+            ends = self._past(new) | self._refused(new)
+            first = int(np.argmax(ends)) if ends.any() else len(new)
             if first:
                 at, piece = at + first, piece if first == len(new) else 1
                 continue
             held, one = self._held_step(source, rows[at], done + at)
+            if one is not None:
+                rows[at + 1] = one.before[0]
+            if self._refused(rows[at + 1]):
+                return  # the simulation continues from there in other speeds, or ends
             if one is None:
                 rows[at + 1] = self._stopped(source, i, rows[at], rows[at + 1], done + at + 1)
                 count = 1
-            elif watched and not one.before[0, -1] > 0.0:
-                rows[at + 1] = one.before[0]
-                return
             else:
                 asked = min(pressed, end - at)
                 count = self._pressed(source, i, rows[at:at + asked + 1], done + at, held)

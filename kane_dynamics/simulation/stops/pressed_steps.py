@@ -114,10 +114,11 @@ def _kernel(robot: Robot, free: Kernel, choice: StepChoice, stopped: list[int]) 
     name = f'pressed_{free.name}_{"_".join(map(str, stopped))}'
     inputs = [(a.name, a.shape) for a in free.arguments] + [('contact', (3, k))]
     constants = ('constants', free.parameters.shape)
+    whole = 2 * size + 3 * k + 2 * robot.n + 1
     return robot.kernels.extra(
         name, lambda: trace_program(name, partial(_step, robot, choice, stopped),
                                     [*inputs, constants]),
-        [Argument(*x) for x in inputs], np.zeros(constants[1]), (2 * size + 3 * k + 2 * robot.n + 1,))
+        [Argument(*x) for x in inputs], np.zeros(constants[1]), (whole,))
 
 
 def _step(robot: Robot, choice: StepChoice, stopped: list[int], state: Any, inputs: Any,
