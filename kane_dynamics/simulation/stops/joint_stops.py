@@ -84,6 +84,7 @@ class JointStops:
         self._constrained = isinstance(robot.equations, ConstrainedEquations)
         self._most = ROUNDING if self._constrained else 0.0
         self._contacts: dict[int, dict[int, Contact]] = {}  # by simulation, then steps done
+        self._pressures: dict[int, list[tuple[Array, Array]]] = {}  # steps, (K,) and (K, 3)
         self._events: list[StopEvent] = []
 
     def apply(self, source: 'TorqueInput', buffer: Array, done: int) -> list[int]:
@@ -110,6 +111,9 @@ class JointStops:
             if i in self._contacts:
                 self._contacts[i] = {step: contact for step, contact in self._contacts[i].items()
                                      if step <= done}
+            if i in self._pressures:
+                self._pressures[i] = [(steps[steps <= done], lost[steps <= done])
+                                      for steps, lost in self._pressures[i]]
             if past[row]:
                 self._follow(source.alone(row), i, buffer[row], done)
                 changed.append(row)
@@ -128,7 +132,10 @@ class JointStops:
                 self._events += [
                     StopEvent(self._start + step * self._step, names[j], limit, speed,
                               contact.loss, i) for j, (limit, speed) in contact.hits.items()]
+        found += [Impact(steps - done - 1, i, lost[:, 1], lost[:, 2])
+                  for i, held in self._pressures.items() for steps, lost in held]
         self._contacts.clear()
+        self._pressures.clear()
         return found
 
     def events(self, single: bool) -> tuple[StopEvent, ...]:
@@ -252,12 +259,11 @@ class JointStops:
         """Record pressed steps, as many as `count`, which is returned, and their states."""
         rows[1:count + 1] = found.after[:count]
         steps = done + np.arange(1, count + 1)
-        if count:
+        if count and self._constrained:  # the joints of trees do not move at all
             lost = energies(source, self._robot, found.before[:count], found.after[:count], steps)
             lost[:, 1] -= work_through_constraints(source.robot, rows[:count + 1],
                                                    found.force[:, :count], self._step)
-            self._contacts.setdefault(i, {}).update(
-                (step, Contact({}, *each)) for step, each in zip(steps.tolist(), lost.tolist()))
+            self._pressures.setdefault(i, []).append((steps, lost))
         return count
 
     def _stopped(self, source: 'TorqueInput', i: int, last: Array, state: Array,
