@@ -1,6 +1,6 @@
 """Kernels of one integration step of a robot, with its dynamics as subroutines."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial, reduce
 from typing import Any, NamedTuple
 
@@ -52,8 +52,8 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> No
     support()  # the loop that steps
     driver(width())  # and that of batches
     loops = loop_kernels(robot)
-    jobs = [partial(step_kernel, robot, False, integrator)] if robot.constraint_names else [
-        *(partial(step_kernel, robot, feedback, integrator) for feedback in (True, False)), law]
+    jobs: list[Callable[[], Any]] = [partial(step_kernel, robot, False, integrator)]
+    jobs += [] if robot.constraint_names else [partial(step_kernel, robot, True, integrator), law]
     jobs.append(partial(compile_balance, robot))
     jobs += [partial(robot.compile, name, batches=name in AFTERWARDS) for name in loops]
     run_concurrently([*jobs, *(partial(robot.compile, name) for name in names)])
@@ -172,7 +172,7 @@ class RobotMotion:
         """Return the time at a moment, or nothing if the equations do not depend on it."""
         return tuple(t + (0.5 * moment) * self._h for t in self._start)
 
-    def called(self, program: Program, q: Any, u: Any, tau: Any, time: Sequence[Any],
+    def called(self, program: Program, q: Any, u: Any, tau: Any, time: Any,
                *more: Any) -> Any:
         """Return the results of the dynamics of a stage; their margin, if any, is kept."""
         found = call(program, q, u, tau, *more, *self._wrench, *time, self._parameters)

@@ -103,5 +103,9 @@ def pressed_step(source, state, done, count, side, lower, upper):
     after[:n_q], after[n_q:n_q + n] = motion.corrected(
         before[:n_q], x[n_q:], end, np.where(side > 0.0, upper, lower))
     f, a, force = (np.array(part) for part in zip(*motion.stages))
-    return PressedSteps(after[None], before[None], a[:1], side * f[:1],
-                        (side * f).max(axis=0)[None], force[[0, -1], None], np.array([True]))
+    a = np.where(np.isfinite(lower) | np.isfinite(upper), a, 0.0)
+    pulls, q = np.maximum(0.0, side * f), after[:n_q]
+    pull = pulls.max(axis=0)
+    valid = ((side != 0.0) | ((lower - 1e-11 < q) & (q < upper + 1e-11))).all() & (pull <= 0).all()
+    return PressedSteps(after[None], before[None], a[:1], pulls[:1], pull[None],
+                        force[[0, -1], None], np.array([valid]))

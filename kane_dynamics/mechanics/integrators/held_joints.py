@@ -75,8 +75,8 @@ def held_solution(system: LinearSystem, M: Any, force: Any, held: Held) -> Solut
     """Return the solution of M w = force + T_s^T f with a f that holds joints."""
     joints, conditions, order = held.joints, held.conditions, system.order
     if not joints:
-        return Solution(solve(factorize(M, order), order, force), *np.zeros((2, 0)),
-                        np.zeros(len(force)))
+        none = np.zeros(0)
+        return Solution(solve(factorize(M, order), order, force), none, none, 0.0 * force)
     if system.T is None:  # u' of a held joint is exactly zero, and its row takes no part
         fixed = dict(zip(joints, conditions))
         rows = range(len(force))
@@ -91,7 +91,8 @@ def held_solution(system: LinearSystem, M: Any, force: Any, held: Held) -> Solut
     a = T_s @ free + system.drift[joints]
     f = -held_response(T_s @ along, conditions, a)
     w = free + along @ f
-    return Solution(w, f, T_s @ w + system.drift[joints], T_s.T @ f)
+    left = np.array([select(c, 0.0, x) for c, x in zip(conditions, a + T_s @ (along @ f))])
+    return Solution(w, f, left, T_s.T @ f)
 
 
 def held_response(A: Any, conditions: list[Any], motion: Any) -> Any:

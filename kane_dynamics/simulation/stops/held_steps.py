@@ -64,7 +64,7 @@ class _HeldMotion(RobotMotion):
         self._held, self._stopped = held, stopped
         self.stages = list[Any]()
 
-    def called(self, program: Program, q: Any, u: Any, tau: Any, time: Sequence[Any],
+    def called(self, program: Program, q: Any, u: Any, tau: Any, time: Any,
                *more: Any) -> Any:
         """Return the results of the dynamics of a stage, and keep what holds joints."""
         found = super().called(program, q, u, tau, time, self._held, *more)
@@ -83,7 +83,8 @@ class _HeldMotion(RobotMotion):
 
     def _program(self, method: ImplicitStep | None) -> Program:
         """Trace the dynamics of a stage: those of step_kernels, then forces, accelerations."""
-        robot, equations, dual_to = self.robot, self.equations, self._dual_to
+        robot, dual_to = self.robot, self._dual_to
+        equations: Any = robot.equations
         joints = [robot.model.places.index(k) for k in self._stopped]
         wrench, time = wrench_input(robot), time_input(robot)
         before: list[tuple[str, Shape]] = [] if method is None else [
@@ -91,14 +92,14 @@ class _HeldMotion(RobotMotion):
 
         def dynamics(q: Any, u: Any, tau: Any, side: Any, *rest: Any) -> Any:
             *given, parameters = rest
-            first, given = given[:len(before)], given[len(before):]
+            (*rates, g), given = given[:len(before)] or [None], given[len(before):]
             push, physical = given[0] if wrench else None, parameters[:robot.parameters.physical]
             t = given[-1][()] if time else 0.0
             tau = tau if dual_to is None else tau_from(equations, dual_to, q, tau, t)
             held = Held(joints, [s * s > 0.5 for s in side])
             if method is not None:
-                v, found = method.held_stage(held, q, u, tau, first[:2], first[2][()], push,
-                                              physical, t)
+                v, found = method.held_stage(held, q, u, tau, (rates[0], rates[1]), g[()], push,
+                                             physical, t)
             else:
                 system = linear_system(equations, q, u, tau, push, physical, t)
                 found = held_solution(system, system.M, system.net, held)
@@ -113,7 +114,7 @@ class _HeldMotion(RobotMotion):
 
 
 def pulls(stages: Sequence[Any], side: Any) -> list[Any]:
-    """Return the largest pull of each stop, (k,), for its forces in stages, (k,) each."""
+    """Return the largest pull of each stop in several stages, (k,); 0 if it presses."""
     found = [0.0 * s for s in side]
     for forces in stages:
         least = ROUNDING * sum((f * s * select(f * s < 0.0, -1.0, 1.0)

@@ -48,8 +48,7 @@ def require_stops(robot: Robot, q: Array) -> None:
     Raises
     ------
     InputError
-        A limit is not a number, or the limits of a joint leave it no range; or a joint starts
-        past its stop.
+        The limits of a joint leave it no range, or a joint starts past its stop.
 
     """
     lower, upper = robot.limits.lower, robot.limits.upper
@@ -84,7 +83,7 @@ class JointStops:
         self._constrained = isinstance(robot.equations, ConstrainedEquations)
         self._most = ROUNDING if self._constrained else 0.0
         self._contacts: dict[int, dict[int, Contact]] = {}  # by simulation, then steps done
-        self._pressures: dict[int, list[tuple[Array, Array]]] = {}  # steps, (K,) and (K, 3)
+        self._pressures: dict[int, list[tuple[Any, Array]]] = {}  # steps, (K,) and (K, 3)
         self._events: list[StopEvent] = []
 
     def apply(self, source: 'TorqueInput', buffer: Array, done: int) -> list[int]:
@@ -261,6 +260,7 @@ class JointStops:
         steps = done + np.arange(1, count + 1)
         if count and self._constrained:  # the joints of trees do not move at all
             lost = energies(source, self._robot, found.before[:count], found.after[:count], steps)
+            lost[:, 2] += np.abs(lost[:, 1])  # rounding errors, times large torques
             lost[:, 1] -= work_through_constraints(source.robot, rows[:count + 1],
                                                    found.force[:, :count], self._step)
             self._pressures.setdefault(i, []).append((steps, lost))

@@ -39,7 +39,7 @@ class PressedSteps(NamedTuple):
 
     The states after the steps and before the last correction, (K, size). By coordinate, (K, n_q):
     accelerations of the joints at the beginning of the step, the pull of each stop then, and the
-    largest pull of all stages; a stop cannot pull. The generalized forces of the stops at both
+    largest pull of all stages, 0 of a stop that presses; a stop cannot pull. The generalized forces of the stops at both
     ends of the step, (2, K, n). Which steps are valid, (K,).
     """
 
@@ -81,12 +81,12 @@ def pressed_steps(source: 'TorqueInput', state: Array, done: int, count: int, si
     repeat(kernel.address,
            [x.ctypes.data for x in (rows, inputs, contact, source.constants, rows[1:])],
            [rows.strides[0], stride, 0, 0, rows.strides[0]], count)
-    joints = np.zeros((3, count, len(side)))
+    acceleration, first, pull = joints = np.zeros((3, count, len(side)))
     after, before, of_joints, force, valid = np.split(
         rows[1:], np.cumsum([size, size, 3 * k, 2 * source.robot.n]), axis=1)
     joints[:, :, stopped] = of_joints.reshape(count, 3, k).swapaxes(0, 1)
-    return PressedSteps(after, before, *joints, force.reshape(count, 2, -1).swapaxes(0, 1),
-                        valid[:, 0] > 0.5)
+    return PressedSteps(after, before, acceleration, first, pull,
+                        force.reshape(count, 2, -1).swapaxes(0, 1), valid[:, 0] > 0.5)
 
 
 def compile_pressed_steps(robot: Robot, integrator: str, followed: Sequence[int] = ()) -> None:
