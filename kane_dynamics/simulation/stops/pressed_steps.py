@@ -38,9 +38,9 @@ class PressedSteps(NamedTuple):
     Results of K steps with held joints, for k joints with stops.
 
     The states after the steps and before the last correction, (K, size). By coordinate, (K, n_q):
-    accelerations of the joints at the beginning of the step, the pull of each stop then, and the
-    largest pull of all stages, 0 of a stop that presses; a stop cannot pull. The generalized forces of the stops at both
-    ends of the step, (2, K, n). Which steps are valid, (K,).
+    accelerations of the joints at the beginning of the step, the pull of each stop then, and its
+    largest pull, 0 of a stop that presses; a stop cannot pull. The generalized forces of the stops
+    at both ends of the step, (2, K, n). Which steps are valid, (K,).
     """
 
     after: Array

@@ -72,6 +72,7 @@ def work_through_constraints(robot: Robot, states: Array, force: Array, step: fl
     Parameters
     ----------
     robot : Robot
+        In the speeds of the states.
     states : (K + 1, size) array
         At the ends of the steps.
     force : (2, K, n) array

@@ -243,8 +243,7 @@ def five_bar_on_its_stop():
 
 
 @pytest.mark.parametrize(('integrator', 'order'), [('rk4', 3.7), ('implicit', 1.8)])
-def test_a_loop_on_a_pressed_dependent_joint_moves_as_one_where_it_is_prescribed(integrator,
-                                                                                order):
+def test_a_loop_on_a_pressed_joint_moves_as_one_where_it_is_prescribed(integrator, order):
     robot, fixed, q0, u0 = five_bar_on_its_stop()
     exact = simulate(fixed, q0, u0[1:], 0.09, torque=[10.0], step=1e-4)
     errors = []
