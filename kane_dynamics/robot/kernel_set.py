@@ -11,11 +11,13 @@ from kane_dynamics.mechanics.algebra.ltdl import solve
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel, ResultCheck
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call, Subroutines
+from kane_dynamics.native.tracing.wide import WideLanes
 from kane_dynamics.robot.derivative_kernels import (block_of, Derivative, shapes_by_name,
                                                     SlopesOfDynamics)
 from kane_dynamics.robot.quantities import (CONSTRAINED, FRAME_QUANTITIES, JOINT_REACTION,
@@ -134,7 +136,8 @@ class KernelSet:
             self._same[label, at] = lambda other: other.kernel(name, at, derivative)
             return Kernel(label, lambda: self.program(name, at, derivative),
                           self.key and self.key + at, arguments, self._parameters, shape,
-                          partial(self._another, (label, at)))
+                          partial(self._another, (label, at)),
+                          lambda: self.program(name, at, derivative, single=True))
         return self._kept((label, at), make)
 
     def signature(self, name: str, at: str = '',
@@ -197,6 +200,12 @@ class KernelSet:
                 return partial(getattr(equations, name), share=Subroutines())
         return getattr(equations, name)  # type: ignore[no-any-return]
 
+    def _in_lanes(self, name: str) -> bool:
+        """Return whether a quantity of a single state is computed for several joints at once."""
+        equations = self.equations
+        return (isinstance(equations, TreeEquations) and equations.n > LARGE
+                and hasattr(TreeInLanes, name) and TreeInLanes.suits(equations))
+
     def _body(self, joint: str) -> int:
         names = [body.joint.name for body in self.equations.model.bodies]
         if joint not in names:
@@ -251,8 +260,13 @@ class KernelSet:
             arguments.append(Argument('t', (), default=self._at_time_zero))
         return arguments
 
-    def program(self, name: str, at: str = '', derivative: Derivative | None = None) -> Program:
-        """Trace a quantity or a derivative of it; arguments as `kernel`."""
+    def program(self, name: str, at: str = '', derivative: Derivative | None = None,
+                single: bool = False) -> Program:
+        """
+        Trace a quantity or a derivative of it; arguments as `kernel`.
+
+        `single` selects the program of single states on this processor, which may use lanes.
+        """
         def function(*inputs: Any) -> Any:
             given = dict(zip(names, inputs))
             values = [given[argument] for argument in quantity.arguments]
@@ -270,6 +284,8 @@ class KernelSet:
             return guarded(result, equations.margin(given['q'], time.get('t', 0.0), limits))
         equations: Any = self.equations
         quantity, method = self._quantity(name), self._method(name, at)
+        if single and derivative is None and self._in_lanes(name):
+            method = getattr(TreeInLanes(equations, lambda q: WideLanes(q.trace)), name)
         inputs = self._inputs(self.signature(name, at, derivative)[0])
         names = [key for key, _ in inputs]
         return trace_program(name, function, inputs)

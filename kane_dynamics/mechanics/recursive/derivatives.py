@@ -116,6 +116,19 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
     `subroutines`).
     """
     n = len(q)
+    states, carried = single_links(links, q, u, udot, gravity)
+    by_q, by_u, M = ([[0.0] * n for _ in range(n)] for _ in range(3))
+    for i in reversed(range(len(links))):
+        _add_row(states, carried[i], i, (by_q, by_u, M), share)
+        _add_column(states, carried[i], i, (by_q, by_u), share)
+        if links[i].parent != WORLD:
+            add_to_parent(states[i], carried[i], carried[links[i].parent])
+    return np.array([by_q, by_u, M])
+
+
+def single_links(links: Sequence[Link], q: Any, u: Any, udot: Any,
+                 gravity: Any) -> tuple[list[LinkState], list[CompositeBody]]:
+    """Return the state of every link, and every link as a composite body of its own."""
     motion: list[LinkMotion] = []
     states, carried = [], []
     for link in links:
@@ -128,13 +141,7 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
                 velocity = velocity + (link.multiplier * u[link.coordinate]) * step.axis
         states.append(LinkState(link, step, motion[-1], velocity))
         carried.append(_single_link(link, motion[-1]))
-    by_q, by_u, M = ([[0.0] * n for _ in range(n)] for _ in range(3))
-    for i in reversed(range(len(links))):
-        _add_row(states, carried[i], i, (by_q, by_u, M), share)
-        _add_column(states, carried[i], i, (by_q, by_u), share)
-        if links[i].parent != WORLD:
-            _add_to_parent(states[i], carried[i], carried[links[i].parent])
-    return np.array([by_q, by_u, M])
+    return states, carried
 
 
 def _single_link(link: Link, motion: LinkMotion) -> CompositeBody:
@@ -149,14 +156,8 @@ def _single_link(link: Link, motion: LinkMotion) -> CompositeBody:
 def _add_row(states: Sequence[LinkState], body: CompositeBody, i: int,
              results: tuple[Matrix, Matrix, Matrix], share: Share) -> None:
     """Add row i: derivatives with respect to joint i and the joints toward the root."""
-    h, S, K, L = body.h, body.S, body.S_rate, body.L
     own = states[i].link
-    if own.kind == 'revolute':
-        passed = np.array([-h[1], h[0], 0.0, -S[0, 2], -S[1, 2], S[0, 0] + S[1, 1],
-                           L[1] - K[0, 2], -L[0] - K[1, 2], K[0, 0] + K[1, 1]])
-    else:
-        passed = np.array([0.0, 0.0, body.mass, h[1], -h[0], 0.0,
-                           2.0 * body.p[1], -2.0 * body.p[0], 0.0])
+    passed = row_vectors(own, body)
     j, row, M = i, own.coordinate, results[2]
     while j != WORLD:
         link = states[j].link
@@ -170,21 +171,20 @@ def _add_row(states: Sequence[LinkState], body: CompositeBody, i: int,
         j = link.parent
 
 
+def row_vectors(link: Link, body: CompositeBody) -> Any:
+    """Return the vectors f, n and e (see the module) of a link's joint in link axes, (9,)."""
+    h, S, K, L = body.h, body.S, body.S_rate, body.L
+    if link.kind == 'revolute':
+        return np.array([-h[1], h[0], 0.0, -S[0, 2], -S[1, 2], S[0, 0] + S[1, 1],
+                         L[1] - K[0, 2], -L[0] - K[1, 2], K[0, 0] + K[1, 1]])
+    return np.array([0.0, 0.0, body.mass, h[1], -h[0], 0.0,
+                     2.0 * body.p[1], -2.0 * body.p[0], 0.0])
+
+
 def _add_column(states: Sequence[LinkState], body: CompositeBody, i: int,
                 results: tuple[Matrix, Matrix], share: Share) -> None:
     """Add column i: derivatives of the torques toward the root with respect to q_i and u_i."""
-    link, (omega, _, a, U) = states[i].link, states[i].motion
-    across = np.array([omega[1], -omega[0], 0.0])  # omega x s
-    turned = np.array([-body.force[1], body.force[0], 0.0])  # s x force
-    if link.kind == 'revolute':
-        force, moment = _wrench_change(body, across, U[:, 2], np.array([a[1], -a[0], 0.0]))
-        N = body.moment
-        wrenches = np.concatenate([force + turned, moment + np.array([-N[1], N[0], 0.0]),
-                                   *_wrench_change(body, Z, across + across, NONE)])
-    else:
-        force, moment = _wrench_change(body, NONE, NONE, U[:, 2])
-        wrenches = np.concatenate([force, moment + turned,
-                                   *_wrench_change(body, NONE, NONE, across + across)])
+    link, wrenches = states[i].link, column_wrenches(states[i], body)
     j = i
     while states[j].link.parent != WORLD:
         wrenches = share(f'column_{j}', states[j].columns, wrenches, states[j].state)
@@ -197,6 +197,21 @@ def _add_column(states: Sequence[LinkState], body: CompositeBody, i: int,
                                    + link.multiplier * below.multiplier * entry)
 
 
+def column_wrenches(state: LinkState, body: CompositeBody) -> Any:
+    """Return the changes of force and moment with q and u of the own joint, (12,), link axes."""
+    link, (omega, _, a, U) = state.link, state.motion
+    across = np.array([omega[1], -omega[0], 0.0])  # omega x s
+    turned = np.array([-body.force[1], body.force[0], 0.0])  # s x force
+    if link.kind == 'revolute':
+        force, moment = _wrench_change(body, across, U[:, 2], np.array([a[1], -a[0], 0.0]))
+        N = body.moment
+        return np.concatenate([force + turned, moment + np.array([-N[1], N[0], 0.0]),
+                               *_wrench_change(body, Z, across + across, NONE)])
+    force, moment = _wrench_change(body, NONE, NONE, U[:, 2])
+    return np.concatenate([force, moment + turned,
+                           *_wrench_change(body, NONE, NONE, across + across)])
+
+
 def _wrench_change(body: CompositeBody, delta: Any, chi: Any, da: Any) -> tuple[Any, Any]:
     """Return the force and moment for an acceleration change da + chi x r + 2 delta x v."""
     S, K = body.S, body.S_rate
@@ -207,7 +222,7 @@ def _wrench_change(body: CompositeBody, delta: Any, chi: Any, da: Any) -> tuple[
     return force, moment
 
 
-def _add_to_parent(state: LinkState, body: CompositeBody, parent: CompositeBody) -> None:
+def add_to_parent(state: LinkState, body: CompositeBody, parent: CompositeBody) -> None:
     """Add the composite body of a link to that of its parent."""
     step, mass, r, w = state.step, body.mass, state.step.offset, state.velocity
     h, p, force = step.inward(body.h), step.inward(body.p), step.inward(body.force)

@@ -1,0 +1,145 @@
+"""
+Derivatives of inverse dynamics of large trees, with eight joints in the lanes of one row.
+
+The vectors of `kane_dynamics.mechanics.recursive.derivatives` are transformed to the world's axes
+and origin once per joint instead of from link to link. There, with S_j the motion of the joint's
+axis, (c_j, d_j) its accelerations for q and u, (f, n, e)_i the vectors of row i and (F, N)_i the
+wrenches of column i,
+
+    row i, column j:  f . da + n . chi + e . delta     (j carries i, or is i)
+    row j, column i:  S_j . (F, N)                     (j carries i)
+
+are dot products of scalars of one joint and rows of other joints. To move a link's vectors at p,
+whose origin has the velocity w: n + p x f, e + 2 w x f, N + p x F, da - chi x p - 2 delta x w.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
+from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.mechanics.recursive.derivatives import (add_to_parent, column_wrenches,
+                                                           CompositeBody, LinkState, row_vectors,
+                                                           single_links)
+from kane_dynamics.mechanics.recursive.link import Link
+from kane_dynamics.model.model import WORLD
+import numpy as np
+
+ORIGIN = np.zeros(3)
+
+
+class JointRows:
+    """
+    Vectors of up to `LANES` joints, in the world's axes and about its origin.
+
+    Attributes
+    ----------
+    axis : (6,) array of rows
+        Linear and angular velocity for a unit rate: S.
+    by_q, by_u : (9,) arrays of rows
+        da, chi and delta for a unit displacement and for a unit rate.
+    own : (9,) array of rows
+        f, n and e.
+    wrench_by_q, wrench_by_u : (6,) arrays of rows
+        F and N.
+
+    """
+
+    def __init__(self, states: Sequence[LinkState], bodies: Sequence[CompositeBody],
+                 poses: Sequence[Any], lanes: Any) -> None:
+        """Pack and transform the vectors of some links; `poses` are R, p and w, (15,)."""
+        def packed(vectors: Sequence[Any]) -> Any:
+            return np.array([lanes.pack(entries) for entries in zip(*vectors, strict=True)])
+        pose = packed(poses)
+        R, p, w = pose[:9].reshape(3, 3), pose[9:12], pose[12:]
+        links = [state.link for state in states]
+        factor, turns, slides = packed([[link.multiplier, float(link.kind == 'revolute'),
+                                         float(link.kind == 'prismatic')] for link in links])
+        motion = packed([[*omega[:2], *a[:2], *U[:, 2]]
+                         for omega, _, a, U in (state.motion for state in states)])
+        along, across = R[:, 2], R @ np.array([motion[1], -motion[0], 0.0])  # s, omega x s
+        turned, centripetal = R @ np.array([motion[3], -motion[2], 0.0]), R @ motion[4:]
+
+        def moved(da: Any, chi: Any, delta: Any) -> Any:
+            about_origin = da - cross(chi, p) - 2.0 * cross(delta, w)
+            return factor * np.concatenate([about_origin, chi, delta])
+        self.axis = factor * np.concatenate([slides * along + turns * cross(p, along),
+                                             turns * along])
+        self.by_q = moved(turns * turned + slides * centripetal, turns * centripetal,
+                          turns * across)
+        self.by_u = moved(2.0 * slides * across, 2.0 * turns * across, turns * along)
+        vectors = packed([row_vectors(state.link, body) for state, body in zip(states, bodies)])
+        f, n, e = (R @ vectors[k:k + 3] for k in (0, 3, 6))
+        self.own = factor * np.concatenate([f, n + cross(p, f), e + 2.0 * cross(w, f)])
+        wrenches = packed([column_wrenches(state, body) for state, body in zip(states, bodies)])
+        F, N, F_u, N_u = (R @ wrenches[k:k + 3] for k in (0, 3, 6, 9))
+        self.wrench_by_q = factor * np.concatenate([F, N + cross(p, F)])
+        self.wrench_by_u = factor * np.concatenate([F_u, N_u + cross(p, F_u)])
+
+
+def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
+                                 lanes: Any = Lanes) -> Any:
+    """
+    Return rows of dtau/dq, dtau/du and M of the links, (3, n, ceil(n / LANES)).
+
+    Arguments as `inverse_dynamics`, but each coordinate moves one link; `lanes` has the functions
+    of `Lanes`. Entry [m, r, g] holds row r of matrix m from column g LANES on.
+    """
+    states, bodies = single_links(links, q, u, udot, gravity)
+    for i in reversed(range(len(links))):
+        if links[i].parent != WORLD:
+            add_to_parent(states[i], bodies[i], bodies[links[i].parent])
+    poses, carriers = _poses(states), _carriers(links)
+    place = np.argsort([link.coordinate for link in links])  # links by coordinate
+    blocks = [JointRows(*([of[i] for i in place[k:k + LANES]] for of in (states, bodies, poses)),
+                        lanes) for k in range(0, len(place), LANES)]
+    result = np.zeros((3, len(place), len(blocks)), dtype=object)
+    for r in range(len(place)):
+        near, lane = blocks[r // LANES], r % LANES
+        own, axis = (np.array([lanes.lane(x, lane) for x in row]) for row in (near.own, near.axis))
+        for g, far in enumerate(blocks):
+            here = slice(g * LANES, (g + 1) * LANES)
+            below, above = _mask(carriers[r, here]), _mask(
+                carriers[here, r] & ~carriers[r, here])
+            entries: Any = np.zeros(3)
+            if any(above):
+                entries = _blended(above, [axis @ far.wrench_by_q, axis @ far.wrench_by_u,
+                                           axis @ far.own[:6]], entries, lanes)
+            if any(below):
+                entries = _blended(below, [own @ far.by_q, own @ far.by_u,
+                                           own[:6] @ far.axis], entries, lanes)
+            result[:, r, g] = entries
+    return result
+
+
+def _blended(mask: Sequence[bool], rows: Sequence[Any], others: Sequence[Any],
+             lanes: Any) -> list[Any]:
+    return [lanes.blend(mask, row, other) for row, other in zip(rows, others)]
+
+
+def _mask(chosen: Any) -> list[bool]:
+    """Return the lanes of some coordinates, False after the last one."""
+    return [*map(bool, chosen), *[False] * (LANES - len(chosen))]
+
+
+def _carriers(links: Sequence[Link]) -> Any:
+    """Return whether coordinate s moves the link of coordinate r, (n, n) booleans."""
+    found = np.zeros((len(links), len(links)), dtype=bool)
+    for link in links:
+        if link.parent != WORLD:
+            found[link.coordinate] = found[links[link.parent].coordinate]
+        found[link.coordinate, link.coordinate] = True
+    return found
+
+
+def _poses(states: Sequence[LinkState]) -> list[Any]:
+    """Return rotation, position and velocity of the origin of every link, (15,), world axes."""
+    poses: list[Any] = []
+    for state in states:
+        R, p, w = np.eye(3), ORIGIN, ORIGIN
+        if state.link.parent != WORLD:
+            above = poses[state.link.parent]
+            R, p, w = above[:9].reshape(3, 3), above[9:12], above[12:]
+        turned = np.concatenate([state.step.outward(row) for row in R])
+        poses.append(np.concatenate([turned, p + R @ state.step.offset, w + R @ state.velocity]))
+    return poses
