@@ -14,6 +14,7 @@ whose origin has the velocity w: n + p x f, e + 2 w x f, N + p x F, da - chi x p
 """
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
@@ -26,6 +27,7 @@ from kane_dynamics.model.model import WORLD
 import numpy as np
 
 ORIGIN = np.zeros(3)
+KINDS = ('revolute', 'prismatic')
 
 
 class JointRows:
@@ -47,32 +49,39 @@ class JointRows:
 
     def __init__(self, states: Sequence[LinkState], bodies: Sequence[CompositeBody],
                  poses: Sequence[Any], lanes: Any) -> None:
-        """Pack and transform the vectors of some links; `poses` are R, p and w, (15,)."""
-        def packed(vectors: Sequence[Any]) -> Any:
-            return np.array([lanes.pack(entries) for entries in zip(*vectors, strict=True)])
-        pose = packed(poses)
-        R, p, w = pose[:9].reshape(3, 3), pose[9:12], pose[12:]
+        """Pack and transform the vectors of some links; `poses` are R, p and w of each."""
+        def packed(arrays: Sequence[Any]) -> Any:
+            rows = [lanes.pack(entries) for entries in zip(*map(np.ravel, arrays), strict=True)]
+            return np.array(rows).reshape(np.shape(arrays[0]))[()]
+        R, p, w = (packed(arrays) for arrays in zip(*poses))
+        motion = tuple(packed(arrays) for arrays in zip(*(state.motion for state in states)))
+        body = CompositeBody(*(packed([getattr(body, field.name) for body in bodies])
+                               for field in fields(CompositeBody)))
         links = [state.link for state in states]
-        factor, turns, slides = packed([[link.multiplier, float(link.kind == 'revolute'),
-                                         float(link.kind == 'prismatic')] for link in links])
-        motion = packed([[*omega[:2], *a[:2], *U[:, 2]]
-                         for omega, _, a, U in (state.motion for state in states)])
-        along, across = R[:, 2], R @ np.array([motion[1], -motion[0], 0.0])  # s, omega x s
-        turned, centripetal = R @ np.array([motion[3], -motion[2], 0.0]), R @ motion[4:]
+        factor = packed([link.multiplier for link in links])
+        turning = [link.kind == 'revolute' for link in links]
+        turning += [turning[0]] * (LANES - len(turning))
+
+        def of_kind(revolute: Any, prismatic: Any) -> Any:
+            return np.array([lanes.blend(turning, x, y) for x, y in zip(revolute, prismatic)])
 
         def moved(da: Any, chi: Any, delta: Any) -> Any:
             about_origin = da - cross(chi, p) - 2.0 * cross(delta, w)
             return factor * np.concatenate([about_origin, chi, delta])
-        self.axis = factor * np.concatenate([slides * along + turns * cross(p, along),
-                                             turns * along])
-        self.by_q = moved(turns * turned + slides * centripetal, turns * centripetal,
-                          turns * across)
-        self.by_u = moved(2.0 * slides * across, 2.0 * turns * across, turns * along)
-        vectors = packed([row_vectors(state.link, body) for state, body in zip(states, bodies)])
-        f, n, e = (R @ vectors[k:k + 3] for k in (0, 3, 6))
+
+        omega, _, a, U = motion
+        along, across = R[:, 2], R @ np.array([omega[1], -omega[0], 0.0])  # s, omega x s
+        turned, centripetal = R @ np.array([a[1], -a[0], 0.0]), R @ U[:, 2]
+        self.axis = factor * of_kind([*cross(p, along), *along], [*along, *ORIGIN])
+        self.by_q = of_kind(moved(turned, centripetal, across),
+                            moved(centripetal, ORIGIN, ORIGIN))
+        self.by_u = of_kind(moved(ORIGIN, 2.0 * across, along),
+                            moved(2.0 * across, ORIGIN, ORIGIN))
+        f, n, e = (R @ v for v in of_kind(*(row_vectors(kind, body)
+                                            for kind in KINDS)).reshape(3, 3))
         self.own = factor * np.concatenate([f, n + cross(p, f), e + 2.0 * cross(w, f)])
-        wrenches = packed([column_wrenches(state, body) for state, body in zip(states, bodies)])
-        F, N, F_u, N_u = (R @ wrenches[k:k + 3] for k in (0, 3, 6, 9))
+        F, N, F_u, N_u = (R @ v for v in of_kind(*(column_wrenches(kind, motion, body)
+                                                   for kind in KINDS)).reshape(4, 3))
         self.wrench_by_q = factor * np.concatenate([F, N + cross(p, F)])
         self.wrench_by_u = factor * np.concatenate([F_u, N_u + cross(p, F_u)])
 
@@ -132,14 +141,13 @@ def _carriers(links: Sequence[Link]) -> Any:
     return found
 
 
-def _poses(states: Sequence[LinkState]) -> list[Any]:
-    """Return rotation, position and velocity of the origin of every link, (15,), world axes."""
-    poses: list[Any] = []
+def _poses(states: Sequence[LinkState]) -> list[tuple[Any, Any, Any]]:
+    """Return rotation, position and velocity of the origin of every link, world axes."""
+    poses: list[tuple[Any, Any, Any]] = []
     for state in states:
         R, p, w = np.eye(3), ORIGIN, ORIGIN
         if state.link.parent != WORLD:
-            above = poses[state.link.parent]
-            R, p, w = above[:9].reshape(3, 3), above[9:12], above[12:]
-        turned = np.concatenate([state.step.outward(row) for row in R])
-        poses.append(np.concatenate([turned, p + R @ state.step.offset, w + R @ state.velocity]))
+            R, p, w = poses[state.link.parent]
+        turned = np.stack([state.step.outward(row) for row in R])
+        poses.append((turned, p + R @ state.step.offset, w + R @ state.velocity))
     return poses

@@ -157,7 +157,7 @@ def _add_row(states: Sequence[LinkState], body: CompositeBody, i: int,
              results: tuple[Matrix, Matrix, Matrix], share: Share) -> None:
     """Add row i: derivatives with respect to joint i and the joints toward the root."""
     own = states[i].link
-    passed = row_vectors(own, body)
+    passed = row_vectors(own.kind, body)
     j, row, M = i, own.coordinate, results[2]
     while j != WORLD:
         link = states[j].link
@@ -171,10 +171,10 @@ def _add_row(states: Sequence[LinkState], body: CompositeBody, i: int,
         j = link.parent
 
 
-def row_vectors(link: Link, body: CompositeBody) -> Any:
+def row_vectors(kind: str, body: CompositeBody) -> Any:
     """Return the vectors f, n and e (see the module) of a link's joint in link axes, (9,)."""
     h, S, K, L = body.h, body.S, body.S_rate, body.L
-    if link.kind == 'revolute':
+    if kind == 'revolute':
         return np.array([-h[1], h[0], 0.0, -S[0, 2], -S[1, 2], S[0, 0] + S[1, 1],
                          L[1] - K[0, 2], -L[0] - K[1, 2], K[0, 0] + K[1, 1]])
     return np.array([0.0, 0.0, body.mass, h[1], -h[0], 0.0,
@@ -184,7 +184,8 @@ def row_vectors(link: Link, body: CompositeBody) -> Any:
 def _add_column(states: Sequence[LinkState], body: CompositeBody, i: int,
                 results: tuple[Matrix, Matrix], share: Share) -> None:
     """Add column i: derivatives of the torques toward the root with respect to q_i and u_i."""
-    link, wrenches = states[i].link, column_wrenches(states[i], body)
+    link = states[i].link
+    wrenches = column_wrenches(link.kind, states[i].motion, body)
     j = i
     while states[j].link.parent != WORLD:
         wrenches = share(f'column_{j}', states[j].columns, wrenches, states[j].state)
@@ -197,12 +198,12 @@ def _add_column(states: Sequence[LinkState], body: CompositeBody, i: int,
                                    + link.multiplier * below.multiplier * entry)
 
 
-def column_wrenches(state: LinkState, body: CompositeBody) -> Any:
+def column_wrenches(kind: str, motion: LinkMotion, body: CompositeBody) -> Any:
     """Return the changes of force and moment with q and u of the own joint, (12,), link axes."""
-    link, (omega, _, a, U) = state.link, state.motion
+    omega, _, a, U = motion
     across = np.array([omega[1], -omega[0], 0.0])  # omega x s
     turned = np.array([-body.force[1], body.force[0], 0.0])  # s x force
-    if link.kind == 'revolute':
+    if kind == 'revolute':
         force, moment = _wrench_change(body, across, U[:, 2], np.array([a[1], -a[0], 0.0]))
         N = body.moment
         return np.concatenate([force + turned, moment + np.array([-N[1], N[0], 0.0]),
