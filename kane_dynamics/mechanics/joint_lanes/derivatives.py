@@ -13,20 +13,20 @@ are dot products of scalars of one joint and rows of other joints. To move a lin
 whose origin has the velocity w: n + p x f, e + 2 w x f, N + p x F, da - chi x p - 2 delta x w.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields
 from typing import Any
 
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
 from kane_dynamics.mechanics.algebra.vector import cross
 from kane_dynamics.mechanics.recursive.derivatives import (add_to_parent, column_wrenches,
-                                                           CompositeBody, LinkState, row_vectors,
-                                                           single_links)
+                                                           CompositeBody, link_states,
+                                                           LinkState, row_vectors, single_link)
 from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.model.model import WORLD
 import numpy as np
 
-ORIGIN = np.zeros(3)
+NONE = np.zeros(3)
 KINDS = ('revolute', 'prismatic')
 
 
@@ -72,11 +72,11 @@ class JointRows:
         omega, _, a, U = motion
         along, across = R[:, 2], R @ np.array([omega[1], -omega[0], 0.0])  # s, omega x s
         turned, centripetal = R @ np.array([a[1], -a[0], 0.0]), R @ U[:, 2]
-        self.axis = factor * of_kind([*cross(p, along), *along], [*along, *ORIGIN])
+        self.axis = factor * of_kind([*cross(p, along), *along], [*along, *NONE])
         self.by_q = of_kind(moved(turned, centripetal, across),
-                            moved(centripetal, ORIGIN, ORIGIN))
-        self.by_u = of_kind(moved(ORIGIN, 2.0 * across, along),
-                            moved(2.0 * across, ORIGIN, ORIGIN))
+                            moved(centripetal, NONE, NONE))
+        self.by_u = of_kind(moved(NONE, 2.0 * across, along),
+                            moved(2.0 * across, NONE, NONE))
         f, n, e = (R @ v for v in of_kind(*(row_vectors(kind, body)
                                             for kind in KINDS)).reshape(3, 3))
         self.own = factor * np.concatenate([f, n + cross(p, f), e + 2.0 * cross(w, f)])
@@ -94,14 +94,12 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
     Arguments as `inverse_dynamics`, but each coordinate moves one link; `lanes` has the functions
     of `Lanes`. Entry [m, r, g] holds row r of matrix m from column g LANES on.
     """
-    states, bodies = single_links(links, q, u, udot, gravity)
-    for i in reversed(range(len(links))):
-        if links[i].parent != WORLD:
-            add_to_parent(states[i], bodies[i], bodies[links[i].parent])
-    poses, carriers = _poses(states), _carriers(links)
+    states, poses = _outward(link_states(links, q, u, udot, gravity))
+    carriers, bodies = _carriers(links), _composite_bodies(states)
     place = np.argsort([link.coordinate for link in links])  # links by coordinate
-    blocks = [JointRows(*([of[i] for i in place[k:k + LANES]] for of in (states, bodies, poses)),
-                        lanes) for k in range(0, len(place), LANES)]
+    parts = [place[k:k + LANES] for k in range(0, len(place), LANES)]
+    blocks = [JointRows([states[i] for i in part], [bodies[i] for i in part],
+                        [poses[i] for i in part], lanes) for part in parts]
     result = np.zeros((3, len(place), len(blocks)), dtype=object)
     for r in range(len(place)):
         near, lane = blocks[r // LANES], r % LANES
@@ -141,13 +139,32 @@ def _carriers(links: Sequence[Link]) -> Any:
     return found
 
 
-def _poses(states: Sequence[LinkState]) -> list[tuple[Any, Any, Any]]:
-    """Return rotation, position and velocity of the origin of every link, world axes."""
+def _outward(states: Iterable[LinkState]) -> tuple[list[LinkState], list[tuple[Any, Any, Any]]]:
+    """Return the states, and R, position and velocity of the origins of all links; world axes."""
+    passed: list[LinkState] = []
     poses: list[tuple[Any, Any, Any]] = []
     for state in states:
-        R, p, w = np.eye(3), ORIGIN, ORIGIN
+        R, p, w = np.eye(3), NONE, NONE
         if state.link.parent != WORLD:
             R, p, w = poses[state.link.parent]
-        turned = np.stack([state.step.outward(row) for row in R])
-        poses.append((turned, p + R @ state.step.offset, w + R @ state.velocity))
-    return poses
+        passed.append(state)
+        poses.append((np.stack([state.step.outward(row) for row in R]),
+                      p + R @ state.step.offset, w + R @ state.velocity))
+    return passed, poses
+
+
+def _composite_bodies(states: Sequence[LinkState]) -> list[CompositeBody]:
+    """Return the composite body of every joint; a link's own is computed where it is needed."""
+    bodies: dict[int, CompositeBody] = {}
+
+    def body(i: int) -> CompositeBody:
+        if i not in bodies:
+            bodies[i] = single_link(states[i].link, states[i].motion)
+        return bodies[i]
+    for i in reversed(range(len(states))):
+        state = states[i]
+        if state.link.parent == WORLD:
+            body(i)
+        else:
+            add_to_parent(state, body(i), body(state.link.parent))
+    return [bodies[i] for i in range(len(states))]

@@ -70,9 +70,9 @@ def _inverse_columns(L: Sequence[Sequence[Any]], lanes: Any) -> list[Row]:
 
 def _entries(columns: Sequence[Row], scaled: Sequence[Row], carriers: Any, r: int, block: int,
              lanes: Any) -> Any:
-    """Return a block of row r of W D^-1 W^T."""
+    """Return a block of row r of W D^-1 W^T; `carriers` is row r of `_pattern`."""
     total: Any = 0.0
-    for a in np.flatnonzero(carriers):
+    for a in np.flatnonzero(carriers).tolist():
         if block in columns[a]:
             total = total + columns[a][block] * lanes.lane(scaled[a][r // LANES], r % LANES)
     return total

@@ -17,7 +17,7 @@ of the subtree of i are transformed from i to the root once for all j on that pa
 of these joints j change with joint i by one force and moment each for q and for u.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -116,7 +116,10 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
     `subroutines`).
     """
     n = len(q)
-    states, carried = single_links(links, q, u, udot, gravity)
+    states, carried = [], []
+    for state in link_states(links, q, u, udot, gravity):
+        states.append(state)
+        carried.append(single_link(state.link, state.motion))
     by_q, by_u, M = ([[0.0] * n for _ in range(n)] for _ in range(3))
     for i in reversed(range(len(links))):
         _add_row(states, carried[i], i, (by_q, by_u, M), share)
@@ -126,11 +129,10 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
     return np.array([by_q, by_u, M])
 
 
-def single_links(links: Sequence[Link], q: Any, u: Any, udot: Any,
-                 gravity: Any) -> tuple[list[LinkState], list[CompositeBody]]:
-    """Return the state of every link, and every link as a composite body of its own."""
+def link_states(links: Sequence[Link], q: Any, u: Any, udot: Any,
+                gravity: Any) -> Iterator[LinkState]:
+    """Yield the state of every link."""
     motion: list[LinkMotion] = []
-    states, carried = [], []
     for link in links:
         step = JointStep(link, q)
         motion.append(link_motion(link, step, motion, q, u, udot, gravity))
@@ -139,12 +141,10 @@ def single_links(links: Sequence[Link], q: Any, u: Any, udot: Any,
             velocity = cross(motion[link.parent][0], step.offset)
             if link.kind == 'prismatic':
                 velocity = velocity + (link.multiplier * u[link.coordinate]) * step.axis
-        states.append(LinkState(link, step, motion[-1], velocity))
-        carried.append(_single_link(link, motion[-1]))
-    return states, carried
+        yield LinkState(link, step, motion[-1], velocity)
 
 
-def _single_link(link: Link, motion: LinkMotion) -> CompositeBody:
+def single_link(link: Link, motion: LinkMotion) -> CompositeBody:
     """Return the composite body of a single link."""
     omega, S, h = motion[0], link.second_moment, link.first_moment
     v_r = np.stack([cross(omega, column) for column in S.T], axis=1)  # int v r^T dm

@@ -167,7 +167,7 @@ class TreeEquations(JointForces):
         return rigid + np.stack([np.diag(x) for x in self.joint_slopes(u)])
 
     def joint_slopes(self, u: Any) -> tuple[Any, Any, Any]:
-        """Return the diagonals that springs, friction and armature add to the derivatives, (n,)."""
+        """Return what springs, friction and armature add to the diagonals of the derivatives."""
         return (self._by_coordinate(lambda j: j.multiplier**2 * j.stiffness),
                 self.friction_slope(u), self.armature(np.ones(self.n)))
 

@@ -7,6 +7,7 @@ in registers and in the memory of arguments and results.
 
 from collections.abc import Iterator, Sequence
 
+from kane_dynamics.mechanics.algebra.lanes import LANES
 from kane_dynamics.native.backends.llvm_math import FUNCTION_LANES, splat, Vector, vector_type
 from kane_dynamics.native.backends.llvm_wide import Rows
 from kane_dynamics.native.tracing.expression import Expr, operands
@@ -43,7 +44,7 @@ class Function:
         """Generate the function; `lines` holds the IR."""
         self.program, self.lanes, self.type = program, lanes, vector_type(lanes)
         self.names: dict[int, str] = {}
-        self.lines = [self._head(symbol)]
+        self.lines: list[str] = []
         self.callees: list[Program] = []
         self._stored: dict[tuple[object, ...], str] = {}  # pointer to stored arguments, by entries
         self._wide = Rows(self.lines, self.names, program.outputs)
@@ -58,9 +59,11 @@ class Function:
                 for node in group:
                     self._operation(node)
         self._store_outputs()
+        self.lines.insert(0, self._head(symbol))
 
     def _head(self, symbol: str) -> str:
-        return f'define void @{symbol}(ptr %args) {{'
+        aligned = f' alignstack({8 * LANES})' if self._wide.stored else ''  # of spilled rows
+        return f'define void @{symbol}(ptr %args){aligned} {{'
 
     def value(self, x: Expr | float) -> str:
         """Return the IR name or literal of an operand."""

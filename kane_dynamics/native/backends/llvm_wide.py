@@ -53,7 +53,8 @@ class Rows:
         if node.op == 'pack':
             return self._packed(v, args)
         if node.op == 'column':
-            return self._tiles[args[0].index][args[1]]
+            tile, k = args
+            return self._tiles[tile.index][int(k)]
         rows = [self.names[x.index] for x in args if isinstance(x, Expr)]
         if node.op == 'transposed':
             self._tiles[node.index] = transpose(v, rows)
@@ -67,10 +68,13 @@ class Rows:
             return v.new(f'fneg {TYPE} {rows[0]}')
         return v.new(f'{ARITHMETIC[node.op]} contract {TYPE} {rows[0]}, {rows[1]}')
 
-    def _packed(self, v: Vector, entries: Sequence[Any]) -> str:
-        """Return a row of scalars, from constants, memory or registers."""
+    def _packed(self, v: Vector, entries: Sequence[Expr | float]) -> str:
+        """Return a row of scalars."""
         first = entries[0]
         if all(x is first for x in entries) and isinstance(first, Expr):
+            if first.op == 'lane':
+                row = self.names[first.args[0].index]
+                return v.shuffle(row, 'poison', [first.args[1]] * LANES)
             one = v.new(f'insertelement {TYPE} poison, double {self.names[first.index]}, i32 0')
             return v.shuffle(one, 'poison', [0] * LANES)
         row = '<' + ', '.join('double ' + ('0x0' if isinstance(x, Expr) else literal(x))

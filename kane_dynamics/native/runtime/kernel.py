@@ -74,8 +74,8 @@ class Kernel:
         self._program, self._key = program, key
         self._compiling = ForkSafeLock()
         self._lanes: tuple[llvm.Code, llvm.Address] | None = None  # set once
-        self.code = self._compiled('', lambda: '\n'.join([module_text((single or program)(), SYMBOL),
-                                                          self._entry_points()]))
+        self.code = self._compiled('', lambda: '\n'.join([
+            module_text((single or program)(), SYMBOL), self._entry_points()]))
         self.address = self.code.address(SYMBOL)
 
     def _compiled(self, kind: str, text: Callable[[], str]) -> llvm.Code:

@@ -1,9 +1,9 @@
 """
 Traced lanes: rows of scalars whose operations are SIMD instructions of a program of one state.
 
-A `WideLanes` has the functions of `kane_dynamics.mechanics.algebra.lanes.Lanes`. Its nodes are part
+`WideLanes` has the functions of `kane_dynamics.mechanics.algebra.lanes.Lanes`. Its nodes are part
 of the graph beside those of scalars: 'pack' makes a row of scalars, 'lane' takes a scalar out of
-one. Only the back end for single states on the processor knows them.
+one. Only the LLVM back end for single states generates them.
 """
 
 from collections.abc import Sequence
