@@ -11,20 +11,18 @@ from kane_dynamics.mechanics.algebra.ltdl import solve
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel, ResultCheck
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call, Subroutines
-from kane_dynamics.native.tracing.wide import WideLanes
 from kane_dynamics.robot.derivative_kernels import (block_of, Derivative, shapes_by_name,
                                                     SlopesOfDynamics)
 from kane_dynamics.robot.quantities import (CONSTRAINED, FRAME_QUANTITIES, JOINT_REACTION,
                                             QUANTITIES, Quantity, Sizes, UNWATCHED)
 import numpy as np
 
-LARGE = 24  # more coordinates: the inverse mass matrix is traced with a subroutine
+LARGE = 24  # more coordinates: matrices of one state in lanes, inverses by a subroutine in batches
 LONG = 16  # more coordinates: derivatives of forward dynamics are NumPy products
 OUTLINED = 40  # more coordinates: quantities of SHARING are traced with subroutines
 SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
@@ -200,11 +198,17 @@ class KernelSet:
                 return partial(getattr(equations, name), share=Subroutines())
         return getattr(equations, name)  # type: ignore[no-any-return]
 
-    def _in_lanes(self, name: str) -> bool:
-        """Return whether a quantity of a single state is computed for several joints at once."""
+    def _in_lanes(self, name: str) -> Callable[..., Any] | None:
+        """Return the function of a quantity that computes several joints at once, or None."""
         equations = self.equations
-        return (isinstance(equations, TreeEquations) and equations.n > LARGE
-                and hasattr(TreeInLanes, name) and TreeInLanes.suits(equations))
+        if not isinstance(equations, TreeEquations) or equations.n <= LARGE:
+            return None
+        # Only large robots need these.
+        from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
+        from kane_dynamics.native.tracing.wide import WideLanes
+        if not TreeInLanes.suits(equations):
+            return None
+        return getattr(TreeInLanes(equations, lambda q: WideLanes(q.trace)), name, None)
 
     def _body(self, joint: str) -> int:
         names = [body.joint.name for body in self.equations.model.bodies]
@@ -284,8 +288,8 @@ class KernelSet:
             return guarded(result, equations.margin(given['q'], time.get('t', 0.0), limits))
         equations: Any = self.equations
         quantity, method = self._quantity(name), self._method(name, at)
-        if single and derivative is None and self._in_lanes(name):
-            method = getattr(TreeInLanes(equations, lambda q: WideLanes(q.trace)), name)
+        if single and derivative is None:
+            method = self._in_lanes(name) or method
         inputs = self._inputs(self.signature(name, at, derivative)[0])
         names = [key for key, _ in inputs]
         return trace_program(name, function, inputs)
