@@ -36,7 +36,7 @@ METADATA := package.xml setup.py setup.cfg MANIFEST.in pyproject.toml README.md
 help:
 	@echo 'make install      environment $(VENV) with the library, the node and all tools'
 	@echo 'make demo         feedforward on a simulated arm, over ROS 2; ROBOT=palletizer: closed loops'
-	@echo 'make test         tests, a few minutes'
+	@echo 'make test         tests, a few minutes: library, torque path, services'
 	@echo 'make test-slow    tests of endurance (also: make soak)'
 	@echo 'make bench        speed, against peers; a report in build/bench'
 	@echo 'make kernel-sizes records the arithmetic and code size of the shipped kernels'
@@ -44,7 +44,7 @@ help:
 	@echo 'make lint         ruff, mypy --strict, ament_flake8, ament_pep257'
 	@echo 'make docs         the documentation site, in build/docs'
 	@echo 'make docs-test    tries what the pages of the site and the README show'
-	@echo 'make colcon-test  both packages built and tested by colcon, in $(COLCON_VENV)'
+	@echo 'make colcon-test  both packages built by colcon, and all tests of the node, in $(COLCON_VENV)'
 	@echo 'make clean        remove all of that'
 
 # ---------------------------------------------------------------------- environment
@@ -119,8 +119,10 @@ demo:
 	$(ROS_ENV) $(BIN)/kane-dynamics demo --robot '$(ROBOT)'
 
 # What runs nodes in real time or judges processor time has the processors to itself; all else shares
-# them.
+# them. Faults, starts and whole graphs are minutes of waiting: colcon-test alone tries them.
 REAL_TIME = $(wildcard test/e2e/test_node*.py) test/e2e/test_demo.py
+BY_COLCON = $(addprefix test/e2e/test_,demo.py node_doctor.py node_faults.py node_lifecycle.py \
+  node_loads_at_start.py node_two_arms.py)
 TIMED = $(shell grep -rl --include='test_*.py' 'pytest.mark.timed' test)
 
 # A machine that stalls for tens of milliseconds fails a test of time, whatever the code does; a
@@ -129,7 +131,7 @@ PYTEST = $(ROS_ENV) $(BIN)/python -m pytest
 REPEATED = echo '== what failed is repeated once, by itself';
 FAILED_ONES = --last-failed --last-failed-no-failures=none
 LIBRARY = $(REAL_TIME:%=--ignore=%) --ignore=test/docs -m 'not slow and not timed' $(PYTEST_ARGS)
-ALONE = $(REAL_TIME) $(TIMED) -m 'timed and not slow' $(PYTEST_ARGS)
+ALONE = $(filter-out $(BY_COLCON), $(REAL_TIME)) $(TIMED) -m 'timed and not slow' $(PYTEST_ARGS)
 
 test: install $(VENV)/.torch
 	$(PYTEST) -n auto --dist worksteal $(LIBRARY) || { $(REPEATED) $(PYTEST) $(FAILED_ONES) $(LIBRARY); }

@@ -37,7 +37,10 @@ def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
 
     """
     try:
-        array = np.array(value, dtype=np.float64)
+        given = np.array(value)
+        if given.dtype.kind not in 'iuf':  # neither truth values nor text
+            raise ValueError
+        array = given.astype(np.float64)
     except (TypeError, ValueError):
         raise InputError(f'{what}: {value!r}; expected one number, or one per joint') from None
     if array.shape not in ((), (len(names),)):

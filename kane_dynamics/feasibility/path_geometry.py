@@ -1,13 +1,13 @@
 """
 Geometric paths q(s) with derivatives, on the uniform grid on which they are timed.
 
-A path is that of a motion, without its timing. It is cut where the motion rests, since the
-direction may change there, and at dwells, which are left out. The parameter s of a section is a
-mean of the time and of the length of the motion, so that both slow and fast parts have their share
-of the grid. At an end where the path is to rest s is chosen such that q(s) - q(end) begins with
-the power `order` of s: with the second power, a motion from rest with finite acceleration has a
-positive, finite s' there, and with the third one with finite jerk. Between the samples the path
-is a cubic spline in s, through positions of the motion.
+A path is that of a motion, without its timing. It is cut where the motion rests or all joints
+reverse at once, since direction and friction jump there, and at dwells, which are left out. The
+parameter s of a section is a mean of the time and of the length of the motion, so that both slow
+and fast parts have their share of the grid. At an end where the path is to rest s is chosen such
+that q(s) - q(end) begins with the power `order` of s: with the second power, a motion from rest
+with finite acceleration has a positive, finite s' there, and with the third one with finite jerk.
+Between the samples the path is a cubic spline in s, through positions of the motion.
 """
 
 from collections.abc import Sequence
@@ -24,8 +24,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 SAME, CLOSE = 1e-12, 1e-6  # distance of waypoints, of the length of the path
-AT_REST = 1e-9  # speed relative to the mean one of the section
-MESH = 200  # intervals on which the parameter is computed
+AT_REST = 1e-9  # speed relative to the mean one of the motion
+INSIDE = np.arange(8) / 8  # places of a segment between which all joints may reverse at once
+REVERSAL = 1e-4  # least speed in a reversal of all joints, relative to that around it
+BISECTIONS = 60
+MESH, FINER = 200, 4  # intervals on which the parameter is computed, and least per segment
 STILL = 1e-13  # range of a joint that does not move, relative to the largest range
 FEWEST = 50  # intervals of a section
 
@@ -38,6 +41,8 @@ class Section(NamedTuple):
     ----------
     q, first, second : (2 N + 1, n) arrays
         Positions and their derivatives with respect to s.
+    lowest, highest : (n,) arrays
+        Least and largest positions.
     span : float
         Duration of the section in the motion, s.
 
@@ -46,6 +51,8 @@ class Section(NamedTuple):
     q: Array
     first: Array
     second: Array
+    lowest: Array
+    highest: Array
     span: float
 
     @property
@@ -113,14 +120,9 @@ def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]) -
         If the motion does not move.
 
     """
-    knots = motion.times
-    speed = np.linalg.norm(np.vstack([motion.sample(knots[:-1])[1], np.zeros((1, motion.n))]),
-                           axis=1)
-    still = speed <= AT_REST * np.abs(np.diff(motion.positions, axis=0)).sum() / (
-        knots[-1] - knots[0] or 1.0)
-    still[[0, -1]] = True
-    cuts = knots[still]
-    parts = [_Part(motion, *cut) for cut in pairwise(cuts)]
+    cuts = _rests(motion)
+    parts = [_Part(motion, *cut, (k > 0, k < len(cuts) - 2)) for k, cut in enumerate(
+        pairwise(cuts))]
     total = sum(part.length for part in parts)
     parts = [part for part in parts if part.length > 1e-12 * total]
     if not parts:
@@ -132,34 +134,70 @@ def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]) -
             for k, part in enumerate(parts)]
 
 
-class _Part:
-    """The part of a motion between two rests."""
+def _rests(motion: Motion) -> Array:
+    """
+    Return the times of both ends of a motion and of its rests between them.
 
-    def __init__(self, motion: Motion, begin: float, end: float) -> None:
-        self.motion, self.begin, self.end = motion, begin, end
-        self.mesh = begin + (end - begin) * np.linspace(0.0, 1.0, 2 * MESH + 1)
+    It rests at points with zero speed, and where all joints reverse at once between points. There
+    the direction of the friction changes, too, which a grid could not resolve.
+    """
+    knots = motion.times
+    if len(knots) < 2:
+        return knots
+    t = np.append((knots[:-1, None] + np.diff(knots)[:, None] * INSIDE).ravel(), knots[-1])
+    u = motion.sample(t)[1]
+    speed = np.sqrt(np.einsum('ij,ij->i', u, u))
+    speed[-1] = 0.0
+    points = speed[::len(INSIDE)]
+    still = points <= AT_REST * np.abs(np.diff(motion.positions, axis=0)).sum() / (
+        knots[-1] - knots[0])
+    still[[0, -1]] = True
+    speed[::len(INSIDE)][still] = 0.0
+    least = np.minimum(speed[:-2], speed[2:])
+    k = 1 + np.flatnonzero((speed[1:-1] <= least) & (speed[1:-1] > 0.0) & (least > 0.0)
+                           & (np.einsum('ij,ij->i', u[:-2], u[2:]) < 0.0))
+    if not k.size:
+        return np.asarray(knots[still])
+    low, high = t[k - 1], t[k + 1]
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        _, rates, slopes = motion.sample(middle)
+        slower = np.einsum('ij,ij->i', rates, slopes) < 0.0
+        low, high = np.where(slower, middle, low), np.where(slower, high, middle)
+    turned = np.linalg.norm(motion.sample(low)[1], axis=1) <= REVERSAL * least[k - 1]
+    return np.unique(np.concatenate([knots[still], low[turned]]))
+
+
+class _Part:
+    """The part of a motion between two rests, the first and the last of which may be none."""
+
+    def __init__(self, motion: Motion, begin: float, end: float, rests: tuple[bool, bool]) -> None:
+        self.motion, self.begin, self.end, self.rests = motion, begin, end, rests
+        inside = np.searchsorted(motion.times, (begin, end))
+        count = max(MESH, FINER * int(inside[1] - inside[0]))
+        self.mesh = begin + (end - begin) * np.linspace(0.0, 1.0, 2 * count + 1)
         self.mesh[-1] = np.nextafter(end, -np.inf)
         state = motion.sample(self.mesh)
         speed = np.linalg.norm(state[1], axis=1)
         self.ends = [np.array([x[place] for x in state]) for place in (0, -1)]
-        step = (end - begin) / MESH
+        step = (end - begin) / count
         pieces = step / 6.0 * (speed[:-2:2] + 4.0 * speed[1:-1:2] + speed[2::2])
         self.length = float(pieces.sum())
         self.mesh, self.speed = self.mesh[::2], speed[::2]
         self.arc = np.concatenate([[0.0], np.cumsum(pieces)])
 
-    def _power(self, state: Array) -> int:
+    def _power(self, state: Array, rest: bool) -> int:
         """Return the power of the time with which the path leaves an end."""
         span = self.end - self.begin
-        if np.abs(state[1]).max() * span > AT_REST * self.length:
+        if not rest and np.abs(state[1]).max() * span > AT_REST * self.length:
             return 1
         return 2 if np.abs(state[2]).max() * span**2 > 1e-6 * self.length else 3
 
     def sampled(self, intervals: int, first: int, last: int) -> Section:
         """Return the section with orders `first` and `last` at its ends."""
         span, s = self.end - self.begin, np.linspace(0.0, 1.0, 2 * intervals + 1)
-        alpha, beta = (order / self._power(state)
-                       for order, state in zip((first, last), self.ends))
+        alpha, beta = (order / self._power(state, rest) for order, state, rest in zip(
+            (first, last), self.ends, self.rests))
         left, right = s**alpha, (1.0 - s)**beta
         share = left / (left + right)
         mean = 0.5 * ((self.mesh - self.begin) / span + self.arc / self.length)
@@ -167,7 +205,9 @@ class _Part:
         t = _hermite(share, mean, self.mesh, 1.0 / rate)
         t = np.clip(t, self.begin, np.nextafter(self.end, -np.inf))
         q = self.motion.positions_at(t)
-        ranges = np.ptp(q, axis=0)
+        columns = q.T.copy()  # whose rows are reduced ten times as fast
+        lowest, highest = columns.min(axis=1), columns.max(axis=1)
+        ranges = highest - lowest
         still = ranges <= STILL * ranges.max()
         q[:, still] = q[0, still]
         slopes = [np.zeros(q.shape[1])] * 2
@@ -176,7 +216,8 @@ class _Part:
                 slopes[place] = np.where(still, 0.0, self._slope(q, t, place, s))
         step = 0.5 / intervals
         first_slope = _spline_slopes(q, step, slopes[0], slopes[-1])
-        return Section(q, first_slope, _second(q, step, first_slope), span)
+        return Section(q, first_slope, _second(q, step, first_slope),
+                       lowest, highest, span)
 
     def _slope(self, q: Array, t: Array, place: int, s: Array) -> Array:
         """Return dq/ds at an end at which the path moves, by differences of third order."""

@@ -8,7 +8,8 @@ linear in x = s'^2. It is replaced with its tangent at a profile x, which the ne
 A limit P of the power bounds the torque by P / |q_s s'|, which is replaced likewise.
 """
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.banded_solution import kernels as compile_spline
@@ -17,14 +18,14 @@ from kane_dynamics.feasibility.reachability import compile_passes, Limits
 from kane_dynamics.feasibility.segment_peaks import peaks_kernel
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import NDArray
 
 Flags = NDArray[np.bool_]
-# Ratios of the coefficients of v and x below which a limit is stiff, and v = 0 must satisfy it.
-STIFF, STIFFEST = 4.0, 0.5
-TINY = 1e-300
 FLAT = 1e-9  # least x, relative to its size, at which friction has a tangent
 MARGIN = 5e-4  # of all limits, for the motion between the points
 OUT_OF_REACH = 1e4  # width of a limit on one side, relative to its numbers
@@ -47,18 +48,14 @@ class PathLimits:
         """Compute the coefficients of the torque."""
         q, first, second = (np.ascontiguousarray(x[::2]) for x in section[:3])
         self.robot, self.section, self.bounds, self.first = robot, section, bounds, first
-        self.second, count, zero = second, len(q), np.zeros_like(q)
-        tau = robot.inverse_dynamics(*(np.concatenate(rows) for rows in (
-            (q, q, q), (zero, zero, first), (zero, first, second))))
-        self.constant = tau[:count]
-        self.inertia = tau[count:2 * count] - self.constant
-        offset, _ = friction(robot, zero[:1])
-        self.square, self.offset = tau[2 * count:] - self.constant, offset
-        if self.rough:
-            self.square -= friction(robot, first)[0] - offset
+        self.second, count = second, len(q)
+        tau: Array = torque_kernel(robot)(q, first, second)
+        self.inertia, self.square, self.constant = tau[:, 0], tau[:, 1], tau[:, 2]
+        self.offset, _ = friction(robot, np.zeros((1, robot.n)))
         with np.errstate(divide='ignore', invalid='ignore'):
-            speed = np.where(section.first == 0.0, np.inf,
-                             bounds.velocity / np.abs(section.first)).min(axis=1)**2
+            needs = (section.first / np.where(
+                bounds.velocity > 0.0, bounds.velocity, 1.0)).T.copy()
+            speed = 1.0 / (needs * needs).max(axis=0)
             rates = [np.fmin.reduce(bound / np.abs(size), axis=None, initial=np.inf)
                      for bound, size in ((bounds.effort, self.inertia),
                                          (bounds.acceleration, first))]
@@ -132,13 +129,10 @@ class PathLimits:
         most = np.minimum(self.most * tight**2, self.free)
         if not rows:
             rows = [np.zeros((len(x), 5, 1)) + [[0.0], [0.0], [0.0], [1.0], [0.0]]]
-        data = rows[0] if len(rows) == 1 else np.concatenate(rows, axis=2)
-        ratio = np.abs(data[:, 0]) / (np.abs(data[:, 1]) + np.abs(data[:, 4]) + TINY)
-        intervals = _in_intervals(data, ratio < STIFF)
         for block in middles:
             block[:, 0] += 0.5 * block[:, 1]
-        return Limits(np.concatenate([intervals, *middles], axis=2) if middles else intervals,
-                      np.minimum(most, _steady(data, ratio < STIFFEST)))
+        return Limits(_side_by_side(rows), _side_by_side(
+            middles or [np.zeros((len(x) - 1, 5, 0))]), most)
 
     def _torque_of_power(self, power: Array, x: Array, first: Array) -> tuple[Array, Array]:
         """
@@ -157,14 +151,44 @@ class PathLimits:
                 np.where(matters, -0.5 * torque / x, 0.0))
 
 
+def torque_kernel(robot: Robot) -> Kernel:
+    """
+    Return the kernel of the coefficients of the torque, (3, n), without friction.
+
+    Its arguments are q and its derivatives with respect to s. The results multiply s'' and s'^2,
+    and the last one, with the offset of friction, is the torque at rest.
+    """
+    block = robot.parameters.block
+    inputs: list[tuple[str, tuple[int, ...]]] = [(name, (robot.n,)) for name in (
+        'q', 'first', 'second')]
+
+    def values(q: Any, first: Any, second: Any, parameters: Any) -> Any:
+        equations: Any = robot.equations
+        zero = np.zeros(robot.n)
+        static, inertia, moving = (equations.rigid_dynamics(q, *state, None, parameters)
+                                   for state in ((zero, zero), (zero, first), (first, second)))
+        return np.array([inertia - static, moving - static,
+                         static + equations.friction_force(zero)])
+    return robot.kernels.extra(
+        'path_torque', lambda: trace_program('path_torque', values, [
+            *inputs, ('parameters', block.shape)]),
+        [Argument(*each) for each in inputs], block, (3, robot.n))
+
+
 def compile_timing(robot: Robot) -> None:
     """Compile what `time_optimal` needs for limits of effort and velocity."""
     bounds = robot.limits.effort, robot.limits.velocity
-    compile_passes(2 * int(np.isfinite(bounds[0]).sum()) or 2)
+    compile_passes(int(np.isfinite(bounds[0]).sum()) or 1)
     compile_spline(robot.n)
+    torque_kernel(robot).compile_lanes()
     used = [name for name, bound in zip(Bounds._fields, bounds) if np.isfinite(bound).any()]
     if used:
         peaks_kernel(robot, used).compile_lanes()
+
+
+def _side_by_side(blocks: Sequence[Array]) -> Array:
+    """Return limits as one array for the passes."""
+    return np.ascontiguousarray(blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=2))
 
 
 def _one_sided(alpha: Array, beta: Array, gamma: Array, width: Array, slope: Array
@@ -180,45 +204,6 @@ def _one_sided(alpha: Array, beta: Array, gamma: Array, width: Array, slope: Arr
     upper, lower = (np.stack([alpha, beta - sign * slope, gamma + sign * (far - width), far,
                               np.zeros_like(far)], axis=1) for sign in (1.0, -1.0))
     return upper, lower
-
-
-def _in_intervals(rows: Array, stiff: Flags) -> Array:
-    """
-    Return the limits in the intervals between vertices, (N, 5, 2 m), from those at the vertices.
-
-    It is the mean of the limits at both ends, which is that at the middle. Of a stiff limit, which
-    bounds x rather than v, both ends count: a limit at the middle alone would let x oscillate
-    around the bound (Pham and Pham 2018).
-    """
-    m = rows.shape[2]
-    out = np.empty((len(rows) - 1, 5, 2 * m))
-    begin, end = out[:, :, :m], out[:, :, m:]
-    end[...] = rows[1:]
-    end[:, 0] += end[:, 1]
-    # The mean counts where both ends do not; it is then the limit twice.
-    both = stiff[:-1] | stiff[1:] | (rows[:-1, 0] * rows[1:, 0] <= 0.0)
-    begin[...] = rows[:-1]
-    change = end - begin
-    change *= np.where(both, 0.0, 0.5)[:, None]
-    begin += change
-    end -= change
-    return out
-
-
-def _steady(rows: Array, stiff: Flags) -> Array:
-    """
-    Return the largest x at which the stiff limits of a vertex hold for v = 0, (N + 1,).
-
-    A larger x would need a v that changes x by much of its size, back and forth between vertices.
-    """
-    most = np.full(len(rows), np.inf)
-    k, j = np.nonzero(stiff)
-    _, beta, gamma, width, slope = rows[k, :, j].T
-    for sign in (1.0, -1.0):
-        rate, room = sign * beta - slope, width - sign * gamma
-        bound = (rate > 0.0) & (room > 0.0)
-        np.minimum.at(most, k[bound], room[bound] / rate[bound])
-    return most
 
 
 def friction(robot: Robot, rates: Array) -> tuple[Array, Array]:

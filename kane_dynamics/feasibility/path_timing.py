@@ -1,44 +1,39 @@
 """The motion along a path with given squared path velocities, and its use of the limits."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.path_limits import Bounds
 from kane_dynamics.feasibility.segment_peaks import segment_peaks
-from kane_dynamics.feasibility.torque_demand import share
-from kane_dynamics.motion.controller_points import ControllerPoints
+from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
-PAUSE = 1e-6  # s between two sections, in which the acceleration changes
-INSIDE = np.r_[0.0, 0.01, np.arange(0.05, 0.96, 0.05), 0.99]  # of a segment: where limits count
+PAUSE = 1e-6  # s of rest between two sections
+# Places in a segment where limits count: in all segments, and where much changes within one.
+INSIDE = np.array([0.0, 0.5, 0.98])
+CLOSELY = np.linspace(0.0, 1.0, 201)
+CHANGING = 0.005  # of a limit
+TURNING = 4.0  # speeds of friction, below which friction changes
 
 
 class Checked(NamedTuple):
     """
-    The points of a section, and the uses of the limits at points and between them.
+    The points of a section, and the largest uses of the limits between them.
 
     Attributes
     ----------
     points : ControllerPoints
         The N + 2 points.
-    coefficients : (N + 1, 6, n) array
-        Coefficients of the positions in the segments between them.
-    tau : (N + 2, n) array
-        Torques at the points.
-    at_points : (4, N + 2, n) array
-        Shares of `Bounds` at the points.
     largest : (4, N + 1, n) array
-        The largest shares in the segments, at the fractions `INSIDE` and at their ends.
+        The largest shares in the segments.
 
     """
 
     points: ControllerPoints
-    coefficients: Array
-    tau: Array
-    at_points: Array
     largest: Array
 
 
@@ -93,24 +88,48 @@ def _durations(steps: Array, total: Array, square: Array) -> Array:
 
 def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
     """Return the uses of the limits along the quintics between points."""
-    tau, coefficients = robot.inverse_dynamics(*points[1:]), points.coefficients
-    at_points = np.zeros((len(bounds), *tau.shape))
-    largest = np.zeros((len(bounds), len(coefficients), robot.n))
-    used = np.flatnonzero([np.isfinite(bound).any() for bound in bounds]).tolist()
-    names = [Bounds._fields[k] for k in used]
-    for k, peak in zip(used, segment_peaks(robot, names, coefficients, np.diff(points.t),
-                                           INSIDE) if used else ()):
-        values = (tau, points.u, tau * points.u, points.udot)[k]
-        at_points[k] = share(np.abs(values), bounds[k])
-        largest[k] = np.maximum(share(peak, bounds[k]), at_points[k, 1:])
-    return Checked(points, coefficients, tau, at_points, largest)
+    limits = {name: bound for name, bound in zip(Bounds._fields, bounds)
+              if np.isfinite(bound).any()}
+    largest = np.zeros((len(bounds), len(points.t) - 1, robot.n))
+    if limits:
+        peaks, ranges = segment_peaks(robot, limits, points, None, INSIDE)
+        near = np.flatnonzero((peaks + ranges > 1.0) & (ranges > CHANGING)) // peaks.shape[1]
+        changing = np.union1d(_turning(robot, points.u), near)
+        if changing.size:
+            peaks[changing] = np.maximum(peaks[changing], segment_peaks(
+                robot, limits, points, changing, CLOSELY)[0])
+        for k, name in enumerate(limits):
+            largest[Bounds._fields.index(name)] = peaks[:, k * robot.n:(k + 1) * robot.n]
+    return Checked(points, largest)
 
 
-def joined(parts: Sequence[ControllerPoints]) -> ControllerPoints:
-    """Return the points of all sections, one after the other."""
+def _turning(robot: Robot, u: Array) -> Segments:
+    """Return the segments within which the Coulomb friction of a joint changes much."""
+    found = np.zeros(len(u) - 1, dtype=bool)
+    for body in robot.model.bodies if robot.friction else ():
+        joint = body.joint
+        if joint.friction:
+            rate = joint.multiplier * u[:, joint.coordinate]
+            slow = np.abs(rate) < TURNING * joint.friction_speed
+            found |= (rate[1:] * rate[:-1] <= 0.0) | slow[1:] | slow[:-1]
+    return np.flatnonzero(found)
+
+
+def joined(parts: Sequence[ControllerPoints]) -> tuple[ControllerPoints, Callable[[], Array]]:
+    """Return the points of all sections, and a function that returns the coefficients between."""
     begin, times = 0.0, []
     for part in parts:
         times.append(begin + part.t)
         begin = times[-1][-1] + PAUSE
     return ControllerPoints(np.concatenate(times), *(
-        np.concatenate(rows) for rows in list(zip(*parts))[1:]))
+        np.concatenate(rows) for rows in list(zip(*parts))[1:])), partial(_coefficients, parts)
+
+
+def _coefficients(parts: Sequence[ControllerPoints]) -> Array:
+    """Return the coefficients of the sections and of the rests between them."""
+    found = []
+    for part in parts:
+        rest = np.zeros((1, 6, part.q.shape[1]))
+        rest[0, 0] = part.q[0]
+        found += [rest, part.coefficients]
+    return np.concatenate(found[1:])

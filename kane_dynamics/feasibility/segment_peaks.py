@@ -1,10 +1,11 @@
-"""Largest torques, speeds, powers and accelerations in quintic segments, by one traced kernel."""
+"""Largest shares of torque, speed, power and acceleration limits in quintic segments."""
 
 from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -12,71 +13,84 @@ from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
+SMALLEST = 1e-300  # limit
 QUANTITIES = ('effort', 'velocity', 'power', 'acceleration')
 
 
 def peaks_kernel(robot: Robot, names: Sequence[str]) -> Kernel:
     """
-    Return the kernel of some of `QUANTITIES`, (len(names), n), at a place of a segment.
+    Return the kernel of shares of limits of some of `QUANTITIES`, (len(names), n), in a segment.
 
-    Its arguments are the coefficients (6, n) of the positions as polynomials in x from 0 to 1,
-    the reciprocal duration of the segment, 1/s, and x.
+    Its arguments are the positions, velocities and accelerations (n,) at the start and at the end
+    of the segment, its duration, s, the place x in it from 0 to 1, and the reciprocal limits.
     """
-    name, block = '_'.join(('peaks', *names)), robot.parameters.block
-    inputs: list[tuple[str, tuple[int, ...]]] = [('coefficients', (6, robot.n)), ('rate', ()),
-                                                 ('x', ())]
+    name, block, n = '_'.join(('shares', *names)), robot.parameters.block, robot.n
+    inputs: list[tuple[str, tuple[int, ...]]] = [
+        *((each + end, (n,)) for end in ('_0', '_1') for each in ('q', 'u', 'udot')),
+        ('h', ()), ('x', ()), ('factors', (len(names), n))]
 
-    def values(coefficients: Any, rate: Any, x: Any, parameters: Any) -> Any:
-        power, rate, x = np.arange(6.0)[:, None], rate[()], x[()]
-        first = (power * coefficients)[1:]
-        state = [_polynomial(rows, x) for rows in (coefficients, first,
-                                                   (power[:5] * first)[1:])]
-        u, udot = rate * state[1], rate * rate * state[2]
-        tau = robot.equations.inverse_dynamics(state[0], u, udot, None, parameters)
+    def values(*given: Any) -> Any:
+        ends, (h, x, factors, parameters) = given[:6], given[6:]
+        q, u, udot = _quintic(ends[:3], ends[3:], h[()], x[()])
+        tau = robot.equations.inverse_dynamics(q, u, udot, None, parameters)
         found = {'effort': tau, 'velocity': u, 'power': tau * u, 'acceleration': udot}
-        return np.array([found[name] for name in names])
+        return np.array([found[name] for name in names]) * factors
     return robot.kernels.extra(
         name, lambda: trace_program(name, values, [*inputs, ('parameters', block.shape)]),
-        [Argument(*each) for each in inputs], block, (len(names), robot.n))
+        [Argument(*each) for each in inputs], block, (len(names), n))
 
 
-def _polynomial(coefficients: Any, x: Any) -> Any:
-    """Return the value of polynomials at x."""
-    value = coefficients[-1]
-    for each in coefficients[-2::-1]:
-        value = value * x + each
-    return value
+def _quintic(begin: Sequence[Any], end: Sequence[Any], h: Any, x: Any) -> tuple[Any, Any, Any]:
+    """Return q, u and udot at a place of the quintic between two states."""
+    u, udot = h * begin[1], h * h * begin[2]
+    rise = end[0] - begin[0] - u - 0.5 * udot
+    slope = h * end[1] - u - udot
+    bend = h * h * end[2] - udot
+    a, b, c = (10.0 * rise - 4.0 * slope + 0.5 * bend, -15.0 * rise + 7.0 * slope - bend,
+               6.0 * rise - 3.0 * slope + 0.5 * bend)
+    q = begin[0] + x * (u + x * (0.5 * udot + x * (a + x * (b + x * c))))
+    rate = u + x * (udot + x * (3.0 * a + x * (4.0 * b + x * (5.0 * c))))
+    change = udot + x * (6.0 * a + x * (12.0 * b + x * (20.0 * c)))
+    r = 1.0 / h
+    return q, rate * r, change * (r * r)
 
 
-def segment_peaks(robot: Robot, names: Sequence[str], coefficients: Array, durations: Array,
-                  x: Array) -> Array:
+def segment_peaks(robot: Robot, limits: dict[str, Array], points: ControllerPoints,
+                  segments: Segments | None, x: Array) -> tuple[Array, Array]:
     """
-    Return the largest absolute values in segments, (len(names), S, n).
+    Return the largest shares of limits in segments and their ranges, (S, len(limits) n).
 
     Parameters
     ----------
     robot : Robot
         A robot in joint rates.
-    names : sequence of str
-        Some of `QUANTITIES`.
-    coefficients : (S, 6, n) array
-        Of the positions, as polynomials in x from 0 to 1.
-    durations : (S,) array
-        Durations of the segments, s.
+    limits : dict of (n,) arrays
+        Limits of some of `QUANTITIES`; a limit of 0 belongs to a joint that does not move.
+    points : ControllerPoints
+        The points between which the segments are.
+    segments : (S,) array of int, optional
+        Numbers of the segments; default: all.
     x : (m,) array
-        Places in every segment at which the values are computed.
+        Places in every segment at which the shares are computed.
 
     """
-    kernel, count = peaks_kernel(robot, names), len(durations)
-    shape, rates = (count, len(names) * robot.n), 1.0 / durations
-    low, high, result = np.full(shape, np.inf), np.full(shape, -np.inf), np.empty(shape)
+    kernel = peaks_kernel(robot, list(limits))
+    factors = 1.0 / np.maximum(list(limits.values()), SMALLEST)
+    rows = [np.ascontiguousarray(each) for each in points[1:]]
+    h = np.diff(points.t)
+    if segments is None:
+        ends = [*rows, *(each[1:] for each in rows), h]
+    else:
+        ends = [each[k] for k in (segments, segments + 1) for each in rows] + [h[segments]]
+    count = len(ends[-1])
+    low = np.empty((count, factors.size))
+    high, result = np.empty_like(low), np.empty_like(low)
+    low[...], high[...] = np.inf, -np.inf
     parameters = kernel.parameters.copy()
-    rows = [Strided(coefficients.ctypes.data, coefficients.strides[0]),
-            Strided(rates.ctypes.data, rates.strides[0]),
-            Strided(x.ctypes.data, 0, x.strides[0]), Strided(parameters.ctypes.data),
-            Strided(result.ctypes.data, result.strides[0])]
-    if run_batch(kernel.lane_address, rows, count, steps=len(x), extremes=(low, high)):
+    table = [*(Strided(each.ctypes.data, each.strides[0]) for each in ends),
+             Strided(x.ctypes.data, 0, x.strides[0]), Strided(factors.ctypes.data),
+             Strided(parameters.ctypes.data), Strided(result.ctypes.data, result.strides[0])]
+    if run_batch(kernel.lane_address, table, count, steps=len(x), extremes=(low, high)):
         raise InputError('path: the torques along it are not finite; expected a path with '
                          'finite torques')
-    return np.ascontiguousarray(np.maximum(high, -low).reshape(
-        count, len(names), robot.n).swapaxes(0, 1))
+    return np.maximum(high, -low), high - low

@@ -10,16 +10,17 @@ where it exceeds them, as at the corners of the profile.
 from collections.abc import Sequence
 import math
 
-from kane_dynamics._util.checks import integer, number, per_joint
+from kane_dynamics._util.checks import instance, integer, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.path_geometry import path_of, Section, sections
 from kane_dynamics.feasibility.path_limits import Bounds, MARGIN, PathLimits
 from kane_dynamics.feasibility.path_timing import Checked, checked, duration, joined, timed
-from kane_dynamics.feasibility.reachability import (controllable_sets, fastest_profile,
+from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit, fastest_profile,
                                                     Infeasible, Limits)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
+from kane_dynamics.feasibility.torque_demand import share
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
@@ -30,11 +31,13 @@ from numpy.typing import ArrayLike
 
 POINTS, FINEST = 1000, 16_000  # intervals of the grid
 CONVERGED, PROGRAMS = 1e-6, 40  # relative change of the duration by the last of the profiles
+FASTEST = 1e9  # speed at an end, whose square is a number
 SMALLEST = 1e-9  # x relative to its size
 SLOW = 1e-3  # x of the first profile with limits of power, relative to that without
 SLOWER = 12  # times that a profile is slowed down where the limits at it have no solution
 ROUNDS = 6  # in which limits are tightened
 SMALL, LARGEST = 1e-5, 1e-3  # excess of a limit between points; on the finest grid
+COARSE, FINE = 2e-3, 4000  # a grid on which tighter limits cost more time, and is not fine yet
 
 
 def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = math.inf,
@@ -69,6 +72,7 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
         robot on the path, or nothing bounds the motion; the message names joint and place.
 
     """
+    instance(robot, Robot, 'robot')
     require_angles(robot.model, 'time_optimal')
     if isinstance(robot.equations, ConstrainedEquations) or robot.model.flexible:
         raise InputError('robot: chosen speeds, constraints or beams; expected a rigid robot with '
@@ -80,37 +84,43 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     speeds = [_speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')]
     points = integer(points, 'points', 10, MOST_SAMPLES)
     motion = path_of(path, names)
+    best: list[Checked] = []
     while True:
         parts = sections(motion, points, 2, (not speeds[0], not speeds[1]))
         for part in parts:
             _check_positions(robot, part)
             _check_motion(bounds, part, names)
-        most = SMALL if points < FINEST else LARGEST
+        most, slower = SMALL if points < FINEST else LARGEST, math.inf
         try:
-            return _result(robot, bounds, [
-                _solve(robot, part, bounds, speeds[0] if k == 0 else 0.0,
-                       speeds[1] if k == len(parts) - 1 else 0.0, most)
-                for k, part in enumerate(parts)])
+            found, slower = _all_solved(robot, parts, bounds, speeds, most)
+            if not best or _time(found) < _time(best):
+                best = found
         except _Coarse as error:
-            if points >= FINEST:
+            if points >= error.finest and not best:
                 raise InputError(str(error)) from None
+        if best and (slower <= COARSE or points >= FINE):
+            return _result(robot, bounds, best)
         points *= 2
 
 
 class _Coarse(Exception):  # noqa: N818 - raised only inside this module
-    """No timing was found on a grid; one may exist on a finer grid."""
+    """No timing was found on a grid; one may exist on a finer grid of at most `finest`."""
+
+    def __init__(self, message: str, finest: int = FINE) -> None:
+        super().__init__(message)
+        self.finest = finest
 
 
 def _speed(value: float, what: str) -> float:
-    return number(value, what, 'a finite number >= 0', lambda found: (
-        0.0 <= found < math.inf and not isinstance(value, bool | np.bool_)))
+    return number(value, what, f'a number from 0 to {FASTEST:g}', lambda found: (
+        0.0 <= found <= FASTEST and not isinstance(value, bool | np.bool_)))
 
 
 def _check_positions(robot: Robot, section: Section) -> None:
     """Raise InputError if a path exceeds a position limit."""
     for what, bound, sign in (('lower', robot.limits.lower, -1.0),
                               ('upper', robot.limits.upper, 1.0)):
-        ends = section.q.max(axis=0) if sign > 0.0 else section.q.min(axis=0)
+        ends = section.highest if sign > 0.0 else section.lowest
         if (sign * ends <= sign * bound).all():
             continue
         excess = sign * (section.q - bound) - ROUNDING * np.maximum(1.0, np.abs(bound))
@@ -132,26 +142,45 @@ def _check_motion(bounds: Bounds, section: Section, names: Sequence[str]) -> Non
                              'a positive limit, since the joint moves along the path')
 
 
+def _all_solved(robot: Robot, parts: Sequence[Section], bounds: Bounds, speeds: Sequence[float],
+                most: float) -> tuple[list[Checked], float]:
+    """Return all sections with their fastest timings, and how much tighter limits slow them."""
+    last = len(parts) - 1
+    found, times = zip(*(_solve(robot, part, bounds, speeds[0] if k == 0 else 0.0,
+                                speeds[1] if k == last else 0.0, most)
+                         for k, part in enumerate(parts)))
+    return list(found), _time(found) / sum(times) - 1.0
+
+
+def _time(parts: Sequence[Checked]) -> float:
+    return float(sum(part.points.t[-1] for part in parts))
+
+
 def _solve(robot: Robot, section: Section, bounds: Bounds, start: float, end: float,
-           most: float) -> Checked:
-    """Return a section with its fastest timing, with an excess of the limits of at most `most`."""
-    limits, x = PathLimits(robot, section, bounds), None
+           most: float) -> tuple[Checked, float]:
+    """
+    Return a section with its fastest timing, and the duration before limits were tightened.
+
+    The limits are exceeded at most by `most`.
+    """
+    limits, x, first = PathLimits(robot, section, bounds), None, math.inf
     for _ in range(ROUNDS):
         x = _profile(limits, start, end, x)
         found = checked(robot, timed(section, x), bounds)
+        first = min(first, found.points.t[-1])
         worst = found.largest.copy()
         if (worst <= 1.0).all():
-            return found
+            return found, first
         worst[:, 1:-1] = np.maximum(worst[:, 1:-1], np.maximum(worst[:, :-2], worst[:, 2:]))
         limits.tight /= np.where(worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
     if found.largest.max() <= 1.0 + most:
-        return found
+        return found, first
     limit, k, j = np.unravel_index(int(found.largest.argmax()), found.largest.shape)
     raise _Coarse(
         f"path: joint '{robot.joint_names[int(j)]}': {found.largest.max():.6g} times its "
         f'{Bounds._fields[int(limit)]} limit at {k / (len(worst[0]) - 1):.3g} of the path, '
         f'{found.points.q[k].round(4).tolist()}, on a grid of {len(limits.most) - 1} intervals; '
-        'expected a path without sharp corners')
+        'expected a path without sharp corners', FINEST)
 
 
 def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> Array:
@@ -162,7 +191,7 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
     for _ in range(PROGRAMS):
         limited = limits.at(x)
         try:
-            last = (0.0, float(limited.most[-1])) if ends[1] is None else (ends[1], ends[1])
+            last = (0.0, end_limit(limited)) if ends[1] is None else (ends[1], ends[1])
             sets = controllable_sets(limited, last)
         except Infeasible as error:
             slower += 1
@@ -215,14 +244,14 @@ def _refusal(limits: PathLimits, limited: Limits, vertex: int, start: float, end
     q = limits.section.q[2 * vertex].round(4).tolist()
     return _Coarse(
         f'path: no timing satisfies the limits from {vertex / count:.3g} of the path, {q}, '
-        f'with start_speed {start:g} and end_speed {end:g}; expected a path that the motors '
-        'can follow')
+        f'with start_speed {start:g} and end_speed {end:g}, on a grid of {count} intervals; '
+        'expected a path that the motors can follow, or more points')
 
 
 def _largest_end(limits: PathLimits, limited: Limits, start: float) -> float:
     """Return the largest speed at the end of the path; infinite if it is not known."""
     try:
-        sets = controllable_sets(limited, (0.0, float(limited.most[-1])))
+        sets = controllable_sets(limited, (0.0, end_limit(limited)))
     except Infeasible:
         return math.inf
     first = start**2 / float(limits.first[0] @ limits.first[0]) if start else sets[0, 1]
@@ -234,11 +263,10 @@ def _largest_end(limits: PathLimits, limited: Limits, start: float) -> float:
 
 def _result(robot: Robot, bounds: Bounds, parts: Sequence[Checked]) -> TimeOptimal:
     """Return the motion along all sections."""
-    points = joined([part.points for part in parts])
-    at_points = np.concatenate([part.at_points for part in parts], axis=1)
-    uses = {name: use for name, use, bound in zip(Bounds._fields, at_points, bounds)
-            if np.isfinite(bound).any()}
-    motion = Motion(robot.joint_names, point_times(points.t), points.q, (
-        parts[0].coefficients if len(parts) == 1 else points.coefficients))
-    return TimeOptimal(motion, np.concatenate([part.tau for part in parts]), uses, robot,
-                       bounds.power)
+    points, coefficients = joined([part.points for part in parts])
+    tau = robot.inverse_dynamics(*points[1:])
+    uses = {name: share(np.abs(values), bound) for name, values, bound in zip(
+        Bounds._fields, (tau, points.u, tau * points.u, points.udot), bounds)
+        if np.isfinite(bound).any()}
+    motion = Motion(robot.joint_names, point_times(points.t), points.q, coefficients)
+    return TimeOptimal(motion, tau, uses, robot, bounds.power)

@@ -8,7 +8,8 @@ accelerations.
 """
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cached_property
 import math
 
 from kane_dynamics._util.attribute_hints import fixed
@@ -46,25 +47,43 @@ class Motion:
     """
 
     def __init__(self, joint_names: tuple[str, ...], times: Array, positions: Array,
-                 coefficients: Array) -> None:
-        """Store checked arrays; `coefficients` is (K - 1, 6, n), in x from 0 to 1 per segment."""
+                 coefficients: Array | Callable[[], Array]) -> None:
+        """
+        Store checked arrays; `coefficients` is (K - 1, 6, n), in x from 0 to 1 per segment.
+
+        Instead of coefficients, a function may return them when they are needed.
+        """
         self.joint_names = joint_names
         self.times = times
         self.positions = positions
         self.duration = float(times[-1])
         self._n = len(joint_names)
-        # One (6, 3 n) matrix per segment gives q, u and udot, which is fast for a single time.
-        n, rate = self._n, (1.0 / np.diff(times))[:, None, None]
-        power = np.arange(1.0, 6.0)[:, None]
-        self._table = np.zeros((len(rate), 6, 3 * n))
-        self._table[:, :, :n] = coefficients
-        np.multiply(coefficients[:, 1:], power * rate, out=self._table[:, :5, n:2 * n])
-        np.multiply(self._table[:, 1:5, n:2 * n], power[:4] * rate,
-                    out=self._table[:, :4, 2 * n:])
-        self._knots: list[float] = times.tolist()
-        self._inverse_h: list[float] = rate.ravel().tolist()
-        for array in (times, positions, self._table):
+        self._coefficients = coefficients
+        for array in (times, positions):
             array.flags.writeable = False
+
+    @cached_property
+    def _table(self) -> Array:
+        """One (6, 3 n) matrix per segment for q, u and udot, which is fast for a single time."""
+        given = self._coefficients
+        coefficients = given() if callable(given) else given
+        n, rate = self._n, (1.0 / np.diff(self.times))[:, None, None]
+        power = np.arange(1.0, 6.0)[:, None]
+        table = np.zeros((len(rate), 6, 3 * n))
+        table[:, :, :n] = coefficients
+        np.multiply(coefficients[:, 1:], power * rate, out=table[:, :5, n:2 * n])
+        np.multiply(table[:, 1:5, n:2 * n], power[:4] * rate, out=table[:, :4, 2 * n:])
+        table.flags.writeable = False
+        self._coefficients = table[:, :, :n]
+        return table
+
+    @cached_property
+    def _knots(self) -> list[float]:
+        return self.times.tolist()  # type: ignore[no-any-return]
+
+    @cached_property
+    def _inverse_h(self) -> list[float]:
+        return (1.0 / np.diff(self.times)).tolist()  # type: ignore[no-any-return]
 
     def __repr__(self) -> str:
         """Return size and joints on one line."""
@@ -133,7 +152,8 @@ class Motion:
         with np.errstate(over='ignore', invalid='ignore'):
             u = spline_velocities(t, q, rest) if u is None else u
             motion = cls(names, t, q, segment_coefficients(t, q, u, udot))
-        if np.isfinite(motion._table).all():
+            finite = np.isfinite(motion._table).all()
+        if finite:
             return motion
         raise InputError(f'motion: positions up to {np.abs(q).max():g} overflow; expected a '
                          'finite motion')

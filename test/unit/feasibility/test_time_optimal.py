@@ -8,7 +8,10 @@ from kane_dynamics import (Inertial, InputError, Limits, load_urdf, ModelBuilder
                            rod)
 from kane_dynamics.feasibility import fastest, reachability, time_optimal
 from kane_dynamics.feasibility.banded_solution import banded_solution
+from kane_dynamics.feasibility.path_limits import torque_kernel
+from kane_dynamics.feasibility.segment_peaks import segment_peaks
 from kane_dynamics.mechanics.algebra.spline import free_velocities
+from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.robot.parameters import JointLimits
 from linkages import four_bar
 import numpy as np
@@ -117,7 +120,8 @@ def test_controllable_sets_are_those_of_linear_programs():
         b = np.concatenate([width - gamma, width + gamma, [last[1], -last[0]]])
         ends = [linprog([sign, 0.0], A, b, bounds=[(0.0, 50.0), (None, None)], method='highs')
                 for sign in (1.0, -1.0)]
-        limits = reachability.Limits(rows, np.full(2, 50.0))
+        limits = reachability.Limits(np.zeros((2, 5, 1)) + np.eye(5)[3][:, None], rows,
+                                     np.full(2, 50.0))
         if ends[0].status == 2:
             with pytest.raises(reachability.Infeasible):
                 reachability.controllable_sets(limits, last)
@@ -373,7 +377,7 @@ def test_banded_systems_are_solved_as_dense_ones(count):
 
 def test_excess_that_no_grid_removes_is_named():
     with pytest.raises(InputError, match=r"path: joint 'rail': \S+ times its velocity limit at "
-                       r'\S+ of the path, \[0.0\], on a grid of 16000 intervals'):
+                       r'\S+ of the path, \[0\.\d\], on a grid of 16000 intervals'):
         time_optimal(slider(velocity=1e-5), [[0.0], [0.3]])
 
 
@@ -437,8 +441,11 @@ def test_balls_are_named():
 
 @pytest.mark.parametrize(('change', 'words'), [
     ({'start_speed': 100.0}, r'start_speed: 100; expected 0 to \d'),
-    ({'start_speed': -1.0}, 'start_speed: -1.0; expected a finite number >= 0'),
-    ({'start_speed': True}, 'start_speed: True; expected a finite number >= 0'),
+    ({'start_speed': -1.0}, 'start_speed: -1.0; expected a number from 0 to 1e'),
+    ({'start_speed': True}, 'start_speed: True; expected a number from 0 to 1e'),
+    ({'end_speed': 1e300}, r'end_speed: 1e\+300; expected a number from 0 to 1e'),
+    ({'power': True}, 'power: True; expected one number, or one per joint'),
+    ({'robot': None}, 'robot: a NoneType; expected a Robot'),
     ({'end_speed': 100.0}, 'end_speed: 100; expected a smaller one, with which the path can be'),
     ({'path': [[0.0, 0.0]]}, 'path: 1 different waypoints; expected at least 2'),
     ({'path': [[0.0, 0.0], [0.0, math.nan]]}, "waypoint 1 of joint 'joint1': nan"),
@@ -455,7 +462,7 @@ def test_balls_are_named():
 def test_invalid_arguments_are_named(change, words):
     robot = two_link()
     with pytest.raises(InputError, match=words):
-        time_optimal(robot, **{'path': bent_path(robot), **change})
+        time_optimal(**{'robot': robot, 'path': bent_path(robot), **change})
 
 
 def test_configuration_that_the_motors_cannot_hold_is_named_with_its_place():
@@ -491,3 +498,68 @@ def test_waypoints_that_are_all_but_equal_are_one_or_refused():
     assert rounded.motion.duration == pytest.approx(asked.motion.duration, rel=1e-9)
     with pytest.raises(InputError, match='waypoints 1 and 2 are 1e-09 apart; expected equal'):
         time_optimal(robot, [*corners[:2], [0.5 + 1e-9, 0.3], corners[2]])
+
+
+def densest_use(robot, motion, places=1000):
+    """Return the largest share of the limits of torque, at many fractions of each segment."""
+    worst = 0.0
+    for fraction in np.linspace(0.0, 1.0, places, endpoint=False):
+        state = motion.sample(motion.times[:-1] + fraction * np.diff(motion.times))
+        worst = max(worst, float((np.abs(robot.inverse_dynamics(*state))
+                                  / robot.limits.effort).max()))
+    return worst
+
+
+@pytest.mark.parametrize('count', [2, 20, 200])
+@pytest.mark.parametrize('back', [0.5, 0.77])  # waypoints at the reversal symmetric, or not
+def test_waypoints_of_a_line_there_and_back_take_the_time_of_two_lines(count, back):
+    robot, line = two_link(), np.array([1.0, 0.4])
+    s = np.concatenate([np.linspace(0.0, 1.0, count), np.linspace(1.0, 0.3, max(
+        2, round(back * count)))[1:]])
+    found = time_optimal(robot, np.outer(s, line))
+    lines = sum(time_optimal(robot, np.outer(ends, line)).duration for ends in (
+        (0.0, 1.0), (1.0, 0.3)))
+    assert found.duration == pytest.approx(lines, rel=1e-2)  # the spline overshoots somewhat
+    assert largest_use(robot, found) <= 1.001
+
+
+def test_reversal_of_all_joints_keeps_the_torques_in_every_microsecond():
+    """Friction jumps there, within much less than a segment."""
+    robot = Robot(replace(two_link().model, bodies=tuple(
+        replace(body, joint=replace(body.joint, friction_speed=0.0015))
+        for body in two_link().model.bodies)))
+    for end in (0.3, -0.2):
+        found = time_optimal(robot, np.outer([0.0, 1.0, end], [1.0, -0.7]))
+        assert densest_use(robot, found.motion) <= 1.001
+        rests = np.flatnonzero(np.diff(found.motion.times) < 1.1e-6)
+        assert len(rests) == 1
+        assert np.abs(found.motion.sample(found.motion.times[rests] + 5e-7)[2]).max() == 0.0
+
+
+def test_torque_along_a_path_is_that_of_inverse_dynamics():
+    robot = fr3()
+    rng = np.random.default_rng(5)
+    q, first, second = rng.uniform(-1.0, 1.0, (3, 9, 7))
+    rate, change = rng.uniform(0.5, 2.0, (2, 9, 1))
+    inertia, square, rest = torque_kernel(robot)(q, first, second).swapaxes(0, 1)
+    u = rate * first
+    expected = robot.inverse_dynamics(q, u, change * first + rate**2 * second)
+    assert inertia * change + square * rate**2 + rest + robot.friction_force(u) - (
+        robot.friction_force(0.0 * u)) == pytest.approx(expected, rel=1e-11, abs=1e-11)
+
+
+def test_largest_shares_in_segments_are_those_of_the_motion():
+    robot = limited()
+    found = time_optimal(robot, waypoints(6, 3))
+    motion, places = found.motion, np.linspace(0.0, 0.9, 4)
+    points = ControllerPoints(motion.times, *motion.sample(np.append(
+        motion.times[:-1], np.nextafter(motion.duration, 0.0))))
+    chosen = np.array([0, 7, 400])
+    largest, ranges = segment_peaks(robot, {'effort': robot.limits.effort, 'velocity':
+                                            robot.limits.velocity}, points, chosen, places)
+    t = motion.times[chosen, None] + places * np.diff(motion.times)[chosen, None]
+    q, u, udot = motion.sample(t.ravel())
+    shares = np.concatenate([robot.inverse_dynamics(q, u, udot) / robot.limits.effort,
+                             u / robot.limits.velocity], axis=1).reshape(3, 4, 14)
+    assert largest == pytest.approx(np.abs(shares).max(axis=1), rel=1e-6, abs=1e-6)
+    assert ranges == pytest.approx(np.ptp(shares, axis=1), rel=1e-4, abs=1e-6)
