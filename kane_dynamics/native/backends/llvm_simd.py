@@ -11,7 +11,7 @@ from functools import cache
 import math
 
 from kane_dynamics.native.backends.llvm_math import (exchange_blocks, overflow_scale, size_limit,
-                                                       transpose, Vector, vector_type)
+                                                     transpose, Vector, vector_type)
 from kane_dynamics.native.backends.llvm_scalar import Function, with_callees
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.tracing.expression import Expr
