@@ -107,7 +107,7 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     integrator_of(integrator)
     choice = StepChoice(feedback, integrator, dual_to, followed).needed(robot)
     name = 'step_computed_torque' if feedback else 'step_held_torque'
-    name = name if integrator == 'rk4' else f'{name}_{integrator}'
+    name += '' if integrator == 'rk4' else f'_{integrator}'
     if choice.dual_to is not None:
         places = speed_places(robot.mechanism.speeds, choice.dual_to)
         name = f'{name}_dual_to_{"_".join(map(str, places))}'
@@ -235,7 +235,8 @@ def traced_step(robot: Robot, choice: StepChoice, state: Any, inputs: Any, const
         after[:n_q] = equations.closure_step(q, t)
     after[:n_q] = on_unit_quaternions(robot.model, after[:n_q])
     if followed and margin_count(robot):
-        margin = law_margin(robot, followed, after[:n_q], after[n_q + n] if equations.timed else 0.0)
+        time = after[n_q + n] if equations.timed else 0.0
+        margin = law_margin(robot, followed, after[:n_q], time)
         if not isinstance(margin, float):
             after[-1] = select(margin < after[-1], margin, after[-1])
     return after
