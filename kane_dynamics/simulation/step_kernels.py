@@ -75,9 +75,8 @@ class StepChoice(NamedTuple):
     def needed(self, robot: Robot) -> 'StepChoice':
         """Return the choice without what changes nothing for this robot."""
         follows = self.feedback and not isinstance(robot.equations, TreeEquations)
-        return self._replace(
-            dual_to=None if self.dual_to == robot.speed_names else self.dual_to,
-            followed=self.followed if follows else ())
+        return self._replace(dual_to=None if self.dual_to == robot.speed_names else self.dual_to,
+                             followed=self.followed if follows else ())
 
 
 def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
