@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from definition import relative_error
 from hypothesis import given, settings, strategies as st
-from kane_dynamics import Inertial, Robot
+from kane_dynamics import box, Inertial, ModelBuilder, Robot
 from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from mechanisms import random_model, random_state
@@ -42,6 +42,25 @@ def test_numbers_in_lanes_are_those_of_single_joints(seed, n, prismatic):
 
 def test_a_coordinate_that_moves_several_bodies_has_no_lane():
     assert not TreeInLanes.suits(TreeEquations(random_model(3, 4, mimics=2)))
+
+
+@pytest.mark.parametrize('far', [0.0, 100.0])
+def test_a_small_arm_far_from_the_origin_loses_no_digits(far):
+    b, on = ModelBuilder('arm'), 'world'
+    for k, axis in enumerate(np.eye(3)):
+        b.body(f'slide{k}', on, 'prismatic', axis=axis, at=(0.6 * far, 0, 0))
+        on = f'slide{k}'
+    for k in range(9):
+        b.body(f'link{k}', on, axis=[(0, 0, 1), (0, 1, 0), (1, 0.3, 0)][k % 3],
+               at=(0.02, 0, 0.01), matter=box(0.01, (0.02, 0.01, 0.01), at=(0.01, 0, 0)))
+        on = f'link{k}'
+    equations = TreeEquations(b.model())
+    parameters, states = np.array([0.3, -0.2, -9.8]), random_state(b.model(), 0)
+    states[:2, :3] += far
+    found, expected = (x.inverse_dynamics_derivatives(*states, parameters).astype(float)
+                       for x in (TreeInLanes(equations), equations))
+    error = np.abs(found - expected).max(axis=2)
+    assert (error <= 2e-14 * np.abs(expected).max(axis=2)).all()
 
 
 @pytest.mark.parametrize('name', GIVEN)

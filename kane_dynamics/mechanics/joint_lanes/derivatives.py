@@ -2,15 +2,16 @@
 Derivatives of inverse dynamics of large trees, with eight joints in the lanes of one row.
 
 The vectors of `kane_dynamics.mechanics.recursive.derivatives` are transformed to the world's axes
-and origin once per joint instead of from link to link. There, with S_j the motion of the joint's
-axis, (c_j, d_j) its accelerations for q and u, (f, n, e)_i the vectors of row i and (F, N)_i the
-wrenches of column i,
+and the origin of a reference link (`_from_references`) once per joint instead of from link to
+link. There, with S_j the motion of the joint's axis, (c_j, d_j) its accelerations for q and u,
+(f, n, e)_i the vectors of row i and (F, N)_i the wrenches of column i,
 
     row i, column j:  f . da + n . chi + e . delta     (j carries i, or is i)
     row j, column i:  S_j . (F, N)                     (j carries i)
 
 are dot products of scalars of one joint and rows of other joints. To move a link's vectors at p,
-whose origin has the velocity w: n + p x f, e + 2 w x f, N + p x F, da - chi x p - 2 delta x w.
+whose origin has the velocity w, both from the reference: n + p x f, e + 2 w x f, N + p x F,
+da - chi x p - 2 delta x w.
 """
 
 from collections.abc import Iterable, Sequence
@@ -32,7 +33,7 @@ KINDS = ('revolute', 'prismatic')
 
 class JointRows:
     """
-    Vectors of up to `LANES` joints, in the world's axes and about its origin.
+    Vectors of up to `LANES` joints, in the world's axes and about their reference.
 
     Attributes
     ----------
@@ -140,17 +141,41 @@ def _carriers(links: Sequence[Link]) -> Any:
 
 
 def _outward(states: Iterable[LinkState]) -> tuple[list[LinkState], list[tuple[Any, Any, Any]]]:
-    """Return the states, and R, position and velocity of the origins of all links; world axes."""
+    """Return the states, and R, position and velocity of all links about their reference."""
     passed: list[LinkState] = []
-    poses: list[tuple[Any, Any, Any]] = []
+    rotations: list[Any] = []
+    steps: list[Any] = []  # position and velocity after the parent's, world axes
     for state in states:
-        R, p, w = np.eye(3), NONE, NONE
-        if state.link.parent != WORLD:
-            R, p, w = poses[state.link.parent]
+        R = np.eye(3) if state.link.parent == WORLD else rotations[state.link.parent]
         passed.append(state)
-        poses.append((np.stack([state.step.outward(row) for row in R]),
-                      p + R @ state.step.offset, w + R @ state.velocity))
-    return passed, poses
+        rotations.append(np.stack([state.step.outward(row) for row in R]))
+        steps.append(np.array([R @ state.step.offset, R @ state.velocity]))
+    moments = _from_references([state.link for state in passed], steps)
+    return passed, [(R, *moment) for R, moment in zip(rotations, moments)]
+
+
+def _from_references(links: Sequence[Link], steps: Sequence[Any]) -> list[Any]:
+    """
+    Return position and velocity of each link's origin from that of its reference, (2, 3) each.
+
+    The reference of the links of a tree is its first turning link: not the world's origin nor the
+    beginning of a floating base, from which a small arm may be far.
+    """
+    roots: list[int] = []
+    found: dict[int, Any] = {}
+    for k, link in enumerate(links):
+        roots.append(k if link.parent == WORLD else roots[link.parent])
+    for root in dict.fromkeys(roots):
+        tree = [k for k in range(len(links)) if roots[k] == root]
+        k = next((k for k in tree if links[k].kind == 'revolute'), root)
+        found[k] = np.zeros((2, 3))
+        while k != root:
+            found[links[k].parent] = found[k] - steps[k]
+            k = links[k].parent
+    for k, link in enumerate(links):
+        if k not in found:
+            found[k] = found[link.parent] + steps[k]
+    return [found[k] for k in range(len(links))]
 
 
 def _composite_bodies(states: Sequence[LinkState]) -> list[CompositeBody]:
