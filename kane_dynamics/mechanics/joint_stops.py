@@ -64,16 +64,20 @@ def resolve_stops(x: Array, side: Array, inverse_mass: Array) -> Array:
     (n,) array
 
     """
-    return _resolved(x, side, inverse_mass)[0]
+    return _resolved(x, side, inverse_mass, np.zeros(len(x)))[0]
 
 
-def _resolved(x: Array, side: Array, inverse_mass: Array) -> tuple[Array, Array]:
-    """Return the result of `resolve_stops` and the motion into each stop that it ended, (n,)."""
+def _resolved(x: Array, side: Array, inverse_mass: Array, given: Array) -> tuple[Array, Array]:
+    """
+    Return the result of `resolve_stops` and the motion into each stop that it ended, (n,).
+
+    `x` contains the effect of impulses `given` of the stops, (n,), in place of which others act.
+    """
     touching = np.flatnonzero(side)
-    s = side[touching]
+    s, given = side[touching], given[touching]
     A = s[:, None] * inverse_mass[np.ix_(touching, touching)] * s
-    p, active = stop_impulses(s * x[touching], A)
-    after: Array = x - inverse_mass[:, touching] @ (s * p)
+    p, active = stop_impulses(s * x[touching] + A @ given, A)
+    after: Array = x - inverse_mass[:, touching] @ (s * (p - given))
     after[touching[active]] = 0.0  # exact zero, so that rounding does not move the joint
     ended = np.zeros(len(x))
     ended[touching] = ended_motion(s * x[touching], A, p)
@@ -104,7 +108,7 @@ def nearest_stops(q: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
 
 
 def stopped_state(q: Array, u: Array, inverse_mass: Array, lower: Array,
-                  upper: Array) -> tuple[Array, Array, Array]:
+                  upper: Array, given: Array) -> tuple[Array, Array, Array]:
     """
     Return the state of a tree after its joints past their stops are moved back and stopped.
 
@@ -121,9 +125,13 @@ def stopped_state(q: Array, u: Array, inverse_mass: Array, lower: Array,
         M^-1 at q.
     lower, upper : (n,) arrays
         The stops, rad or m; infinite where there is none.
+    given : (2, n) array
+        Impulses of the stops, at least 0, whose effects on q and on u the state contains already.
+        The corrections may reduce them to 0: a stop that pressed is left only against this
+        pressure.
 
     """
     side, away = nearest_stops(q, lower, upper)
-    q = np.clip(q + (resolve_stops(away, side, inverse_mass) - away), lower, upper)
-    side = np.where(q >= upper, 1.0, np.where(q <= lower, -1.0, 0.0))
-    return q, *_resolved(u, side, inverse_mass)
+    q = np.clip(q + (_resolved(away, side, inverse_mass, given[0])[0] - away), lower, upper)
+    at = np.where(q >= upper, 1.0, np.where(q <= lower, -1.0, 0.0))
+    return q, *_resolved(u, np.where(given[1] > 0.0, side, at), inverse_mass, given[1])

@@ -1,8 +1,9 @@
 """
-The impulses of joint stops with constraints or chosen speeds.
+The impulses of joint stops at the end of a step.
 
-Both corrections, of positions and of speeds, act in the space of the admissible motions: an
-impulse p of a stop at joint j changes the independent speeds by -M^-1 T_j^T s p.
+With constraints or chosen speeds, both corrections, of positions and of speeds, act in the space
+of the admissible motions: an impulse p of a stop at joint j changes the independent speeds by
+-M^-1 T_j^T s p.
 """
 
 from typing import Any
@@ -10,12 +11,14 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.integrators.held_joints import REGULAR
-from kane_dynamics.mechanics.joint_stops import ended_motion, nearest_stops, stop_impulses
+from kane_dynamics.mechanics.joint_stops import (ended_motion, nearest_stops, stop_impulses,
+                                                 stopped_state)
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.stops.pressed_steps import ROUNDING
+from kane_dynamics.simulation.stops.pressed_steps import PressedSteps, ROUNDING
 import numpy as np
 
 TOUCHING = 1e-9  # rad or m
@@ -23,14 +26,51 @@ DRIVEN = 1e-6  # relative: speed into a stop that its impulse cannot end
 ITERATIONS = 20  # of moving joints back and closing loops
 
 
-def admissible_state(robot: Robot, q: Array, u: Array, t: float, lower: Array,
-                     upper: Array) -> tuple[Array, Array, Array]:
+def resolved_state(robot: Robot, state: Array, t: float, lower: Array, upper: Array, held: Array,
+                   one: PressedSteps | None, step: float) -> tuple[Array, Array]:
+    """
+    Return a state, (size,), after the impulses of the stops, and the speeds they ended, (n_q,).
+
+    Parameters
+    ----------
+    robot, state, t, lower, upper
+        At the end of a step; s; the stops are rad or m.
+    held : (n_q,) array
+        The sides of the stops that held joints in this step, else 0.
+    one : PressedSteps or None
+        That step; None if no stop held. The impulses of its forces act already.
+    step : float
+        s.
+
+    """
+    n_q, n = robot.n_q, robot.n
+    constrained = isinstance(robot.equations, ConstrainedEquations)
+    q, u, after = state[:n_q].copy(), state[n_q:n_q + n].copy(), state.copy()
+    given = np.zeros((2, n_q))
+    if one is not None:
+        places, against = np.flatnonzero(held), -one.force[:, 0].mean(axis=0)
+        if constrained:
+            at = {'t': t} if robot.equations.timed else {}
+            against = np.linalg.lstsq(_partial_rates(robot, q, at)[0][places].T, against)[0]
+        else:
+            against = against[places]
+        given[:, places] = np.maximum(0.0, held[places] * against)
+        given *= [[0.5 * step * step], [step]]
+    after[:n_q], after[n_q:n_q + n], speeds = admissible_state(
+        robot, q, u, t, lower, upper, given) if constrained else stopped_state(
+        q, u, robot.inverse_mass_matrix(q), lower, upper, given)
+    return after, speeds
+
+
+def admissible_state(robot: Robot, q: Array, u: Array, t: float, lower: Array, upper: Array,
+                     given: Array) -> tuple[Array, Array, Array]:
     """
     Return q and u after the impulses of the stops, and the speeds that they ended, (n_q,).
 
     The impulses that move joints back solve the complementarity problem of `stop_impulses`: of
     stops that act on the same motion, those that would pull have none. Loops are not linear, so
     the problem is linearized again where its solution leads, until no joint is past its stop.
+    `given` is that of `stopped_state`.
 
     Raises
     ------
@@ -39,7 +79,7 @@ def admissible_state(robot: Robot, q: Array, u: Array, t: float, lower: Array,
 
     """
     at: dict[str, Any] = {'t': t} if robot.equations.timed else {}
-    moved = np.zeros(robot.n_q)  # by the impulse of each stop so far
+    moved = given[0].copy()  # by the impulse of each stop so far
     for _ in range(ITERATIONS):
         T, X, inverse = _partial_rates(robot, q, at)
         side, away = nearest_stops(q, lower, upper)
@@ -53,11 +93,11 @@ def admissible_state(robot: Robot, q: Array, u: Array, t: float, lower: Array,
         moved[stops] = p
     else:
         raise _driven(robot, q, side * away, t)
-    side = side * (np.abs(away) < TOUCHING)
+    side = side * ((np.abs(away) < TOUCHING) | (given[1] > 0.0))
     qdot, stops = T @ u + X, np.flatnonzero(side)
     s, along, A = _response(side, stops, T, inverse)
-    p = stop_impulses(s * qdot[stops], A)[0]
-    u = u - along @ p
+    p = stop_impulses(s * qdot[stops] + A @ given[1, stops], A)[0]
+    u = u - along @ (p - given[1, stops])
     into = side * (T @ u + X)
     if (into > DRIVEN * np.abs(qdot).max(initial=1e-6)).any():
         raise _driven(robot, q, into, t)

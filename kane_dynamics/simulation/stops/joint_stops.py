@@ -3,7 +3,8 @@ Joint stops of `simulate`: rigid, inelastic and frictionless, at the position li
 
 After a native step that ends past a stop, the joints are moved back and the impulses of the stops
 end the motion into them (`impulses`). While joints press against their stops, the forces of these
-hold them within the steps, which are native too (`pressed_steps`).
+hold them within the steps, which are native too (`pressed_steps`). If another joint passes its
+stop in such a step, the impulses of these forces count in that contact.
 """
 
 from typing import Any, NamedTuple, TYPE_CHECKING
@@ -11,10 +12,10 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.joint_stops import nearest_stops, stopped_state
+from kane_dynamics.mechanics.joint_stops import nearest_stops
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import Impact
-from kane_dynamics.simulation.stops.impulses import admissible_state, TOUCHING
+from kane_dynamics.simulation.stops.impulses import resolved_state, TOUCHING
 from kane_dynamics.simulation.stops.pressed_steps import (pressed_steps, PressedSteps,
                                                           ROUNDING)
 from kane_dynamics.simulation.stops.stop_energies import energies, work_through_constraints
@@ -173,8 +174,8 @@ class JointStops:
                 rows[at + 1] = one.before[0]
             if self._refused(rows[at + 1]):
                 return  # the simulation continues from there in other speeds, or ends
-            if one is None:
-                rows[at + 1] = self._stopped(source, i, rows[at], rows[at + 1], done + at + 1)
+            if one is None or self._past(one.after[0]):
+                self._stopped(source, i, rows[at:at + 2], done + at + 1, held, one)
                 count = 1
             else:
                 asked = min(pressed, end - at)
@@ -197,10 +198,12 @@ class JointStops:
             States at the begin and, without stops, at the end of the step.
 
         """
-        one = self._held_step(source, state, 0)[1]
-        end: Array = self._resolved(source.robot, free, self._start + self._step)[0] if (
-            one is None) else one.after[0]
-        return end
+        held, one = self._held_step(source, state, 0)
+        if one is not None and not self._past(end := one.after[0]):
+            return end
+        end = free if one is None else one.before[0]
+        return resolved_state(source.robot, end, self._start + self._step, self._lower,
+                              self._upper, held, one, self._step)[0]
 
     def _resting(self, robot: Robot, state: Array, done: int) -> Array:
         """Return the sides of the stops, (n_q,), at which joints rest; 0 of other joints."""
@@ -219,9 +222,9 @@ class JointStops:
 
         At the beginning forces f and accelerations a into the stops of the joints that rest solve
         the complementarity problem f >= 0, a <= 0, f . a = 0 of `stop_impulses`, by the same
-        method. A stop that pulls later in the step does not hold in this step. None holds if
-        another joint passes its stop: the impulses at the end of the free step then include those
-        of the forces, so that an impact moves joints off their stops only against their pressure.
+        method. Joints whose small accelerations lead past their stops are held too, and a stop
+        that pulls later in the step does not hold in this step. What is left of the motion into
+        stops, also if that method does not end, the impulses at the end of the step take away.
         """
         side = self._resting(source.robot, state, done)
         held = np.zeros(len(side))
@@ -230,19 +233,26 @@ class JointStops:
             return pressed_steps(source, state, done, 1, held, self._lower, self._upper)
         if not side.any():
             return held, None
+        into = side * step().acceleration[0]
+        scale = NEGLIGIBLE * float(np.abs(into).max())
+        held = np.where(into > scale, side, 0.0)
         one = step()
-        scale = NEGLIGIBLE * float(np.abs(one.acceleration * side).max())
         for _ in range(MOST_SETS):
             wrong = np.where(held != 0.0, one.first[0] > 0.0, side * one.acceleration[0] > scale)
             if not wrong.any():
                 break
-            least = int(np.argmax(wrong))
-            held[least] = side[least] - held[least]
+            k = int(np.argmax(wrong))
+            held[k] = side[k] - held[k]
+            one = step()
+        q = one.after[0, :len(side)]
+        late = (held == 0.0) & (side != 0.0) & ((q < self._lower) | (q > self._upper))
+        if late.any():
+            held[late] = side[late]
             one = step()
         while (pulled := (held != 0.0) & (one.pull[0] > 0.0)).any():
             held[pulled] = 0.0
             one = step()
-        return held, one if held.any() and not self._past(one.after[0]) else None
+        return held, one if held.any() else None
 
     def _pressed(self, source: 'TorqueInput', i: int, rows: Array, done: int,
                  held: Array) -> int:
@@ -266,31 +276,24 @@ class JointStops:
             self._pressures.setdefault(i, []).append((steps, lost))
         return count
 
-    def _stopped(self, source: 'TorqueInput', i: int, last: Array, state: Array,
-                 step: int) -> Array:
-        """Return a state after the impulses of the stops, and record the contact."""
-        n_q, n = self._robot.n_q, self._robot.n
-        t = self._start + step * self._step
-        after, speeds = self._resolved(source.robot, state, t)
+    def _stopped(self, source: 'TorqueInput', i: int, rows: Array, step: int, held: Array,
+                 one: PressedSteps | None) -> None:
+        """Apply the impulses of the stops to the end of a step, (2, size), and record them."""
+        (last, state), n_q, h = rows.copy(), self._robot.n_q, self._step
+        t = self._start + step * h
+        rows[1], speeds = resolved_state(source.robot, state, t, self._lower, self._upper,
+                                         held, one, h)
         side, away = nearest_stops(last[:n_q], self._lower, self._upper)
-        rates = self._rates(source.robot, last[:n_q], last[n_q:n_q + n], t - self._step)
+        rates = self._rates(source.robot, last[:n_q], last[n_q:n_q + self._robot.n], t - h)
         rested = (np.abs(away) < TOUCHING) & (side * rates < RESTING)
-        at = nearest_stops(after[:n_q], self._lower, self._upper)[0]
+        at = nearest_stops(rows[1, :n_q], self._lower, self._upper)[0]
         hits = {int(j): ('upper' if at[j] > 0.0 else 'lower', float(speeds[j]))
                 for j in np.flatnonzero((speeds > 0.0) & ~rested)}
-        self._contacts.setdefault(i, {})[step] = Contact(hits, *energies(
-            source, self._robot, state[None], after[None], np.array([step]))[0].tolist())
-        return after
-
-    def _resolved(self, robot: Robot, state: Array, t: float) -> tuple[Array, Array]:
-        """Return a state after the impulses of the stops, and the speeds that they ended."""
-        n_q, n = self._robot.n_q, self._robot.n
-        q, u, after = state[:n_q].copy(), state[n_q:n_q + n].copy(), state.copy()
-        stops = self._lower, self._upper
-        after[:n_q], after[n_q:n_q + n], speeds = admissible_state(
-            robot, q, u, t, *stops) if self._constrained else stopped_state(
-            q, u, robot.inverse_mass_matrix(q), *stops)
-        return after, speeds
+        lost = energies(source, self._robot, state[None], rows[1:], np.array([step]))
+        if one is not None and self._constrained:
+            lost[:, 1] -= work_through_constraints(source.robot, np.stack([last, state]),
+                                                   one.force, h)
+        self._contacts.setdefault(i, {})[step] = Contact(hits, *lost[0].tolist())
 
     def _rates(self, robot: Robot, q: Array, u: Array, t: Any) -> Array:
         """Return q', (n_q,)."""

@@ -1,16 +1,19 @@
 """Steps with joints that press against their stops: native, and those of the readable solution."""
 
 from dataclasses import replace
+from functools import cache
 import json
 import warnings
 
-from kane_dynamics import ComputedTorque, Motion, simulate
+from kane_dynamics import box, ComputedTorque, ModelBuilder, Motion, Robot, simulate
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
 from kane_dynamics.simulation.stops import joint_stops, pressed_steps
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
+from kane_dynamics.model.model import Limits
 from kinds_of_mechanism import case
+from linkages import four_bar_model, PIN
 import numpy as np
 import pytest
 from readable_stops import pressed_step
@@ -90,6 +93,56 @@ def test_a_joint_leaves_its_stop_when_pulled_and_computed_torque_presses_it():
     run = simulate(robot, one.q, rest, 0.2, stops=True, torque=ComputedTorque(robot, motion))
     np.testing.assert_allclose(run.q[-1, joint], robot.limits.upper[joint], atol=1e-10)
     assert not run.warnings
+
+
+@cache
+def chain():
+    """Return three links on pivots with stops."""
+    b, on = ModelBuilder('chain'), 'world'
+    for k in range(3):
+        b.body(f'j{k}', on, axis=(0, 1, 0), at=(0.3 if k else 0.0, 0, 0), matter=box(
+            2.0, (0.3, 0.05, 0.05), at=(0.15, 0, 0)), limits=Limits(-0.1, 0.1, 100.0, 1e9))
+        on = f'j{k}'
+    return Robot(b.model())
+
+
+@pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
+def test_the_torque_that_presses_a_joint_does_not_change_the_impacts_of_others(integrator):
+    """A fixed joint takes every torque: only the motion of the others counts."""
+    one, other = (simulate(chain(), [0.1, 0.05, -0.02], [0.0, 1.0, -2.0], 0.1, stops=True,
+                           torque=[tau, 0.0, 0.0], integrator=integrator, sample=1e-3)
+                  for tau in (60.0, 1e6))
+    assert len(one.stop_events) == 3 and not other.warnings
+    assert [e[1:3] for e in one.stop_events] == [e[1:3] for e in other.stop_events]
+    np.testing.assert_allclose(*([(e.t, e.speed, e.loss) for e in run.stop_events]
+                                 for run in (one, other)), rtol=1e-8)
+    np.testing.assert_allclose(one.q, other.q, rtol=0.0, atol=1e-9)
+    assert (np.diff(other.energy.sum(axis=1)) < 1e-9).all(), 'stops take energy'
+
+
+@pytest.mark.parametrize('independent', ['crank', 'rocker'])
+def test_stops_take_energy_in_a_loop_whose_motor_presses_without_measure(independent):
+    robot = Robot(four_bar_model(), constraints=[PIN], independent=[independent], friction=False)
+    q0 = robot.closed_posture((0.5, 0.0, -1.5), fixed=['crank'])
+    robot.limits = replace(robot.limits, lower=np.full(3, -np.inf),
+                           upper=np.array([q0[0] + 0.2, np.inf, q0[2]]))
+    k = robot.coordinate_names.index(independent)
+    run = simulate(robot, q0, [0.0], 0.05, stops=True, torque=[1e6], sample=1e-3)
+    np.testing.assert_allclose(run.q, np.broadcast_to(run.q[0], run.q.shape), atol=1e-9)
+    assert not run.warnings and np.isfinite(run.q[:, k]).all()
+
+
+def test_joints_that_hardly_press_stay_at_rest_beside_one_that_presses_much():
+    b = ModelBuilder('gripper')
+    b.body('arm', axis=(0, 0, 1), matter=box(5.0, (0.5, 0.1, 0.1), at=(0.2, 0, 0)),
+           limits=Limits(-1.0, 0.5, 10.0, 1e9))
+    for k in range(2):
+        b.body(f'finger{k}', 'arm', 'prismatic', axis=(1, 0.1 * k, 0), at=(0.5, 0.01 * k, 0),
+               matter=box(0.05, (0.02, 0.01, 0.05)), limits=Limits(0.0, 0.04, 1.0, 50.0))
+    run = simulate(Robot(b.model()), [0.5, 0.0, 0.0], np.zeros(3), 0.02, stops=True,
+                   torque=[1e6, -1e-6, -1e-7])
+    assert not (run.u.any() or run.stop_events or run.warnings)
+    np.testing.assert_array_equal(run.q, run.q[:1].repeat(len(run.q), axis=0))
 
 
 def test_kernels_compiled_in_advance_are_those_of_a_simulation(monkeypatch):
