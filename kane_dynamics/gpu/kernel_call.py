@@ -183,6 +183,8 @@ def row(x: DeviceArray, shape: Shape, batch: Shape, steps: bool = False) -> list
 def collapsed(shape: Sequence[int], strides: Sequence[int]) -> int | None:
     """Return the stride of several axes as one; None if they have no common one."""
     found, expected = 0, None
+    if 0 in shape:
+        return found
     for size, stride in reversed(list(zip(shape, strides))):
         if size == 1:
             continue

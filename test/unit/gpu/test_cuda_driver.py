@@ -132,8 +132,8 @@ def test_arrays_of_the_second_device_run_there(fake):
 
 
 @pytest.mark.parametrize('name', ['cuDevicePrimaryCtxRetain', 'cuModuleLoadDataEx',
-                                  'cuModuleGetFunction', 'cuLaunchKernel',
-                                  'cuStreamSynchronize', 'cuMemAlloc_v2'])
+                                  'cuModuleGetFunction', 'cuLaunchKernel', 'cuMemAlloc_v2',
+                                  'cuStreamSynchronize', 'cuPointerGetAttribute'])
 def test_an_error_of_the_driver_is_named_and_explained(fake, name):
     fake.fail(name)
     with pytest.raises(DeviceError, match=f'{name}: error 719, CUDA_ERROR_LAUNCH_FAILED, '

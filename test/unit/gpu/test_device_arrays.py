@@ -221,6 +221,11 @@ def test_strides_of_several_axes_are_one_where_states_are_at_equal_distances():
             assert stride == found[1] - found[0]
 
 
+def test_an_empty_batch_may_have_any_axes():
+    for shape in ((0, 7), (2, 0, 7), (0, 2, 7)):  # libraries state strides of any kind for it
+        assert values_of(dynamics()(*[HostArray(np.zeros(shape))] * 3)).shape == shape
+
+
 def places(shape, strides):
     """Return the places of all entries in C order."""
     return [sum(k * s for k, s in zip(index, strides)) for index in np.ndindex(*shape)]
