@@ -199,9 +199,9 @@ class JointStops:
 
         """
         held, one = self._held_step(source, state, 0)
-        if one is not None and not self._past(end := one.after[0]):
-            return end
-        end = free if one is None else one.before[0]
+        end: Array = free if one is None else one.before[0]
+        if one is not None and not self._past(one.after[0]):
+            return np.asarray(one.after[0])
         return resolved_state(source.robot, end, self._start + self._step, self._lower,
                               self._upper, held, one, self._step)[0]
 

@@ -8,10 +8,10 @@ import warnings
 from kane_dynamics import box, ComputedTorque, ModelBuilder, Motion, Robot, simulate
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
+from kane_dynamics.model.model import Limits
 from kane_dynamics.simulation.stops import joint_stops, pressed_steps
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
-from kane_dynamics.model.model import Limits
 from kinds_of_mechanism import case
 from linkages import four_bar_model, PIN
 import numpy as np
