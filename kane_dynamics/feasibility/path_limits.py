@@ -9,9 +9,11 @@ A limit P of the power bounds the torque by P / |q_s s'|, which is replaced like
 """
 
 from collections.abc import Sequence
+import math
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.banded_solution import kernels as compile_spline
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.reachability import compile_passes, Limits
@@ -39,6 +41,8 @@ class Bounds(NamedTuple):
     velocity: Array
     power: Array
     acceleration: Array
+    jerk: Array
+    torque_rate: Array
 
 
 class PathLimits:
@@ -71,6 +75,19 @@ class PathLimits:
         self.most[:-1] = np.minimum(self.most[:-1], middle)
         # Factors of the limits of `Bounds`, smaller where a motion exceeds them between points.
         self.tight = np.full((len(bounds), count, robot.n), 1.0 - MARGIN)
+
+    def check_rest(self) -> None:
+        """Raise InputError if the motors cannot hold the robot at a vertex."""
+        bound = self.bounds.effort
+        with np.errstate(divide='ignore', invalid='ignore'):
+            uses = np.nan_to_num(np.abs(self.constant) / bound, posinf=math.inf)
+        k, j = np.unravel_index(int(uses.argmax()), uses.shape)
+        if uses[k, j] > 1.0:
+            q = self.section.q[2 * k].round(4).tolist()
+            raise InputError(
+                f"path: joint '{self.robot.joint_names[int(j)]}': torque "
+                f'{abs(self.constant[k, j]):.6g} at rest at {k / (len(uses) - 1):.3g} of the '
+                f'path, {q}; expected at most its effort limit {bound[j]:.6g}')
 
     @property
     def rough(self) -> bool:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.path_limits import Bounds
-from kane_dynamics.feasibility.segment_peaks import segment_peaks
+from kane_dynamics.feasibility.segment_peaks import QUANTITIES, segment_peaks
 from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -20,6 +20,18 @@ CHANGING = 0.005  # of a limit
 TURNING = 4.0  # speeds of friction, below which friction changes
 
 
+FINEST = 16_000  # intervals of the grid
+FINE = 4000  # intervals of a grid that is not fine yet
+
+
+class Coarse(Exception):  # noqa: N818 - raised only inside this package
+    """No timing was found on a grid; one may exist on a finer grid of at most `finest`."""
+
+    def __init__(self, message: str, finest: int = FINE) -> None:
+        super().__init__(message)
+        self.finest = finest
+
+
 class Checked(NamedTuple):
     """
     The points of a section, and the largest uses of the limits between them.
@@ -28,8 +40,8 @@ class Checked(NamedTuple):
     ----------
     points : ControllerPoints
         The N + 2 points.
-    largest : (4, N + 1, n) array
-        The largest shares in the segments.
+    largest : (6, N + 1, n) array
+        The largest shares of the limits of `Bounds` in the segments.
 
     """
 
@@ -87,8 +99,8 @@ def _durations(steps: Array, total: Array, square: Array) -> Array:
 
 
 def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
-    """Return the uses of the limits along the quintics between points."""
-    limits = {name: bound for name, bound in zip(Bounds._fields, bounds)
+    """Return the uses of the limits of `QUANTITIES` along the quintics between points."""
+    limits = {name: bound for name, bound in zip(QUANTITIES, bounds)
               if np.isfinite(bound).any()}
     largest = np.zeros((len(bounds), len(points.t) - 1, robot.n))
     if limits:
@@ -101,6 +113,17 @@ def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
         for k, name in enumerate(limits):
             largest[Bounds._fields.index(name)] = peaks[:, k * robot.n:(k + 1) * robot.n]
     return Checked(points, largest)
+
+
+def excess(robot: Robot, found: Checked) -> Coarse:
+    """Return the reason why a timing is not accepted: the limit that it exceeds most."""
+    limit, k, j = np.unravel_index(int(found.largest.argmax()), found.largest.shape)
+    count = found.largest.shape[1] - 1
+    return Coarse(
+        f"path: joint '{robot.joint_names[int(j)]}': {found.largest.max():.6g} times its "
+        f'{Bounds._fields[int(limit)]} limit at {k / count:.3g} of the path, '
+        f'{found.points.q[k].round(4).tolist()}, on a grid of {count} intervals; '
+        'expected a path without sharp corners', FINEST)
 
 
 def _turning(robot: Robot, u: Array) -> Segments:

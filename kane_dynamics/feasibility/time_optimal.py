@@ -13,9 +13,11 @@ import math
 from kane_dynamics._util.checks import instance, integer, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.feasibility.jerk_limited.third_order_timing import jerk_limited, rate_uses
 from kane_dynamics.feasibility.path_geometry import path_of, Section, sections
 from kane_dynamics.feasibility.path_limits import Bounds, MARGIN, PathLimits
-from kane_dynamics.feasibility.path_timing import Checked, checked, duration, joined, timed
+from kane_dynamics.feasibility.path_timing import (Checked, checked, Coarse, duration, excess,
+                                                   FINE, FINEST, joined, timed)
 from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit, fastest_profile,
                                                     Infeasible, Limits)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
@@ -29,7 +31,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
-POINTS, FINEST = 1000, 16_000  # intervals of the grid
+POINTS = 1000  # intervals of the grid
 CONVERGED, PROGRAMS = 1e-6, 40  # relative change of the duration by the last of the profiles
 FASTEST = 1e9  # speed at an end, whose square is a number
 SMALLEST = 1e-9  # x relative to its size
@@ -37,11 +39,12 @@ SLOW = 1e-3  # x of the first profile with limits of power, relative to that wit
 SLOWER = 12  # times that a profile is slowed down where the limits at it have no solution
 ROUNDS = 6  # in which limits are tightened
 SMALL, LARGEST = 1e-5, 1e-3  # excess of a limit between points; on the finest grid
-COARSE, FINE = 2e-3, 4000  # a grid on which tighter limits cost more time, and is not fine yet
+COARSE = 2e-3  # share of the duration that tighter limits cost on a grid that is refined
 
 
 def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = math.inf,
-                 acceleration: ArrayLike = math.inf, start_speed: float = 0.0,
+                 acceleration: ArrayLike = math.inf, jerk: ArrayLike = math.inf,
+                 torque_rate: ArrayLike = math.inf, start_speed: float = 0.0,
                  end_speed: float = 0.0, points: int = POINTS) -> TimeOptimal:
     """
     Return the fastest motion along a path within the joint limits of a robot.
@@ -60,8 +63,14 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
         Limit on the absolute mechanical power of each joint, W.
     acceleration : float or (n,) array_like
         Limit on the absolute acceleration of each joint, rad/s^2 or m/s^2.
+    jerk : float or (n,) array_like
+        Limit on the absolute jerk of each joint, rad/s^3 or m/s^3.
+    torque_rate : float or (n,) array_like
+        Limit on the absolute rate of the torque of each joint, N m/s or N/s, without Coulomb
+        friction, which changes almost at once where a joint reverses.
     start_speed, end_speed : float
-        Euclidean norm of the joint velocities at the ends of the path, rad/s or m/s.
+        Euclidean norm of the joint velocities at the ends of the path, rad/s or m/s; 0 with
+        limits of jerk or torque rate.
     points : int
         Intervals of the grid, about; more where they are needed.
 
@@ -80,13 +89,15 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     names, limits = robot.joint_names, robot.limits
     bounds = Bounds(limits.effort, limits.velocity, *(
         per_joint(value, what, names, finite=False)
-        for value, what in ((power, 'power'), (acceleration, 'acceleration'))))
+        for value, what in ((power, 'power'), (acceleration, 'acceleration'), (jerk, 'jerk'),
+                            (torque_rate, 'torque_rate'))))
     speeds = [_speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')]
+    third = _third_order(bounds, speeds, names)
     points = integer(points, 'points', 10, MOST_SAMPLES)
     motion = path_of(path, names)
     best: list[Checked] = []
     while True:
-        parts = sections(motion, points, 2, (not speeds[0], not speeds[1]))
+        parts = sections(motion, points, 3 if third else 2, (not speeds[0], not speeds[1]))
         for part in parts:
             _check_positions(robot, part)
             _check_motion(bounds, part, names)
@@ -95,7 +106,7 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
             found, slower = _all_solved(robot, parts, bounds, speeds, most)
             if not best or _time(found) < _time(best):
                 best = found
-        except _Coarse as error:
+        except Coarse as error:
             if points >= error.finest and not best:
                 raise InputError(str(error)) from None
         if best and (slower <= COARSE or points >= FINE):
@@ -103,17 +114,29 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
         points *= 2
 
 
-class _Coarse(Exception):  # noqa: N818 - raised only inside this module
-    """No timing was found on a grid; one may exist on a finer grid of at most `finest`."""
-
-    def __init__(self, message: str, finest: int = FINE) -> None:
-        super().__init__(message)
-        self.finest = finest
-
-
 def _speed(value: float, what: str) -> float:
     return number(value, what, f'a number from 0 to {FASTEST:g}', lambda found: (
         0.0 <= found <= FASTEST and not isinstance(value, bool | np.bool_)))
+
+
+def _rated(bounds: Bounds) -> bool:
+    """Return whether a jerk or the rate of a torque is limited."""
+    return bool(np.isfinite([bounds.jerk, bounds.torque_rate]).any())
+
+
+def _third_order(bounds: Bounds, speeds: Sequence[float], names: Sequence[str]) -> bool:
+    """Return `_rated`; raise InputError if such limits are given with others that exclude them."""
+    if not _rated(bounds):
+        return False
+    for name, speed in zip(('start_speed', 'end_speed'), speeds):
+        if speed:
+            raise InputError(f'{name}: {speed:g} with a limit of jerk or torque_rate; expected 0')
+    for what in ('effort', 'torque_rate'):
+        still = getattr(bounds, what) == 0.0
+        if still.any():
+            raise InputError(f"{what} of joint '{names[int(still.argmax())]}': limit 0, with a "
+                             'limit of jerk or torque_rate; expected a positive limit')
+    return True
 
 
 def _check_positions(robot: Robot, section: Section) -> None:
@@ -132,8 +155,8 @@ def _check_positions(robot: Robot, section: Section) -> None:
 
 
 def _check_motion(bounds: Bounds, section: Section, names: Sequence[str]) -> None:
-    """Raise InputError if a joint moves that has no speed, power or acceleration."""
-    for what in ('velocity', 'power', 'acceleration'):
+    """Raise InputError if a joint moves of which a limit is 0."""
+    for what in ('velocity', 'power', 'acceleration', 'jerk'):
         still = getattr(bounds, what) == 0.0
         if still.any():
             still &= section.first.any(axis=0)
@@ -146,9 +169,10 @@ def _all_solved(robot: Robot, parts: Sequence[Section], bounds: Bounds, speeds: 
                 most: float) -> tuple[list[Checked], float]:
     """Return all sections with their fastest timings, and how much tighter limits slow them."""
     last = len(parts) - 1
-    found, times = zip(*(_solve(robot, part, bounds, speeds[0] if k == 0 else 0.0,
-                                speeds[1] if k == last else 0.0, most)
-                         for k, part in enumerate(parts)))
+    found, times = zip(*(
+        jerk_limited(robot, part, bounds, most) if _rated(bounds) else
+        _solve(robot, part, bounds, speeds[0] if k == 0 else 0.0,
+               speeds[1] if k == last else 0.0, most) for k, part in enumerate(parts)))
     return list(found), _time(found) / sum(times) - 1.0
 
 
@@ -175,12 +199,7 @@ def _solve(robot: Robot, section: Section, bounds: Bounds, start: float, end: fl
         limits.tight /= np.where(worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
     if found.largest.max() <= 1.0 + most:
         return found, first
-    limit, k, j = np.unravel_index(int(found.largest.argmax()), found.largest.shape)
-    raise _Coarse(
-        f"path: joint '{robot.joint_names[int(j)]}': {found.largest.max():.6g} times its "
-        f'{Bounds._fields[int(limit)]} limit at {k / (len(worst[0]) - 1):.3g} of the path, '
-        f'{found.points.q[k].round(4).tolist()}, on a grid of {len(limits.most) - 1} intervals; '
-        'expected a path without sharp corners', FINEST)
+    raise excess(robot, found)
 
 
 def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> Array:
@@ -202,7 +221,7 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
         first = float(sets[0, 1]) if ends[0] is None else ends[0]
         if not sets[0, 0] * (1.0 - ROUNDING) <= first <= sets[0, 1] * (1.0 + ROUNDING):
             scale = start / math.sqrt(first)
-            raise _Coarse(f'start_speed: {start:g}; expected '
+            raise Coarse(f'start_speed: {start:g}; expected '
                           f'{scale * math.sqrt(abs(sets[0, 0])):.6g} to '
                           f'{scale * math.sqrt(sets[0, 1]):.6g}, from which the path can be '
                           'followed')
@@ -225,24 +244,18 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
 def _refusal(limits: PathLimits, limited: Limits, vertex: int, start: float, end: float
              ) -> Exception:
     """Return the reason why no timing satisfies the limits."""
-    names, bound = limits.robot.joint_names, limits.bounds.effort
-    with np.errstate(divide='ignore', invalid='ignore'):
-        uses = np.nan_to_num(np.abs(limits.constant) / bound, posinf=math.inf)
-    k, j = np.unravel_index(int(uses.argmax()), uses.shape)
+    try:
+        limits.check_rest()
+    except InputError as error:
+        return error
     count = len(limits.constant) - 1
-    if uses[k, j] > 1.0:
-        q = limits.section.q[2 * k].round(4).tolist()
-        return InputError(
-            f"path: joint '{names[int(j)]}': torque {abs(limits.constant[k, j]):.6g} at rest "
-            f'at {k / count:.3g} of the path, {q}; expected at most its effort limit '
-            f'{bound[j]:.6g}')
     largest = _largest_end(limits, limited, start)
     if end > largest:
-        return _Coarse(f'end_speed: {end:g}; expected '
+        return Coarse(f'end_speed: {end:g}; expected '
                        + (f'at most {largest:.6g}' if limits.linear else 'a smaller one')
                        + ', with which the path can be followed')
     q = limits.section.q[2 * vertex].round(4).tolist()
-    return _Coarse(
+    return Coarse(
         f'path: no timing satisfies the limits from {vertex / count:.3g} of the path, {q}, '
         f'with start_speed {start:g} and end_speed {end:g}, on a grid of {count} intervals; '
         'expected a path that the motors can follow, or more points')
@@ -268,5 +281,6 @@ def _result(robot: Robot, bounds: Bounds, parts: Sequence[Checked]) -> TimeOptim
     uses = {name: share(np.abs(values), bound) for name, values, bound in zip(
         Bounds._fields, (tau, points.u, tau * points.u, points.udot), bounds)
         if np.isfinite(bound).any()}
+    uses |= rate_uses(robot, [part.points for part in parts], bounds)
     motion = Motion(robot.joint_names, point_times(points.t), points.q, coefficients)
     return TimeOptimal(motion, tau, uses, robot, bounds.power)
