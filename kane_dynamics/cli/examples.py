@@ -120,6 +120,7 @@ examples:
   kane-dynamics feasible arm.urdf --motion motion.yaml --out as_fast_as_it_may.csv
   kane-dynamics feasible arm.urdf --motion motion.csv --payload-frame tool0 --plot use.png
   kane-dynamics feasible arm.urdf --motion motion.csv --time-optimal --out fastest.csv
+  kane-dynamics feasible arm.urdf --motion motion.csv --time-optimal --jerk 500 --torque-rate 300
 
 Exits with 1 if the motion exceeds a limit of torque, speed, position or, with --power, power.
 Prints the highest feasible speed of the motion and, with --payload-frame, the largest payload.

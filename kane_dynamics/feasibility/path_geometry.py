@@ -4,10 +4,11 @@ Geometric paths q(s) with derivatives, on the uniform grid on which they are tim
 A path is that of a motion, without its timing. It is cut where the motion rests or all joints
 reverse at once, since direction and friction jump there, and at dwells, which are left out. The
 parameter s of a section is a mean of the time and of the length of the motion, so that both slow
-and fast parts have their share of the grid. At an end where the path is to rest s is chosen such
+and fast parts have their share of the grid; for the third power below it is the time. At an end where the path is to rest s is chosen such
 that q(s) - q(end) begins with the power `order` of s: with the second power, a motion from rest
 with finite acceleration has a positive, finite s' there, and with the third one with finite jerk.
-Between the samples the path is a cubic spline in s, through positions of the motion.
+Between the samples the path is a cubic spline in s, through positions of the motion; for the third
+power the derivatives are those of the motion.
 """
 
 from collections.abc import Sequence
@@ -202,7 +203,8 @@ class _Part:
         share = left / (left + right)
         mean = 0.5 * ((self.mesh - self.begin) / span + self.arc / self.length)
         rate = 0.5 * (1.0 / span + self.speed / self.length)
-        t = _hermite(share, mean, self.mesh, 1.0 / rate)
+        third = 3 in (first, last)
+        t = self.begin + span * share if third else _hermite(share, mean, self.mesh, 1.0 / rate)
         t = np.clip(t, self.begin, np.nextafter(self.end, -np.inf))
         q = self.motion.positions_at(t)
         columns = q.T.copy()  # whose rows are reduced ten times as fast
@@ -210,6 +212,9 @@ class _Part:
         ranges = highest - lowest
         still = ranges <= STILL * ranges.max()
         q[:, still] = q[0, still]
+        if third:
+            return Section(q, *self._derivatives(t, s, left / (left + right), alpha, beta, still),
+                           lowest, highest, span)
         slopes = [np.zeros(q.shape[1])] * 2
         for place, order in ((0, first), (-1, last)):
             if order == 1:
@@ -218,6 +223,22 @@ class _Part:
         first_slope = _spline_slopes(q, step, slopes[0], slopes[-1])
         return Section(q, first_slope, _second(q, step, first_slope),
                        lowest, highest, span)
+
+    def _derivatives(self, t: Array, s: Array, share: Array, alpha: float, beta: float,
+                     still: Array) -> tuple[Array, Array]:
+        """Return q_s and q_ss between rests for t(s) in proportion to the share."""
+        _, u, udot = self.motion.sample(t)
+        first, second = np.zeros_like(u), np.zeros_like(u)
+        s, share = s[1:-1, None], share[1:-1, None]
+        # The derivative of the logarithm of left / right, and its own one.
+        ratio, change = alpha / s + beta / (1.0 - s), beta / (1.0 - s)**2 - alpha / s**2
+        span = self.end - self.begin
+        rate = span * share * (1.0 - share) * ratio
+        rates = rate * (1.0 - 2.0 * share) * ratio + span * share * (1.0 - share) * change
+        first[1:-1] = u[1:-1] * rate
+        second[1:-1] = udot[1:-1] * rate**2 + u[1:-1] * rates
+        first[:, still] = second[:, still] = 0.0
+        return first, second
 
     def _slope(self, q: Array, t: Array, place: int, s: Array) -> Array:
         """Return dq/ds at an end at which the path moves, by differences of third order."""

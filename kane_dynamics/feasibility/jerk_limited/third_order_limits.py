@@ -58,6 +58,8 @@ class ThirdOrderLimits:
         slope, bend, static = (_slopes(tau[:, k], section.step) for k in range(3))
         self.torque_rate = (bend, 0.5 * slope + square[:, None], 0.5 * inertia[:, None], static)
         self.damping = damping(robot)
+        # What the rates of the motion have beyond those of these formulas, for x = 1.
+        self.corrections = {name: np.zeros_like(third) for name in ('jerk', 'torque_rate')}
 
     def at(self, profile: Array) -> Uses:
         """Return the uses of all limits with x, x' and x'' at the vertices, (N + 1, 3)."""
@@ -86,6 +88,7 @@ class ThirdOrderLimits:
                 ('jerk', self.jerk), ('torque_rate', self.torque_rate)):
             if not np.isfinite(getattr(self.bounds, name)).any():
                 continue
+            by_x = by_x + self.corrections[name]
             inner = by_x * x + by_change * change + by_bend * bend + (static[0] if static else 0.0)
             rows = [inner * root, by_x * root + 0.5 * inner / root, by_change * root,
                     by_bend * root]
@@ -107,6 +110,34 @@ class ThirdOrderLimits:
             values.append(value)
             derivatives.append(np.stack(np.broadcast_arrays(value, *rows)[1:]))
         return Uses(np.hstack(values), np.concatenate(derivatives, axis=2))
+
+
+    def correct(self, name: str, profile: Array, values: Array) -> None:
+        """
+        Correct the jerk or the torque rate such that it is that of the motion with a profile.
+
+        The two differ because a quintic between vertices does not follow a kink of q_ss. This
+        difference is proportional to s'^3.
+
+        Parameters
+        ----------
+        name : str
+            'jerk' or 'torque_rate'.
+        profile : (N + 1, 3) array
+            x, x' and x'' of the motion at the vertices.
+        values : (2, N, n) array
+            The rates of the motion at the start and at the end of each segment.
+
+        """
+        x, change, bend = (column[:, None, None] for column in profile.T)
+        by_x, by_change, by_bend, *static = getattr(self, name)
+        inner = by_x * x + by_change * change + by_bend * bend
+        if static:
+            more = self.second * profile[:, :1] + 0.5 * self.first * profile[:, 1:2]
+            inner = inner + static[0] + (self.damping * more)[:, None] / np.sqrt(x)
+        found = np.stack([np.concatenate([values[0, :1], values[1]]),
+                          np.concatenate([values[0], values[1, -1:]])], axis=1)
+        self.corrections[name] = found / x**1.5 - inner / x
 
 
 def _slopes(rows: Array, step: float) -> Array:

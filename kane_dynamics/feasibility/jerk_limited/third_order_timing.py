@@ -39,6 +39,7 @@ def jerk_limited(robot: Robot, section: Section, bounds: Bounds, most: float
     limits, first = ThirdOrderLimits(robot, section, bounds), math.inf
     limits.second_order.check_rest()
     spline = ProfileSpline((len(section.q) - 1) // 2)
+    ends = np.zeros((len(bounds), spline.count + 1, robot.n))
     for _ in range(ROUNDS):
         coefficients, gap = fastest_spline(spline, limits, _slow(spline, limits))
         if gap > LARGEST_GAP:
@@ -48,11 +49,19 @@ def jerk_limited(robot: Robot, section: Section, bounds: Bounds, most: float
         if (profile[:, 0] >= 0.5 * limits.second_order.free).any():
             raise InputError('robot: no limit bounds the motion; expected limits of jerk, effort '
                              'or acceleration, which bound it everywhere')
-        found = _checked(robot, motion_points(section, profile, spline.step), bounds)
-        first = min(first, found.points.t[-1])
+        points = motion_points(section, profile, spline.step)
+        found = checked(robot, points, bounds)
+        for name, values in _rates(robot, points, bounds).items():
+            limits.correct(name, profile, values[[0, -1]])
+            uses = share(np.abs(values), getattr(bounds, name))
+            found.largest[Bounds._fields.index(name)] = uses.max(axis=0)
+            ends[Bounds._fields.index(name)] = uses[[0, -1]].max(axis=0)
+        first = min(first, points.t[-1])
         if (found.largest <= 1.0).all():
             return found, first
-        worst = np.pad(found.largest, ((0, 0), (1, 1), (0, 0)))
+        # An excess at the ends of a segment is corrected, which tighter limits need not repeat.
+        worst = np.where(ends > 1.0, 0.0, found.largest)
+        worst = np.pad(worst, ((0, 0), (1, 1), (0, 0)))
         worst = np.maximum(worst[:, 1:], worst[:, :-1])  # of both segments at a vertex
         limits.tight /= np.where(worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
     if found.largest.max() <= 1.0 + most:
@@ -73,15 +82,6 @@ def _slow(spline: ProfileSpline, limits: ThirdOrderLimits) -> Array:
     raise Coarse('path: no slow motion satisfies the limits with a margin of '
                  f'{MARGIN:g}, on a grid of {spline.count + 1} intervals; expected limits that '
                  'are larger than the torques at rest')
-
-
-def _checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
-    """Return the uses of all limits along the quintics between points."""
-    found = checked(robot, points, bounds)
-    for name, values in _rates(robot, points, bounds).items():
-        found.largest[Bounds._fields.index(name)] = share(
-            np.abs(values).max(axis=0), getattr(bounds, name))
-    return found
 
 
 def _rates(robot: Robot, points: ControllerPoints, bounds: Bounds) -> dict[str, Array]:
