@@ -4,11 +4,11 @@ Geometric paths q(s) with derivatives, on the uniform grid on which they are tim
 A path is that of a motion, without its timing. It is cut where the motion rests or all joints
 reverse at once, since direction and friction jump there, and at dwells, which are left out. The
 parameter s of a section is a mean of the time and of the length of the motion, so that both slow
-and fast parts have their share of the grid; for the third power below it is the time. At an end where the path is to rest s is chosen such
-that q(s) - q(end) begins with the power `order` of s: with the second power, a motion from rest
-with finite acceleration has a positive, finite s' there, and with the third one with finite jerk.
-Between the samples the path is a cubic spline in s, through positions of the motion; for the third
-power the derivatives are those of the motion.
+and fast parts have their share of the grid; for the third power below it is the time. At an end
+where the path is to rest s is chosen such that q(s) - q(end) begins with the power `order` of s:
+with the second power, a motion from rest with finite acceleration has a positive, finite s' there,
+and with the third one with finite jerk. Between the samples the path is a cubic spline in s,
+through positions of the motion; for the third power the derivatives are those of the motion.
 """
 
 from collections.abc import Sequence

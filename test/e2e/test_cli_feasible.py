@@ -103,3 +103,11 @@ def test_fastest_timing_refuses_a_speed(trajectory, capsys):
     assert main(['feasible', str(URDF), '--trajectory', trajectory, '--time-optimal', '--speed',
                  '2']) != 0
     assert '--speed: given with --time-optimal; expected one of them' in capsys.readouterr().err
+
+
+def test_fastest_timing_keeps_limits_of_jerk_and_torque_rate(trajectory, capsys):
+    code, free = answer(capsys, '--trajectory', trajectory, '--time-optimal')
+    code, data = answer(capsys, '--trajectory', trajectory, '--time-optimal', '--jerk', '300',
+                        '--torque-rate', '500')
+    assert code == 0 and data['duration'] > free['duration']
+    assert 0.99 < max(*data['uses']['jerk'], *data['uses']['torque_rate']) <= 1.0

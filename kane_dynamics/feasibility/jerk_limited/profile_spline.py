@@ -8,7 +8,7 @@ motion changes linearly within one interval of the grid and nowhere jumps by its
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_geometry import Section
-from kane_dynamics.motion.controller_points import ControllerPoints
+from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 import numpy as np
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -70,8 +70,9 @@ class ProfileSpline:
                 [local[:, a, a - below] for a in range(below, 3)], axis=1)))
         return np.array(out)
 
-    def _summed(self, places: Array, values: Array) -> Array:
-        return np.bincount(places.ravel(), values.ravel(), minlength=self.count)
+    def _summed(self, places: Segments, values: Array) -> Array:
+        return np.asarray(np.bincount(places.ravel(), values.ravel(), minlength=self.count),
+                          dtype=np.float64)
 
 
 def motion_points(section: Section, profile: Array, h: float) -> ControllerPoints:

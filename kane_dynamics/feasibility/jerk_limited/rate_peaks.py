@@ -9,15 +9,14 @@ import numpy as np
 
 ORDER = 8  # of the polynomials of the torque between two points
 NODES = 0.5 - 0.5 * np.cos(np.pi * np.arange(ORDER + 1) / ORDER)  # of Chebyshev, with both ends
+PLACES = np.linspace(0.0, 1.0, 65)  # in a segment, at which the rates are computed
 
 
 def _derivative() -> Array:
-    """Return the matrix that differentiates a polynomial given by its values at the nodes."""
+    """Return the matrix of the slopes at the places of a polynomial with values at the nodes."""
     powers = np.polynomial.chebyshev.chebvander(2.0 * NODES - 1.0, ORDER)
-    slopes = np.zeros_like(powers)
-    for k in range(1, ORDER + 1):
-        slopes[:, k] = 2.0 * np.polynomial.chebyshev.chebval(
-            2.0 * NODES - 1.0, np.polynomial.chebyshev.chebder(np.eye(ORDER + 1)[k]))
+    slopes = 2.0 * np.polynomial.chebyshev.chebval(
+        2.0 * PLACES - 1.0, np.polynomial.chebyshev.chebder(np.eye(ORDER + 1))).T
     return np.asarray(slopes @ np.linalg.inv(powers))
 
 
@@ -25,9 +24,9 @@ DERIVATIVE = _derivative()
 
 
 def jerks(points: ControllerPoints) -> Array:
-    """Return the jerks at the nodes of all segments, (ORDER + 1, S, n)."""
+    """Return the jerks at the places of all segments, (65, S, n)."""
     polynomials = points.coefficients
-    x = NODES[:, None, None]
+    x = PLACES[:, None, None]
     scale = np.diff(points.t)[:, None]**-3
     return np.asarray(scale * (6.0 * polynomials[:, 3] + x * (
         24.0 * polynomials[:, 4] + x * 60.0 * polynomials[:, 5])))
@@ -35,7 +34,7 @@ def jerks(points: ControllerPoints) -> Array:
 
 def torque_rates(robot: Robot, points: ControllerPoints) -> Array:
     """
-    Return the rates of the torques without Coulomb friction at the nodes, (ORDER + 1, S, n).
+    Return the rates of the torques without Coulomb friction at the places, (65, S, n).
 
     The torques at the nodes are differentiated as polynomials of time.
     """
@@ -44,5 +43,5 @@ def torque_rates(robot: Robot, points: ControllerPoints) -> Array:
     tau = robot.inverse_dynamics(q, u, udot) - friction(robot, u)[0] + damping(robot) * u
     rows = tau.reshape(len(NODES), -1)
     rows = rows - rows[ORDER // 2]  # less rounding
-    return np.asarray((DERIVATIVE @ rows).reshape(len(NODES), len(segments), robot.n)
+    return np.asarray((DERIVATIVE @ rows).reshape(len(PLACES), len(segments), robot.n)
                       / np.diff(points.t)[:, None])

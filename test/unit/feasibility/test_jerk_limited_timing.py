@@ -93,3 +93,56 @@ def test_accelerations_are_zero_at_rests():
 def test_invalid_limits_of_rates_are_refused(given, message):
     with pytest.raises(InputError, match=message):
         time_optimal(one_joint(), [[0.0], [1.0]], **given)
+
+
+def two_joints():
+    builder = ModelBuilder('two joints')
+    for k, on in enumerate(('world', 'rod0')):
+        builder.body(f'rod{k}', on, axis=(0.0, 0.0, 1.0), at=(float(k), 0.0, 0.0),
+                     matter=rod(1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), joint=f'joint{k}',
+                     limits=Limits(effort=1e3, velocity=1.5))
+    return Robot(builder.model())
+
+
+def least_duration(acceleration, jerk, count=150):
+    """Return the least duration along the curve (sin s, s^2 / 2), s = 0 to 2, by Ipopt in time."""
+    casadi = pytest.importorskip('casadi')
+    problem = casadi.Opti()
+    state, third, span = problem.variable(3, count + 1), problem.variable(count), (
+        problem.variable())
+    problem.minimize(span)
+    h = span / count
+    for k in range(count):
+        s, v, a = (state[i, k] for i in range(3))
+        j = third[k]
+        problem.subject_to(state[0, k + 1] == s + h * (v + h * (a / 2.0 + h * j / 6.0)))
+        problem.subject_to(state[1, k + 1] == v + h * (a + h * j / 2.0))
+        problem.subject_to(state[2, k + 1] == a + h * j)
+        for end in (k, k + 1):
+            s, v, a = (state[i, end] for i in range(3))
+            for first, second, cubic in ((casadi.cos(s), -casadi.sin(s), -casadi.cos(s)),
+                                         (s, 1.0, 0.0)):
+                problem.subject_to(problem.bounded(-1.5, first * v, 1.5))
+                problem.subject_to(problem.bounded(
+                    -acceleration, first * a + second * v**2, acceleration))
+                problem.subject_to(problem.bounded(
+                    -jerk, first * j + 3.0 * second * v * a + cubic * v**3, jerk))
+    problem.subject_to(state[:, 0] == 0.0)
+    problem.subject_to(state[:, count] == casadi.vertcat(2.0, 0.0, 0.0))
+    problem.subject_to(state[1, :] >= 0.0)
+    problem.set_initial(span, 4.0)
+    problem.set_initial(state[0, :], np.linspace(0.0, 2.0, count + 1))
+    problem.set_initial(state[1, :], 0.5)
+    problem.solver('ipopt', {'print_time': False}, {'print_level': 0, 'max_iter': 1000})
+    return float(problem.solve().value(span))
+
+
+@pytest.mark.slow
+def test_duration_along_a_curve_is_the_least_of_a_program_in_time():
+    robot = two_joints()
+    s = np.linspace(0.0, 2.0, 401)
+    path = Motion.from_points(
+        s, np.column_stack([np.sin(s), 0.5 * s**2]), np.column_stack([np.cos(s), s]),
+        np.column_stack([-np.sin(s), np.ones_like(s)]), joint_names=robot.joint_names)
+    found = time_optimal(robot, path, acceleration=3.0, jerk=10.0)
+    assert found.duration == pytest.approx(least_duration(3.0, 10.0), rel=0.01)
