@@ -14,7 +14,7 @@ from kane_dynamics.feasibility.jerk_limited.third_order_limits import ThirdOrder
 import numpy as np
 
 # Relative difference between the duration and that of a local optimum, about, and at most.
-GAP, LARGEST_GAP = 2e-4, 2e-3
+EXCESS, LARGEST = 2e-4, 2e-3
 STEPS, HALVINGS = 400, 40
 BOUNDARY = 0.95  # of the way to a limit, at most
 REDUCTION = 0.2  # of the barrier parameter
@@ -22,7 +22,11 @@ REDUCTION = 0.2  # of the barrier parameter
 
 def fastest_spline(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array
                    ) -> tuple[Array, float]:
-    """Return the coefficients of the fastest profile, from those of a slow one, and its gap."""
+    """
+    Return the coefficients of the fastest profile, from those of a slow one, and its excess.
+
+    The excess is a bound of the relative difference to the duration of a local optimum, about.
+    """
     h = spline.step
     profile = spline.at(c)
     weights = np.full(len(profile), h)
@@ -73,9 +77,9 @@ def fastest_spline(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array
         sides = _sides(uses.values)
         dual = np.clip(dual, 1e-6 * mu / sides, 1e6 * mu / sides)
         if -decrease < 0.1 * mu * np.sqrt(count) and length > 0.3:
-            if mu * count <= GAP * duration:
+            if mu * count <= EXCESS * duration:
                 return c, mu * count / duration
-            mu = max(REDUCTION * mu, 0.9 * GAP * duration / count)
+            mu = max(REDUCTION * mu, 0.9 * EXCESS * duration / count)
     return c, mu * count / duration
 
 

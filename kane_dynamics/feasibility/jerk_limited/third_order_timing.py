@@ -4,7 +4,7 @@ import math
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility.jerk_limited.interior_point import fastest_spline, LARGEST_GAP
+from kane_dynamics.feasibility.jerk_limited.interior_point import fastest_spline, LARGEST
 from kane_dynamics.feasibility.jerk_limited.profile_spline import motion_points, ProfileSpline
 from kane_dynamics.feasibility.jerk_limited.rate_peaks import jerks, torque_rates
 from kane_dynamics.feasibility.jerk_limited.third_order_limits import ThirdOrderLimits
@@ -41,10 +41,10 @@ def jerk_limited(robot: Robot, section: Section, bounds: Bounds, most: float
     spline = ProfileSpline((len(section.q) - 1) // 2)
     ends = np.zeros((len(bounds), spline.count + 1, robot.n))
     for _ in range(ROUNDS):
-        coefficients, gap = fastest_spline(spline, limits, _slow(spline, limits))
-        if gap > LARGEST_GAP:
-            raise Coarse(f'path: duration {gap:.2g} above the least one, on a grid of '
-                         f'{spline.count + 1} intervals; expected at most {LARGEST_GAP:g}')
+        coefficients, longer = fastest_spline(spline, limits, _slow(spline, limits))
+        if longer > LARGEST:
+            raise Coarse(f'path: duration {longer:.2g} above the least one, on a grid of '
+                         f'{spline.count + 1} intervals; expected at most {LARGEST:g}')
         profile = spline.at(coefficients)
         if (profile[:, 0] >= 0.5 * limits.second_order.free).any():
             raise InputError('robot: no limit bounds the motion; expected limits of jerk, effort '
