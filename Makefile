@@ -164,7 +164,10 @@ bench: install $(VENV)/.bench $(VENV)/.torch $(CROCODDYL_VENV)/.tools
 	@failed=; for program in $(BENCHMARKS); do \
 	  echo "== $$program"; $(ROS_ENV) $(BIN)/python $$program $(BENCH_ARGS) \
 	    || failed="$$failed $$program"; \
-	done; test -z "$$failed" || { echo "failed:$$failed"; exit 1; }
+	done; echo '== benchmarks/node_latency.py palletizer'; \
+	$(ROS_ENV) $(BIN)/python benchmarks/node_latency.py palletizer \
+	  || failed="$$failed node_latency.py:palletizer"; \
+	test -z "$$failed" || { echo "failed:$$failed"; exit 1; }
 
 picture: install
 	PYTHONPATH='$(CURDIR):$(CURDIR)/test/helpers' $(BIN)/python docs/view.py docs/view.png

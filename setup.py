@@ -23,10 +23,12 @@ casadi = ['casadi>=3.6.7']
 torch = ['torch>=2.6']  # a CPU build will do
 jax = ['jax>=0.7']
 demo = ['mujoco>=3.1', 'rich>=13.0', *plot]
+# PTX assembled without a GPU: registers and spills of its kernels (40 MB: `ptxas` alone).
+ptxas = ["nvidia-cuda-nvcc-cu12>=12.4; sys_platform == 'linux'"]
 test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5',  # on all processors
         'hypothesis>=6.100', 'pin>=3.0', 'mujoco>=3.1', 'mpmath>=1.3',
         'example-robot-data>=4.1', 'toppra>=0.6.2', *casadi, *equations, *identify, *jax,
-        *sweep, *plot, *view,
+        *ptxas, *sweep, *plot, *view,
         'cyclonedds>=0.10']  # a client of the node that shares nothing with ROS
 # Pinocchio's C++ loop is compiled against pin's own headers, which need Eigen's.
 bench = ['pin>=4.1', 'cmeel-eigen>=3.4', 'mujoco>=3.3', 'example-robot-data>=4.1', *casadi,
@@ -52,7 +54,7 @@ setup(
     packages=find_packages(include=['kane_dynamics', 'kane_dynamics.*']),
     package_data={'kane_dynamics': ['py.typed']},
     python_requires='>=3.11',
-    install_requires=['numpy>=1.26', 'llvmlite>=0.44', 'yourdfpy>=0.0.56', 'PyYAML>=6.0'],
+    install_requires=['numpy>=1.26', 'llvmlite>=0.45', 'yourdfpy>=0.0.56', 'PyYAML>=6.0'],
     extras_require={'ros': ros, 'casadi': casadi, 'torch': torch, 'jax': jax, 'plot': plot,
                     'view': view, 'equations': equations, 'identify': identify, 'sweep': sweep,
                     'demo': demo, 'test': test, 'lint': lint, 'bench': bench, 'docs': docs},

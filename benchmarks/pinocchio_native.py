@@ -52,16 +52,21 @@ def versions() -> dict[str, str]:
     return found
 
 
+def built(source: Path) -> Path:
+    """Return the library of a source; compile it first if needed (minutes)."""
+    target = subprocess.run(['g++', '-march=native', '-Q', '--help=target'], capture_output=True,
+                            check=True).stdout if shutil.which('g++') else b''
+    text = repr((source.read_bytes(), FLAGS, versions(), platform.machine(), target))
+    path = FOLDER / f'{source.stem}_{hashlib.sha256(text.encode()).hexdigest()[:16]}.so'
+    if not path.exists():
+        _compile(source, path)
+    return path
+
+
 @cache
 def library() -> ctypes.CDLL:
     """Return the loop; compile it first if needed (minutes)."""
-    target = subprocess.run(['g++', '-march=native', '-Q', '--help=target'], capture_output=True,
-                            check=True).stdout if shutil.which('g++') else b''
-    text = repr((SOURCE.read_bytes(), FLAGS, versions(), platform.machine(), target))
-    path = FOLDER / f'pinocchio_loop_{hashlib.sha256(text.encode()).hexdigest()[:16]}.so'
-    if not path.exists():
-        _compile(path)
-    loop = ctypes.CDLL(str(path))
+    loop = ctypes.CDLL(str(built(SOURCE)))
     loop.make.restype = ctypes.c_void_p
     loop.make.argtypes = [ctypes.c_int, DOUBLES, DOUBLES]
     loop.destroy.argtypes = [ctypes.c_void_p]
@@ -73,14 +78,14 @@ def library() -> ctypes.CDLL:
     return loop
 
 
-def _compile(path: Path) -> None:
+def _compile(source: Path, path: Path) -> None:
     """Build the library; a failure leaves no file."""
-    print(f'compiling {SOURCE.name} against Pinocchio (minutes, once)', flush=True)
+    print(f'compiling {source.name} against Pinocchio (minutes, once)', flush=True)
     prefix = Path(sysconfig.get_path('purelib')) / 'cmeel.prefix'
     path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_suffix('.new')
     done = subprocess.run(
-        ['g++', *FLAGS, f'-I{prefix}/include', f'-I{prefix}/include/eigen3', str(SOURCE), '-o',
+        ['g++', *FLAGS, f'-I{prefix}/include', f'-I{prefix}/include/eigen3', str(source), '-o',
          str(new), f'-L{prefix}/lib', '-lboost_serialization', f'-Wl,-rpath,{prefix}/lib'],
         capture_output=True, text=True, check=False, timeout=MOST_SECONDS)
     if done.returncode:
@@ -98,7 +103,7 @@ class Pinocchio:
     def __init__(self, robot: Robot) -> None:
         """Pass the bodies depth first: Pinocchio needs contiguous subtrees."""
         self.loop, model = library(), robot.model
-        self.n, self.order = robot.n, _depth_first(model)
+        self.n, self.order = robot.n, depth_first(model)
         self.columns = [model.bodies[i].joint.coordinate for i in self.order]
         if sorted(self.columns) != list(range(self.n)):
             raise ValueError(f'{model.name}: mimic joints have no counterpart in the loop')
@@ -146,7 +151,7 @@ class Pinocchio:
         self.loop.simulate(self.handle, steps, h, _address(tau), _address(state))
 
 
-def _depth_first(model: Model) -> list[int]:
+def depth_first(model: Model) -> list[int]:
     """Return the bodies' numbers in an order with contiguous subtrees."""
     children: dict[int, list[int]] = {}
     for i, body in enumerate(model.bodies):

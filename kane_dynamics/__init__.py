@@ -14,8 +14,8 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.control.terms import Terms
     from kane_dynamics.control.trajectory_feedforward import (fill_trajectory,
                                                               FilledTrajectory)
-    from kane_dynamics.errors import (CompileError, ConstraintError, InputError, KaneError,
-                                      ModelError, ModelWarning, SweepError, UrdfError)
+    from kane_dynamics.errors import (CompileError, ConstraintError, DeviceError, InputError,
+                                      KaneError, ModelError, ModelWarning, SweepError, UrdfError)
     from kane_dynamics.kinematics import (inverse_kinematics, InverseKinematics, pose_error,
                                           pose_exp, pose_log, rotation_exp, rotation_log)
     from kane_dynamics.kinematics.loop_error import LoopError
@@ -40,16 +40,17 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.urdf import load_urdf
 
 __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'ComputedTorque',
-           'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'FilledTrajectory',
-           'FlexibleLink', 'Frame', 'Inertial', 'InputError', 'InverseKinematics', 'Joint',
-           'KaneError', 'Limits', 'LoopError', 'LoopTracker', 'Mode', 'Model', 'ModelBuilder',
-           'ModelError', 'ModelWarning', 'MomentumObserver', 'Motion', 'PointVelocity',
-           'Prescribed', 'QuasiStatic', 'Robot', 'Rolling', 'Speeds', 'SweepError', 'Terms',
-           'Torsion', 'Trajectory', 'UrdfError', 'absolute_rates', 'ball', 'body_angular_velocity',
-           'box', 'disc', 'fill_trajectory', 'frame_wrench', 'inverse_kinematics', 'knife_edge',
-           'load_constraints', 'load_urdf', 'longest_step', 'momenta', 'natural_vibration',
-           'point_mass', 'pose_error', 'pose_exp', 'pose_log', 'power_balance', 'rod',
-           'rotation_exp', 'rotation_log', 'simulate', 'stiffened', 'with_beam']
+           'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'DeviceError',
+           'FilledTrajectory', 'FlexibleLink', 'Frame', 'Inertial', 'InputError',
+           'InverseKinematics', 'Joint', 'KaneError', 'Limits', 'LoopError', 'LoopTracker', 'Mode',
+           'Model', 'ModelBuilder', 'ModelError', 'ModelWarning', 'MomentumObserver', 'Motion',
+           'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot', 'Rolling', 'Speeds',
+           'SweepError', 'Terms', 'Torsion', 'Trajectory', 'UrdfError', 'absolute_rates', 'ball',
+           'body_angular_velocity', 'box', 'disc', 'fill_trajectory', 'frame_wrench',
+           'inverse_kinematics', 'knife_edge', 'load_constraints', 'load_urdf', 'longest_step',
+           'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_log',
+           'power_balance', 'rod', 'rotation_exp', 'rotation_log', 'simulate', 'stiffened',
+           'with_beam']
 
 _NAMES_BY_MODULE = {
     'analysis.power_balance': 'power_balance',
@@ -62,8 +63,8 @@ _NAMES_BY_MODULE = {
     'control.terms': 'Terms',
     'control.trajectory_feedforward': 'fill_trajectory FilledTrajectory',
     'errors':
-        'CompileError ConstraintError InputError KaneError ModelError ModelWarning SweepError '
-        'UrdfError',
+        'CompileError ConstraintError DeviceError InputError KaneError ModelError ModelWarning '
+        'SweepError UrdfError',
     'kinematics':
         'inverse_kinematics InverseKinematics pose_error pose_exp pose_log rotation_exp '
         'rotation_log',

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SAMPLES, STARTS = 500, 8  # random configurations; starts of the search, for each joint
+CLOSED_SAMPLES = 50  # random configurations of closed loops; each takes some milliseconds
 SMALLEST_STEP, ROUNDING = 1e-4, 1e-12  # relative to the range; to the gravity force
 Level = Literal['fine', 'warning', 'problem']
 
@@ -40,18 +42,22 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[F
                      f'URDF: {warning}') for warning in warnings]
     found += examine_masses(robot)
     limits, names = robot.limits, model.joint_names
+    actuated = robot.actuated_names  # pins of closed loops have no motor
     for what, values, consequence in (
             ('effort limit', limits.effort, 'torques on them are not bounded'),
             ('speed limit', limits.velocity, 'speeds of motions are not checked')):
-        without = [name for name, value in zip(names, values) if not np.isfinite(value)]
+        without = [name for name, value in zip(names, values)
+                   if name in actuated and not np.isfinite(value)]
         if without:
             found.append(Finding('warning', f'no {what}: {listed(without)}; {consequence}'))
-    found += _weight(robot)
+    found += _weight_of_mechanism(robot) if isinstance(
+        robot.equations, ConstrainedEquations) else _weight(robot)
     joints = model.coordinate_joints
     for what, missing, consequence in (
             ('friction', [j.name for j in joints if not (j.damping or j.friction)],
              '`kane-dynamics identify` finds it from a recording'),
-            ('rotor inertia (armature)', [j.name for j in joints if not j.armature],
+            ('rotor inertia (armature)', [j.name for j in joints
+                                          if j.name in actuated and not j.armature],
              'behind a gear it can exceed the inertia of the link; set it in the supplement')):
         if missing:
             found.append(Finding('warning', f'no {what} is known of {listed(missing)}: '
@@ -88,6 +94,25 @@ def _weight(robot: Robot) -> list[Finding]:
     return [Finding('fine', f'the efforts hold the arm in {SAMPLES} random configurations within '
                     'its limits, and at the largest gravity torques that a search from there '
                     'finds')]
+
+
+def _weight_of_mechanism(robot: Robot) -> list[Finding]:
+    """Return whether the actuators can hold the arm in random closed configurations."""
+    try:
+        q = robot.random_configuration(0, CLOSED_SAMPLES)
+        torques = np.abs(robot.joint_torques(robot.gravity_force(q), q))
+    except ConstraintError as error:
+        return [Finding('warning', 'holding torques: not examined in random closed '
+                        f'configurations; {error}')]
+    weak = [f"'{name}' (torque up to {torque:.5g}, effort {limit:.5g})" for name, torque, limit
+            in zip(robot.joint_names, torques.max(axis=0), robot.limits.effort) if torque > limit]
+    beyond = int((torques > robot.limits.effort).any(axis=1).sum())
+    if weak:
+        return [Finding('problem', f'the actuators cannot hold the arm in {beyond} of '
+                        f'{CLOSED_SAMPLES} random closed configurations within its limits: '
+                        f'{listed(weak)} N m or N')]
+    return [Finding('fine', f'the efforts of {listed(robot.actuated_names)} hold the arm in '
+                    f'{CLOSED_SAMPLES} random closed configurations within its limits')]
 
 
 def largest_gravity_forces(robot: Robot) -> Array:

@@ -48,7 +48,7 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
     Parameters
     ----------
     robot : Robot
-        With joint rates for speeds.
+        Of any kind.
     q, u, udot : (n_q,), (n,), (n,) or (N, ...) arrays
         rad or m, and s.
     wrench : (k, 6) or (N, k, 6) array, optional
@@ -62,8 +62,6 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
         Names the argument, what was given and what is expected; also where a power is not finite.
 
     """
-    if not set(robot.speed_names) <= set(robot.joint_names):
-        raise InputError(f'speeds of the robot: {list(robot.speed_names)}; expected joint rates')
     tau = robot.inverse_dynamics(q, u, udot, wrench=wrench, t=t)
     with np.errstate(over='ignore', invalid='ignore'):  # an error below
         if isinstance(robot.equations, ConstrainedEquations):

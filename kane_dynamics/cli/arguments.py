@@ -12,6 +12,7 @@ STEP = 0.01  # s, between samples of a motion given by points
 
 def _torque(sub: ArgumentParser) -> None:
     _add_model(sub)
+    _add_constraints(sub)
     for name, text in (('q', 'positions, rad or m'), ('u', 'speeds'), ('udot', 'accelerations')):
         sub.add_argument(f'--{name}', nargs='+', metavar='X', help=f'{text} (default: zeros)')
     _add_motion(sub, 'CSV or YAML file; prints the torques of every row')
@@ -25,6 +26,7 @@ def _torque(sub: ArgumentParser) -> None:
 def _simulate(sub: ArgumentParser) -> None:
     from kane_dynamics.mechanics.integrators import INTEGRATORS
     _add_model(sub)
+    _add_constraints(sub)
     sub.add_argument('--q0', nargs='+', metavar='X',
                      help='initial positions (default: those of the motion, else zeros)')
     sub.add_argument('--u0', nargs='+', metavar='X',
@@ -60,6 +62,7 @@ def _sweep(sub: ArgumentParser) -> None:
 
 def _inspect(sub: ArgumentParser) -> None:
     _add_model(sub)
+    _add_constraints(sub)
     sub.add_argument('--against', choices=['pinocchio'],
                      help='compare inverse dynamics at random states')
     sub.add_argument('--operations', action='store_true',
@@ -73,6 +76,7 @@ def _bench(sub: ArgumentParser) -> None:
 def _export(sub: ArgumentParser) -> None:
     from kane_dynamics.robot.export_c import DEFAULT_KERNELS
     _add_model(sub)
+    _add_constraints(sub)
     sub.add_argument('-o', '--out', required=True, metavar='FILE.c',
                      help='C source; the header is written beside it')
     sub.add_argument('--kernel', nargs='+', default=DEFAULT_KERNELS, metavar='NAME',
@@ -161,6 +165,7 @@ def _replay(sub: ArgumentParser) -> None:
 def _feasible(sub: ArgumentParser) -> None:
     from kane_dynamics.feasibility.samples import STEP as FINE
     _add_model(sub)
+    _add_constraints(sub)
     _add_motion(sub, 'CSV or YAML file', required=True)
     sub.add_argument('--speed', type=float, default=1.0, metavar='S',
                      help='check the motion at S times its speed; default: %(default)g')
@@ -191,6 +196,7 @@ def _feasible(sub: ArgumentParser) -> None:
 
 def _fill(sub: ArgumentParser) -> None:
     _add_model(sub)
+    _add_constraints(sub)
     _add_motion(sub, 'YAML, CSV or npz file, or a ROS 2 bag', required=True)
     sub.add_argument('--topic', help='topic of the trajectories in a bag (default: the only one)')
     sub.add_argument('--tolerance', type=float, nargs='+', metavar='X',
@@ -209,6 +215,7 @@ def _fill(sub: ArgumentParser) -> None:
 
 def _doctor(sub: ArgumentParser) -> None:
     _add_model(sub)
+    _add_constraints(sub)
     sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')
     sub.add_argument('--live', type=float, metavar='S',
                      help='examine the ROS graph for S seconds after its nodes are found')
@@ -221,6 +228,7 @@ def _doctor(sub: ArgumentParser) -> None:
 
 def _view(sub: ArgumentParser) -> None:
     _add_model(sub)
+    _add_constraints(sub)
     _add_motion(sub, '.npz, CSV or YAML file; shown with a time slider')
     sub.add_argument('--host', default='127.0.0.1', help='address to serve at; the default '
                      'is reachable from this machine only')
@@ -262,6 +270,12 @@ def _add_model(sub: ArgumentParser) -> None:
     group.add_argument('--no-strict', action='store_true',
                        help='accept impossible inertias with a warning')
     _add_output(sub)
+
+
+def _add_constraints(sub: ArgumentParser) -> None:
+    """Add --constraints."""
+    sub.add_argument('--constraints', metavar='YAML', help='loop closures and other constraints, '
+                     'which URDF lacks; states and motions are those of its independent joints')
 
 
 def _add_output(sub: ArgumentParser) -> None:

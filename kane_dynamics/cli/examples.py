@@ -6,6 +6,7 @@ examples:
   kane-dynamics torque arm.urdf --q 0.1 -0.5 1.2 --u 0 0.3 0 --udot 1 0 0
   kane-dynamics torque arm.urdf --motion motion.csv --out torques.csv
   kane-dynamics torque arm.urdf --motion motion.csv --plot sources.png
+  kane-dynamics torque press.urdf --constraints press.yaml --q 0.3 --udot 1
   xacro arm.urdf.xacro | kane-dynamics torque - --gravity 0 0 -1.62 --json
 
 A motion is a CSV file with the columns t, q.<joint>, u.<joint>, udot.<joint>, or a YAML file like

@@ -35,8 +35,9 @@ def draw(plot: Any, options: Namespace, robot: Robot, trajectory: Trajectory,
                              title=f'{name}: motion over time')
     elif what == 'tracking' and desired is not None:
         wanted, *_ = desired.sample(trajectory.t)
-        plot.plot_tracking({'simulated': (trajectory.t, wanted, trajectory.q)},
-                           robot.joint_names, options.plot, prismatic=sliding,
+        followed = [robot.coordinate_names.index(name) for name in desired.joint_names]
+        plot.plot_tracking({'simulated': (trajectory.t, wanted, trajectory.q[:, followed])},
+                           desired.joint_names, options.plot, prismatic=sliding,
                            title=f'{name}: tracking of the desired motion')
     else:
         draws = {'torque-by-source': plot.plot_torque_by_source, 'energy': plot.plot_energy,

@@ -1,7 +1,7 @@
 """Shared by the commands: loading a robot, warnings, vectors, JSON."""
 
 from argparse import Namespace
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 import json
 import math
@@ -12,6 +12,7 @@ import warnings
 from kane_dynamics._util.typing import Array
 from kane_dynamics.cli.wording import in_options
 from kane_dynamics.errors import InputError, ModelWarning, UnusedWarning
+from kane_dynamics.kinematics.mechanism_motion import velocity_rows
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.methods.configuration_methods import suspected_degrees
 from kane_dynamics.robot.robot import Robot
@@ -42,8 +43,18 @@ def load(options: Namespace, caught: list[str] | None = None, **choices: Any
     """Return the chosen robot; collect warnings in `caught`, or print them to stderr."""
     with model_warnings(caught, verbose=options.verbose):
         model = load_urdf(source_of(options), supplement=options.supplement, **selection(options))
-        robot = Robot(model, friction=not options.no_friction, **choices)
+        robot = Robot(model, friction=not options.no_friction, **constraints_of(options),
+                      **choices)
     return model, robot
+
+
+def constraints_of(options: Namespace, prefix: str = '') -> dict[str, Any]:
+    """Return the arguments of Robot that --constraints states; none for a tree."""
+    path = getattr(options, 'constraints', None)
+    if path is None:
+        return {}
+    from kane_dynamics.mechanics.constraints.yaml_file import load_constraints  # imports yaml
+    return load_constraints(path, prefix=prefix)
 
 
 def every_joint(options: Namespace) -> tuple[str, ...] | None:
@@ -94,28 +105,67 @@ def without_rounding(values: Array) -> Array:
 
 
 def warn_degrees(robot: Robot, q: Array, what: str) -> None:
-    """Print a warning if positions, (n,) or (K, n), look like degrees."""
+    """Print a warning if positions of all joints, or the independent ones, look like degrees."""
+    if q.shape[-1] != robot.n_q:
+        every = np.zeros((*q.shape[:-1], robot.n_q))
+        every[..., [robot.coordinate_names.index(name) for name in robot.speed_names]] = q
+        q = every
     warning = suspected_degrees(robot, q)
     if warning:
         print(f'kane-dynamics: warning: {what}: {brief(warning)}', file=sys.stderr)
 
 
 def vector(options: Namespace, name: str, robot: Robot) -> Array:
-    """Return an argument as one number per joint; zeros by default."""
-    given = getattr(options, name)
-    if given is None:
-        return np.zeros(robot.n)
+    """Return an argument as one number per independent speed; zeros by default."""
+    return np.zeros(robot.n) if getattr(options, name) is None else _numbers(
+        options, name, [robot.speed_names])
+
+
+def positions(options: Namespace, name: str, robot: Robot, default: Array | None = None) -> Array:
+    """
+    Return an argument as the positions of all joints, (n_q,).
+
+    With constraints, positions of the independent joints are enough: the loops are closed from the
+    configuration of the constraints file. `default` are positions of the independent joints; its
+    default is that configuration, and zeros for a tree.
+    """
+    missing = getattr(options, name) is None
+    if not robot.constraint_names:
+        q = default if missing and default is not None else vector(options, name, robot)
+    elif missing and default is not None:
+        q = _closed_near(robot, robot.speed_names, default)
+    elif missing:
+        q = _closed_near(robot, () if robot.configuration is None else robot.speed_names)
+    else:
+        independent = [] if velocity_rows(robot) else [robot.speed_names]
+        q = _numbers(options, name, [*independent, robot.coordinate_names])
+        if len(q) < robot.n_q:
+            q = _closed_near(robot, robot.speed_names, q)
+    if name == 'q':
+        warn_degrees(robot, q, f'--{name}')
+    return q
+
+
+def _closed_near(robot: Robot, names: Sequence[str], values: Any = ()) -> Array:
+    """Return the closed configuration with these joints, else at the file's values."""
+    q = np.zeros(robot.n_q) if robot.configuration is None else np.array(robot.configuration)
+    places = [robot.coordinate_names.index(name) for name in names]
+    q[places[:len(values)]] = values
+    return robot.closed_posture(q, fixed=names)
+
+
+def _numbers(options: Namespace, name: str, orders: Sequence[Sequence[str]]) -> Array:
+    """Return an argument as numbers, as many as one of the given lists of names has."""
+    def expected(unit: str = '') -> str:
+        return ', or '.join(f'{len(names)}{unit}, in the order {", ".join(names)}'
+                            for names in orders)
     try:
-        values = np.array([float(part) for part in split(given)])
+        values = np.array([float(part) for part in split(getattr(options, name))])
     except ValueError as error:
         part = str(error).partition(': ')[2]
-        raise InputError(f'--{name}: {part}; expected {robot.n} numbers, in the order '
-                         f'{", ".join(robot.joint_names)}') from None
-    if len(values) != robot.n:
-        raise InputError(f'--{name}: {len(values)} numbers; expected {robot.n}, in the order '
-                         f'{", ".join(robot.joint_names)}')
-    if name == 'q':
-        warn_degrees(robot, values, f'--{name}')
+        raise InputError(f'--{name}: {part}; expected {expected(" numbers")}') from None
+    if len(values) not in [len(names) for names in orders]:
+        raise InputError(f'--{name}: {len(values)} numbers; expected {expected()}')
     return values
 
 

@@ -23,6 +23,7 @@ from kane_dynamics._util.yaml_io import mapping, read_yaml
 from kane_dynamics.cli.arguments import STEP
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.reader import distinct, no_header
+from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.trajectory import Trajectory
@@ -30,7 +31,8 @@ import numpy as np
 
 QUANTITIES = ('q', 'u', 'udot', 'tau')
 MOST_SAMPLES = 1_000_000
-Rows = tuple[Array | None, tuple[Array, Array, Array]]
+State = tuple[Array, Array, Array]
+Rows = tuple[Array | None, State]
 MESSAGE = ('joint_names', 'points', 'header')  # of trajectory_msgs/JointTrajectory
 POINT = ('positions', 'velocities', 'accelerations', 'time_from_start', 'effort')
 
@@ -154,11 +156,35 @@ def read_trajectory(path: str, robot: Robot) -> Trajectory:
     """Return a trajectory from a CSV, YAML or saved npz file; InputError names the entry."""
     if path.endswith('.npz'):
         return Trajectory.load_npz(path)
-    names = robot.joint_names
+    names = robot.speed_names
     t, state = complete_rows(path, names) or sampled(read_motion(path, names), STEP)
     if t is None:
         raise InputError(f"{path}: no column 't'; expected the times of the rows, s")
-    return Trajectory.along(robot, t, *state)
+    return Trajectory.along(robot, t, *of_mechanism(path, robot, t, state))
+
+
+def of_mechanism(path: str, robot: Robot, t: Array | None, state: State) -> State:
+    """
+    Return q (K, n_q), u and udot (K, n) of a robot for the rows of its independent joints.
+
+    With constraints the other joints follow by loop closure, from the configuration of the
+    constraints file.
+    """
+    if not robot.constraint_names:
+        return state
+    if t is None:
+        raise InputError(f"{path}: no column 't'; expected the times of the rows, s")
+    return mechanism_motion(robot, robot.speed_names, t, *state)
+
+
+def joint_rows(robot: Robot, state: State) -> dict[str, Array]:
+    """Return positions, speeds, accelerations and torques of all joints along a motion."""
+    q, u, udot = state
+    tau = robot.inverse_dynamics(q, u, udot)
+    if not robot.constraint_names:
+        return {'q': q, 'u': u, 'udot': udot, 'tau': tau}
+    return {'q': q, 'u': robot.joint_rates(q, u), 'udot': robot.joint_accelerations(q, u, udot),
+            'tau': robot.joint_torques(tau, q)}
 
 
 def write_states(stream: TextIO, t: Array | None, states: Mapping[str, Array],

@@ -12,6 +12,8 @@ import math
 
 from kane_dynamics._util.checks import finite_row, instance, integer, per_joint
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.constrained_law import followed_joints
+from kane_dynamics.control.constrained_torques import LinkageEfforts
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import EVERY_TERM, Terms
 from kane_dynamics.control.trajectory_limits import check_efforts, check_motion
@@ -88,7 +90,8 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
     Parameters
     ----------
     robot : Robot
-        In joint rates, without constraints.
+        With chosen speeds or constraints on positions, the trajectory is of as many joints as
+        there are independent speeds, those with actuators; the other joints follow from them.
     times : (K,) array_like
         s from the start of the trajectory; nonnegative, strictly increasing, K >= 1.
     positions, velocities, accelerations : (K, m) array_like
@@ -97,7 +100,8 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
         The joints of the columns: some or all of the robot's. Default: all, in its order.
     rest : (n,) array_like, optional
         Positions of the robot's joints, in its order, rad or m. Joints that are not in
-        `joint_names` rest there; needed if there are any.
+        `joint_names` rest there; needed if there are any. With constraints: the configuration
+        near which the loops are closed; default: that of the robot.
     start : (q, u, udot), optional
         State of the trajectory's joints at time 0, (m,) each; u and udot may be None (rest). If
         the first point is later, the trajectory begins with this state. Joints without limits
@@ -131,7 +135,9 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
     if bending is not None:
         instance(bending, QuasiStatic, 'bending')
     max_points = integer(max_points, 'max_points', 1)
-    arm = _Arm(robot, bending or robot, joint_names, rest, compensate)
+    arm = _Arm(robot, bending or robot, joint_names, rest, compensate) if isinstance(
+        robot.equations, TreeEquations) else _Linkage(robot, bending, joint_names, rest,
+                                                      compensate)
     names, limits = arm.names, arm.limits(effort_limit)
     t, q, u, udot = trajectory_points(times, positions, velocities, accelerations, names)
     _check_times(t)
@@ -160,9 +166,6 @@ class _Arm:
     def __init__(self, robot: Robot, source: Robot | QuasiStatic,
                  joint_names: Sequence[str] | None, rest: ArrayLike | None,
                  compensate: Terms) -> None:
-        if not isinstance(robot.equations, TreeEquations):
-            raise InputError('robot: chosen speeds or constraints; expected a robot with joint '
-                             'rates as speeds and no constraints')
         every = robot.joint_names
         self.names = every if joint_names is None else checked_joint_names(joint_names,
                                                                            'joint_names')
@@ -200,6 +203,29 @@ class _Arm:
         whole[:, :, self._columns] = rows
         tau = self._compensate.inverse_dynamics(self._source, *whole)[:, self._columns]
         return tau.reshape(state[0].shape)
+
+
+class _Linkage(_Arm):
+    """The driving joints of a trajectory of a robot with chosen speeds or constraints."""
+
+    def __init__(self, robot: Robot, bending: QuasiStatic | None,
+                 joint_names: Sequence[str] | None, rest: ArrayLike | None,
+                 compensate: Terms) -> None:
+        if bending is not None:
+            raise InputError('bending: given for a robot with chosen speeds or constraints; '
+                             'expected one in joint rates without constraints')
+        place = np.zeros(robot.n_q) if rest is None else rest
+        super().__init__(robot, robot, joint_names or [
+            robot.joint_names[k] for k in followed_joints(robot)], place, compensate)
+        self._efforts = LinkageEfforts(robot, self.names, compensate,
+                                       None if rest is None else self._pose)
+
+    def efforts(self, *state: Array) -> Array:
+        """Return the efforts at q, u and udot, (..., m) each; InputError if one overflows."""
+        # In the order of time: each configuration is closed from the one before.
+        rows = [np.swapaxes(values, 0, -2) for values in state]
+        tau = self._efforts(*(values.reshape(-1, len(self.names)) for values in rows))
+        return np.swapaxes(tau.reshape(rows[0].shape), 0, -2)
 
 
 def _refined(arm: _Arm, points: ControllerPoints, tau: Array, tolerance: Array, max_points: int

@@ -14,16 +14,23 @@ give an inner and an outer estimate of the excluded intervals; intervals are spl
 agree. If the motion at the resulting speed comes close to a limit between samples, samples are
 added there and the search is repeated. A slower motion is not always feasible: an arm that cannot
 hold a configuration may swing through it.
+
+With closed loops or chosen speeds the same holds for all joints: their rates are proportional to
+s, and the torques of the actuators are a linear map W(q) of the forces of the joints. A passive
+joint's friction then contributes W_ij T_j(s), monotonic in s, to each actuator i.
 """
 
 from dataclasses import dataclass
 import math
+from typing import Any
 
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDING, ROUNDS, sampled, STEP
-from kane_dynamics.feasibility.torque_demand import Demand, demand_at, torque_of
+from kane_dynamics.feasibility.torque_demand import (Demand, demand_at, torque_of,
+                                                     whole_motion)
+from kane_dynamics.kinematics.mechanism_motion import MechanismMotion
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
@@ -67,9 +74,9 @@ def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float
     Parameters
     ----------
     robot : Robot
-        A robot with joint rates as speeds.
+        With chosen speeds or constraints, as for `demand`; they must not prescribe velocities.
     motion : Motion
-        Motion of the robot's joints, in their order.
+        As for `demand`: of the robot's joints, or of the driving joints.
     most : float
         Highest speed to consider.
     step : float
@@ -141,16 +148,22 @@ class SampledPath:
                  more: Array) -> None:
         """Compute the coefficients of the torque as a polynomial in the speed."""
         require_angles(robot.model, 'fastest')
+        t, q, self.u, udot = sampled(robot, motion, step, more)
+        self.friction, limits = robot.friction_force, robot.limits
+        self.shared: Array | None = None
         if isinstance(robot.equations, ConstrainedEquations):
-            raise InputError('robot: chosen speeds or constraints; expected a robot with joint '
-                             'rates as speeds and no constraints')
-        _, q, self.u, udot = sampled(robot, motion, step, more)
-        inertia, coriolis, gravity, _, spring = np.moveaxis(
-            robot.torque_terms(q, self.u, udot), 1, 0)
-        self.robot, limits = robot, robot.limits
-        self.offset = robot.friction_force(np.zeros(robot.n))
-        self.square, self.constant = inertia + coriolis, gravity + spring + self.offset
-        self.linear = self.u * _damping(robot)
+            whole = self._of_mechanism(robot, motion, t, q, udot)
+            q, terms = whole.q, robot.torque_terms(*whole)
+            terms = np.stack([robot.joint_torques(np.ascontiguousarray(term), q)
+                              for term in np.moveaxis(terms, 1, 0)])
+        else:
+            terms = np.moveaxis(robot.torque_terms(q, self.u, udot), 1, 0)
+        inertia, coriolis, gravity, _, spring = terms
+        self.offset = self.friction(np.zeros(robot.n_q))
+        self.damping = _damping(robot)
+        self.square = inertia + coriolis
+        self.constant = gravity + spring + self._actuators(slice(None), self.offset)
+        self.linear = self._actuators(slice(None), self.u * self.damping)
         self.effort = limits.effort
         self.power = per_joint(power, 'power', robot.joint_names, finite=False)
         slack = [ROUNDING * np.maximum(1.0, np.abs(b)) for b in (limits.lower, limits.upper)]
@@ -160,10 +173,38 @@ class SampledPath:
             bound = limits.velocity / np.abs(self.u).max(axis=0)
         self.speed_bound = float(np.where(np.isnan(bound), math.inf, bound).min())
 
+    def _of_mechanism(self, robot: Robot, motion: Motion, t: Array, q: Array, udot: Array
+                      ) -> MechanismMotion:
+        """Return the motion of all joints, and store how their forces reach the actuators."""
+        whole = whole_motion(robot, motion, t, q, self.u, udot)
+        if robot.equations.timed or np.abs(robot.joint_rates(
+                whole.q, 0.0 * whole.u, t=t)).max(initial=0.0) > 0.0:
+            raise InputError('robot: speeds or constraints that prescribe velocities or are '
+                             'functions of time; expected those of a motion that can be scaled')
+        self.u = robot.joint_rates(whole.q, whole.u)
+        self.friction = Robot(robot.model, friction=robot.friction).friction_force
+        units = np.eye(robot.n_q)
+        self.shared = np.stack([robot.joint_torques(robot.generalized_force(
+            np.tile(unit, (len(t), 1)), whole.q), whole.q) for unit in units], axis=-1)
+        return whole
+
+    def _actuators(self, rows: Any, forces: Array) -> Array:
+        """Return the torques of actuators that balance forces of joints, (k, n) or (n,)."""
+        return forces if self.shared is None else np.einsum(
+            'kij,kj->ki', self.shared[rows], np.broadcast_to(forces, self.u[rows].shape))
+
     def coulomb(self, rows: Indices, speed: float) -> Array:
-        """Return the Coulomb friction T at a speed."""
-        return np.asarray(self.robot.friction_force(speed * self.u[rows]) - self.offset
-                          - speed * self.linear[rows])
+        """Return the Coulomb friction T of the joints at a speed."""
+        u = speed * self.u[rows]
+        return np.asarray(self.friction(u) - self.offset - u * self.damping)
+
+    def coulomb_range(self, rows: Indices, low: float, high: float) -> tuple[Array, Array]:
+        """Return bounds of the actuators' torques for T at speeds from low to high."""
+        ends = np.stack([self.coulomb(rows, low), self.coulomb(rows, high)])
+        if self.shared is None:
+            return ends.min(axis=0), ends.max(axis=0)
+        parts = self.shared[rows] * ends[:, :, None, :]
+        return parts.min(axis=0).sum(axis=-1), parts.max(axis=0).sum(axis=-1)
 
     def bound(self, rows: Indices, speed: float) -> Array:
         """Return the largest torque allowed by effort and power at a speed."""
@@ -179,8 +220,7 @@ class SampledPath:
             Inner estimate and outer estimate of the excluded speeds.
 
         """
-        T = [self.coulomb(rows, low), self.coulomb(rows, high)]
-        least, largest = np.minimum(*T), np.maximum(*T)
+        least, largest = self.coulomb_range(rows, low, high)
         A, B, C = self.square[rows], self.linear[rows], self.constant[rows]
         wide, narrow = self.bound(rows, low), self.bound(rows, high)
         some, more = (np.concatenate([positive_intervals(A, B, C + under - bound),
@@ -192,7 +232,7 @@ class SampledPath:
 
 def _damping(robot: Robot) -> Array:
     """Return the viscous friction coefficients of the coordinates, (n,)."""
-    total = np.zeros(robot.n)
+    total = np.zeros(robot.n_q)
     for body in robot.model.bodies if robot.friction else ():
         total[body.joint.coordinate] += body.joint.multiplier**2 * body.joint.damping
     return total

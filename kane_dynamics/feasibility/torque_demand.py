@@ -10,7 +10,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import (NONE, ROUNDING, ROUNDS, sampled, STEP,
                                                times_to_refine)
-from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
+from kane_dynamics.kinematics.mechanism_motion import mechanism_motion, MechanismMotion
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.parameters import JointLimits
@@ -192,13 +192,19 @@ def demand_at(robot: Robot, motion: Motion, speed: float, step: float, power: Ar
 def _of_mechanism(robot: Robot, motion: Motion, t: Array, q: Array, rates: Array,
                   accelerations: Array) -> tuple[Array, Array, Array, Array]:
     """Return q, rates, accelerations and torques of all joints, (N, n_q), from driving joints."""
-    if robot.model.flexible:
-        raise InputError('robot: flexible, with chosen speeds or constraints; expected one '
-                         'without beams, as a motion of joints does not state their deflections')
-    whole = mechanism_motion(robot, motion.joint_names, t, q, rates, accelerations)
+    whole = whole_motion(robot, motion, t, q, rates, accelerations)
     tau = robot.inverse_dynamics(*whole, t=t)
     return (whole.q, robot.joint_rates(whole.q, whole.u, t=t),
             robot.joint_accelerations(*whole, t=t), robot.joint_torques(tau, whole.q, t=t))
+
+
+def whole_motion(robot: Robot, motion: Motion, t: Array, q: Array, rates: Array,
+                 accelerations: Array) -> MechanismMotion:
+    """Return the motion of a robot with chosen speeds or constraints, from driving joints."""
+    if robot.model.flexible:
+        raise InputError('robot: flexible, with chosen speeds or constraints; expected one '
+                         'without beams, as a motion of joints does not state their deflections')
+    return mechanism_motion(robot, motion.joint_names, t, q, rates, accelerations)
 
 
 def torque_of(power: Array, u: Array) -> Array:

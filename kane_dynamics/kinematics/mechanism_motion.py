@@ -81,6 +81,13 @@ def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array, ra
     return MechanismMotion(Q, u, _solved(T, accelerations - held))
 
 
+def velocity_rows(robot: Robot) -> tuple[str, ...]:
+    """Return the rows of constraints on velocities: with these, positions depend on the path."""
+    mechanism = robot.mechanism
+    found = mechanism.rows(mechanism.state(np.zeros(robot.n_q))).residual
+    return tuple(label for label, residual in zip(mechanism.labels, found) if residual is None)
+
+
 def _solved(T: Array, right: Array) -> Array:
     """Return T^-1 times vectors, (N, n)."""
     return np.asarray(np.linalg.solve(T, right[..., None])[..., 0])

@@ -16,6 +16,7 @@ from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.user_speeds import constraint_rows
 import numpy as np
 
 Path = str | os.PathLike[str]
@@ -165,11 +166,11 @@ class Trajectory:
         Parameters
         ----------
         robot : Robot
-            A robot without constraints.
+            Of any kind.
         t : (K,) array
             s; increases from row to row.
-        q, u, udot : (K, n) arrays
-            rad or m, and s.
+        q, u, udot : (K, n_q), (K, n) arrays
+            rad or m, and s; configurations that satisfy the constraints.
 
         Raises
         ------
@@ -177,15 +178,14 @@ class Trajectory:
             Names the argument, what was given and what is expected.
 
         """
-        if robot.constraint_names:
-            raise InputError('robot: with constraints; expected a robot without constraints')
-        q = np.asarray(q)
-        if q.ndim != 2:
+        if (q := np.asarray(q)).ndim != 2:
             raise InputError(f'q: shape {q.shape}; expected (K, {robot.n_q})')
         t = increasing(t, len(q), 't')
         tau = robot.inverse_dynamics(q, u, udot, t=t)
         energy = np.stack([robot.kinetic_energy(q, u, t=t), robot.potential_energy(q)], axis=-1)
+        rows: Any = constraint_rows(robot, q, u, tau, t=t) if robot.constraint_names else {}
         return cls(t, q, u, udot, tau, energy, robot.joint_names, speed_names=robot.speed_names,
+                   constraint_names=robot.constraint_names, **rows,
                    coordinate_names=robot.coordinate_names)
 
     @property

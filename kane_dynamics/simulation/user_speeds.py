@@ -129,9 +129,15 @@ class UserSpeeds:
         return {'u': pair[:, 0], 'udot': pair[:, 1],
                 'energy': np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)],
                                    axis=1),
-                'constraint_forces': robot.constraint_forces(q, u, own, **at),
-                'constraint_residual': robot.constraint_residual(q, **at),
-                'constraint_velocity_residual': robot.constraint_velocity_residual(q, u, **at)}
+                **constraint_rows(robot, q, u, own, **at)}
+
+
+def constraint_rows(robot: Robot, q: Array, u: Array, tau: Array, **at: Array
+                    ) -> dict[str, Array]:
+    """Return forces and residuals of the constraints along a motion, (K, m) arrays."""
+    return {'constraint_forces': robot.constraint_forces(q, u, tau, **at),
+            'constraint_residual': robot.constraint_residual(q, **at),
+            'constraint_velocity_residual': robot.constraint_velocity_residual(q, u, **at)}
 
 
 def tau_from(equations: ConstrainedEquations, names: Sequence[str], q: Any, tau: Any,

@@ -24,7 +24,7 @@ class JointRow(NamedTuple):
 
 def joint_rows(robot: Robot, q: Array, tau: Array) -> Iterator[JointRow]:
     """
-    Yield the text of every joint.
+    Yield the text of every joint; of a ball joint, whose position is a rotation, the moments.
 
     Parameters
     ----------
@@ -32,16 +32,18 @@ def joint_rows(robot: Robot, q: Array, tau: Array) -> Iterator[JointRow]:
         Its joints have the names and limits of the table.
     q : (n_q,) array
         rad or m.
-    tau : (n_q,) array
+    tau : (n,) array
         Actuator torque of each joint, N m or N.
 
     """
     limits = robot.limits
-    for i, name in enumerate(robot.joint_names):
+    for i, (name, place) in enumerate(zip(robot.joint_names, robot.model.places)):
         share = abs(tau[i]) / limits.effort[i] if limits.effort[i] > 0.0 else 0.0
-        yield JointRow(name, f'{q[i].round(3) + 0.0:.3f}', f'{tau[i].round(6) + 0.0:.3g}',
+        yield JointRow(name, '' if place is None else f'{q[place].round(3) + 0.0:.3f}',
+                       f'{tau[i].round(6) + 0.0:.3g}',
                        f'{share:.0%}' if np.isfinite(limits.effort[i]) else '',
-                       bool(q[i] < limits.lower[i] or q[i] > limits.upper[i]),
+                       place is not None and bool(
+                           q[place] < limits.lower[place] or q[place] > limits.upper[place]),
                        bool(abs(tau[i]) > limits.effort[i]))
 
 
@@ -64,8 +66,9 @@ def html_table(robot: Robot, q: Array, tau: Array) -> str:
     lines = [f'<table id="joints"><tr>{head}</tr>']
     for i, row in enumerate(joint_rows(robot, q, tau)):
         units = '' if not sliding else ' [m, N]' if row.name in sliding else ' [rad, N m]'
-        bounds = (f'{_number(limits.lower[i])} … {_number(limits.upper[i])}'
-                  if np.isfinite([limits.lower[i], limits.upper[i]]).any() else _NONE)
+        at = robot.model.places[i]
+        ends = [] if at is None else [limits.lower[at], limits.upper[at]]
+        bounds = ' … '.join(map(_number, ends)) if np.isfinite(ends).any() else _NONE
         effort = f'±{limits.effort[i]:.4g}' if np.isfinite(limits.effort[i]) else _NONE
         lines.append(
             f'<tr><td>{escape(row.name)}{units}</td>'

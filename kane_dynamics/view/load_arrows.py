@@ -13,6 +13,7 @@ LONGEST = 0.4  # length of the longest arrow, in units of the robot's size
 _LEAST = 0.01  # of the longest; shorter arrows are not drawn
 _ROUNDING = 1e-9
 _SAMPLES = 100  # configurations in the search for the largest gravity torques
+_CLOSED_SAMPLES = 20  # of closed loops: each takes some milliseconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +49,8 @@ class LoadArrows:
 
     @classmethod
     def at_rest(cls, robot: Robot, q: Array) -> 'LoadArrows':
-        """Return the loads at rest under gravity of configurations, (K, n)."""
-        still = np.zeros_like(q)
+        """Return the loads at rest under gravity of configurations, (K, n_q)."""
+        still = np.zeros((len(q), robot.n))
         tau = np.array([robot.gravity_force(row) for row in q])
         return cls.along(robot, q, still, still, tau, np.zeros(len(q)))
 
@@ -102,7 +103,9 @@ class LoadArrows:
 
 
 def sampled_configurations(robot: Robot) -> Array:
-    """Return configurations in the whole range of the joints, (K, n), rad or m."""
+    """Return configurations in the whole range of the joints, (K, n_q), rad or m; closed ones."""
+    if robot.constraint_names:
+        return robot.random_configuration(0, _CLOSED_SAMPLES)
     lower, upper = (np.where(np.isfinite(bound), bound, end) for bound, end in (
         (robot.limits.lower, -np.pi), (robot.limits.upper, np.pi)))
     return np.asarray(np.random.default_rng(0).uniform(lower, np.maximum(lower, upper),

@@ -9,7 +9,9 @@ import time
 from typing import Any
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError
+from kane_dynamics.control.constrained_law import followed_joints
+from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.kinematics.mechanism_motion import velocity_rows
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.shapes.link_shapes import bounds, size
@@ -36,12 +38,13 @@ class Window:
     """
     Viewer of a robot in the browser.
 
-    Without a trajectory each joint has a slider, and the torques are those at rest under gravity.
+    Without a trajectory each joint has a slider, with closed loops each independent joint, and the
+    torques are those at rest under gravity.
 
     Parameters
     ----------
     robot : Robot
-        Without a trajectory: a robot whose speeds are joint rates, without constraints.
+        With ball joints it needs a trajectory.
     trajectory : Trajectory, optional
         A single motion of this robot.
     visuals : sequence of Visual
@@ -63,12 +66,10 @@ class Window:
                  visuals: Sequence[Visual] = (), host: str = '127.0.0.1', port: int = 8080
                  ) -> None:
         """Build the scene and start the server."""
-        require_angles(robot.model, 'view')
         self.robot, self.trajectory = robot, trajectory
         if trajectory is None:
-            if robot.speed_names != robot.joint_names:
-                raise InputError(f'speeds of the robot: {list(robot.speed_names)}; expected the '
-                                 'joint rates, or a trajectory')
+            require_angles(robot.model, 'view')
+            self._turned = _turned_joints(robot)
             self._q = _neutral(robot)
             self._largest = LoadArrows.at_rest(robot, sampled_configurations(robot)).largest
         else:
@@ -191,9 +192,9 @@ class Window:
         self._speed = gui.add_dropdown('speed', _SPEEDS, initial_value='1')
 
     def _add_joints(self, gui: Any) -> None:
-        """Add a slider for every coordinate to the page."""
+        """Add a slider to the page for every joint that is turned by hand."""
         limits = self.robot.limits
-        for i, name in enumerate(self.robot.joint_names):
+        for i, name in [(i, self.robot.joint_names[i]) for i in self._turned]:
             lower = np.ceil(1e3 * limits.lower[i]) / 1e3 if np.isfinite(limits.lower[i]) else -3.14
             upper = np.floor(1e3 * limits.upper[i]) / 1e3 if np.isfinite(limits.upper[i]) else 3.14
             slider = gui.add_slider(name, lower, max(upper, lower + 1e-3), 1e-3,
@@ -206,7 +207,14 @@ class Window:
 
     def _turn(self, i: int, value: float) -> None:
         with self._lock:
-            self._q = np.where(np.arange(len(self._q)) == i, value, self._q)
+            q = np.where(np.arange(len(self._q)) == i, value, self._q)
+            if self.robot.constraint_names:
+                try:
+                    q = self.robot.closed_posture(q, fixed=[
+                        self.robot.joint_names[k] for k in self._turned])
+                except ConstraintError:
+                    return  # beyond the reach of the mechanism: the picture stays
+            self._q = q
         self._show()
 
     def _set_length(self, factor: float) -> None:
@@ -232,9 +240,21 @@ class Window:
         return int(np.abs(self._t - t).argmin())
 
 
+def _turned_joints(robot: Robot) -> tuple[int, ...]:
+    """Return the indices of the joints with sliders: all, or those that determine the others."""
+    names, speeds = robot.joint_names, robot.speed_names
+    if len(velocity_rows(robot) if robot.constraint_names else ()) == len(robot.constraint_names):
+        return tuple(range(len(names)))
+    if set(speeds) <= set(names):
+        return tuple(names.index(name) for name in speeds)
+    return followed_joints(robot)
+
+
 def _neutral(robot: Robot) -> Array:
-    """Return a configuration within the limits, zero if they allow it."""
-    return np.clip(np.zeros(robot.n_q), robot.limits.lower, robot.limits.upper)
+    """Return a closed configuration: the robot's own, or zero within the limits."""
+    q = np.zeros(robot.n_q) if robot.configuration is None else np.asarray(robot.configuration)
+    q = np.clip(q, robot.limits.lower, robot.limits.upper)
+    return robot.closed_posture(q) if robot.constraint_names else q
 
 
 def _quietly() -> redirect_stdout[io.StringIO]:

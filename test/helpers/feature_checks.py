@@ -13,13 +13,15 @@ import pickle
 import subprocess
 from tempfile import TemporaryDirectory
 
+from host_gpu import host_gpu, on_gpu, values_of
 from kane_dynamics import (box, CollisionDetector, ComputedTorque, Controller, fill_trajectory,
-                           MomentumObserver, Motion, natural_vibration, simulate)
+                           gpu, MomentumObserver, Motion, natural_vibration, simulate)
 from kane_dynamics.analysis.power_balance import power_balance
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.feasibility import demand, fastest, time_optimal
 from kane_dynamics.identification.payload.payload_fit import PayloadRegressor
 from kane_dynamics.identification.physical_consistency import parameters_of
+from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, moved as joints_moved
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
@@ -322,6 +324,19 @@ def simulation(case, integrator='rk4', step=1e-4, tolerance=CLOSED):
     assert run.drift < 1e-9
 
 
+def on_a_gpu(case, step=1e-4):
+    """Evaluate the kernels of GPUs on the processor."""
+    given = {'q': case.q, 'u': case.u, 'udot': case.udot, 't': np.array(case.time),
+             'wrench': np.zeros_like(case.robot.kernels.no_wrench)}
+    with host_gpu():
+        function = gpu.function(case.robot, 'inverse_dynamics')
+        near(values_of(function(*on_gpu(*(given[name] for name in function.names)))),
+             inverse(case))
+        state = on_gpu(case.q, case.u, 0.0 * case.u)
+        after = gpu.rollout(case.robot)(*state, h=step, steps=1, t=case.time, every_step=False)
+        near(values_of(after), np.concatenate(reference_step(case, step)), CLOSED)
+
+
 def stopped(case):
     """Compare the impact of the fastest joint with the inelastic one by the definition's M."""
     robot, h = case.robot.copy(), 1e-7
@@ -426,6 +441,30 @@ def balanced_power(case):
         near(balance.joints, inverse(case) @ case.u, CLOSED)
 
 
+def drawn(case):
+    """Compare bodies and energies that are drawn with the definition."""
+    from kane_dynamics import plot
+    from kane_dynamics.view import Window
+    robot, (v, _) = case.robot, case.joint_motion
+    run = simulate(robot, case.q, case.u, 3e-4, step=1e-4, t0=case.time)
+    window = Window(robot, run, port=0)
+    try:
+        for frame, placed in zip(window._stage._frames, kinematics.configurations(
+                robot.model, case.q)):
+            near(frame.position, placed.p_wb)
+    finally:
+        window.close()
+    figure = plot.plot_energy(robot, run)
+    lines = {line.get_label(): line.get_ydata() for line in figure.axes[0].lines}
+    near(lines['kinetic'][0], energies.kinetic_energy(robot.model, case.q, v), CLOSED)
+    near(lines['total'][0] - lines['kinetic'][0],
+         energies.potential_energy(robot.model, case.q), CLOSED)
+    for figure in (plot.plot_trajectory(run), plot.plot_torque_by_source(robot, run),
+                   plot.plot_reactions(robot, run)):
+        assert all(np.isfinite(line.get_ydata()).all() for axes in figure.axes
+                   for line in axes.lines)
+
+
 def payload(case):
     """Compare the regressor times the parameters with what a payload adds to the torque."""
     load, model = box(2.0, (0.1, 0.2, 0.3), at=(0.02, 0.03, 0.05)), case.robot.model
@@ -499,16 +538,34 @@ def driven(case):
         [0.5 * rates] * 3, joint_names=names), moment, places
 
 
+def all_joints(robot, motion, *states):
+    """Return q, q' and q'' of all joints for rows of the driving joints."""
+    if robot.speed_names == robot.joint_names:
+        return states
+    whole = mechanism_motion(robot, motion.joint_names, np.zeros(len(states[0])), *states)
+    return whole.q, robot.joint_rates(whole.q, whole.u), robot.joint_accelerations(*whole)
+
+
+def actuators(case, q, needed):
+    """Return the torques of the actuators that give forces of joints, by the definition."""
+    # Each generalized force acts on its own speed: the joint torques are its row of W^-1.
+    parts = nonholonomic.reduction(case.mechanism, q, 0.0)
+    return np.linalg.inv(parts.W)[case.mechanism.free].T @ (moved(case, q, 0.0).T @ needed)
+
+
 def scaled(case):
     """At the highest speed, a limit is reached and none is exceeded, by Kane's definition."""
-    motion, _, _ = driven(case)
-    found = fastest(case.robot, motion, step=0.05)
-    q, u, udot = motion.sample(np.array([found.t * found.speed]))
-    tau = kane.inverse_dynamics(case.robot.model, q[0], found.speed * u[0],
-                                found.speed**2 * udot[0])
-    share = max((np.abs(tau) / case.robot.limits.effort).max(),
-                np.abs(found.speed * u / case.robot.limits.velocity).max())
-    near(share, 1.0, 1e-6)
+    robot, (motion, _, _) = case.robot, driven(case)
+    found = fastest(robot, motion, step=0.05)
+    states = motion.sample(np.array([0.13, found.t * found.speed]))
+    uses = []
+    for q, u, udot in zip(*all_joints(robot, motion, *states)):
+        tau = actuators(case, q, kane.inverse_dynamics(
+            robot.model, q, found.speed * u, found.speed**2 * udot))
+        uses.append(max((np.abs(tau) / robot.limits.effort).max(),
+                        np.abs(found.speed * u / robot.limits.velocity).max()))
+    near(uses[1], 1.0, 1e-6)
+    assert uses[0] <= 1.0 + 1e-6
 
 
 def timed(case):
@@ -534,10 +591,13 @@ def optimized(case):
 
 
 def filled(case):
-    motion, moment, _ = driven(case)
+    robot, (motion, moment, places) = case.robot, driven(case)
     q, u, udot = motion.sample(moment)
-    done = fill_trajectory(case.robot, [0.0], [q], [u], [udot], joint_names=motion.joint_names)
-    near(done.efforts[0], kane.inverse_dynamics(case.robot.model, q, u, udot))
+    done = fill_trajectory(robot, [0.0], [q], [u], [udot], joint_names=motion.joint_names)
+    (q,), (u,), (udot,) = all_joints(robot, motion, *(x[None] for x in (q, u, udot)))
+    T = moved(case, q, 0.0)  # each of the trajectory's joints has an actuator
+    near(done.efforts[0], np.linalg.solve(T[places].T, T.T @ kane.inverse_dynamics(
+        robot.model, q, u, udot)), CLOSED if robot.constraint_names else TOLERANCE)
 
 
 def demanded(case):

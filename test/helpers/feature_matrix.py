@@ -31,6 +31,7 @@ NO_REST = ('A mechanism that follows a function of time has no equilibrium about
            'vibrate.')
 NO_ANGLE = ('The position of a ball joint is a rotation, which the points and splines of a motion '
             'do not state.')
+NO_START = ('A trajectory does not state at which time of a function of time it starts.')
 MISSING = 'Not available; the call raises an error that says so.'
 ALONE = 'Not available: it takes a model alone, without chosen speeds and constraints.'
 NO_ROTATION = ('The position of a ball joint is a rotation, which joint states, recordings and '
@@ -100,6 +101,7 @@ ROWS = (
         (TREE,): NO_CONSTRAINT, (BEAM,): NO_CONSTRAINT}),
     Row('workspace', check.workspace, pairs=False),
     Row('batches', check.batches, pairs=False),
+    Row('batches on a GPU: quantities, roll-outs', check.on_a_gpu, pairs=False),
     Row('pickling', check.pickling, pairs=False),
     Row('`verify`', check.verification, pairs=False),
     Row('`simulate`', check.simulation, pairs=False),
@@ -114,10 +116,11 @@ ROWS = (
     Row('payload estimate', check.payload, {
         LOOP: ALONE, ROLLING: ALONE, TIME: ALONE, BEAM: NO_TEN, BALL: NO_ROTATION}, pairs=False),
     Row('joint stops of `simulate`', check.stopped, pairs=False),
-    Row('power balance', check.balanced_power, {SPEEDS: MISSING}, pairs=False),
+    Row('power balance', check.balanced_power, pairs=False),
     Row('sweep', check.swept, {
         SPEEDS: ALONE, LOOP: ALONE, ROLLING: ALONE, TIME: ALONE, BALL: NO_ROTATION},
         pairs=False),
+    Row('view and plots of a simulated motion', check.drawn, pairs=False),
     Row('node', None, {
         SPEEDS: SAME, ROLLING: NO_SHAPE, TIME: NO_FUNCTION, BALL: NO_ROTATION}, {
         TREE: f'{NODE}torques.py::test_along_a_motion_the_torques_equal_those_of_the_library',
@@ -132,8 +135,6 @@ ROWS = (
         BEAM: BENDS,
         BALL: NO_ANGLE}, pairs=False),
     Row('`fastest`', check.scaled, {
-        SPEEDS: MISSING,
-        LOOP: MISSING,
         ROLLING: NO_SHAPE,
         TIME: NO_SCALE,
         BEAM: BENDS,
@@ -153,10 +154,8 @@ ROWS = (
         BEAM: MISSING,
         BALL: MISSING}),
     Row('`fill_trajectory`', check.filled, {
-        SPEEDS: MISSING,
-        LOOP: MISSING,
         ROLLING: NO_SHAPE,
-        TIME: MISSING,
+        TIME: NO_START,
         BEAM: BENDS,
         BALL: NO_ANGLE}),
 )

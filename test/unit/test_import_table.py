@@ -25,7 +25,7 @@ kinematics shapes
 control
 simulation
 analysis
-feasibility identification optimal_control sweep
+feasibility gpu identification optimal_control sweep
 plot view
 ros cli
 demo
@@ -37,6 +37,7 @@ PARTS = {
         ball_joints friction joint_stops
         definition
         recursive
+        joint_lanes
         ball_equations
         constraints
         energy_form

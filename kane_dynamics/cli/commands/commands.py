@@ -9,8 +9,8 @@ from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.analysis import model_checks
 from kane_dynamics.cli.commands import inspect_command
-from kane_dynamics.cli.shared import (as_json, brief, load, print_json, selection, source_of,
-                                      split)
+from kane_dynamics.cli.shared import (as_json, brief, constraints_of, load, print_json, selection,
+                                      source_of, split)
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.model.flexible_model import stiffened
 from kane_dynamics.robot.robot import Robot
@@ -26,6 +26,9 @@ def inspect(options: Namespace) -> int:
         caught = [brief(text) for text in caught]
     facts = inspect_command.describe(model, robot, caught,
                                      operations=options.operations or options.json)
+    if options.against and options.constraints:
+        raise InputError('--against: given with --constraints; expected one of them, because '
+                         'Pinocchio reads no constraints from these files')
     if options.against:
         # Pinocchio reads no supplement; friction is compared for neither.
         with warnings.catch_warnings():
@@ -81,19 +84,22 @@ def doctor(options: Namespace) -> int:
     model, robot = load(options, caught)
     if model.flexible:  # modes have no limits and are in no message
         model = stiffened(model)
-        robot = Robot(model)
-    found = model_checks.examine_model(model, robot, caught)
+        robot = Robot(model, **constraints_of(options))
+    more: list[model_checks.Finding] = []
     arm = None
     if options.config:
         files = extra('kane_dynamics.ros.doctor.configuration', 'ros')
         more, arm = files.examine_configuration(
             Path(options.config), read_source(source_of(options)), prefix=options.prefix,
             namespace=options.namespace, told=caught)
-        found += more
+    if arm is not None and arm.constraint_names and not options.constraints:
+        model, robot = arm.model, arm  # the tree would have other motors and loads
+    found = [*model_checks.examine_model(model, robot, caught), *more]
     if options.live:
         found += extra('kane_dynamics.ros.doctor.live_graph', 'ros').examine_graph(
-            arm or Robot(model.prefixed(options.prefix)), options.live, options.namespace,
-            options.commands, options.joint_states)
+            arm or Robot(model.prefixed(options.prefix),
+                         **constraints_of(options, options.prefix)),
+            options.live, options.namespace, options.commands, options.joint_states)
     if options.json:
         print_json([{'level': finding.level, 'words': finding.words} for finding in found])
     else:

@@ -24,7 +24,7 @@ def feasible(options: Namespace) -> int:
     """Check a motion against the limits of the joints; return 1 if it exceeds one."""
     plot = pictures.plotter(options)  # errors early
     model, robot = load(options, payload_frame=options.payload_frame)
-    motion = read_motion(options.motion, robot.joint_names)
+    motion = read_motion(options.motion, robot.speed_names)
     warn_degrees(robot, motion.positions, options.motion)
     given: dict[str, Any] = {
         'step': options.step, 'power': options.power[0] if len(options.power) == 1

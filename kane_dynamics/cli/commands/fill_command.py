@@ -18,7 +18,7 @@ def fill(options: Namespace) -> None:
     from kane_dynamics.cli.tables import write_states  # slow imports
     from kane_dynamics.cli.trajectory_files import read_points, write_bag, write_yaml
     _, robot = load(options)
-    given = read_points(options.motion, robot.joint_names, options.topic)
+    given = read_points(options.motion, robot.speed_names, options.topic)
     is_bag = given[0].message is not None
     kind = Path(options.out).suffix if options.out else ''
     if options.out and (kind != '' if is_bag else kind not in ('.yaml', '.yml', '.csv')):

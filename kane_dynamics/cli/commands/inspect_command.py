@@ -43,7 +43,20 @@ def describe(model: Model, robot: Robot, warnings: Sequence[str] = (), *,
             'moving_mass': math.fsum(body.inertial.mass for body in model.bodies),
             'gravity': model.gravity.tolist(), 'bodies': bodies, 'warnings': list(warnings),
             'problems': [finding.words for finding in examine_masses(robot)],
+            **({'constraints': _constraints(robot)} if robot.constraint_names else {}),
             **({'operations': _operations(robot)} if operations else {})}
+
+
+def _constraints(robot: Robot) -> dict[str, Any]:
+    """Return what the constraints leave, and by how much the given configuration is open."""
+    mechanism = robot.mechanism
+    labels, kept = mechanism.labels, set(mechanism.kept)
+    given = robot.configuration is not None
+    return {'degrees_of_freedom': robot.n, 'independent': list(robot.speed_names),
+            'actuated': list(robot.actuated_names), 'rows': list(labels),
+            'redundant': [label for k, label in enumerate(labels) if k not in kept],
+            'residual': float(np.abs(robot.constraint_residual(robot.configuration)).max())
+            if given else None}
 
 
 def _operations(robot: Robot) -> dict[str, dict[str, int]]:
@@ -59,7 +72,9 @@ def _operations(robot: Robot) -> dict[str, dict[str, int]]:
 
 def print_facts(facts: dict[str, Any]) -> None:
     """Print the results of `describe` and of a comparison."""
-    print(f'{facts["name"]}: {len(facts["joint_names"])} degrees of freedom, '
+    constraints = facts.get('constraints')
+    degrees = constraints['degrees_of_freedom'] if constraints else len(facts['joint_names'])
+    print(f'{facts["name"]}: {degrees} degrees of freedom, '
           f'{len(facts["bodies"])} moving bodies of {facts["moving_mass"]:.6g} kg on '
           f'{facts["base"]} of {facts["base_mass"]:.6g} kg\n')
     slides = {body['kind'] == 'prismatic' for body in facts['bodies']}
@@ -72,6 +87,14 @@ def print_facts(facts: dict[str, Any]) -> None:
          body['body'], body['mass'], _range(body['limits']),
          _limit(body['limits']['velocity']), _limit(body['limits']['effort'])]
         for body in facts['bodies']])
+    if constraints:
+        residual = constraints['residual']
+        print(f'\nconstraints, {len(constraints["rows"])} rows: {", ".join(constraints["rows"])}')
+        print(f'redundant: {", ".join(constraints["redundant"]) or "none"}')
+        print(f'independent: {", ".join(constraints["independent"])}; '
+              f'actuated: {", ".join(constraints["actuated"])}')
+        print('no configuration is given' if residual is None else
+              f'largest residual at the given configuration: {residual:.3g} m or rad')
     if operations := facts.get('operations'):
         print('\noperations of one call:')
         kinds = list(next(iter(operations.values())))

@@ -10,7 +10,7 @@ from kane_dynamics._util.progress import progress_bar
 from kane_dynamics._util.typing import Array
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands.inspect_command import print_table
-from kane_dynamics.cli.shared import (load, model_warnings, print_json, split, vector,
+from kane_dynamics.cli.shared import (load, model_warnings, positions, print_json, split, vector,
                                       without_rounding)
 from kane_dynamics.cli.tables import read_motion, read_states
 from kane_dynamics.control.computed_torque import ComputedTorque
@@ -42,18 +42,26 @@ def simulation(options: Namespace) -> None:
         pictures.draw(plot, options, robot, result, getattr(source, 'motion', None))
     before, after = result.energy[[0, -1]].sum(axis=1).tolist()
     events = [str(event) for event in (*result.limit_events, *result.stop_events)]
+    constrained = {'speed_names': robot.speed_names, 'drift': result.drift} if (
+        robot.constraint_names) else {}
     if options.json:
-        print_json({'joint_names': robot.joint_names, 'duration': float(result.t[-1]),
-                    'wall_time': wall, 'q': result.q[-1], 'u': result.u[-1],
-                    'tau': result.tau[-1], 'energy_before': before, 'energy_after': after,
+        print_json({'joint_names': robot.joint_names, **constrained,
+                    'duration': float(result.t[-1]), 'wall_time': wall, 'q': result.q[-1],
+                    'u': result.u[-1], 'tau': result.tau[-1], 'energy_before': before,
+                    'energy_after': after,
                     'limit_events': [str(event) for event in result.limit_events],
                     'stop_events': [str(event) for event in result.stop_events]})
         return
     print(f'{result.t[-1]:g} s in steps of {options.step:g} s took {wall:.3g} s; energy went '
           f'from {before:.6g} J to {after:.6g} J')
-    print_table(['joint', 'q', 'u', 'tau'], zip(
-        robot.joint_names, *map(without_rounding, (result.q[-1], result.u[-1], result.tau[-1])),
-        strict=True))
+    last = [without_rounding(rows[-1]) for rows in (result.q, result.u, result.tau)]
+    if constrained:
+        print(f'largest residual of the constraints: {result.drift:.3g} m or rad, or per s')
+        print_table(['joint', 'q'], zip(robot.joint_names, last[0], strict=True))
+        print_table(['independent joint', 'u', 'tau'], zip(robot.speed_names, *last[1:],
+                                                           strict=True))
+    else:
+        print_table(['joint', 'q', 'u', 'tau'], zip(robot.joint_names, *last, strict=True))
     more = len(events) - _MOST_EVENTS
     for line in [*events[:_MOST_EVENTS], *([f'... {more} more: see --json'] if more > 0 else []),
                  *(f'wrote {path}' for path in (options.out, options.plot) if path)]:
@@ -62,14 +70,12 @@ def simulation(options: Namespace) -> None:
 
 def _plan(options: Namespace, robot: Robot) -> tuple[Array, Array, float, Any]:
     """Return q0, u0, duration and torque source of a simulation."""
-    zero, duration, step = np.zeros(robot.n), options.duration, options.step
-    q0 = vector(options, 'q0', robot)
-    u0 = vector(options, 'u0', robot)
+    duration, step = options.duration, options.step
     source: Any = None
+    q_d = u_d = None
     if options.motion:
-        motion = read_motion(options.motion, robot.joint_names)
+        motion = read_motion(options.motion, robot.speed_names)
         q_d, u_d, _ = motion.sample(0.0)
-        q0, u0 = q_d if options.q0 is None else q0, u_d if options.u0 is None else u0
         gains = [gain[0] if len(gain) == 1 else gain for gain in (options.kp, options.kd)]
         source = ComputedTorque(robot, motion, *gains)
         if duration is None and motion.duration > 0.0 and step > 0.0:
@@ -77,17 +83,28 @@ def _plan(options: Namespace, robot: Robot) -> tuple[Array, Array, float, Any]:
     duration = 1.0 if duration is None else duration
     if options.torque:
         tokens = split(options.torque)
+        require_own_actuators(robot)
         source = (_held(tokens[0], robot, duration, step)
                   if len(tokens) == 1 and tokens[0].endswith('.csv')
                   else vector(options, 'torque', robot))
-    return q0 + zero, u0 + zero, duration, source
+    u0 = u_d if options.u0 is None and u_d is not None else vector(options, 'u0', robot)
+    return positions(options, 'q0', robot, q_d), u0, duration, source
+
+
+def require_own_actuators(robot: Robot) -> None:
+    """Raise InputError unless each independent joint has the actuator whose torque is given."""
+    if set(robot.actuated_names) != set(robot.speed_names):
+        raise InputError(f'--torque: given for actuators at {", ".join(robot.actuated_names)}; '
+                         'expected constraints whose actuated joints are the independent ones, '
+                         f'{", ".join(robot.speed_names)}')
 
 
 def _held(path: str, robot: Robot, duration: float, step: float) -> Array:
     """Return the torques of a file as one row per step."""
-    states = read_states(path, robot.joint_names)
+    states = read_states(path, robot.speed_names)
     if states.tau is None:
-        raise InputError(f"{path}: no columns 'tau.<joint>'; expected the torques of all joints")
+        raise InputError(f"{path}: no columns 'tau.<joint>'; expected the torques of the joints "
+                         f'{", ".join(robot.speed_names)}')
     if states.t is None or not step > 0.0:
         return states.tau
     increasing(states.t, len(states.tau), f"{path}: column 't'")

@@ -5,7 +5,8 @@ import sys
 
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands.inspect_command import print_table
-from kane_dynamics.cli.shared import load, print_json, vector, warn_degrees, without_rounding
+from kane_dynamics.cli.shared import (load, positions, print_json, vector, warn_degrees,
+                                      without_rounding)
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
@@ -26,11 +27,11 @@ def torque(options: Namespace) -> None:
         return
     if any(getattr(options, name) is not None for name in ('q', 'u', 'udot')):
         raise InputError('--motion: given with a state; expected no --q, --u and --udot with it')
-    from kane_dynamics.cli.tables import read_rows, read_trajectory, write_states  # slow import
-    t, state = read_rows(options.motion, robot.joint_names, options.step)
-    warn_degrees(robot, state[0], options.motion)
-    rows = dict(zip(('q', 'u', 'udot'), state, strict=True))
-    rows['tau'] = robot.inverse_dynamics(*state)
+    from kane_dynamics.cli.tables import (joint_rows, of_mechanism,  # slow import
+                                          read_rows, read_trajectory, write_states)
+    t, state = read_rows(options.motion, robot.speed_names, options.step)
+    rows = joint_rows(robot, of_mechanism(options.motion, robot, t, state))
+    warn_degrees(robot, rows['q'], options.motion)
     if plot is not None:
         pictures.draw(plot, options, robot, read_trajectory(options.motion, robot))
     if options.out:
@@ -48,15 +49,19 @@ def torque(options: Namespace) -> None:
 
 
 def _print_state(options: Namespace, model: Model, robot: Robot) -> None:
-    """Print the torque of one state and its terms."""
-    state = [vector(options, name, robot) for name in ('q', 'u', 'udot')]
-    tau, terms = robot.inverse_dynamics(*state), robot.torque_terms(*state)
+    """Print the torque of one state and its terms; with constraints, of the actuated joints."""
+    q, *rates = positions(options, 'q', robot), *(
+        vector(options, name, robot) for name in ('u', 'udot'))
+    tau, *terms = (robot.joint_torques(each, q) for each in (
+        robot.inverse_dynamics(q, *rates), *robot.torque_terms(q, *rates)))
     if options.json:
-        print_json({'joint_names': robot.joint_names, 'tau': tau,
+        closed = {'q': q, 'speed_names': robot.speed_names} if robot.constraint_names else {}
+        print_json({'joint_names': robot.joint_names, **closed, 'tau': tau,
                     'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})
         return
     slides = model.sliding
-    rows = without_rounding(np.column_stack([tau, terms.T]))
+    rows = without_rounding(np.column_stack([tau, *terms]))
     print_table(['joint', 'torque', '', *TORQUE_TERMS], [
         [name, row[0], 'N' if name in slides else 'N m', *row[1:]]
-        for name, row in zip(robot.joint_names, rows, strict=True)])
+        for name, row in zip(robot.joint_names, rows, strict=True)
+        if name in robot.actuated_names])

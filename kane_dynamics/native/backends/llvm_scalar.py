@@ -1,15 +1,20 @@
 """
 Generate LLVM IR: one straight-line function per program.
 
-With `lanes` > 1 every scalar of the program is a vector of `lanes` doubles, one state per lane,
-in registers and in the memory of arguments and results.
+With `lanes` > 1 every scalar of the program is a vector of `lanes` numbers, one state per lane,
+in registers and in the memory of arguments and results. For one state, `abreast` arguments of
+elementary functions are packed into a vector; processors without SIMD registers have 1.
 """
 
 from collections.abc import Iterator, Sequence
 
-from kane_dynamics.native.backends.llvm_math import FUNCTION_LANES, splat, Vector, vector_type
+from kane_dynamics.mechanics.algebra.lanes import LANES
+from kane_dynamics.native.backends.llvm_math import FUNCTION_LANES, Vector
+from kane_dynamics.native.backends.llvm_wide import Rows
+from kane_dynamics.native.backends.real_types import (DOUBLE, intrinsic_end, Real, splat,
+                                                      vector_type)
 from kane_dynamics.native.tracing.expression import Expr, operands
-from kane_dynamics.native.tracing.program import Program, size_of
+from kane_dynamics.native.tracing.program import PLACING, Program, ROWS, size_of
 
 MEMSET_ZEROS = 16  # structurally zero results from which memset is smaller than single stores
 ARITHMETIC = {'add': 'fadd', 'sub': 'fsub', 'mul': 'fmul', 'div': 'fdiv'}
@@ -38,15 +43,21 @@ class Function:
 
     in_place: tuple[str, ...] = ('input', 'output')  # values in memory
 
-    def __init__(self, program: Program, symbol: str, lanes: int = 1) -> None:
+    def __init__(self, program: Program, symbol: str, lanes: int = 1, real: Real = DOUBLE,
+                 abreast: int = FUNCTION_LANES) -> None:
         """Generate the function; `lines` holds the IR."""
-        self.program, self.lanes, self.type = program, lanes, vector_type(lanes)
+        self.program, self.lanes, self.real, self.abreast = program, lanes, real, abreast
+        self.type = vector_type(lanes, real)
+        self.width = abreast if lanes == 1 else lanes  # of elementary functions
         self.names: dict[int, str] = {}
-        self.lines = [self._head(symbol)]
+        self.lines: list[str] = []
         self.callees: list[Program] = []
         self._stored: dict[tuple[object, ...], str] = {}  # pointer to stored arguments, by entries
+        self._wide = Rows(self.lines, self.names, program.outputs)
         schedule = program.schedule()
         self._load_inputs(schedule)
+        if self._wide.stored:  # before their stores
+            self._clear_results()
         for group in _levels(schedule):
             if group and group[0].op in ELEMENTARY:
                 self._functions(group)
@@ -54,13 +65,22 @@ class Function:
                 for node in group:
                     self._operation(node)
         self._store_outputs()
+        self.lines.insert(0, self._head(symbol))
 
     def _head(self, symbol: str) -> str:
-        return f'define void @{symbol}(ptr %args) {{'
+        aligned = f' alignstack({8 * LANES})' if self._wide.stored else ''  # of spilled rows
+        return f'define void @{symbol}(ptr %args){aligned} {{'
+
+    def callee(self, program: Program) -> 'Function':
+        """Return the function of a subroutine."""
+        return Function(program, program.name, self.lanes, self.real, self.abreast)
 
     def value(self, x: Expr | float) -> str:
         """Return the IR name or literal of an operand."""
-        return self.names[x.index] if isinstance(x, Expr) else splat(x, self.lanes)
+        return self.names[x.index] if isinstance(x, Expr) else self._constant(x)
+
+    def _constant(self, value: float) -> str:
+        return splat(value, self.lanes, self.real)
 
     def _load_inputs(self, schedule: list[Expr]) -> None:
         """Load all inputs first: results may overlap arguments in memory."""
@@ -75,17 +95,22 @@ class Function:
                            f'  %{name}.{k} = load {self.type}, ptr {at}']
             self.names[node.index] = f'%{name}.{k}'
 
-    def _store_outputs(self) -> None:
+    def _clear_results(self) -> None:
+        """Set all results to zero at once, where single stores would dominate a sparse matrix."""
         outputs = self.program.outputs
-        zeros = {k for k, x in enumerate(outputs) if not isinstance(x, Expr) and x == 0.0}
-        if len(zeros) >= MEMSET_ZEROS:  # single stores would dominate the code of a sparse matrix
-            size = 8 * self.lanes * len(outputs)
-            self.lines.append(f'  call void @llvm.memset.p0.i64(ptr %in.result, i8 0, i64 {size}, '
-                              'i1 false)')
-        else:
-            zeros = set()
-        for k, x in enumerate(outputs):
-            if k in zeros:
+        self._zeros = {k for k, x in enumerate(outputs) if not isinstance(x, Expr) and x == 0.0}
+        if len(self._zeros) < MEMSET_ZEROS:
+            self._zeros = set()
+            return
+        size = self.real.bits // 8 * self.lanes * len(outputs)
+        self.lines.append(f'  call void @llvm.memset.p0.i64(ptr %in.result, i8 0, i64 {size}, '
+                          'i1 false)')
+
+    def _store_outputs(self) -> None:
+        if not self._wide.stored:
+            self._clear_results()
+        for k, x in enumerate(self.program.outputs):
+            if k in self._zeros or k in self._wide.stored:
                 continue
             self.lines += [f'  %to.{k} = getelementptr {self.type}, ptr %in.result, i64 {k}',
                            f'  store {self.type} {self.value(x)}, ptr %to.{k}']
@@ -97,6 +122,8 @@ class Function:
             return
         if node.op == 'call':
             self._call(node)
+        elif node.op in PLACING or node.op in ROWS:
+            name = self._wide.value(node)
         elif node.op == 'output':
             source, k = node.args
             at = f'%got{node.index}'
@@ -105,18 +132,18 @@ class Function:
         elif node.op == 'neg':
             self.lines.append(f'  {name} = fneg {self.type} {self.value(node.args[0])}')
         elif node.op in ('sqrt', 'floor'):
-            kind = 'f64' if self.lanes == 1 else f'v{self.lanes}f64'
+            kind = intrinsic_end(self.lanes, self.real)
             self.lines.append(f'  {name} = call {self.type} @llvm.{node.op}.{kind}({self.type} '
                               f'{self.value(node.args[0])})')
         elif node.op == 'less':
             a, b = (self.value(arg) for arg in node.args)
-            self._choice(name, f'fcmp olt {self.type} {a}, {b}', splat(1.0, self.lanes),
-                         splat(0.0, self.lanes))
+            self._choice(name, f'fcmp olt {self.type} {a}, {b}', self._constant(1.0),
+                         self._constant(0.0))
         elif node.op == 'select':
             chosen, a, b = (self.value(arg) for arg in node.args)
             # Of a comparison, take its truth: not the number made of it, compared again.
             self._choice(name, f'{chosen}.if' if node.args[0].op == 'less' else
-                         f'fcmp une {self.type} {chosen}, {splat(0.0, self.lanes)}', a, b)
+                         f'fcmp une {self.type} {chosen}, {self._constant(0.0)}', a, b)
         else:
             a, b = (self.value(arg) for arg in node.args)
             self.lines.append(f'  {name} = {ARITHMETIC[node.op]} contract {self.type} {a}, {b}')
@@ -186,11 +213,10 @@ class Function:
         for label, ops in TOGETHER:
             arguments = list({node.args[0].index: node.args[0]
                               for node in group if node.op in ops}.values())
-            abreast = FUNCTION_LANES if self.lanes == 1 else 1  # lanes hold different states
+            abreast = self.abreast if self.lanes == 1 else 1  # lanes hold different states
             for start in range(0, len(arguments), abreast):
                 chunk = arguments[start:start + abreast]
-                vector = Vector(self.lines, f'{label}{chunk[0].index}',
-                                FUNCTION_LANES if self.lanes == 1 else self.lanes)
+                vector = Vector(self.lines, f'{label}{chunk[0].index}', self.width, self.real)
                 packed = self._packed(vector, chunk)
                 results = dict(zip(ops, vector.sin_cos(packed) if label == 'sc'
                                    else (getattr(vector, ops[0])(packed),)))
@@ -201,7 +227,7 @@ class Function:
 
     def _packed(self, vector: Vector, chunk: list[Expr]) -> str:
         """Pack scalars into one vector; a vector value is returned unchanged."""
-        if self.lanes > 1:
+        if self.lanes > 1 or self.abreast == 1:
             return self.value(chunk[0])
         packed = 'zeroinitializer'
         for place, arg in enumerate(chunk):
@@ -211,7 +237,7 @@ class Function:
 
     def _unpacked(self, vector: Vector, packed: str, place: int) -> str:
         """Return the scalar in a lane of a packed vector."""
-        if self.lanes > 1:
+        if self.lanes > 1 or self.abreast == 1:
             return packed
         return vector.new(f'extractelement {vector.type} {packed}, i32 {place}')
 
@@ -228,17 +254,17 @@ def with_callees(main: Function, declarations: Sequence[str]) -> str:
     while pending:
         current = pending.pop()
         if current.name not in functions:
-            function = Function(current, current.name, main.lanes)
+            function = main.callee(current)
             functions[current.name] = function.lines
             pending += function.callees
-    width = FUNCTION_LANES if main.lanes == 1 else main.lanes
-    v = vector_type(width)
+    v, end = vector_type(main.width, main.real), intrinsic_end(main.width, main.real)
+    x, scalar = main.real.name, intrinsic_end(1, main.real)
     return '\n'.join([*declarations,
-                      f'declare {v} @llvm.fma.v{width}f64({v}, {v}, {v})',
-                      f'declare {v} @llvm.fabs.v{width}f64({v})',
-                      f'declare {v} @llvm.copysign.v{width}f64({v}, {v})',
-                      *(f'declare {v} @llvm.{name}.v{width}f64({v})'
-                        for name in ('sqrt', 'floor')),
-                      *(f'declare double @llvm.{name}.f64(double)' for name in ('sqrt', 'floor')),
+                      f'declare {v} @llvm.fma.{end}({v}, {v}, {v})',
+                      f'declare {v} @llvm.fabs.{end}({v})',
+                      f'declare {v} @llvm.copysign.{end}({v}, {v})',
+                      *(f'declare {v} @llvm.{name}.{end}({v})' for name in ('sqrt', 'floor')),
+                      *(f'declare {x} @llvm.{name}.{scalar}({x})'
+                        for name in ('sqrt', 'floor') if end != scalar),
                       'declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)',
                       *main.lines, *(line for lines in functions.values() for line in lines)])

@@ -8,10 +8,10 @@ same way. `bad` accumulates bits that are set where an argument or a result is n
 """
 
 from functools import cache
-import math
 
-from kane_dynamics.native.backends.llvm_math import overflow_scale, size_limit, Vector, vector_type
+from kane_dynamics.native.backends.llvm_math import exchange_blocks, transpose, Vector
 from kane_dynamics.native.backends.llvm_scalar import Function, with_callees
+from kane_dynamics.native.backends.real_types import size_limit, vector_type
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.tracing.expression import Expr
 from kane_dynamics.native.tracing.program import Program, size_of
@@ -26,24 +26,6 @@ def width() -> int:
     """Return the number of doubles in this processor's widest SIMD register."""
     features = llvm.features()
     return 8 if features.get('avx512f') else 4 if features.get('avx2') else 2
-
-
-def transpose(v: Vector, rows: list[str]) -> list[str]:
-    """Return the columns of a square tile of row vectors."""
-    return exchange_blocks(v, rows, v.width // 2)
-
-
-def exchange_blocks(v: Vector, rows: list[str], distance: int) -> list[str]:
-    """Exchange off-diagonal blocks of this size, then of half the size, and so on."""
-    while distance:
-        kept = [lane for lane in range(v.width) if not lane & distance]
-        low = sorted([*kept, *(lane + v.width for lane in kept)], key=lambda k: (
-            k % v.width + (distance if k >= v.width else 0)))
-        high = [place + distance for place in low]
-        rows = [v.shuffle(rows[i], rows[i | distance], low) if not i & distance
-                else v.shuffle(rows[i ^ distance], rows[i], high) for i in range(v.width)]
-        distance //= 2
-    return rows
 
 
 class RowFunction(Function):
@@ -90,7 +72,7 @@ class RowFunction(Function):
         v, outputs = self._vector, self.program.outputs
         rows = self._rows(len(self.program.inputs))
         computed = {x.index: x for x in outputs if isinstance(x, Expr)}
-        self._add_flags(1, [self._nonfinite_bits(self.value(x)) for x in computed.values()])
+        self._add_flags(1, [v.nonfinite_bits(self.value(x)) for x in computed.values()])
         self._prefetch(rows, len(outputs), writing=True)
         for c in range(0, len(outputs), v.width):
             tile = [self.value(x) for x in outputs[c:c + v.width]]
@@ -127,7 +109,7 @@ class RowFunction(Function):
         for c in range(0, size, v.width):  # loading half rows exchanges the largest blocks
             tile = [self._load_halves(rows[i], rows[i + half], place, size)
                     for place in (c, c + half) for i in range(half)]
-            bits += [self._nonfinite_bits(row, most) for row in tile if row != 'zeroinitializer']
+            bits += [v.nonfinite_bits(row, most) for row in tile if row != 'zeroinitializer']
             columns += exchange_blocks(v, tile, half // 2)
         return columns[:size]
 
@@ -149,12 +131,6 @@ class RowFunction(Function):
         places = ', '.join(f'i32 {k}' for k in range(self.lanes))
         return v.new(f'shufflevector {kind} {halves[0]}, {kind} {halves[1]}, '
                      f'<{self.lanes} x i32> <{places}>')
-
-    def _nonfinite_bits(self, x: str, most: float = math.inf) -> str:
-        """Return the bits of x - x: zero where x is finite, those of NaN elsewhere."""
-        if math.isfinite(most):  # larger numbers overflow
-            x = self._vector.op('fmul', x, self._vector.const(overflow_scale(most)))
-        return self._vector.bits(self._vector.op('fsub', x, x))
 
     def _add_flags(self, place: int, bits: list[str]) -> None:
         """Combine bits with the flags of the arguments (place 0) or of the result (1)."""

@@ -20,6 +20,8 @@ import numpy as np
 Address = int
 # Fixed target, so that the reported code size does not depend on the machine.
 REFERENCE_TRIPLE, REFERENCE_CPU = 'x86_64-unknown-linux-gnu', 'x86-64-v3'
+# Of GPUs: the oldest that current tools assemble for. A driver compiles its text for newer ones.
+GPU_TRIPLE, GPU = 'nvptx64-nvidia-cuda', 'sm_75'
 LONG = 10_000  # lines of IR: without instruction scheduling
 _own = local()  # of each thread: code generators, each for one module at a time
 
@@ -103,21 +105,38 @@ def code_size(text: str) -> int:
         If LLVM rejects the text or cannot generate code for that processor.
 
     """
-    _initialized()
-    try:
-        llvm.initialize_all_targets()
-        llvm.initialize_all_asmprinters()
-        target = llvm.Target.from_triple(REFERENCE_TRIPLE)
-    except RuntimeError as error:
-        raise CompileError(f'{REFERENCE_TRIPLE}: {error}; expected a target that LLVM '
-                           'supports') from None
-    machine = target.create_target_machine(cpu=REFERENCE_CPU, opt=1, jit=True)
+    machine = _foreign(REFERENCE_TRIPLE).create_target_machine(cpu=REFERENCE_CPU, opt=1, jit=True)
     objects = llvm.ObjectFileRef.from_data(_assembled(text, machine))
     return sum(int(section.size()) for section in objects.sections() if section.is_text())
 
 
-def _assembled(text: str, machine: Any, optimise: bool = False) -> bytes:
-    """Compile LLVM IR for a target machine."""
+def ptx(text: str) -> str:
+    """
+    Compile LLVM IR to PTX, the assembly language of NVIDIA's GPUs.
+
+    Raises
+    ------
+    CompileError
+        If LLVM rejects the text or was built without this target.
+
+    """
+    machine = _foreign(GPU_TRIPLE).create_target_machine(cpu=GPU, opt=2)
+    return str(machine.emit_assembly(_parsed(text, machine)))
+
+
+def _foreign(triple: str) -> Any:
+    """Return a target other than this processor."""
+    _initialized()
+    try:
+        llvm.initialize_all_targets()
+        llvm.initialize_all_asmprinters()
+        return llvm.Target.from_triple(triple)
+    except RuntimeError as error:
+        raise CompileError(f'{triple}: {error}; expected a target that LLVM supports') from None
+
+
+def _parsed(text: str, machine: Any) -> Any:
+    """Return the module of LLVM IR for a target machine."""
     try:
         module = llvm.parse_assembly(text)
         module.verify()
@@ -125,6 +144,12 @@ def _assembled(text: str, machine: Any, optimise: bool = False) -> bytes:
         raise CompileError(f'LLVM IR: {error}; expected a valid module') from None
     module.triple = machine.triple
     module.data_layout = str(machine.target_data)
+    return module
+
+
+def _assembled(text: str, machine: Any, optimise: bool = False) -> bytes:
+    """Compile LLVM IR for a target machine."""
+    module = _parsed(text, machine)
     if optimise:
         options = llvm.create_pipeline_tuning_options(speed_level=2)
         builder = llvm.create_pass_builder(machine, options)

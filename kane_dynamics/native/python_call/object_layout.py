@@ -7,7 +7,7 @@ Memory layout of CPython and numpy objects, and LLVM IR that reads it.
 from collections.abc import Sequence
 import math
 
-from kane_dynamics.native.backends.llvm_math import literal, overflow_scale
+from kane_dynamics.native.backends.real_types import literal, overflow_scale
 
 # 64-bit words of the table that a function receives as `self`, in order. Pointers follow: for
 # `entry`, those of the default arguments; for `bound`, those of all arguments and of the result.

@@ -6,7 +6,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.native.backends.llvm_math import size_limit
+from kane_dynamics.native.backends.real_types import size_limit
 from kane_dynamics.native.tracing.program import Shape
 import numpy as np
 

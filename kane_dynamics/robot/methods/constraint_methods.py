@@ -46,6 +46,19 @@ class ConstraintMethods(Dispatch):
         equations = self.equations
         return equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
 
+    @property
+    def actuated_names(self) -> tuple[str, ...]:
+        """
+        Names of the joints with actuators.
+
+        Those of `Robot(actuated=)`; by default the joints whose rates are the independent speeds,
+        and all joints where the speeds are no joint rates.
+        """
+        equations, names = self.equations, self.joint_names
+        if isinstance(equations, ConstrainedEquations) and equations.actuated is not None:
+            return tuple(names[k] for k in equations.actuated)
+        return tuple(name for name in names if name in self.speed_names) or names
+
     def joint_rates(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
                     out: Array | None = None) -> Array:
         """Return q', (n_q,), of the independent speeds."""

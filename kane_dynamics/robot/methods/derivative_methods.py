@@ -16,6 +16,15 @@ OTHER_NAMES = {'jacobian': 'partial_velocities', 'jacobian_rate': 'partial_veloc
                'forward_kinematics': 'frame_pose', 'constraint_gap': 'constraint_residual'}
 
 
+def place_of(name: str) -> tuple[str, str]:
+    """Return a quantity and its frame or joint, of 'quantity' or 'quantity:frame'."""
+    if not isinstance(name, str):
+        raise InputError(f'name: a {type(name).__name__}; expected the name of a quantity, '
+                         "such as 'inverse_dynamics'")
+    quantity, _, at = name.partition(':')
+    return OTHER_NAMES.get(quantity, quantity), at
+
+
 class DerivativeMethods(Dispatch):
     """
     The methods of `Robot` for derivatives, for every kind of robot.
@@ -166,17 +175,9 @@ class DerivativeMethods(Dispatch):
         flat = self._derived(name, Derivative('derivative', names), (), arguments, wrench, t)
         return self._split(name, flat, names, single)
 
-    def _place(self, name: str) -> tuple[str, str]:
-        """Return a quantity and its frame or joint, of 'quantity' or 'quantity:frame'."""
-        if not isinstance(name, str):
-            raise InputError(f'name: a {type(name).__name__}; expected the name of a quantity, '
-                             "such as 'inverse_dynamics'")
-        quantity, _, at = name.partition(':')
-        return OTHER_NAMES.get(quantity, quantity), at
-
     def _by(self, name: str, by: str | Sequence[str] | None) -> tuple[tuple[str, ...], bool]:
         """Return the inputs to differentiate by, and whether a single one was given."""
-        quantity, _ = self._place(name)
+        quantity, _ = place_of(name)
         shapes = self.kernels.differentiable(quantity)
         names = (self.kernels.arguments(quantity) if by is None else
                  (by,) if isinstance(by, str) else tuple(by))
@@ -186,7 +187,7 @@ class DerivativeMethods(Dispatch):
     def _derived(self, name: str, derivative: Derivative, leading: tuple[Any, ...],
                  arguments: tuple[Any, ...], wrench: Any, t: Any) -> Array:
         """Call the kernel of a derivative, whose `leading` arguments precede those of `name`."""
-        quantity, at = self._place(name)
+        quantity, at = place_of(name)
         expected = self.kernels.arguments(quantity)
         if len(arguments) != len(expected):
             raise InputError(f'{name}: {len(arguments)} arguments; expected {len(expected)}: '
@@ -203,7 +204,7 @@ class DerivativeMethods(Dispatch):
 
     def _split(self, name: str, flat: Array, names: Sequence[str], single: bool) -> Any:
         """Return the parts of the last axis for the inputs, each with the input's shape."""
-        shapes = self.kernels.differentiable(self._place(name)[0])
+        shapes = self.kernels.differentiable(place_of(name)[0])
         leading = flat.shape[:flat.ndim - 1]
         ends = np.cumsum([size_of(shapes[each]) for each in names])
         parts = tuple(part.reshape(*leading, *shapes[each])[()] for each, part in zip(

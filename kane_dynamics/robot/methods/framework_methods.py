@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics._util.optional_imports import extra
-from kane_dynamics.robot.methods.derivative_methods import DerivativeMethods
+from kane_dynamics.robot.methods.derivative_methods import DerivativeMethods, place_of
 
 
 class FrameworkMethods(DerivativeMethods):
@@ -56,7 +56,7 @@ class FrameworkMethods(DerivativeMethods):
 
         """
         from kane_dynamics.robot.frameworks import casadi_function  # few programs need it
-        quantity, at = self._place(name)
+        quantity, at = place_of(name)
         return casadi_function.casadi_function(self, quantity, at, parameters, compiled)
 
     def torch(self, name: str, *, parameters: Sequence[str] = ()) -> Any:
@@ -95,7 +95,7 @@ class FrameworkMethods(DerivativeMethods):
             An unknown quantity, frame, joint or parameter; or PyTorch is not installed.
 
         """
-        quantity, at = self._place(name)
+        quantity, at = place_of(name)
         module = extra('kane_dynamics.robot.frameworks.torch_function', 'torch', 'robot.torch')
         return module.TorchFunction(self, quantity, at, parameters)
 
@@ -143,6 +143,6 @@ class FrameworkMethods(DerivativeMethods):
             `compiled` is True and JAX has another interface.
 
         """
-        quantity, at = self._place(name)
+        quantity, at = place_of(name)
         module = extra('kane_dynamics.robot.frameworks.jax_function', 'jax', 'robot.jax')
         return module.JaxFunction(self, quantity, at, parameters, compiled)

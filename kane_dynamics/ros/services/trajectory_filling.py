@@ -104,6 +104,10 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
 
     """
     joints = served.robot.joint_names
+    if served.robot.constraint_names:
+        raise InputError("parameter 'constraints': trajectories of closed loops are not filled by "
+                         'the node; expected kane-dynamics fill --constraints, or an arm without '
+                         'constraints')
     settings = FillSettings.from_values(served.values, joints)
     index = [joints.index(name) for name in names if name in joints]
     if tolerance is None and settings.tolerance is not None and len(index) == len(names):

@@ -12,6 +12,7 @@ from kane_dynamics.view import Window
 from kane_dynamics.view.load_arrows import LoadArrows
 from mechanisms import random_model, random_state
 import numpy as np
+from palletizer import DRIVEN, palletizer, positions
 import pytest
 import trimesh
 
@@ -156,3 +157,18 @@ def test_a_window_refuses_what_it_cannot_show(arm):
     (arm.parents[1] / 'meshes' / 'bar.stl').write_text('no mesh')
     with pytest.raises(InputError, match=r'bar\.stl'):
         Window(robot, visuals=load_visuals(arm), port=0)
+
+
+def test_sliders_of_a_closed_loop_are_those_of_its_motors_and_keep_it_closed():
+    robot = palletizer()
+    window = Window(robot, port=0)
+    try:
+        assert [robot.joint_names[k] for k in window._turned] == list(DRIVEN)
+        for name, value in zip(DRIVEN, (0.3, 0.2, 0.1, -0.4)):
+            window._turn(robot.joint_names.index(name), value)
+        np.testing.assert_allclose(window._q, positions(robot, 0.3, 0.2, 0.1, -0.4), atol=1e-9)
+    finally:
+        window.close()
+    loads = LoadArrows.at_rest(robot, window._q[None])
+    driven = [robot.joint_names.index(name) for name in DRIVEN]
+    np.testing.assert_allclose(loads.tau[0][driven], robot.gravity_force(window._q), atol=1e-9)

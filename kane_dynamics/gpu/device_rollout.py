@@ -1,0 +1,149 @@
+"""A robot's motion over many steps, of a batch of states in the memory of a GPU."""
+
+from collections.abc import Sequence
+from ctypes import c_int64
+import math
+from typing import Any
+
+from kane_dynamics._util.checks import constant, integer, positive_time
+from kane_dynamics.errors import InputError
+from kane_dynamics.gpu.kernel_call import KernelCall, ptx_text, REALS, require_dtype, row
+from kane_dynamics.mechanics.integrators import integrator_of
+from kane_dynamics.native.backends.gpu_rollout import rollout_text, StepLayout
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.robot.derivative_kernels import PARAMETERS
+from kane_dynamics.robot.frameworks.batch_function import batch_function
+from kane_dynamics.robot.frameworks.quantity_function import require_shape
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.step_kernels import margin_count, step_program, StepChoice
+
+MOST_STEPS = 2**31
+
+
+class DeviceRollout:
+    """Motions of a batch of states on a GPU; see `rollout`."""
+
+    def __init__(self, robot: Robot, parameters: str | Sequence[str], dtype: str,
+                 integrator: str) -> None:
+        """Check the names; the kernel is made at the first use."""
+        self._made_of = robot.copy(), parameters, dtype, integrator
+        self.dtype = require_dtype(dtype)
+        integrator_of(integrator)
+        self._robot, self._integrator = self._made_of[0], integrator
+        batch_function(self._robot, 'forward_dynamics', '', parameters)  # checks the parameters
+        own = (parameters,) if isinstance(parameters, str) else tuple(parameters)
+        self._layout = StepLayout(robot.n_q, robot.n, robot.equations.timed,
+                                  margin_count(robot) > 0,
+                                  {name: PARAMETERS[name] for name in own})
+        self._arguments = [
+            Argument('q', (robot.n_q,)), Argument('u', (robot.n,)), Argument('tau', (robot.n,)),
+            *(Argument(name, (part.stop - part.start,))
+              for name, part in self._layout.parameters.items())]
+        self._ptx: str | None = None
+
+    def __repr__(self) -> str:
+        """Return the names of the arguments."""
+        return f'<DeviceRollout ({", ".join(a.name for a in self._arguments)}, h)>'
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the robot and the names."""
+        return type(self), self._made_of
+
+    @property
+    def ptx(self) -> str:
+        """Return the kernel in PTX, the assembly language that the driver compiles."""
+        if self._ptx is None:
+            self._ptx = ptx_text(
+                f'rollout {self._integrator} {tuple(self._layout.parameters)}',
+                self._robot.kernels.key, self.dtype, lambda: rollout_text(
+                    step_program(self._robot, 'rollout', StepChoice(False, self._integrator)),
+                    self._layout, REALS[self.dtype]))
+        return self._ptx
+
+    def __call__(self, q: Any, u: Any, tau: Any, *parameters: Any, h: float,
+                 steps: int | None = None, t: float = 0.0, every_step: bool = True,
+                 out: Any = None, stream: int | None = None) -> Any:
+        """Return the states after the steps; see `rollout`."""
+        arguments, size = self._arguments, self._layout.n_q + self._layout.n
+        if len(parameters) != len(arguments) - 3:
+            raise InputError(f'rollout: {len(parameters)} parameters; expected '
+                             f'{", ".join(a.name for a in arguments[3:]) or "none"}')
+        h, t = positive_time(h, 'h'), float(constant(t, (), 't (s)', InputError))
+        call = KernelCall('rollout', [(a.name, a.shape) for a in arguments],
+                          [q, u, tau, *parameters], self.dtype, stream)
+        for argument, x in zip(arguments, call.views):
+            require_shape(argument, x)
+        axes = max(x.ndim for x in call.views[:2]) - 1
+        moving = call.views[2].ndim == axes + 2
+        own = [x.shape[:x.ndim - 1 - (moving and a.name == 'tau')]
+               for a, x in zip(arguments, call.views)]
+        batch = call.batch(own)
+        steps = self._steps(steps, call.views[2].shape[-2] if moving else None)
+        rows = (steps,) if every_step else ()
+        with call.on_device():
+            found, result = call.result(out, batch, (*rows, size))
+            count = math.prod(batch)
+            values = [c_int64(count), c_int64(steps)]
+            for argument, x in zip(arguments, call.views):
+                values += row(x, argument.shape, batch, steps=moving and argument.name == 'tau')
+                if argument.name == 'tau' and not moving:
+                    values.append(c_int64(0))
+            values += row(found, (size,), batch, steps=every_step)
+            values += [] if every_step else [c_int64(0)]
+            values += call.numbers([h, t, *self._robot.kernels.parameters])
+            return call.run(self.ptx, values, count, result)
+
+    def _steps(self, steps: Any, given: int | None) -> int:
+        """Return the number of steps, which torques of each step state."""
+        if steps is None and given is None:
+            raise InputError('steps: missing; expected their number, since tau has no axis of '
+                             'steps')
+        found = integer(given if steps is None else steps, 'steps', 1, MOST_STEPS)
+        if given is not None and given != found:
+            raise InputError(f'steps: {found}; expected {given}, the number of torques in tau')
+        return found
+
+
+def rollout(robot: Robot, *, parameters: str | Sequence[str] = (), dtype: str = 'float64',
+            integrator: str = 'rk4') -> DeviceRollout:
+    """
+    Return the motion over many steps as a function of arrays in the memory of an NVIDIA GPU.
+
+    It is called as ``motion(q, u, tau, *parameters, h=..., steps=...)``. One thread takes all
+    steps of one state; the steps are those of `simulate` with torques that are held for a step.
+    External wrenches are zero.
+
+    - q, (..., n_q), and u, (..., n): states at the beginning.
+    - tau: (..., steps, n), torques of each step, or (..., n), held over all steps.
+    - the `parameters`, of each state, or one for all.
+    - h: length of a step, s. steps: their number, where tau does not state it. t: time at the
+      beginning, s, if the equations depend on it.
+    - every_step: return the states after each step, (..., steps, n_q + n), else those after the
+      last one, (..., n_q + n). Positions come first.
+    - out, stream: as of `function`, and so are the arrays.
+
+    From where a state is not finite, a position is too large, a step ends with loops that are open
+    by more than ``robot.parameters.closure_tolerance``, before it closes them, or independent
+    speeds are singular, its results are NaN; `simulate` raises errors, or continues with other
+    speeds.
+
+    Parameters
+    ----------
+    robot : Robot
+        The function keeps a copy, with the present gravity and payload.
+    parameters : sequence of str
+        Run-time parameters that are arguments: 'gravity', (3,), 'payload', (10,).
+    dtype : {'float64', 'float32'}
+        Of all numbers, also inside of the kernel.
+    integrator : str
+        As of `simulate`.
+
+    Raises
+    ------
+    InputError
+        An unknown parameter, type or integrator; at a call, a wrong array, which is named.
+    DeviceError
+        At a call: there is no GPU or no driver, or it reports an error.
+
+    """
+    return DeviceRollout(robot, parameters, dtype, integrator)

@@ -1,0 +1,196 @@
+"""Calls of kernels: checks of arrays, their addresses and strides, results, streams."""
+
+from collections.abc import Callable, Sequence
+from ctypes import c_double, c_float, c_int64, c_uint64
+from functools import partial
+import math
+from typing import Any
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+from kane_dynamics.gpu.cuda_driver import Driver, driver
+from kane_dynamics.gpu.device_arrays import (current_stream, DeviceArray, DeviceMemory, empty,
+                                             handed_over, ITEM, view)
+from kane_dynamics.native.backends.gpu_kernel import KERNEL
+from kane_dynamics.native.backends.real_types import DOUBLE, FLOAT, Real
+from kane_dynamics.native.machine_code import llvm, object_cache
+from kane_dynamics.native.tracing.program import Shape
+
+REALS: dict[str, Real] = {'float64': DOUBLE, 'float32': FLOAT}
+IN_C: dict[str, Any] = {'float64': c_double, 'float32': c_float}
+
+
+def require_dtype(dtype: Any) -> str:
+    """Return the name of a type of numbers; InputError unless kernels have it."""
+    if dtype not in ITEM:
+        raise InputError(f'dtype: {dtype!r}; expected {" or ".join(map(repr, ITEM))}')
+    return str(dtype)
+
+
+def ptx_text(name: str, key: str | None, dtype: str, text: Callable[[], str]) -> str:
+    """Return the PTX of a kernel; without a cache key, its LLVM IR is the key."""
+    if key is None:
+        key = text()
+        text = partial(str, key)
+    return object_cache.fetch(object_cache.key('ptx', name, key, dtype),
+                              lambda: llvm.ptx(text()).encode()).decode()
+
+
+class KernelCall:
+    """
+    The arguments of one call.
+
+    Parameters
+    ----------
+    name : str
+        Of the function, for messages.
+    arguments : sequence of (str, Shape)
+        Names, and shapes for one state.
+    arrays : sequence of arrays
+        One for each argument.
+    dtype : str
+        Of all of them.
+    stream : int or None
+        Handle of a CUDA stream; None: the current one of the library of the arrays.
+
+    Raises
+    ------
+    InputError
+        An array that is not in the memory of a GPU, of a wrong type, or on another device.
+    DeviceError
+        There is no device or no driver.
+
+    """
+
+    def __init__(self, name: str, arguments: Sequence[tuple[str, Shape]], arrays: Sequence[Any],
+                 dtype: str, stream: Any) -> None:
+        """Check the arrays."""
+        if not (stream is None or (isinstance(stream, int) and stream >= 0)):
+            raise InputError(f'stream: {stream!r}; expected the handle of a CUDA stream (int) or '
+                             'None')
+        self._driver: Driver = driver()
+        self.name, self.dtype, self._first = name, dtype, arrays[0]
+        self._chosen = stream is not None
+        streams = [stream] if self._chosen else [current_stream(x) for x in arrays]
+        self._stream = next((x for x in streams if x is not None), 0)
+        self._waits = None in streams  # for libraries that do not know of the kernel
+        self.views = [self._view(key, x) for (key, _), x in zip(arguments, arrays, strict=True)]
+        self.device = next((x.device for x in self.views if 0 not in x.shape), 0)
+
+    def _view(self, name: str, x: Any) -> DeviceArray:
+        """Return a view of an array of the type of the kernel."""
+        found = view(name, x, self._driver, self._stream)
+        if found.dtype != self.dtype:
+            raise InputError(f'{name}: {found.dtype}; expected {self.dtype}, of which this '
+                             'function is (dtype=)')
+        return found
+
+    def batch(self, own: Sequence[Shape]) -> Shape:
+        """
+        Return the batch axes of the result for those of each argument; check the devices.
+
+        The layout of the result is that of the first argument that has them.
+        """
+        for x in self.views:
+            if x.device != self.device and 0 not in x.shape:
+                raise InputError(f'{x.name}: on device {x.device}; expected device {self.device}, '
+                                 f"that of '{self.views[0].name}'")
+        full = dict.fromkeys(axes for axes in own if math.prod(axes) != 1)
+        if len(full) > 1:
+            given = ', '.join(f'{x.name} {x.shape}' for x in self.views)
+            raise InputError(f'{self.name}: arguments {given}; expected the same batch axes, or '
+                             'one state for all')
+        batch = next(iter(full)) if full else max(own, key=len)
+        self._like = self.views[list(own).index(batch)]
+        return batch
+
+    def result(self, out: Any, batch: Shape, shape: Shape) -> tuple[DeviceArray, Any]:
+        """Return a view of the result and the array that the caller receives."""
+        given = out
+        if out is None:
+            like = self._like
+            stride = collapsed(like.shape[:len(batch)], like.strides[:len(batch)])
+            given = empty(self._first, batch, shape, self.dtype, stride == 1, self._driver,
+                          self.device, self._stream)
+            self._waits |= isinstance(given, DeviceMemory)  # which says that it is ready
+        found = self._view('out', given)
+        if found.shape != (*batch, *shape):
+            raise InputError(f'out: shape {found.shape}; expected {(*batch, *shape)}')
+        if not found.writeable:
+            raise InputError('out: an array that cannot be written; expected one that can')
+        if found.device != self.device and 0 not in found.shape:
+            raise InputError(f'out: on device {found.device}; expected device {self.device}')
+        if out is not None:
+            self._require_apart(found)
+            self._waits |= not self._chosen and current_stream(out) is None
+        return found, given
+
+    def _require_apart(self, out: DeviceArray) -> None:
+        """Raise InputError if threads could overwrite what others read or write."""
+        axes = sorted((abs(stride), size) for stride, size in zip(out.strides, out.shape)
+                      if size > 1)
+        if any(stride < before * size for (before, size), (stride, _) in zip(
+                [(1, 1), *axes], axes)):
+            raise InputError(f'out: strides {out.strides} of shape {out.shape}; expected entries '
+                             'that do not overlap')
+        begin, end = out.extent
+        for x in self.views:
+            same = (x.pointer, x.shape, x.strides) == (out.pointer, out.shape, out.strides)
+            if x.extent[0] < end and begin < x.extent[1] and not same:
+                raise InputError(f"out: memory between that of '{x.name}'; expected memory of its "
+                                 'own, or the same array')
+
+    def run(self, ptx: str, values: Sequence[Any], count: int, given: Any) -> Any:
+        """Launch the kernel for `count` states and return the result `given`."""
+        if count:
+            kernel = self._driver.kernel(self.device, ptx, KERNEL)
+            self._driver.launch(kernel, count, values, self._stream)
+            if self._waits:
+                self._driver.synchronize(self._stream)
+        return handed_over(self._first, given)
+
+    def on_device(self) -> Any:
+        """Return a context manager in which the context of the device is the current one."""
+        return self._driver.on(self.device)
+
+    def numbers(self, values: Array | Sequence[float]) -> list[Any]:
+        """Return numbers as the kernel receives them."""
+        return [IN_C[self.dtype](float(x)) for x in values]
+
+
+def row(x: DeviceArray, shape: Shape, batch: Shape, steps: bool = False) -> list[Any]:
+    """
+    Return address, stride from state to state, from entry to entry and, last, to step.
+
+    Raises
+    ------
+    InputError
+        The strides of several axes are not those of one.
+
+    """
+    inner = len(shape) + steps
+    axes, entries = x.ndim - inner, x.ndim - len(shape)
+    own = x.shape[:axes]
+    stride = 0 if math.prod(own) == 1 else collapsed(own, x.strides[:axes])
+    pitch = collapsed(x.shape[entries:], x.strides[entries:])
+    if stride is None or pitch is None:
+        raise InputError(f'{x.name}: strides {x.strides} of shape {x.shape}; expected states at '
+                         'equal distances, and so their entries: a contiguous copy')
+    return [c_uint64(x.pointer), c_int64(stride), c_int64(pitch),
+            *([c_int64(x.strides[axes])] if steps else [])]
+
+
+def collapsed(shape: Sequence[int], strides: Sequence[int]) -> int | None:
+    """Return the stride of several axes as one; None if they have no common one."""
+    found, expected = 0, None
+    if 0 in shape:
+        return found
+    for size, stride in reversed(list(zip(shape, strides))):
+        if size == 1:
+            continue
+        if expected is None:
+            found = stride
+        elif stride != expected:
+            return None
+        expected = stride * size
+    return found

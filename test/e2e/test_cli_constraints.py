@@ -1,0 +1,169 @@
+"""Promises of --constraints: commands compute the closed loops of a file, not the open tree."""
+
+import csv
+import json
+
+from command import command
+from kane_dynamics import load_constraints, load_urdf, Robot
+from kane_dynamics.mechanics.definition import nonholonomic
+from kane_dynamics.simulation.trajectory import Trajectory
+import numpy as np
+from palletizer import DRIVEN, LOOPS, palletizer, positions, URDF
+import pytest
+
+ARM = [str(URDF), '--constraints', str(LOOPS)]
+AT, RATES, ACCELERATIONS = [0.2, 0.3, 0.1, -0.4], [0.5, -0.3, 0.2, 1.0], [1.0, 2.0, -1.0, 0.3]
+WEAK = """<robot name="skate"><link name="base"/><link name="skate"><inertial><mass value="2"/>
+  <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="on" type="planar"><parent link="base"/><child link="skate"/>
+<axis xyz="0 0 1"/></joint></robot>"""
+
+
+def words(name, values):
+    """Return an option and its values."""
+    return [f'--{name}', *(repr(float(x)) for x in values)]
+
+
+def answer(*arguments):
+    """Return the JSON of a command that succeeds."""
+    done = command(*arguments, '--json')
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def expected(q, u, udot):
+    """Return the torques of the motors by Kane's definition, as the joints' order has them."""
+    robot = palletizer()
+    tau = np.zeros(robot.n_q)
+    tau[[robot.joint_names.index(name) for name in DRIVEN]] = nonholonomic.inverse_dynamics(
+        robot.mechanism, q, np.array(u), np.array(udot))
+    return tau
+
+
+@pytest.fixture
+def motion(tmp_path):
+    """Return the path of a motion of the motors, with rows at rest and in motion."""
+    path = tmp_path / 'motion.csv'
+    with open(path, 'w', newline='') as file:
+        writer = csv.writer(file)
+        writer.writerow(['t', *(f'{what}.{name}' for what in ('q', 'u', 'udot')
+                                for name in DRIVEN)])
+        writer.writerow([0.0, *AT, *RATES, *ACCELERATIONS])
+        writer.writerow([0.1, *np.add(AT, 0.02), *RATES, *ACCELERATIONS])
+    return str(path)
+
+
+@pytest.mark.parametrize('every', [False, True])
+def test_torque_closes_the_loops_of_the_given_state_and_is_of_the_motors(every):
+    q = positions(palletizer(), *AT)
+    found = answer('torque', *ARM, *words('q', q if every else AT), *words('u', RATES),
+                   *words('udot', ACCELERATIONS))
+    tau = expected(q, RATES, ACCELERATIONS)
+    np.testing.assert_allclose(found['q'], q, atol=1e-9)
+    np.testing.assert_allclose(found['tau'], tau, atol=1e-9 * np.abs(tau).max())
+    np.testing.assert_allclose(np.sum(list(found['terms'].values()), axis=0), found['tau'],
+                               atol=1e-9 * np.abs(tau).max())
+    table = command('torque', *ARM).stdout.splitlines()
+    assert sorted(line.split()[0] for line in table[1:]) == sorted(DRIVEN)
+
+
+def test_torques_along_a_motion_of_the_motors_are_those_of_the_definition(motion, tmp_path):
+    found = answer('torque', *ARM, '--motion', motion, '--plot', str(tmp_path / 'p.svg'))
+    for k, at in enumerate((AT, np.add(AT, 0.02))):
+        q = positions(palletizer(), *at)
+        tau = expected(q, RATES, ACCELERATIONS)
+        np.testing.assert_allclose(found['q'][k], q, atol=1e-9)
+        np.testing.assert_allclose(found['tau'][k], tau, atol=1e-9 * np.abs(tau).max())
+
+
+def test_simulate_keeps_the_loops_closed_and_follows_a_motion(motion, tmp_path):
+    file = tmp_path / 'run.npz'
+    found = answer('simulate', *ARM, '--motion', motion, '--out', str(file), '--plot',
+                   str(tmp_path / 'p.svg'), '--plot-of', 'tracking')
+    run = Trajectory.load_npz(file)
+    assert found['speed_names'] == list(DRIVEN) and found['drift'] < 1e-9
+    np.testing.assert_allclose(run.q[0], positions(palletizer(), *AT), atol=1e-9)
+    driven = [run.joint_names.index(name) for name in DRIVEN]
+    np.testing.assert_allclose(run.q[-1], positions(palletizer(), *run.q[-1][driven]), atol=1e-9)
+
+
+def test_inspect_states_degrees_of_freedom_motors_and_residual():
+    found = answer('inspect', *ARM)['constraints']
+    assert found['degrees_of_freedom'] == 4 and found['redundant'] == []
+    assert found['independent'] == list(DRIVEN) and sorted(found['actuated']) == sorted(DRIVEN)
+    assert len(found['rows']) == 6 and found['residual'] < 1e-9
+    assert 'constraints' not in answer('inspect', str(URDF))
+    text = command('inspect', *ARM).stdout
+    assert text.startswith('palletizer: 4 degrees of freedom') and 'level_1/side' in text
+
+
+def test_doctor_examines_the_motors_under_the_loops(tmp_path):
+    weak = tmp_path / 'weak.urdf'
+    text = URDF.read_text()
+    assert 'effort="8000"' in text
+    weak.write_text(text.replace('effort="8000"', 'effort="200"'))
+    good = command('doctor', *ARM)
+    assert good.returncode == 0 and 'of swivel, shoulder, turn, lever_drive hold' in good.stdout
+    bad = command('doctor', str(weak), '--constraints', str(LOOPS))
+    assert bad.returncode == 1 and 'actuators cannot hold the arm' in bad.stdout
+    config = tmp_path / 'arm.yaml'
+    config.write_text('/**:\n  ros__parameters:\n'
+                      f'    constraints: {LOOPS}\n    joint_names: []\n')
+    assert 'random closed configurations' in command(
+        'doctor', str(URDF), '--config', str(config)).stdout
+
+
+def test_feasible_has_the_torques_of_the_motors_only(motion):
+    found = json.loads(command('feasible', *ARM, '--motion', motion, '--json').stdout)
+    peaks = dict(zip(found['joint_names'], found['torque']['peak']))
+    assert {name for name, peak in peaks.items() if peak > 0.0} == set(DRIVEN)
+    assert found['fastest'] is None or found['fastest']['joint'] in palletizer().joint_names
+
+
+def test_filled_efforts_are_those_of_the_motors(motion):
+    (found,) = answer('fill', *ARM, '--motion', motion)
+    assert found['joint_names'] == list(DRIVEN)
+    tau = expected(positions(palletizer(), *AT), RATES, ACCELERATIONS)
+    places = [palletizer().joint_names.index(name) for name in DRIVEN]
+    np.testing.assert_allclose(found['efforts'][0], tau[places], atol=1e-9 * np.abs(tau).max())
+
+
+def test_exported_c_is_that_of_the_closed_loops(tmp_path):
+    answer('export', *ARM, '-o', str(tmp_path / 'arm.c'), '--kernel', 'inverse_dynamics')
+    robot = Robot(load_urdf(URDF), **load_constraints(LOOPS))
+    (tmp_path / 'again').mkdir()
+    source, _ = robot.export_c(tmp_path / 'again' / 'arm.c', ['inverse_dynamics'])
+    assert source.read_text() == (tmp_path / 'arm.c').read_text()
+
+
+@pytest.mark.parametrize(('arguments', 'message'), [
+    (['torque', *ARM, '--q', '0', '0', '0'], 'lever_drive, turn, or 10, in the order swivel, sh'),
+    (['torque', *ARM, '--q', '0', '0', '0'], '--q: 3 numbers; expected 4, in the order swivel'),
+    (['torque', *ARM, '--u', *'0' * 10], '--u: 10 numbers; expected 4'),
+    (['torque', str(URDF), '--constraints', 'none.yaml'], 'none.yaml'),
+    (['torque', *ARM, '--q', '0', '0', '3', '0'], 'expected'),
+    (['inspect', *ARM, '--against', 'pinocchio'], '--against: given with --constraints'),
+    (['identify', *ARM, 'r.csv'], 'unrecognized arguments: --constraints'),
+])
+def test_errors_name_what_is_expected(arguments, message):
+    done = command(*arguments)
+    assert done.returncode == 2 and message in done.stderr, done.stderr
+    assert done.stderr.startswith('kane-dynamics: error: ')
+
+
+def test_positions_of_few_joints_do_not_state_those_of_a_knife_edge(tmp_path):
+    urdf, file = tmp_path / 'skate.urdf', tmp_path / 'skate.yaml'
+    urdf.write_text(WEAK)
+    file.write_text('constraints: {blade: {knife_edge: {frame: skate, direction: [0, 1, 0]}}}\n')
+    given = [str(urdf), '--constraints', str(file)]
+    done = command('torque', *given, '--q', '0', '1')
+    assert done.returncode == 2 and '--q: 2 numbers; expected 3, in the order' in done.stderr
+    assert answer('torque', *given, '--q', '0', '0', '0.3')['tau'] == [0.0, 0.0, 0.0]
+
+
+def test_torques_of_actuators_elsewhere_are_refused(tmp_path):
+    file = tmp_path / 'moved.yaml'
+    file.write_text(LOOPS.read_text().replace('actuated: [swivel, shoulder, lever_drive, turn]',
+                                              'actuated: [swivel, elbow, lever_drive, turn]'))
+    done = command('simulate', str(URDF), '--constraints', str(file), '--torque', *'1234')
+    assert done.returncode == 2 and '--torque: given for actuators at' in done.stderr

@@ -1,0 +1,53 @@
+"""Highest speeds of closed loops, compared with the demand at every speed."""
+
+from dataclasses import replace
+from functools import cache
+import math
+
+from kane_dynamics import InputError, Limits, Motion, Robot, Speeds
+from kane_dynamics.feasibility import demand, fastest
+from linkages import at_angle, four_bar_model, PIN
+import numpy as np
+import pytest
+
+COURSE = Motion.from_points([0.0, 0.4, 1.0], [[0.8], [1.5], [1.0]], joint_names=['crank'])
+EFFORT = 14.0  # N m
+
+
+@cache
+def linkage(shared=False, friction=1.5):
+    """Return the four-bar with friction in every joint; its crank, or crank and rocker, driven."""
+    model = four_bar_model()
+    bodies = tuple(replace(body, joint=replace(
+        body.joint, friction=friction, damping=0.2, limits=Limits(effort=EFFORT, velocity=30.0)))
+        for body in model.bodies)
+    return Robot(replace(model, bodies=bodies), constraints=[PIN], independent=['crank'],
+                 actuated={'crank': 1.0, 'rocker': 3.0} if shared else None,
+                 configuration=at_angle(0.8))
+
+
+@pytest.mark.parametrize('power', [math.inf, 20.0])
+@pytest.mark.parametrize('shared', [False, True])
+def test_no_higher_speed_of_a_closed_loop_keeps_the_limits_and_the_one_found_does(shared, power):
+    robot, given = linkage(shared), {'step': 0.01, 'power': power}
+    found = fastest(robot, COURSE, **given)
+    assert 1e-3 < found.speed < 100.0
+    assert demand(robot, COURSE, speed=found.speed, **given).fits
+    for above in (1.00001, 1.01, 1.3, 2.0, 5.0):
+        assert not demand(robot, COURSE, speed=above * found.speed, **given).fits
+    assert found.joint in robot.actuated_names
+    if not shared and power == math.inf:
+        assert found.joint == 'crank' and found.limit == 'effort'
+
+
+def test_friction_of_passive_pins_slows_the_crank():
+    assert fastest(linkage(), COURSE, step=0.01).speed < fastest(
+        linkage(friction=0.0), COURSE, step=0.01).speed
+
+
+def test_speeds_that_prescribe_a_velocity_cannot_be_scaled():
+    model = four_bar_model()
+    shifted = Robot(model, speeds=Speeds(lambda q, t: np.eye(3), lambda q, t: np.ones(3)))
+    course = Motion.from_points([0.0, 1.0], [[0.0] * 3, [1.0] * 3], joint_names=model.joint_names)
+    with pytest.raises(InputError, match='that prescribe velocities or are functions of time'):
+        fastest(shifted, course)
