@@ -54,7 +54,7 @@ setup(
     packages=find_packages(include=['kane_dynamics', 'kane_dynamics.*']),
     package_data={'kane_dynamics': ['py.typed']},
     python_requires='>=3.11',
-    install_requires=['numpy>=1.26', 'llvmlite>=0.44', 'yourdfpy>=0.0.56', 'PyYAML>=6.0'],
+    install_requires=['numpy>=1.26', 'llvmlite>=0.45', 'yourdfpy>=0.0.56', 'PyYAML>=6.0'],
     extras_require={'ros': ros, 'casadi': casadi, 'torch': torch, 'jax': jax, 'plot': plot,
                     'view': view, 'equations': equations, 'identify': identify, 'sweep': sweep,
                     'demo': demo, 'test': test, 'lint': lint, 'bench': bench, 'docs': docs},

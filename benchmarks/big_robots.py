@@ -57,6 +57,23 @@ def two_hands() -> Model:
                  (Frame('tip', len(bodies) - 1),))
 
 
+def chain(axes: int) -> Model:
+    """Return a chain of revolute joints with random axes, offsets and inertias."""
+    rng = np.random.default_rng(7)
+    bodies = []
+    for k in range(axes):
+        direction, points = rng.normal(size=3), 0.1 * rng.normal(size=(8, 3))
+        turned, mass = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.uniform(0.5, 2.0)
+        second = mass * points.T @ points / len(points)
+        joint = Joint(f'joint_{k}', 'revolute', direction / np.linalg.norm(direction),
+                      rotation=turned * np.linalg.det(turned),
+                      translation=rng.uniform(-0.2, 0.2, 3), coordinate=k)
+        bodies.append(Body(f'link_{k}', k - 1 if k else WORLD, joint, Inertial(
+            mass, rng.uniform(-0.1, 0.1, 3), np.trace(second) * np.eye(3) - second)))
+    return Model(f'chain_{axes}', tuple(bodies), tuple(body.joint.name for body in bodies),
+                 (Frame('tip', axes - 1),))
+
+
 BIG: dict[str, Callable[[], Model]] = {
     'human_hand': human_hand, 'talos_reduced': humanoid, 'two_hands': two_hands}
 

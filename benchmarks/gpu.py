@@ -2,9 +2,11 @@
 Batches on a GPU compared with this library's batches on all processors of the host.
 
 A million states of the FR3, seven axes. Results are compared with those of the processors first.
-Times on the device are those of its events, over several launches after a warm-up, without
-transfers; those of the processors are of the wall clock. Without a device, this says so and
-measures nothing. `--record` writes the table to a file beside this program, named by the device.
+Times of a kernel are those of the device's events, over several launches after a warm-up, without
+transfers and without the work of Python in a call, which may take longer. That of a call, until
+its result is there, and those of the processors are of the wall clock. Without a device, this says
+so and measures nothing. `--record` writes the table to a file beside this program, named by the
+device.
 """
 
 import argparse
@@ -17,8 +19,9 @@ import statistics
 import sys
 import time
 from typing import Any
+from unittest import mock
 
-from kane_dynamics import DeviceError, gpu, load_urdf, Robot
+from kane_dynamics import DeviceError, gpu, load_urdf, Robot, simulate
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics._util.typing import Array
 from kane_dynamics.gpu.cuda_driver import Driver, driver
@@ -31,6 +34,7 @@ GATE = 20.0  # least ratio of the time on the processors to that on the device
 TOLERANCE = {'float64': 1e-12, 'float32': 1e-4}  # of the largest entry
 QUANTITIES = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix',
               'inverse_dynamics_derivatives')
+Row = tuple[str, float, float, float]
 COALESCED, ROWS = 'coalesced', 'one state after the other'
 
 
@@ -60,19 +64,26 @@ def on_host(cuda: Driver, memory: DeviceMemory, layout: str) -> Array:
     return np.moveaxis(found, -1, 0) if layout == COALESCED else found
 
 
-def device_time(cuda: Driver, call: Callable[[], Any], launches: int) -> float:
-    """Return the time of one launch, s, by events of the device."""
-    call()
+def device_times(cuda: Driver, call: Callable[[], Any], launches: int) -> tuple[float, float]:
+    """Return the time of one launch by events of the device, and of a whole call, s."""
+    with mock.patch.object(cuda, 'launch') as launch:
+        call()
+    given = launch.call_args.args
+
+    def finished() -> None:
+        call()
+        with cuda.on(0):
+            cuda.synchronize(0)
+    whole = host_time(finished)
     with cuda.on(0):
-        cuda.synchronize(0)
         events = [c_void_p() for _ in range(2)]
         for event in events:
             cuda.call('cuEventCreate', byref(event), 0)
         times = []
-        for _ in range(ROUNDS):
+        for _ in range(1 + ROUNDS):
             cuda.call('cuEventRecord', events[0], 0)
             for _ in range(launches):
-                call()
+                cuda.launch(*given)
             cuda.call('cuEventRecord', events[1], 0)
             cuda.call('cuEventSynchronize', events[1])
             ms = c_float()
@@ -80,7 +91,7 @@ def device_time(cuda: Driver, call: Callable[[], Any], launches: int) -> float:
             times.append(1e-3 * ms.value / launches)
         for event in events:
             cuda.call('cuEventDestroy_v2', event)
-    return statistics.median(times)
+    return statistics.median(times[1:]), whole
 
 
 def host_time(call: Callable[[], Any]) -> float:
@@ -102,8 +113,8 @@ def require_equal(name: str, found: Array, expected: Array, dtype: str) -> None:
                          f'{TOLERANCE[dtype]:.0e}')
 
 
-def rows(cuda: Driver, robot: Robot, states: Sequence[Array]) -> list[tuple[str, float, float]]:
-    """Return what is measured: its name, the time on the device and on the processors, s."""
+def rows(cuda: Driver, robot: Robot, states: Sequence[Array]) -> list[Row]:
+    """Return what is measured: its name, the times of kernel, call and processors, s."""
     found = []
     for name in QUANTITIES:
         given = states[:1] if name == 'mass_matrix' else states
@@ -123,26 +134,32 @@ def rows(cuda: Driver, robot: Robot, states: Sequence[Array]) -> list[tuple[str,
 
                 def call(function: Any = function, arrays: Any = arrays, out: Any = out) -> None:
                     function(*arrays, out=out, stream=0)
-                found.append((f'{name}, {dtype}, {layout}', device_time(cuda, call, LAUNCHES),
-                              host))
+                found.append((f'{name}, {dtype}, {layout}',
+                              *device_times(cuda, call, LAUNCHES), host))
     return found
 
 
-def rollout_rows(cuda: Driver, robot: Robot,
-                 states: Sequence[Array]) -> list[tuple[str, float, float]]:
+def rollout_rows(cuda: Driver, robot: Robot, states: Sequence[Array]) -> list[Row]:
     """Return, as `rows`, Runge-Kutta steps of all states, to the last one."""
     found = []
     program = robot.forward_dynamics
     host = 4 * HORIZON * host_time(lambda: program(*states))  # the dynamics of all stages alone
+    few = [x[:1000] for x in states]
+    end = simulate(robot, few[0], few[1], 1e-3 * HORIZON, torque=np.repeat(
+        few[2][:, None], HORIZON, axis=1), sample=1e-3 * HORIZON)
+    expected = np.concatenate([end.q, end.u], axis=2)[:, -1]
     for dtype in TOLERANCE:
         motion = gpu.rollout(robot, dtype=dtype)
+        require_equal('rollout', on_host(cuda, motion(*(
+            on_device(cuda, x, dtype, COALESCED) for x in few), h=1e-3, steps=HORIZON,
+            every_step=False), COALESCED), expected, dtype)
         arrays = [on_device(cuda, x, dtype, COALESCED) for x in states]
         out = motion(*arrays, h=1e-3, steps=HORIZON, every_step=False)
 
         def call(motion: Any = motion, arrays: Any = arrays, out: Any = out) -> None:
             motion(*arrays, h=1e-3, steps=HORIZON, every_step=False, out=out, stream=0)
-        found.append((f'{HORIZON} steps of Runge-Kutta, {dtype}, {COALESCED}', device_time(
-            cuda, call, 1), host))
+        found.append((f'{HORIZON} steps of Runge-Kutta, {dtype}, {COALESCED}',
+                      *device_times(cuda, call, 1), host))
     return found
 
 
@@ -163,17 +180,19 @@ def main() -> int:
     robot = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'), tip='fr3_link7'))
     states = np.random.default_rng(0).normal(size=(3, STATES, 7))
     measured = rows(cuda, robot, states) + rollout_rows(cuda, robot, states)
-    title = (f'{STATES} states of the FR3 on {device}, against {os.cpu_count()} processors of its '
-             'host (of the steps: against four forward dynamics each)')
-    lines = [title, '', '| | device, ms | host, ms | ratio |', '|---|---|---|---|']
-    lines += [f'| {name} | {1e3 * here:.3f} | {1e3 * there:.1f} | {there / here:.0f} |'
-              for name, here, there in measured]
+    title = (f'{STATES} states of the FR3 on {device}, against '
+             f'{len(os.sched_getaffinity(0))} processors of its host (of the steps: '
+             'against four forward dynamics each)')
+    lines = [title, '', '| | kernel, ms | call, ms | host, ms | host / kernel |',
+             '|---|---|---|---|---|']
+    lines += [f'| {name} | {1e3 * here:.3f} | {1e3 * call:.3f} | {1e3 * there:.1f} | '
+              f'{there / here:.0f} |' for name, here, call, there in measured]
     print('\n'.join(lines))
     if record:
         file = Path(__file__).with_name(f'gpu_{re.sub("[^A-Za-z0-9]+", "_", device)}.md')
         file.write_text('\n'.join([*lines, '']), encoding='utf-8')
         print(f'written to {file}')
-    ratio = next(there / here for name, here, there in measured
+    ratio = next(there / here for name, here, _, there in measured
                  if name == f'inverse_dynamics, float64, {COALESCED}')
     if ratio < GATE:
         print(f'FAILED: inverse dynamics {ratio:.1f} times as fast as on the host; expected '

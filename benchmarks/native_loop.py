@@ -8,7 +8,7 @@ import os
 import sys
 import warnings
 
-from big_robots import BIG
+from big_robots import BIG, chain
 from kane_dynamics import load_urdf, Model, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing
@@ -87,6 +87,7 @@ ARMS: dict[str, Callable[[], Model]] = {
     'fr3': partial(shipped_arm, 'fr3'),
 }
 NOT_LARGE = ('gravity_force',)
+CHAINS = (partial(chain, 32), partial(chain, 50))  # without the zeros of real robots' frames
 
 
 def random_states(robot: Robot, count: int) -> np.ndarray:
@@ -189,7 +190,7 @@ def races() -> list[Race]:
     results = []
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')
-        for make in (*ARMS.values(), *BIG.values()):
+        for make in (*ARMS.values(), *BIG.values(), *CHAINS):
             model = make()
             robot = Robot(model, friction=False)  # which Pinocchio does not know
             large = robot.n > 9

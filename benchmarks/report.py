@@ -35,8 +35,8 @@ UNDER = ('absolute rates', 'momenta', 'a knife edge at the tip', 'the tip on a p
 WATCHED, UNWATCHED = 'with the watch of constraints', 'without it'
 WATCHED_ROBOTS = ('four-bar', 'rolling disc', 'a knife edge at the tip', 'the tip on a plane',
                   'a coupling')
-ARMS, LARGE, FREE = ('ur10e', 'fr3'), ('talos',), ('free-flying fr3',)
-LOOPS = ('four-bar', 'palletizer', 'delta robot', 'stewart platform')
+ARMS, LARGE, LARGEST = ('ur10e', 'fr3'), ('talos',), ('two_hands',)  # 6 and 7, 32, 50 axes
+FREE, LOOPS = ('free-flying fr3',), ('four-bar', 'palletizer', 'delta robot', 'stewart platform')
 PACKAGES = ('pin', 'mujoco', 'cmeel-eigen', 'numpy', 'llvmlite')
 
 
@@ -73,13 +73,18 @@ def gates() -> list[Gate]:
         Gate('RK4 simulation, a step', UNCHECKED, 0.6, 0.85),
         Gate(loop + 'inverse_dynamics', CPP, 10.0, 14.0, LARGE),
         Gate(loop + 'forward_dynamics', CPP, 5.0, 8.0, LARGE),
-        Gate(loop + 'inverse_dynamics_derivatives', CPP, 2.5, 5.0, LARGE),
         Gate(loop + 'forward_dynamics_derivatives', CPP, 8.0, 12.0, ('fr3',)),
-        Gate(loop + 'inverse_dynamics', CPP, 8.0, 12.0, FREE),
-        Gate(loop + 'forward_dynamics', CPP, 8.0, 12.0, FREE),
+        Gate(loop + 'inverse_dynamics', CPP, 8.0, 15.0, FREE),
+        Gate(loop + 'forward_dynamics', CPP, 8.0, 15.0, FREE),
         # its constraintDynamics, with a proximal solver
-        Gate(loop + 'constraint dynamics', CPP, 12.0, 20.0, LOOPS),
+        Gate(loop + 'constraint dynamics', CPP, 12.0, 25.0, LOOPS),
         Gate('constraint dynamics', PYTHON, 20.0, 40.0, LOOPS),
+        *(Gate(loop + what, CPP, least, 8.0, LARGE) for what, least in (
+            ('inverse_mass_matrix', 5.0), ('coriolis_matrix', 7.0),
+            ('inverse_dynamics_derivatives', 6.0), ('regressor', 5.0))),
+        *(Gate(loop + what, CPP, 4.0, 8.0, LARGEST) for what in (
+            'inverse_mass_matrix', 'coriolis_matrix', 'inverse_dynamics_derivatives',
+            'regressor')),
         *(Gate(f'forward dynamics under {what}', PLAIN, 1.0 / 3.0, 0.5) for what in UNDER),
         *(Gate(f'{what} {WATCHED}', UNWATCHED, 1.0 / 1.05, 1.0, WATCHED_ROBOTS)  # costs 5 %
           for what in ('step', 'calls')),

@@ -117,12 +117,13 @@ def positive_time(value: Any, what: str, otherwise: str = '') -> float:
         (`otherwise`).
 
     """
+    known = not isinstance(value, bool | np.bool_ | str)
     try:
         number = float(value)
     except (TypeError, ValueError):
-        number = math.nan
-    if not (math.isfinite(number) and number > 0.0):
-        given = repr(value) if isinstance(value, str) or value is None else f'{number:g} s'
+        known, number = False, math.nan
+    if not (known and math.isfinite(number) and number > 0.0):
+        given = f'{number:g} s' if known else SHORT.repr(value)
         raise InputError(f'{what}: {given}; expected a positive, finite time in s{otherwise}')
     return number
 

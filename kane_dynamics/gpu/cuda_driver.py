@@ -13,6 +13,7 @@ from kane_dynamics.errors import DeviceError
 LIBRARY = 'libcuda.so.1'
 BLOCK = 128  # threads; with all 255 registers each, half of those of a multiprocessor
 DEVICE_OF_POINTER = 9  # CU_POINTER_ATTRIBUTE_DEVICE_ORDINAL
+INVALID_VALUE = 1  # CUDA_ERROR_INVALID_VALUE: an address that the driver does not know
 # CU_JIT_ERROR_LOG_BUFFER and its size
 ERROR_LOG, ERROR_LOG_BYTES = 5, 6
 MOST_LOG = 4096
@@ -76,7 +77,9 @@ class Driver:
 
     def call(self, name: str, *arguments: Any) -> None:
         """Call a function of the driver; raise DeviceError if it fails."""
-        status = getattr(self._library, name)(*arguments)
+        self._require(name, getattr(self._library, name)(*arguments))
+
+    def _require(self, name: str, status: int) -> None:
         if status:
             raise DeviceError(f'{name}: {self._explained(status)}; expected success')
 
@@ -124,6 +127,8 @@ class Driver:
         """Return the device of an address, or None if it is not memory of a device."""
         device = c_int(-1)
         status = self._library.cuPointerGetAttribute(byref(device), DEVICE_OF_POINTER, pointer)
+        if status != INVALID_VALUE:  # such as after a kernel failed, or in a forked child
+            self._require('cuPointerGetAttribute', status)
         return None if status or device.value < 0 else device.value
 
     def allocate(self, size: int) -> int:

@@ -1,6 +1,7 @@
 """Arrays in the memory of a GPU: those of other libraries, and results."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 import math
 import sys
@@ -14,6 +15,8 @@ from kane_dynamics.gpu.cuda_driver import Driver
 DTYPES = {'<f8': 'float64', '<f4': 'float32'}
 ITEM = {'float64': 8, 'float32': 4}  # bytes
 LEGACY = 1  # the default stream of a device, in both protocols
+JAX = 'jax', 'jaxlib'
+LIBRARIES = 'torch', 'cupy', *JAX
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,8 @@ def view(name: str, x: Any, driver: Driver, stream: int) -> DeviceArray:
     """
     if hasattr(x, 'block_until_ready'):  # of JAX, which states no stream
         x.block_until_ready()
+    if library_of(x) == 'torch' and x.is_neg():  # such as the imaginary part of x.conj()
+        raise InputError(f'{name}: a tensor that is negated lazily; expected x.resolve_neg()')
     try:
         interface = getattr(x, '__cuda_array_interface__', None)
     except RuntimeError as error:  # PyTorch: the tensor requires a gradient
@@ -85,7 +90,8 @@ def view(name: str, x: Any, driver: Driver, stream: int) -> DeviceArray:
         where = ' in host memory' if kind is not None else ''
         raise InputError(f'{name}: a {type(x).__name__}{where}; expected an array in the memory '
                          'of an NVIDIA GPU (__cuda_array_interface__ or DLPack)')
-    capsule = x.__dlpack__(stream=stream or LEGACY)
+    with driver.on(int(device)):  # the device of the stream
+        capsule = x.__dlpack__(stream=stream or LEGACY)
     found = dlpack.read(capsule)
     return DeviceArray(name, found.pointer, found.shape, found.strides,
                        _checked(name, found.dtype), int(device), True, (x, capsule))
@@ -103,14 +109,19 @@ def _by_interface(name: str, x: Any, interface: Any, driver: Driver,
     strides = dlpack.contiguous(shape) if given is None else tuple(x // item for x in given)
     if interface.get('mask') is not None:
         raise InputError(f'{name}: a masked array; expected one without a mask')
-    theirs = interface.get('stream')
-    if theirs is not None and theirs != (stream or LEGACY):
-        driver.synchronize(theirs)
+    if pointer % item:
+        raise InputError(f'{name}: address {pointer:#x}; expected a multiple of {item}')
     device: int | None = 0
     if math.prod(shape):
         device = driver.device_of(pointer)
     if device is None:
         raise InputError(f'{name}: address {pointer:#x}; expected memory of a GPU')
+    theirs = interface.get('stream')
+    if theirs is None:
+        theirs = current_stream(x)  # PyTorch does not state it
+    if theirs is not None and not same_stream(theirs, stream):
+        with driver.on(device):
+            driver.synchronize(theirs)
     return DeviceArray(name, pointer, shape, strides, dtype, device, not read_only, x)
 
 
@@ -158,8 +169,19 @@ class DeviceMemory:
         """Return the kind and number of the device by the protocol of DLPack."""
         return dlpack.CUDA, self._device
 
-    def __dlpack__(self, **_: Any) -> Any:
-        """Return a capsule by the protocol of DLPack; the content is ready for any stream."""
+    def __dlpack__(self, *, stream: Any = None, max_version: Any = None, dl_device: Any = None,
+                   copy: bool | None = None) -> Any:
+        """
+        Return a capsule by the protocol of DLPack; the content is ready for any stream.
+
+        Raises
+        ------
+        BufferError
+            For a copy, or another device.
+
+        """
+        if copy or dl_device not in (None, self.__dlpack_device__()):
+            raise BufferError(f'copy={copy}, dl_device={dl_device}; expected this memory itself')
         return dlpack.write(self, self._read, self._device)
 
 
@@ -169,8 +191,14 @@ def _freed(driver: Driver, device: int, pointer: int) -> None:
 
 
 def library_of(x: Any) -> str:
-    """Return the name of the library of an array: 'torch', 'cupy', 'jaxlib' or another."""
-    return type(x).__module__.partition('.')[0]
+    """Return the name of the library of an array, one of LIBRARIES, or an empty text."""
+    names = (kind.__module__.partition('.')[0] for kind in type(x).__mro__)
+    return next((name for name in names if name in LIBRARIES), '')
+
+
+def same_stream(a: int, b: int) -> bool:
+    """Return whether two handles are of one stream: the default one has two."""
+    return (a or LEGACY) == (b or LEGACY)
 
 
 def current_stream(x: Any) -> int | None:
@@ -179,12 +207,35 @@ def current_stream(x: Any) -> int | None:
     if library == 'torch' and x.is_cuda:
         return int(sys.modules['torch'].cuda.current_stream(x.device).cuda_stream)
     if library == 'cupy':
-        return int(sys.modules['cupy'].cuda.get_current_stream().ptr)
+        with x.device:
+            return int(sys.modules['cupy'].cuda.get_current_stream().ptr)
     return None
 
 
+@contextmanager
+def _allocating_on(like: Any, stream: int) -> Iterator[None]:
+    """
+    Make a stream the current one of PyTorch or CuPy, and the device of an array.
+
+    Their memory pools reuse a block at once for work on the stream that it was allocated on.
+    """
+    library, current = library_of(like), current_stream(like)
+    cuda: Any = sys.modules[library].cuda
+    same = current is not None and same_stream(current, stream)
+    if library == 'torch':
+        chosen = None if same else (
+            cuda.default_stream(like.device) if same_stream(stream, LEGACY) else
+            cuda.ExternalStream(stream, device=like.device))
+        with cuda.stream(chosen):
+            yield
+    else:
+        with like.device, nullcontext() if same else cuda.ExternalStream(
+                0 if stream == LEGACY else stream):
+            yield
+
+
 def empty(like: Any, batch: Sequence[int], shape: Sequence[int], dtype: str, coalesced: bool,
-          driver: Driver, device: int) -> Any:
+          driver: Driver, device: int, stream: int) -> Any:
     """
     Return a new array of the library of another array, or a `DeviceMemory`.
 
@@ -200,24 +251,30 @@ def empty(like: Any, batch: Sequence[int], shape: Sequence[int], dtype: str, coa
         Numbers of neighboring states are neighbors in memory; else those of one state.
     driver, device : Driver, int
         Whose context is the current one.
+    stream : int
+        On which the array is written.
 
     """
+    coalesced = coalesced and library_of(like) not in JAX  # which has rows only
     split = len(shape) if coalesced else len(batch)
     stored = (*shape, *batch) if coalesced else (*batch, *shape)
     order = [*range(split, len(stored)), *range(split)] if coalesced else list(range(len(stored)))
     library = library_of(like)
     if library == 'torch':
         torch: Any = sys.modules['torch']
-        return torch.empty(stored, dtype=getattr(torch, dtype), device=like.device).permute(order)
+        with _allocating_on(like, stream):
+            return torch.empty(stored, dtype=getattr(torch, dtype),
+                               device=like.device).permute(order)
     if library == 'cupy':
         cupy: Any = sys.modules['cupy']
-        return cupy.empty(stored, dtype=dtype).transpose(order)
+        with _allocating_on(like, stream):
+            return cupy.empty(stored, dtype=dtype).transpose(order)
     strides = dlpack.contiguous(stored)
     return DeviceMemory(driver, device, (*batch, *shape), tuple(strides[k] for k in order), dtype)
 
 
 def handed_over(like: Any, result: Any) -> Any:
     """Return a result as an array of the library of another array, if that is JAX."""
-    if isinstance(result, DeviceMemory) and library_of(like) in ('jax', 'jaxlib'):
+    if isinstance(result, DeviceMemory) and library_of(like) in JAX:
         return sys.modules['jax'].dlpack.from_dlpack(result)
     return result

@@ -15,7 +15,7 @@ from kane_dynamics.robot.derivative_kernels import PARAMETERS
 from kane_dynamics.robot.frameworks.batch_function import batch_function
 from kane_dynamics.robot.frameworks.quantity_function import require_shape
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.step_kernels import margin_count, step_program
+from kane_dynamics.simulation.step_kernels import margin_count, step_program, StepChoice
 
 MOST_STEPS = 2**31
 
@@ -56,8 +56,8 @@ class DeviceRollout:
             self._ptx = ptx_text(
                 f'rollout {self._integrator} {tuple(self._layout.parameters)}',
                 self._robot.kernels.key, self.dtype, lambda: rollout_text(
-                    step_program(self._robot, 'rollout', False, self._integrator), self._layout,
-                    REALS[self.dtype]))
+                    step_program(self._robot, 'rollout', StepChoice(False, self._integrator)),
+                    self._layout, REALS[self.dtype]))
         return self._ptx
 
     def __call__(self, q: Any, u: Any, tau: Any, *parameters: Any, h: float,

@@ -7,9 +7,11 @@ The layout is that of ``dlpack.h``, version 0.8, `DLManagedTensor`.
 import ctypes
 from ctypes import (c_char_p, c_int32, c_int64, c_uint16, c_uint64, c_uint8, c_void_p, POINTER,
                     py_object)
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from kane_dynamics.errors import InputError
+import numpy as np
 
 CUDA, MANAGED = 2, 13  # kinds of devices: memory of a GPU, or shared with the host
 FLOATING = 2  # code of the type
@@ -42,14 +44,6 @@ class Read(NamedTuple):
 
 _pointer = ctypes.pythonapi.PyCapsule_GetPointer
 _pointer.restype, _pointer.argtypes = c_void_p, [py_object, c_char_p]
-_is_valid = ctypes.pythonapi.PyCapsule_IsValid
-_is_valid.argtypes = [c_void_p, c_char_p]
-_new = ctypes.pythonapi.PyCapsule_New
-_destructor: Any = ctypes.CFUNCTYPE(None, c_void_p)
-_new.restype, _new.argtypes = py_object, [c_void_p, c_char_p, _destructor]
-_raw_pointer = ctypes.PYFUNCTYPE(c_void_p, c_void_p, c_char_p)(
-    ('PyCapsule_GetPointer', ctypes.pythonapi))
-_written: dict[int, tuple[Any, ...]] = {}  # what capsules refer to, by address
 
 
 def read(capsule: Any) -> Read:
@@ -80,27 +74,18 @@ def contiguous(shape: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(reversed(strides))
 
 
-def _delete(managed: int) -> None:
-    """Forget what a capsule refers to, when its consumer no longer uses it."""
-    _written.pop(managed, None)
-
-
-def _discard(capsule: int) -> None:
-    """Forget what a capsule refers to, if no library took it."""
-    if _is_valid(capsule, NAME):
-        _written.pop(_raw_pointer(capsule, NAME), None)
-
-
-_deleter, _discarder = _destructor(_delete), _destructor(_discard)
-
-
 def write(owner: Any, array: Read, device: int) -> Any:
-    """Return a capsule of memory of a GPU; `owner` lives as long as it is in use."""
-    count = len(array.shape)
-    shape, strides = (c_int64 * count)(*array.shape), (c_int64 * count)(*array.strides)
-    managed = Managed(Tensor(array.pointer, CUDA, device, count, FLOATING,
-                             int(array.dtype.removeprefix('float')), 1, shape, strides, 0),
-                      None, ctypes.cast(_deleter, c_void_p))
-    address = ctypes.addressof(managed)
-    _written[address] = managed, shape, strides, owner
-    return _new(address, NAME, _discarder)
+    """
+    Return a capsule of memory of a GPU; `owner` lives as long as it is in use.
+
+    The capsule is one of NumPy, which does not touch the memory. It is released in C: consumers
+    release capsules while errors propagate, and at the exit, where no Python code can run.
+    """
+    item = int(array.dtype.removeprefix('float')) // 8
+    held = SimpleNamespace(owner=owner, __array_interface__={
+        'data': (array.pointer, False), 'shape': array.shape, 'typestr': f'<f{item}',
+        'strides': tuple(item * x for x in array.strides), 'version': 3})
+    capsule: Any = np.asarray(held).__dlpack__()
+    tensor = Managed.from_address(_pointer(capsule, NAME)).tensor
+    tensor.kind, tensor.device = CUDA, device
+    return capsule

@@ -70,8 +70,10 @@ class KernelCall:
                              'None')
         self._driver: Driver = driver()
         self.name, self.dtype, self._first = name, dtype, arrays[0]
-        current = current_stream(arrays[0]) if stream is None else stream
-        self._waits, self._stream = current is None, current or 0
+        self._chosen = stream is not None
+        streams = [stream] if self._chosen else [current_stream(x) for x in arrays]
+        self._stream = next((x for x in streams if x is not None), 0)
+        self._waits = None in streams  # for libraries that do not know of the kernel
         self.views = [self._view(key, x) for (key, _), x in zip(arguments, arrays, strict=True)]
         self.device = next((x.device for x in self.views if 0 not in x.shape), 0)
 
@@ -109,7 +111,7 @@ class KernelCall:
             like = self._like
             stride = collapsed(like.shape[:len(batch)], like.strides[:len(batch)])
             given = empty(self._first, batch, shape, self.dtype, stride == 1, self._driver,
-                          self.device)
+                          self.device, self._stream)
             self._waits |= isinstance(given, DeviceMemory)  # which says that it is ready
         found = self._view('out', given)
         if found.shape != (*batch, *shape):
@@ -120,6 +122,7 @@ class KernelCall:
             raise InputError(f'out: on device {found.device}; expected device {self.device}')
         if out is not None:
             self._require_apart(found)
+            self._waits |= not self._chosen and current_stream(out) is None
         return found, given
 
     def _require_apart(self, out: DeviceArray) -> None:
@@ -180,6 +183,8 @@ def row(x: DeviceArray, shape: Shape, batch: Shape, steps: bool = False) -> list
 def collapsed(shape: Sequence[int], strides: Sequence[int]) -> int | None:
     """Return the stride of several axes as one; None if they have no common one."""
     found, expected = 0, None
+    if 0 in shape:
+        return found
     for size, stride in reversed(list(zip(shape, strides))):
         if size == 1:
             continue

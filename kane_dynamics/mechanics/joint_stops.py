@@ -1,8 +1,11 @@
 """Joint stops as rigid, inelastic, frictionless obstacles."""
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ConstraintError
 import numpy as np
 from numpy.typing import NDArray
+
+MOST = 12  # exponent of 2: of the sets of active stops that are tried
 
 
 def stop_impulses(into: Array, A: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -26,7 +29,7 @@ def stop_impulses(into: Array, A: Array) -> tuple[Array, NDArray[np.bool_]]:
 
     """
     active = into > 0.0
-    while True:
+    for _ in range(2**min(len(into) + 2, MOST)):
         p = np.zeros(len(into))
         p[active] = np.linalg.solve(A[np.ix_(active, active)], into[active])
         away = A @ p - into
@@ -35,6 +38,8 @@ def stop_impulses(into: Array, A: Array) -> tuple[Array, NDArray[np.bool_]]:
             return p, active
         least = int(np.argmax(wrong))
         active[least] = not active[least]
+    raise ConstraintError(f'joint stops: the impulses of {len(into)} stops are not determined to '
+                          'rounding; expected stops that the constraints do not couple')
 
 
 def resolve_stops(x: Array, side: Array, inverse_mass: Array) -> Array:
@@ -59,13 +64,30 @@ def resolve_stops(x: Array, side: Array, inverse_mass: Array) -> Array:
     (n,) array
 
     """
+    return _resolved(x, side, inverse_mass)[0]
+
+
+def _resolved(x: Array, side: Array, inverse_mass: Array) -> tuple[Array, Array]:
+    """Return the result of `resolve_stops` and the motion into each stop that it ended, (n,)."""
     touching = np.flatnonzero(side)
     s = side[touching]
     A = s[:, None] * inverse_mass[np.ix_(touching, touching)] * s
     p, active = stop_impulses(s * x[touching], A)
     after: Array = x - inverse_mass[:, touching] @ (s * p)
     after[touching[active]] = 0.0  # exact zero, so that rounding does not move the joint
-    return after
+    ended = np.zeros(len(x))
+    ended[touching] = ended_motion(s * x[touching], A, p)
+    return after, ended
+
+
+def ended_motion(into: Array, A: Array, p: Array) -> Array:
+    """
+    Return the motion into each stop that its impulse ended, (k,), zero where none acts.
+
+    Of a joint that only the impulses of other stops drive into its stop, it is that motion.
+    """
+    found: Array = np.where(p > 0.0, np.where(into > 0.0, into, p * np.diag(A)), 0.0)
+    return found
 
 
 def nearest_stops(q: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
@@ -82,9 +104,11 @@ def nearest_stops(q: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
 
 
 def stopped_state(q: Array, u: Array, inverse_mass: Array, lower: Array,
-                  upper: Array) -> tuple[Array, Array]:
+                  upper: Array) -> tuple[Array, Array, Array]:
     """
     Return the state of a tree after its joints past their stops are moved back and stopped.
+
+    Third, the speeds into the stops that their impulses ended, (n,), zero of the other joints.
 
     Both corrections use the mass matrix. Moving only the joints past their stops would keep
     displacements of the other joints that a stop prevents.
@@ -102,4 +126,4 @@ def stopped_state(q: Array, u: Array, inverse_mass: Array, lower: Array,
     side, away = nearest_stops(q, lower, upper)
     q = np.clip(q + (resolve_stops(away, side, inverse_mass) - away), lower, upper)
     side = np.where(q >= upper, 1.0, np.where(q <= lower, -1.0, 0.0))
-    return q, resolve_stops(u, side, inverse_mass)
+    return q, *_resolved(u, side, inverse_mass)

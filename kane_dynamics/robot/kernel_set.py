@@ -22,7 +22,7 @@ from kane_dynamics.robot.quantities import (CONSTRAINED, FRAME_QUANTITIES, JOINT
                                             QUANTITIES, Quantity, Sizes, UNWATCHED)
 import numpy as np
 
-LARGE = 24  # more coordinates: the inverse mass matrix is traced with a subroutine
+LARGE = 24  # more coordinates: matrices of one state in lanes, inverses by a subroutine in batches
 LONG = 16  # more coordinates: derivatives of forward dynamics are NumPy products
 OUTLINED = 40  # more coordinates: quantities of SHARING are traced with subroutines
 SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
@@ -134,7 +134,8 @@ class KernelSet:
             self._same[label, at] = lambda other: other.kernel(name, at, derivative)
             return Kernel(label, lambda: self.program(name, at, derivative),
                           self.key and self.key + at, arguments, self._parameters, shape,
-                          partial(self._another, (label, at)))
+                          partial(self._another, (label, at)),
+                          lambda: self.program(name, at, derivative, single=True))
         return self._kept((label, at), make)
 
     def signature(self, name: str, at: str = '',
@@ -197,6 +198,18 @@ class KernelSet:
                 return partial(getattr(equations, name), share=Subroutines())
         return getattr(equations, name)  # type: ignore[no-any-return]
 
+    def _in_lanes(self, name: str) -> Callable[..., Any] | None:
+        """Return the function of a quantity that computes several joints at once, or None."""
+        equations = self.equations
+        if not isinstance(equations, TreeEquations) or equations.n <= LARGE:
+            return None
+        # Only large robots need these.
+        from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
+        from kane_dynamics.native.tracing.wide import WideLanes
+        if not TreeInLanes.suits(equations):
+            return None
+        return getattr(TreeInLanes(equations, lambda q: WideLanes(q.trace)), name, None)
+
     def _body(self, joint: str) -> int:
         names = [body.joint.name for body in self.equations.model.bodies]
         if joint not in names:
@@ -251,8 +264,13 @@ class KernelSet:
             arguments.append(Argument('t', (), default=self._at_time_zero))
         return arguments
 
-    def program(self, name: str, at: str = '', derivative: Derivative | None = None) -> Program:
-        """Trace a quantity or a derivative of it; arguments as `kernel`."""
+    def program(self, name: str, at: str = '', derivative: Derivative | None = None,
+                single: bool = False) -> Program:
+        """
+        Trace a quantity or a derivative of it; arguments as `kernel`.
+
+        `single` selects the program of single states on this processor, which may use lanes.
+        """
         def function(*inputs: Any) -> Any:
             given = dict(zip(names, inputs))
             values = [given[argument] for argument in quantity.arguments]
@@ -270,6 +288,8 @@ class KernelSet:
             return guarded(result, equations.margin(given['q'], time.get('t', 0.0), limits))
         equations: Any = self.equations
         quantity, method = self._quantity(name), self._method(name, at)
+        if single and derivative is None:
+            method = self._in_lanes(name) or method
         inputs = self._inputs(self.signature(name, at, derivative)[0])
         names = [key for key, _ in inputs]
         return trace_program(name, function, inputs)

@@ -42,15 +42,15 @@ class BalanceTerms(NamedTuple):
 
 class Impact(NamedTuple):
     """
-    Energy that stops take at the end of one of several steps.
+    Energy that stops take at the end of one of several steps, or arrays of several different ones.
 
     The uncertainty is that of the work of the step, J.
     """
 
-    step: int
+    step: Any
     simulation: int
-    energy: float
-    unresolved: float
+    energy: Any
+    unresolved: Any
 
 
 class EnergyBalance:

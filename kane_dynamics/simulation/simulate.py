@@ -22,11 +22,11 @@ from kane_dynamics.simulation.discontinuities import JumpWatch
 from kane_dynamics.simulation.energy_balance import EnergyBalance, Impact
 from kane_dynamics.simulation.limit_events import LimitEvents, LimitWatch
 from kane_dynamics.simulation.simulation_arguments import (
-    checked_torque, initial_states, MOST_STEPS, steps_per_sample, whole_steps)
+    checked_torque, initial_states, MOST_STEPS, require_arguments, steps_per_sample, whole_steps)
 from kane_dynamics.simulation.speed_switching import SwitchingInput
 from kane_dynamics.simulation.step_kernels import state_names
 from kane_dynamics.simulation.step_size import diverged_error, step_warning
-from kane_dynamics.simulation.stops.joint_stops import JointStops
+from kane_dynamics.simulation.stops.joint_stops import JointStops, require_stops
 from kane_dynamics.simulation.torque_input import evaluated_torque, torque_input
 from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
@@ -85,11 +85,9 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     stops : bool
         Put rigid, inelastic, frictionless stops at the position limits: the impulse of a stop
         ends the motion into it and acts on all joints, in the space of the motions that the
-        constraints admit. `Trajectory.stop_events` lists the impacts. Each impact takes about a
-        millisecond, a step with joints pressed against their stops a few times a free step; where
-        two stops hold the same motion, it takes as long as an impact. Pressed joints take energy
-        from the motion of the others, of the first order in the step
-        (see the page on limits); no warning says so.
+        constraints admit. `Trajectory.stop_events` lists the impacts; each takes about a
+        millisecond. While a joint presses against its stop, the force of the stop holds it within
+        the steps, at the cost of a few free steps and at the order of the integrator.
 
     Returns
     -------
@@ -118,6 +116,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         begin. Both are in `Trajectory.warnings` too.
 
     """
+    require_arguments(robot, t0, progress, integrator)
     starts = initial_states(robot, q0, u0, t0 := float(constant(t0, (), 't0 (s)', InputError)))
     single, N = starts.ndim == 1, 1 if starts.ndim == 1 else len(starts)
     starts = starts.reshape(N, starts.shape[-1])
@@ -138,7 +137,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     if not isinstance(stops, bool | np.bool_):
         raise InputError(f'stops: {stops!r}; expected True or False')
     if stops:
-        source = replace(source, stops=JointStops(robot, starts, step, t0))
+        require_stops(robot, starts[:, :robot.n_q])
+        source = replace(source, stops=JointStops(robot, step, t0))
     watched = bool(robot.constraint_names)
     if watched:
         source = SwitchingInput(source, N, integrator, single)

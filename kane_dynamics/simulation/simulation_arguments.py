@@ -3,11 +3,12 @@
 import math
 from typing import Any
 
-from kane_dynamics._util.checks import positive_time
+from kane_dynamics._util.checks import instance, positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_unit
 from kane_dynamics.mechanics.constraints.conditioning import loosened
+from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.native.runtime.argument import Argument, checked
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_kernels import margin_count
@@ -17,6 +18,20 @@ CLOSED = 1e-8  # m or rad: largest constraint residual of an initial configurati
 MOST_STEPS = 100_000_000
 MOST_SAMPLES = 1_000_000
 DEFAULT_SAMPLES = 1000
+
+
+def require_arguments(robot: Any, t0: Any, progress: Any, integrator: Any) -> None:
+    """Raise InputError for arguments of `simulate` of a wrong kind and limits that are NaN."""
+    instance(robot, Robot, 'robot')
+    if isinstance(t0, bool | np.bool_):
+        raise InputError(f't0: {t0!r}; expected a finite number, s')
+    if not (progress is None or callable(progress)):
+        raise InputError(f'progress: {progress!r}; expected None or a function of the time')
+    integrator_of(integrator)
+    for name, low, high in zip(robot.coordinate_names, robot.limits.lower, robot.limits.upper):
+        if math.isnan(low) or math.isnan(high):
+            raise InputError(f"limits: of joint '{name}' {low:g} to {high:g}; expected numbers, "
+                             'infinite where there is no limit')
 
 
 def initial_states(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:

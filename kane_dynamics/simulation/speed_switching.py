@@ -26,14 +26,14 @@ from kane_dynamics.robot.speed_sets import left_out_error, limits_of
 from kane_dynamics.simulation.singularity_watch import (all_trusted, residual_error,
                                                         SingularityWatch, trusted,
                                                         watched_configurations)
-from kane_dynamics.simulation.step_kernels import step_kernel
+from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice
 from kane_dynamics.simulation.step_size import diverged_error
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import SpeedChange
 from kane_dynamics.simulation.user_speeds import law_power, UserSpeeds
 import numpy as np
 
-STEP_RESIDUAL = 1e-3  # m or rad: largest residual after one step, before the correction
+STEP_RESIDUAL = 1e-3  # m or rad: largest residual after a step, before the correction
 GAIN = 2.0  # smallest ratio of the old figure to that of a new choice
 ROOM = 4.0  # a choice is kept until its figure has grown by this factor
 PIECE = 256  # steps after a change before the next check of the states
@@ -120,11 +120,11 @@ class SwitchingInput:
         if key not in self._sources:
             constants = self._source.constants.copy()
             constants[-LIMITS:] = limits_of(phase.limit, self._open, self._excess)
-            law = self._law
-            kernel = step_kernel(phase.robot, law is not None, self._integrator, None if law else
-                                 self.robot.speed_names, law.followed if law else ())
-            self._sources[key] = TorqueInput(phase.robot, kernel, self.step, constants, None,
-                                             self._source.start, self._source.stops)
+            choice = self._source.choice if self._law else StepChoice(
+                False, self._integrator, self.robot.speed_names)
+            self._sources[key] = replace(
+                self._source, robot=phase.robot, kernel=step_kernel(phase.robot, *choice),
+                choice=choice, constants=constants)
         torque = self.torque
         if self._law is None and torque.shape[0] > 1 and len(places) < torque.shape[0]:
             torque = np.ascontiguousarray(torque[places])

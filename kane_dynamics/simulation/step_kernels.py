@@ -1,8 +1,8 @@
 """Kernels of one integration step of a robot, with its dynamics as subroutines."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial, reduce
-from typing import Any
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.control.computed_torque_law import law_kernel, law_program
@@ -37,10 +37,9 @@ AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy', 'constra
 
 def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> None:
     """
-    Compile every kernel of `simulate` in advance, so that no request waits for the compiler.
+    Compile every kernel of `simulate` in advance, except those for many simulations at once.
 
-    The kernels for many simulations at once are excluded. `names` are further quantities to
-    compile concurrently.
+    `names` are further quantities to compile concurrently.
 
     Raises
     ------
@@ -48,16 +47,13 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> No
         The integrator is unknown.
 
     """
-    def step(feedback: bool) -> None:
-        step_kernel(robot, feedback, integrator)
-
     def law() -> None:
         law_kernel(robot).compile_lanes()
     support()  # the loop that steps
     driver(width())  # and that of batches
     loops = loop_kernels(robot)
-    jobs = [partial(step, False)] if robot.constraint_names else [
-        partial(step, True), partial(step, False), law]
+    jobs: list[Callable[[], Any]] = [partial(step_kernel, robot, False, integrator)]
+    jobs += [] if robot.constraint_names else [partial(step_kernel, robot, True, integrator), law]
     jobs.append(partial(compile_balance, robot))
     jobs += [partial(robot.compile, name, batches=name in AFTERWARDS) for name in loops]
     run_concurrently([*jobs, *(partial(robot.compile, name) for name in names)])
@@ -66,6 +62,21 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> No
 def loop_kernels(robot: Robot) -> list[str]:
     """Return the names of the kernels of control and simulation of this robot."""
     return [name for name in (*IN_LOOPS, *CONSTRAINED) if name in robot.kernels.names]
+
+
+class StepChoice(NamedTuple):
+    """Arguments of `step_kernel` after the robot."""
+
+    feedback: bool
+    integrator: str = 'rk4'
+    dual_to: tuple[str, ...] | None = None
+    followed: Sequence[int] = ()
+
+    def needed(self, robot: Robot) -> 'StepChoice':
+        """Return the choice without what changes nothing for this robot."""
+        follows = self.feedback and not isinstance(robot.equations, TreeEquations)
+        return self._replace(dual_to=None if self.dual_to == robot.speed_names else self.dual_to,
+                             followed=self.followed if follows else ())
 
 
 def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
@@ -93,22 +104,17 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
 
     """
     integrator_of(integrator)
+    choice = StepChoice(feedback, integrator, dual_to, followed).needed(robot)
     name = 'step_computed_torque' if feedback else 'step_held_torque'
-    name = name if integrator == 'rk4' else f'{name}_{integrator}'
-    if dual_to not in (None, robot.speed_names):
-        places = speed_places(robot.mechanism.speeds, dual_to)
+    name += '' if integrator == 'rk4' else f'_{integrator}'
+    if choice.dual_to is not None:
+        places = speed_places(robot.mechanism.speeds, choice.dual_to)
         name = f'{name}_dual_to_{"_".join(map(str, places))}'
-    else:
-        dual_to = None
-    if isinstance(robot.equations, TreeEquations) or not feedback:
-        followed = ()
-    else:
+    if feedback and not isinstance(robot.equations, TreeEquations):
         name = f'{name}_{"_".join(map(str, followed))}'
-    inputs = _inputs(robot, feedback)
-    arguments = [Argument(key, shape) for key, shape in inputs[:2]]
-    return robot.kernels.extra(
-        name, lambda: step_program(robot, name, feedback, integrator, dual_to, followed),
-        arguments, np.zeros(inputs[2][1]), inputs[0][1])
+    *inputs, constants = (Argument(*each) for each in _inputs(robot, feedback))
+    return robot.kernels.extra(name, lambda: step_program(robot, name, choice), inputs,
+                               np.zeros(constants.shape), inputs[0].shape)
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:
@@ -130,7 +136,7 @@ def _inputs(robot: Robot, feedback: bool) -> list[tuple[str, Shape]]:
             ('constants', ((2 * n if feedback else 0) + 1 + parameters,))]
 
 
-class _RobotMotion:
+class RobotMotion:
     """A robot during one traced step, in the interface of the integrators (`System`)."""
 
     def __init__(self, robot: Robot, inputs: Any, gains: Any, parameters: Any,
@@ -139,10 +145,9 @@ class _RobotMotion:
         """
         Store the arguments of the step of length h, which begins at the time `start`, (0 or 1,).
 
-        `gains` is None if torques are held; with `watched`, `margins` collects those of the
-        configurations at which the dynamics are evaluated.
+        `gains` is None if torques are held; with `watched`, `margins` collects those of stages.
         """
-        self.equations, self._robot, self._dual_to = robot.equations, robot, dual_to
+        self.equations, self.robot, self._dual_to = robot.equations, robot, dual_to
         self._inputs, self._gains, self._parameters = inputs, gains, parameters
         self.watched, self.margins = watched, list[Any]()
         self._start, self._h = start, h
@@ -164,76 +169,79 @@ class _RobotMotion:
         """Return the time at a moment, or nothing if the equations do not depend on it."""
         return tuple(t + (0.5 * moment) * self._h for t in self._start)
 
-    @lazy_property
-    def _motion(self) -> Program:
-        return _state_program(self._robot, self._dual_to, self.watched)
-
-    def rates(self, state: Any, moment: int) -> Any:
-        """Return the time derivative of q, u, time and margin."""
-        robot, margins = self._robot, margin_count(self._robot)
-        q, u, time = np.split(state[:len(state) - margins], [robot.n_q, robot.n_q + robot.n])
-        found = call(self._motion, q, u, self.torque(q, u, moment, *time), *self._wrench, *time,
-                     self._parameters)
+    def called(self, program: Program, q: Any, u: Any, tau: Any, time: Any,
+               *more: Any) -> Any:
+        """Return the results of the dynamics of a stage; their margin, if any, is kept."""
+        found = call(program, q, u, tau, *more, *self._wrench, *time, self._parameters)
         if self.watched:
             *found, margin = found
             self.margins.append(margin)
+        return found
+
+    @lazy_property
+    def _motion(self) -> Program:
+        return _state_program(self.robot, self._dual_to, self.watched)
+
+    def rates(self, state: Any, moment: int) -> Any:
+        """Return the time derivative of q, u, time and margin."""
+        robot, margins = self.robot, margin_count(self.robot)
+        q, u, time = np.split(state[:len(state) - margins], [robot.n_q, robot.n_q + robot.n])
+        found = self.called(self._motion, q, u, self.torque(q, u, moment, *time), time)
         constrained = isinstance(self.equations, ConstrainedEquations)
         return np.array([*(found if constrained else [*u, *found]), *(1.0 for _ in time),
                          *[0.0] * margins])
 
     @lazy_property
     def _stage(self) -> Program:
-        return implicit_stage(self._robot, ImplicitStep(self.equations), self._dual_to,
+        return implicit_stage(self.robot, ImplicitStep(self.equations), self._dual_to,
                               watched=self.watched)
 
     def implicit_stage(self, q: Any, u: Any, tau: Any, before: tuple[Any, Any], g: Any,
                        moment: int) -> tuple[Any, Any]:
         """Return joint rates and udot of a stage of the linearly implicit equations."""
-        found = call(self._stage, q, u, tau, *before, np.array(g), *self._wrench,
-                     *self._time(moment), self._parameters)
-        if self.watched:
-            *found, margin = found
-            self.margins.append(margin)
-        n_j = self._robot.model.n
+        found = self.called(self._stage, q, u, tau, self._time(moment), *before, np.array(g))
+        n_j = self.robot.model.n
         return np.array(found[:n_j]), np.array(found[n_j:])
 
     def quadratures(self, q: Any, u: Any, moment: int) -> Any:
         """Return the rates of time and margin."""
-        return np.array([*(1.0 for _ in self._start), *[0.0] * margin_count(self._robot)])
+        return np.array([*(1.0 for _ in self._start), *[0.0] * margin_count(self.robot)])
 
 
-def step_program(robot: Robot, name: str, feedback: bool, integrator: str,
-                 dual_to: tuple[str, ...] | None = None,
-                 followed: Sequence[int] = ()) -> Program:
-    """Trace the program of `step_kernel`; constraints project its end onto where they hold."""
+def step_program(robot: Robot, name: str, choice: StepChoice) -> Program:
+    """Trace the program of `step_kernel`."""
+    inputs = _inputs(robot, choice.feedback)
+    return trace_program(name, partial(traced_step, robot, choice), inputs)
+
+
+def traced_step(robot: Robot, choice: StepChoice, state: Any, inputs: Any, constants: Any,
+                system: Any = RobotMotion) -> Any:
+    """Return the state after one step of a `system`, with the end projected on constraints."""
     n_q, n, equations = robot.n_q, robot.n, robot.equations
-    method = integrator_of(integrator)
-
-    def step(state: Any, inputs: Any, constants: Any) -> Any:
-        gains, h, parameters = np.split(constants, [2 * n, 2 * n + 1] if feedback else [0, 1])
-        t = state[n_q + n] if equations.timed else 0.0
-        watched = watches_stages(robot, state[:n_q], t)
-        motion = _RobotMotion(robot, inputs, gains if feedback else None, parameters, dual_to,
-                              watched, followed, state[n_q + n:][:int(equations.timed)], h[0])
-        after = method.step(motion, state, h[0])
-        if watched:
-            after[-1] = reduce(lambda x, y: select(x < y, x, y), motion.margins)
-        elif isinstance(equations, ConstrainedEquations):
-            q, t = after[:n_q], after[n_q + n] if equations.timed else 0.0
-            if equations.watched:  # no later step reads this entry, so it causes no latency
-                after[-1] = equations.margin(q, t, constants[-LIMITS:])
-            after[:n_q] = equations.closure_step(q, t)
-        after[:n_q] = on_unit_quaternions(robot.model, after[:n_q])
-        if followed and margin_count(robot):
-            q, t = after[:n_q], after[n_q + n] if equations.timed else 0.0
-            margin = law_margin(robot, followed, q, t)
-            after[-1] = after[-1] if isinstance(margin, float) else select(
-                margin < after[-1], margin, after[-1])
-        return after
-    return trace_program(name, step, _inputs(robot, feedback))
+    feedback, integrator, dual_to, followed = choice.needed(robot)
+    gains, h, parameters = np.split(constants, [2 * n, 2 * n + 1] if feedback else [0, 1])
+    t = state[n_q + n] if equations.timed else 0.0
+    watched = watches_stages(robot, state[:n_q], t)
+    motion = system(robot, inputs, gains if feedback else None, parameters, dual_to, watched,
+                    followed, state[n_q + n:][:int(equations.timed)], h[0])
+    after = integrator_of(integrator).step(motion, state, h[0])
+    if watched:
+        after[-1] = reduce(lambda x, y: select(x < y, x, y), motion.margins)
+    elif isinstance(equations, ConstrainedEquations):
+        q, t = after[:n_q], after[n_q + n] if equations.timed else 0.0
+        if equations.watched:  # no later step reads this entry, so it causes no latency
+            after[-1] = equations.margin(q, t, constants[-LIMITS:])
+        after[:n_q] = equations.closure_step(q, t)
+    after[:n_q] = on_unit_quaternions(robot.model, after[:n_q])
+    if followed and margin_count(robot):
+        time = after[n_q + n] if equations.timed else 0.0
+        margin = law_margin(robot, followed, after[:n_q], time)
+        if not isinstance(margin, float):
+            after[-1] = select(margin < after[-1], margin, after[-1])
+    return after
 
 
-def _wrench_input(robot: Robot) -> list[tuple[str, Shape]]:
+def wrench_input(robot: Robot) -> list[tuple[str, Shape]]:
     """Return the input of wrenches, if the robot declares frames for them."""
     none = robot.kernels.no_wrench
     return [('wrench', none.shape)] if len(none) else []
@@ -244,15 +252,15 @@ def implicit_stage(robot: Robot, method: ImplicitStep, dual_to: tuple[str, ...] 
     """
     Trace `ImplicitStep.stage`: joint rates, udot and, if `watched`, the margin.
 
-    Its inputs are q, u, tau, the results of the first stage, g, the factors on friction if they
-    are `varied`, wrench, time and parameters.
+    Its inputs: q, u, tau, results of the first stage, g, factors on friction if `varied`, wrench,
+    time and parameters.
     """
     equations: Any = robot.equations
-    wrench, n_j = _wrench_input(robot), robot.model.n
+    wrench, n_j = wrench_input(robot), robot.model.n
     inputs: list[tuple[str, Shape]] = [
         ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), ('joint_rates', (n_j,)),
         ('udot', (robot.n,)), ('g', ()), *([('factors', (n_j,))] if varied else []), *wrench,
-        *_time_input(robot)]
+        *time_input(robot), ('parameters', robot.parameters.block.shape)]
 
     def stage(q: Any, u: Any, tau: Any, k_v: Any, k_u: Any, g: Any, *rest: Any) -> Any:
         *given, parameters = rest
@@ -264,11 +272,10 @@ def implicit_stage(robot: Robot, method: ImplicitStep, dual_to: tuple[str, ...] 
                              parameters[:robot.parameters.physical], t, factors)
         margin = [equations.margin(q, t, parameters[-LIMITS:])] if watched else []
         return [*found[0], *found[1], *margin]
-    return trace_program('implicit_stage', stage, [
-        *inputs, ('parameters', robot.parameters.block.shape)])
+    return trace_program('implicit_stage', stage, inputs)
 
 
-def _time_input(robot: Robot) -> list[tuple[str, Shape]]:
+def time_input(robot: Robot) -> list[tuple[str, Shape]]:
     """Return the input of time, if the equations depend on it."""
     return [('t', ())] if robot.equations.timed else []
 
@@ -279,8 +286,7 @@ def _state_program(robot: Robot, dual_to: tuple[str, ...] | None,
     equations = robot.equations
     if not isinstance(equations, ConstrainedEquations):
         return robot.kernels.program('forward_dynamics')
-    wrench = _wrench_input(robot)
-    time = _time_input(robot)
+    wrench, time = wrench_input(robot), time_input(robot)
 
     def rates(q: Any, u: Any, tau: Any, *rest: Any) -> Any:
         *moment, parameters = rest[len(wrench):]

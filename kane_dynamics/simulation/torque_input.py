@@ -15,7 +15,7 @@ from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.step_kernels import step_kernel
+from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 import numpy as np
 
@@ -26,6 +26,7 @@ class TorqueInput:
 
     robot: Robot
     kernel: Kernel
+    choice: StepChoice  # of the kernel
     step: float
     constants: Array  # gains and step, then the robot's parameters
     torque: Any  # ComputedTorque, or (1 or N, 1 or steps, n) torques
@@ -212,12 +213,12 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
             raise InputError('torque: computed torque of another robot (model, options, gravity '
                              'or payload) than the simulated one; expected the same, or a '
                              'function that returns the torques of the other')
-        return TorqueInput(robot, step_kernel(robot, True, integrator, followed=torque.followed),
-                           step, np.concatenate([torque.kp, torque.kd, [step], block]), torque,
-                           start)
-    return TorqueInput(robot, step_kernel(robot, False, integrator), step,
-                       np.concatenate([[step], block]), _table(robot, torque, count, states),
-                       start)
+        choice = StepChoice(True, integrator, followed=torque.followed)
+        constants = np.concatenate([torque.kp, torque.kd, [step], block])
+    else:
+        choice, constants = StepChoice(False, integrator), np.concatenate([[step], block])
+        torque = _table(robot, torque, count, states)
+    return TorqueInput(robot, step_kernel(robot, *choice), choice, step, constants, torque, start)
 
 
 def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:

@@ -223,13 +223,14 @@ def test_the_fullest_configuration_starts_works_and_ends_500_times_on_a_busy_mac
                     time.sleep(chance.uniform(0.5, 6.0))
                 else:
                     process.wait_for('active, mode', 300.0)
+                    client.connect()
                     client.torques.clear()
                     for _ in range(chance.randrange(100, 300)):
                         wrench.header.stamp = client.get_clock().now().to_msg()
                         wrenches.publish(wrench)
                         client.send(0.5 * np.sin(time.time() + np.arange(3)), np.zeros(3))
                         time.sleep(1.0 / RATE)
-                    answered += bool(client.torques)
+                    answered += len(client.torques) >= 50
             finally:
                 code, _ = process.end(chance.choice([signal.SIGINT, signal.SIGTERM]), 300.0)
             assert code == 0 or (k % 5 == 4 and code in (-signal.SIGINT, -signal.SIGTERM)), (
@@ -240,4 +241,4 @@ def test_the_fullest_configuration_starts_works_and_ends_500_times_on_a_busy_mac
             each.kill()
             each.wait()
         client.destroy_publisher(wrenches)
-    assert answered >= 0.9 * (STARTS - STARTS // 5)  # discovery may take longer than the states
+    assert answered == STARTS - STARTS // 5

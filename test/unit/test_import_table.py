@@ -37,6 +37,7 @@ PARTS = {
         ball_joints friction joint_stops
         definition
         recursive
+        joint_lanes
         ball_equations
         constraints
         energy_form

@@ -17,6 +17,6 @@ INTEGRATORS: dict[str, Integrator] = {each.name: each for each in (RungeKutta4()
 
 def integrator_of(name: str) -> Integrator:
     """Return the integrator with this name; raise InputError for an unknown one."""
-    if name not in INTEGRATORS:
+    if not isinstance(name, str) or name not in INTEGRATORS:
         raise InputError(f'integrator: {name!r}; expected one of {", ".join(INTEGRATORS)}')
     return INTEGRATORS[name]

@@ -16,11 +16,12 @@ from collections.abc import Callable
 import math
 from typing import Any
 
-from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.constrained_equations import (congruent,
                                                                        ConstrainedEquations)
 from kane_dynamics.mechanics.friction import friction_over_rate
+from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution, linear_system,
+                                                             Solution)
 from kane_dynamics.mechanics.integrators.interface import System
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
@@ -94,28 +95,26 @@ class ImplicitStep:
             Factors on the model's friction in the linearization.
 
         """
-        T, v, M, net, order = self._linear_system(q, u, tau, wrench, parameters, t)
+        v, found = self.held_stage(Held([], []), q, u, tau, before, g, wrench, parameters, t,
+                                   factors)
+        return v, found.w
+
+    def held_stage(self, held: Held, q: Any, u: Any, tau: Any, before: tuple[Any, Any], g: Any,
+                   wrench: Any, parameters: Any, t: Any = 0.0,
+                   factors: Any = 1.0) -> tuple[Any, Solution]:
+        """Return the results of `stage` while joints are held, with what holds them."""
+        system = linear_system(self.equations, q, u, tau, wrench, parameters, t)
+        T = np.eye(self.n) if system.T is None else system.T
+        v = system.v
         K, k_v = self._K, before[0]
         # Each stage evaluates its own friction over speed; otherwise stopping joints reverse.
         D, turned = factors * self.resistance(v), T @ before[1]
         resisted = D * turned + self._C @ turned + K @ k_v
         force = (2.0 * g) * resisted - g * (K @ (v - (2.0 * g) * turned))
         A = np.diag(g * D) + _scaled(self._C, g) + _scaled(K, g * g)
-        w_u = solve(factorize(M + congruent(A, T), order), order, net + T.T @ force)
-        return v + g * (self._sprung * (T @ w_u - 2.0 * turned)), w_u
-
-    def _linear_system(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
-                       t: Any) -> tuple[Any, Any, Any, Any, list[int]]:
-        """Return T, rates of the joints, M, tau + external - bias, and the order of M."""
-        equations = self.equations
-        if isinstance(equations, TreeEquations):
-            held = equations.inverse_dynamics(q, u, equations.zeros, wrench, parameters)
-            return (np.eye(self.n), u, equations.mass_matrix(q, parameters), tau - held,
-                    equations.order)
-        motion = equations.joint_motion(q, u, equations.zeros, t)
-        held = self._tree.inverse_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
-        M = congruent(self._tree.mass_matrix(q, parameters), motion.T)
-        return motion.T, motion.qdot, M, tau - motion.T.T @ held, list(range(equations.n))
+        found = held_solution(system, system.M + congruent(A, T),
+                              system.net + T.T @ force, held)
+        return v + g * (self._sprung * (T @ found.w - 2.0 * turned)), found
 
     def step(self, stage: Stage, q: Any, u: Any, torque: Callable[[Any, Any, int], Any],
              h: Any) -> tuple[Any, Any]:

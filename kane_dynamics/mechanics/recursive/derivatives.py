@@ -17,7 +17,7 @@ of the subtree of i are transformed from i to the root once for all j on that pa
 of these joints j change with joint i by one force and moment each for q and for u.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -116,8 +116,23 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
     `subroutines`).
     """
     n = len(q)
-    motion: list[LinkMotion] = []
     states, carried = [], []
+    for state in link_states(links, q, u, udot, gravity):
+        states.append(state)
+        carried.append(single_link(state.link, state.motion))
+    by_q, by_u, M = ([[0.0] * n for _ in range(n)] for _ in range(3))
+    for i in reversed(range(len(links))):
+        _add_row(states, carried[i], i, (by_q, by_u, M), share)
+        _add_column(states, carried[i], i, (by_q, by_u), share)
+        if links[i].parent != WORLD:
+            add_to_parent(states[i], carried[i], carried[links[i].parent])
+    return np.array([by_q, by_u, M])
+
+
+def link_states(links: Sequence[Link], q: Any, u: Any, udot: Any,
+                gravity: Any) -> Iterator[LinkState]:
+    """Yield the state of every link."""
+    motion: list[LinkMotion] = []
     for link in links:
         step = JointStep(link, q)
         motion.append(link_motion(link, step, motion, q, u, udot, gravity))
@@ -126,18 +141,10 @@ def inverse_dynamics_derivatives(links: Sequence[Link], q: Any, u: Any, udot: An
             velocity = cross(motion[link.parent][0], step.offset)
             if link.kind == 'prismatic':
                 velocity = velocity + (link.multiplier * u[link.coordinate]) * step.axis
-        states.append(LinkState(link, step, motion[-1], velocity))
-        carried.append(_single_link(link, motion[-1]))
-    by_q, by_u, M = ([[0.0] * n for _ in range(n)] for _ in range(3))
-    for i in reversed(range(len(links))):
-        _add_row(states, carried[i], i, (by_q, by_u, M), share)
-        _add_column(states, carried[i], i, (by_q, by_u), share)
-        if links[i].parent != WORLD:
-            _add_to_parent(states[i], carried[i], carried[links[i].parent])
-    return np.array([by_q, by_u, M])
+        yield LinkState(link, step, motion[-1], velocity)
 
 
-def _single_link(link: Link, motion: LinkMotion) -> CompositeBody:
+def single_link(link: Link, motion: LinkMotion) -> CompositeBody:
     """Return the composite body of a single link."""
     omega, S, h = motion[0], link.second_moment, link.first_moment
     v_r = np.stack([cross(omega, column) for column in S.T], axis=1)  # int v r^T dm
@@ -149,14 +156,8 @@ def _single_link(link: Link, motion: LinkMotion) -> CompositeBody:
 def _add_row(states: Sequence[LinkState], body: CompositeBody, i: int,
              results: tuple[Matrix, Matrix, Matrix], share: Share) -> None:
     """Add row i: derivatives with respect to joint i and the joints toward the root."""
-    h, S, K, L = body.h, body.S, body.S_rate, body.L
     own = states[i].link
-    if own.kind == 'revolute':
-        passed = np.array([-h[1], h[0], 0.0, -S[0, 2], -S[1, 2], S[0, 0] + S[1, 1],
-                           L[1] - K[0, 2], -L[0] - K[1, 2], K[0, 0] + K[1, 1]])
-    else:
-        passed = np.array([0.0, 0.0, body.mass, h[1], -h[0], 0.0,
-                           2.0 * body.p[1], -2.0 * body.p[0], 0.0])
+    passed = row_vectors(own.kind, body)
     j, row, M = i, own.coordinate, results[2]
     while j != WORLD:
         link = states[j].link
@@ -170,21 +171,21 @@ def _add_row(states: Sequence[LinkState], body: CompositeBody, i: int,
         j = link.parent
 
 
+def row_vectors(kind: str, body: CompositeBody) -> Any:
+    """Return the vectors f, n and e (see the module) of a link's joint in link axes, (9,)."""
+    h, S, K, L = body.h, body.S, body.S_rate, body.L
+    if kind == 'revolute':
+        return np.array([-h[1], h[0], 0.0, -S[0, 2], -S[1, 2], S[0, 0] + S[1, 1],
+                         L[1] - K[0, 2], -L[0] - K[1, 2], K[0, 0] + K[1, 1]])
+    return np.array([0.0, 0.0, body.mass, h[1], -h[0], 0.0,
+                     2.0 * body.p[1], -2.0 * body.p[0], 0.0])
+
+
 def _add_column(states: Sequence[LinkState], body: CompositeBody, i: int,
                 results: tuple[Matrix, Matrix], share: Share) -> None:
     """Add column i: derivatives of the torques toward the root with respect to q_i and u_i."""
-    link, (omega, _, a, U) = states[i].link, states[i].motion
-    across = np.array([omega[1], -omega[0], 0.0])  # omega x s
-    turned = np.array([-body.force[1], body.force[0], 0.0])  # s x force
-    if link.kind == 'revolute':
-        force, moment = _wrench_change(body, across, U[:, 2], np.array([a[1], -a[0], 0.0]))
-        N = body.moment
-        wrenches = np.concatenate([force + turned, moment + np.array([-N[1], N[0], 0.0]),
-                                   *_wrench_change(body, Z, across + across, NONE)])
-    else:
-        force, moment = _wrench_change(body, NONE, NONE, U[:, 2])
-        wrenches = np.concatenate([force, moment + turned,
-                                   *_wrench_change(body, NONE, NONE, across + across)])
+    link = states[i].link
+    wrenches = column_wrenches(link.kind, states[i].motion, body)
     j = i
     while states[j].link.parent != WORLD:
         wrenches = share(f'column_{j}', states[j].columns, wrenches, states[j].state)
@@ -197,6 +198,21 @@ def _add_column(states: Sequence[LinkState], body: CompositeBody, i: int,
                                    + link.multiplier * below.multiplier * entry)
 
 
+def column_wrenches(kind: str, motion: LinkMotion, body: CompositeBody) -> Any:
+    """Return the changes of force and moment with q and u of the own joint, (12,), link axes."""
+    omega, _, a, U = motion
+    across = np.array([omega[1], -omega[0], 0.0])  # omega x s
+    turned = np.array([-body.force[1], body.force[0], 0.0])  # s x force
+    if kind == 'revolute':
+        force, moment = _wrench_change(body, across, U[:, 2], np.array([a[1], -a[0], 0.0]))
+        N = body.moment
+        return np.concatenate([force + turned, moment + np.array([-N[1], N[0], 0.0]),
+                               *_wrench_change(body, Z, across + across, NONE)])
+    force, moment = _wrench_change(body, NONE, NONE, U[:, 2])
+    return np.concatenate([force, moment + turned,
+                           *_wrench_change(body, NONE, NONE, across + across)])
+
+
 def _wrench_change(body: CompositeBody, delta: Any, chi: Any, da: Any) -> tuple[Any, Any]:
     """Return the force and moment for an acceleration change da + chi x r + 2 delta x v."""
     S, K = body.S, body.S_rate
@@ -207,7 +223,7 @@ def _wrench_change(body: CompositeBody, delta: Any, chi: Any, da: Any) -> tuple[
     return force, moment
 
 
-def _add_to_parent(state: LinkState, body: CompositeBody, parent: CompositeBody) -> None:
+def add_to_parent(state: LinkState, body: CompositeBody, parent: CompositeBody) -> None:
     """Add the composite body of a link to that of its parent."""
     step, mass, r, w = state.step, body.mass, state.step.offset, state.velocity
     h, p, force = step.inward(body.h), step.inward(body.p), step.inward(body.force)

@@ -54,17 +54,12 @@ def regressor(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
     for k, link in enumerate(links):
         step = JointStep(link, q)
         motion.append(link_motion(link, step, motion, q, u, udot, gravity))
-        omega, alpha, a, U = motion[k]
-        state = np.concatenate([[step.s, step.c], step.offset, omega, alpha, a, U.ravel()])
-        own = np.concatenate([Z, REST] if link.kind == 'revolute' else [REST, Z])
-        columns = {k: np.concatenate([own, _on_joint(link, own, state)])}
+        state, own = link_state(step, motion[k]), own_partial(link)
+        columns = {k: np.concatenate([own, on_joint(link, own, state)])}
         if link.parent != WORLD:
             def below(passed: Any, state: Any, link: Link = link, step: JointStep = step) -> Any:
-                here = step.at(state[0], state[1], state[2:5])
-                s, v = passed[:3], passed[3:]
-                moved = np.concatenate([here.outward(s),
-                                        here.outward(v + cross(s, here.offset))])
-                return np.concatenate([moved, _on_joint(link, moved, state)])
+                moved = outward(step.at(state[0], state[1], state[2:5]), passed)
+                return np.concatenate([moved, on_joint(link, moved, state)])
             columns |= {j: share(f'body_{k}', below, passed, state)
                         for j, passed in partials[link.parent].items()}
         partials.append({j: column[:6] for j, column in columns.items()})
@@ -75,7 +70,24 @@ def regressor(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
     return np.array(Y)
 
 
-def _on_joint(link: Link, partial: Any, state: Any) -> Any:
+def link_state(step: JointStep, motion: LinkMotion) -> Any:
+    """Return the state of a link, (23,): sine, cosine and offset of its joint, its motion."""
+    omega, alpha, a, U = motion
+    return np.concatenate([[step.s, step.c], step.offset, omega, alpha, a, U.ravel()])
+
+
+def own_partial(link: Link) -> Any:
+    """Return the partial velocities of a link for its own joint, (6,): angular, linear."""
+    return np.concatenate([Z, REST] if link.kind == 'revolute' else [REST, Z])
+
+
+def outward(step: JointStep, partial: Any) -> Any:
+    """Return partial velocities, (6,), of a link from those of its parent."""
+    s, v = partial[:3], partial[3:]
+    return np.concatenate([step.outward(s), step.outward(v + cross(s, step.offset))])
+
+
+def on_joint(link: Link, partial: Any, state: Any) -> Any:
     """
     Return the regressor entries of one joint and one body, (10,).
 
@@ -86,7 +98,7 @@ def _on_joint(link: Link, partial: Any, state: Any) -> Any:
     partial : (6,) array of scalars
         Partial velocities of the link for the joint: angular s, then linear v of its origin.
     state : array of scalars
-        Motion of the link, in the layout of `regressor`.
+        `link_state`.
 
     """
     C = link.body[:3, :3].T  # link axes to body axes

@@ -80,6 +80,11 @@ class TreeEquations(JointForces):
             *(link.beam.coordinates if link.beam else []))))
 
     @property
+    def joint_links(self) -> tuple[Link, ...]:
+        """Return the links with their origins at the model's joints, without a payload."""
+        return self._raw_links
+
+    @property
     def geometry(self) -> tuple[Link, ...]:
         """Return the links without a payload, for kinematics."""
         return self._links
@@ -159,10 +164,12 @@ class TreeEquations(JointForces):
         """Return dtau/dq, dtau/du and dtau/dudot = M, (3, n, n), without external wrenches."""
         rigid = inverse_dynamics_derivatives(self.base_links(parameters), q, u, udot,
                                              parameters[:3], share)
-        ones = np.ones(self.n)
-        return rigid + np.stack([np.diag(x) for x in (
-            self._by_coordinate(lambda j: j.multiplier**2 * j.stiffness),
-            self.friction_slope(u), self.armature(ones))])
+        return rigid + np.stack([np.diag(x) for x in self.joint_slopes(u)])
+
+    def joint_slopes(self, u: Any) -> tuple[Any, Any, Any]:
+        """Return what springs, friction and armature add to the diagonals of the derivatives."""
+        return (self._by_coordinate(lambda j: j.multiplier**2 * j.stiffness),
+                self.friction_slope(u), self.armature(np.ones(self.n)))
 
     def forward_dynamics_derivatives(self, q: Any, u: Any, tau: Any, parameters: Any) -> Any:
         """Return dudot/dq, dudot/du and dudot/dtau = M^-1, (3, n, n), no external wrenches."""

@@ -194,3 +194,21 @@ class Vector:
         value = self.op('fadd', base, self.op('fadd', r, tail))
         return self.new(f'call {self.type} @llvm.copysign.{self.end}({self.type} {value}, '
                         f'{self.type} {x})')
+
+
+def transpose(v: Vector, rows: list[str]) -> list[str]:
+    """Return the columns of a square tile of row vectors."""
+    return exchange_blocks(v, rows, v.width // 2)
+
+
+def exchange_blocks(v: Vector, rows: list[str], distance: int) -> list[str]:
+    """Exchange off-diagonal blocks of this size, then of half the size, and so on."""
+    while distance:
+        kept = [lane for lane in range(v.width) if not lane & distance]
+        low = sorted([*kept, *(lane + v.width for lane in kept)], key=lambda k: (
+            k % v.width + (distance if k >= v.width else 0)))
+        high = [place + distance for place in low]
+        rows = [v.shuffle(rows[i], rows[i | distance], low) if not i & distance
+                else v.shuffle(rows[i ^ distance], rows[i], high) for i in range(v.width)]
+        distance //= 2
+    return rows

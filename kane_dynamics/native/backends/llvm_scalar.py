@@ -8,11 +8,13 @@ elementary functions are packed into a vector; processors without SIMD registers
 
 from collections.abc import Iterator, Sequence
 
+from kane_dynamics.mechanics.algebra.lanes import LANES
 from kane_dynamics.native.backends.llvm_math import FUNCTION_LANES, Vector
+from kane_dynamics.native.backends.llvm_wide import Rows
 from kane_dynamics.native.backends.real_types import (DOUBLE, intrinsic_end, Real, splat,
                                                       vector_type)
 from kane_dynamics.native.tracing.expression import Expr, operands
-from kane_dynamics.native.tracing.program import Program, size_of
+from kane_dynamics.native.tracing.program import PLACING, Program, ROWS, size_of
 
 MEMSET_ZEROS = 16  # structurally zero results from which memset is smaller than single stores
 ARITHMETIC = {'add': 'fadd', 'sub': 'fsub', 'mul': 'fmul', 'div': 'fdiv'}
@@ -48,11 +50,14 @@ class Function:
         self.type = vector_type(lanes, real)
         self.width = abreast if lanes == 1 else lanes  # of elementary functions
         self.names: dict[int, str] = {}
-        self.lines = [self._head(symbol)]
+        self.lines: list[str] = []
         self.callees: list[Program] = []
         self._stored: dict[tuple[object, ...], str] = {}  # pointer to stored arguments, by entries
+        self._wide = Rows(self.lines, self.names, program.outputs)
         schedule = program.schedule()
         self._load_inputs(schedule)
+        if self._wide.stored:  # before their stores
+            self._clear_results()
         for group in _levels(schedule):
             if group and group[0].op in ELEMENTARY:
                 self._functions(group)
@@ -60,9 +65,11 @@ class Function:
                 for node in group:
                     self._operation(node)
         self._store_outputs()
+        self.lines.insert(0, self._head(symbol))
 
     def _head(self, symbol: str) -> str:
-        return f'define void @{symbol}(ptr %args) {{'
+        aligned = f' alignstack({8 * LANES})' if self._wide.stored else ''  # of spilled rows
+        return f'define void @{symbol}(ptr %args){aligned} {{'
 
     def callee(self, program: Program) -> 'Function':
         """Return the function of a subroutine."""
@@ -88,17 +95,22 @@ class Function:
                            f'  %{name}.{k} = load {self.type}, ptr {at}']
             self.names[node.index] = f'%{name}.{k}'
 
-    def _store_outputs(self) -> None:
+    def _clear_results(self) -> None:
+        """Set all results to zero at once, where single stores would dominate a sparse matrix."""
         outputs = self.program.outputs
-        zeros = {k for k, x in enumerate(outputs) if not isinstance(x, Expr) and x == 0.0}
-        if len(zeros) >= MEMSET_ZEROS:  # single stores would dominate the code of a sparse matrix
-            size = self.real.bits // 8 * self.lanes * len(outputs)
-            self.lines.append(f'  call void @llvm.memset.p0.i64(ptr %in.result, i8 0, i64 {size}, '
-                              'i1 false)')
-        else:
-            zeros = set()
-        for k, x in enumerate(outputs):
-            if k in zeros:
+        self._zeros = {k for k, x in enumerate(outputs) if not isinstance(x, Expr) and x == 0.0}
+        if len(self._zeros) < MEMSET_ZEROS:
+            self._zeros = set()
+            return
+        size = self.real.bits // 8 * self.lanes * len(outputs)
+        self.lines.append(f'  call void @llvm.memset.p0.i64(ptr %in.result, i8 0, i64 {size}, '
+                          'i1 false)')
+
+    def _store_outputs(self) -> None:
+        if not self._wide.stored:
+            self._clear_results()
+        for k, x in enumerate(self.program.outputs):
+            if k in self._zeros or k in self._wide.stored:
                 continue
             self.lines += [f'  %to.{k} = getelementptr {self.type}, ptr %in.result, i64 {k}',
                            f'  store {self.type} {self.value(x)}, ptr %to.{k}']
@@ -110,6 +122,8 @@ class Function:
             return
         if node.op == 'call':
             self._call(node)
+        elif node.op in PLACING or node.op in ROWS:
+            name = self._wide.value(node)
         elif node.op == 'output':
             source, k = node.args
             at = f'%got{node.index}'

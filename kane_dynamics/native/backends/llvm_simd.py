@@ -9,7 +9,7 @@ same way. `bad` accumulates bits that are set where an argument or a result is n
 
 from functools import cache
 
-from kane_dynamics.native.backends.llvm_math import Vector
+from kane_dynamics.native.backends.llvm_math import exchange_blocks, transpose, Vector
 from kane_dynamics.native.backends.llvm_scalar import Function, with_callees
 from kane_dynamics.native.backends.real_types import size_limit, vector_type
 from kane_dynamics.native.machine_code import llvm
@@ -26,24 +26,6 @@ def width() -> int:
     """Return the number of doubles in this processor's widest SIMD register."""
     features = llvm.features()
     return 8 if features.get('avx512f') else 4 if features.get('avx2') else 2
-
-
-def transpose(v: Vector, rows: list[str]) -> list[str]:
-    """Return the columns of a square tile of row vectors."""
-    return exchange_blocks(v, rows, v.width // 2)
-
-
-def exchange_blocks(v: Vector, rows: list[str], distance: int) -> list[str]:
-    """Exchange off-diagonal blocks of this size, then of half the size, and so on."""
-    while distance:
-        kept = [lane for lane in range(v.width) if not lane & distance]
-        low = sorted([*kept, *(lane + v.width for lane in kept)], key=lambda k: (
-            k % v.width + (distance if k >= v.width else 0)))
-        high = [place + distance for place in low]
-        rows = [v.shuffle(rows[i], rows[i | distance], low) if not i & distance
-                else v.shuffle(rows[i ^ distance], rows[i], high) for i in range(v.width)]
-        distance //= 2
-    return rows
 
 
 class RowFunction(Function):

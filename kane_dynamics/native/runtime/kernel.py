@@ -55,12 +55,15 @@ class Kernel:
     reason : callable, optional
         Called with the arguments of a state whose result is not finite; raises an error that
         explains it, or returns another kernel that answers in its place, or None.
+    single : callable, optional
+        Traces the program for single states, if it is another one of the same function.
 
     """
 
     def __init__(self, name: str, program: Callable[[], Program], key: str | None,
                  arguments: Sequence[Argument], parameters: Array, shape: Shape,
-                 reason: ResultCheck | None = None) -> None:
+                 reason: ResultCheck | None = None,
+                 single: Callable[[], Program] | None = None) -> None:
         """Compile the program or load it from the cache."""
         self._reason = reason
         self.name, self.shape = name, shape
@@ -71,8 +74,8 @@ class Kernel:
         self._program, self._key = program, key
         self._compiling = ForkSafeLock()
         self._lanes: tuple[llvm.Code, llvm.Address] | None = None  # set once
-        self.code = self._compiled('', lambda: '\n'.join([module_text(program(), SYMBOL),
-                                                          self._entry_points()]))
+        self.code = self._compiled('', lambda: '\n'.join([
+            module_text((single or program)(), SYMBOL), self._entry_points()]))
         self.address = self.code.address(SYMBOL)
 
     def _compiled(self, kind: str, text: Callable[[], str]) -> llvm.Code:

@@ -6,11 +6,16 @@ import math
 import operator
 from typing import Any
 
+from kane_dynamics.mechanics.algebra.lanes import LANES
 from kane_dynamics.native.tracing.expression import Expr, operands, Scalar, Trace
 import numpy as np
 
 Shape = tuple[int, ...]
 STRUCTURE = ('input', 'output', 'call')  # nodes that are not operations
+ROWS = {'wide_mul': 'multiplications', 'wide_add': 'additions', 'wide_sub': 'additions',
+        'wide_neg': 'negations'}  # operations on the rows of `wide`
+PLACING = ('pack', 'lane', 'blend', 'transposed', 'column')  # of scalars in rows
+KEPT = frozenset([*STRUCTURE, *ROWS, *PLACING])  # nodes without folding
 OPERATORS: dict[str, Any] = {'add': operator.add, 'sub': operator.sub, 'mul': operator.mul,
                              'div': operator.truediv, 'neg': operator.neg}
 
@@ -88,7 +93,9 @@ class Program:
         for node in self.schedule():
             if node.op == 'call':
                 inner = inner + node.args[0].operation_count()
-            elif node.op not in ('input', 'output'):
+            elif node.op in ROWS:
+                counts[ROWS[node.op]] += LANES
+            elif node.op not in (*STRUCTURE, *PLACING):
                 counts[kind.get(node.op, 'functions')] += 1
         return OperationCount(**counts) + inner
 
@@ -138,8 +145,8 @@ def factored(program: Program) -> Program:
             new[node.index] = factor * (left + right if node.op == 'add' else left - right)
         else:
             args = [of(arg) for arg in node.args]
-            new[node.index] = (trace.node(node.op, *args) if node.op in STRUCTURE
-                               else applied(node.op, args))
+            new[node.index] = (trace.node(node.op, *args)
+                               if node.op in KEPT else applied(node.op, args))
     outputs = tuple(of(x) for x in program.outputs)
     return Program(program.name, program.inputs, outputs, program.shape)
 

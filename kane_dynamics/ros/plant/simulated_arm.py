@@ -4,13 +4,14 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.conditioning import described
-from kane_dynamics.mechanics.joint_stops import stopped_state
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.plant.energy_check import EnergyCheck
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
-from kane_dynamics.simulation.step_kernels import state_names, step_kernel
+from kane_dynamics.simulation.step_kernels import state_names, step_kernel, StepChoice
 from kane_dynamics.simulation.step_size import step_warning
 from kane_dynamics.simulation.stops.joint_stops import JointStops
+from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_step
+from kane_dynamics.simulation.torque_input import TorqueInput
 import numpy as np
 
 
@@ -81,20 +82,20 @@ class SimulatedArm:
         self.wrenches: dict[str, Array] = {}
         self.stop_contacts = self.clamped = 0
         self.lower, self.upper = robot.limits.lower[:n], robot.limits.upper[:n]
-        self._lower, self._upper = robot.limits.lower, robot.limits.upper
-        kernel = step_kernel(robot, False, integrator)
+        choice = StepChoice(False, integrator)
+        kernel = step_kernel(robot, *choice)
         self._constants = kernel.parameters
         self._constants[0] = step
         if self._constrained:
             self._state[:n_q] = self._next[:n_q] = self._closed(None)
-            self._stops = JointStops(robot, self._state[None, :], step, 0.0)
         self.energy = EnergyCheck(robot, step, integrator)
         self.use_parameters()
         self._advance = kernel.bind([self._state, self._total], self._next, 'Step.')
-        if not self._constrained:
-            inverse_mass = robot.kernels.quantity('inverse_mass_matrix')
-            self._inverse_mass = inverse_mass.bind([self._q], np.zeros(inverse_mass.shape),
-                                                   'M^-1.')
+        self._stops = JointStops(robot, step, 0.0)
+        self._source = TorqueInput(robot, kernel, choice, step, self._constants,
+                                   self._total[None])
+        compile_pressed_step(robot, choice)
+        robot.compile('inverse_mass_matrix')
         self.frames = WrenchFrames(robot)
         robot.compile('external_force')
 
@@ -171,10 +172,12 @@ class SimulatedArm:
             raise InputError('closed loops: near a singular configuration at '
                              f'{described(self.robot.mechanism, self._q)}; expected a motion '
                              'away from it')
-        self._state[:] = self._next
-        self.energy.add(self._total[0], self._state)
-        if (self.q < self.lower).any() or (self.q > self.upper).any():
+        n = len(self.q)
+        if (self._next[:n] < self.lower).any() or (self._next[:n] > self.upper).any():
             self._apply_stops()
+        else:
+            self._state[:] = self._next
+            self.energy.add(self._total[0], self._state)
         if self._constrained:
             self.u[:] = self.robot.joint_rates(self._q, self._u)
 
@@ -185,10 +188,9 @@ class SimulatedArm:
         return self.robot.external_force(self._q, wrench=world)
 
     def _apply_stops(self) -> None:
-        """Move joints back to their stops and remove their speed into the stops."""
+        """Advance by a step with the forces and the impulses of the stops."""
+        self.energy.add(self._total[0], self._next)
         self.energy.close()
-        self._q[:], self._u[:] = self._stops.admissible(
-            self.robot, self._q.copy(), self._u.copy(), 0.0) if self._constrained else (
-            stopped_state(self._q, self._u, self._inverse_mass(), self._lower, self._upper))
+        self._state[:] = self._stops.step_end(self._source, self._state.copy(), self._next)
         self.energy.restart(self._state)
         self.stop_contacts += 1

@@ -1,43 +1,61 @@
 """
 Native steps during which given joints press against their stops.
 
-A step of the integrator, then the impulses of the stops in contact: the joints are moved back,
-loops are closed, and the motion into the stops ends. The joints in contact are arguments. A step
-is valid if every one of them is pressed and no other joint comes to its stop: then the impulses
-are the solution of the complementarity problem of `mechanics.joint_stops`. `JointStops` computes
-the other steps.
+The joints in contact are arguments. They are held: the forces of their stops act in every stage of
+the integrator (`held_steps`), so their work is zero, and the order of the step is that of the
+integrator. At the end of the step their remaining motion, which is of the order of the error of
+the step, is taken back; that of trees is zero. A step is valid if no stop pulls, and no other
+joint passes its stop. `JointStops` computes the other steps.
 """
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.integrators.held_joints import held_response
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loop_support import repeat
-from kane_dynamics.native.tracing.program import Program, Shape, trace_program
+from kane_dynamics.native.tracing.program import Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.step_kernels import margin_count, step_kernel
+from kane_dynamics.simulation.step_kernels import margin_count, step_kernel, StepChoice
+from kane_dynamics.simulation.stops.held_steps import held_step, pulls
 import numpy as np
 
 if TYPE_CHECKING:
     from kane_dynamics.simulation.torque_input import TorqueInput
 
 ROUNDING = 1e-11  # rad or m: past a stop, with constraints, after loops are closed
-NEAR = 1e-6  # rad or m: after one correction of loops; the second then leaves rounding errors
-NOT_NEGATIVE = -1e-300
+
+
+class PressedSteps(NamedTuple):
+    """
+    Results of K steps with held joints, for k joints with stops.
+
+    The states after the steps and before the last correction, (K, size). By coordinate, (K, n_q):
+    accelerations of the joints at the beginning of the step, the pull of each stop then, and its
+    largest pull, 0 of a stop that presses; a stop cannot pull. The generalized forces of the stops
+    at both ends of the step, (2, K, n). Which steps are valid, (K,).
+    """
+
+    after: Array
+    before: Array
+    acceleration: Array
+    first: Array
+    pull: Array
+    force: Array
+    valid: Any
 
 
 def pressed_steps(source: 'TorqueInput', state: Array, done: int, count: int, side: Array,
-                  lower: Array, upper: Array) -> tuple[Array, Array, Any]:
+                  lower: Array, upper: Array) -> PressedSteps:
     """
-    Return the states after pressed steps, the same before the impulses, and which are valid.
+    Return the results of pressed steps.
 
     Parameters
     ----------
@@ -52,28 +70,36 @@ def pressed_steps(source: 'TorqueInput', state: Array, done: int, count: int, si
     lower, upper : (n_q,) arrays
         The stops, rad or m; infinite where there is none.
 
-    Returns
-    -------
-    (count, size), (count, size), (count,) arrays
-
     """
     stopped = _stopped(lower, upper)
-    kernel, size = _kernel(source.robot, source.kernel, stopped), len(state)
-    rows = np.empty((count + 1, 2 * size + 1))
+    size, k = len(state), len(stopped)
+    kernel = _kernel(source.robot, source.kernel, source.choice, stopped)
+    rows = np.empty((count + 1, *kernel.shape))
     rows[0, :size] = state
     contact = np.array([side[stopped], lower[stopped], upper[stopped]])
     inputs, _, stride = source.inputs(done, count)
     repeat(kernel.address,
            [x.ctypes.data for x in (rows, inputs, contact, source.constants, rows[1:])],
            [rows.strides[0], stride, 0, 0, rows.strides[0]], count)
-    return rows[1:, :size], rows[1:, size:-1], rows[1:, -1] > 0.5
+    acceleration, first, pull = joints = np.zeros((3, count, len(side)))
+    after, before, of_joints, force, valid = np.split(
+        rows[1:], np.cumsum([size, size, 3 * k, 2 * source.robot.n]), axis=1)
+    joints[:, :, stopped] = of_joints.reshape(count, 3, k).swapaxes(0, 1)
+    return PressedSteps(after, before, acceleration, first, pull,
+                        force.reshape(count, 2, -1).swapaxes(0, 1), valid[:, 0] > 0.5)
 
 
 def compile_pressed_steps(robot: Robot, integrator: str, followed: Sequence[int] = ()) -> None:
-    """Compile the kernels of `pressed_steps`; arguments as those of `step_kernel`."""
+    """Compile the kernels of `pressed_steps` with and without feedback, as `step_kernel`."""
+    for choice in (StepChoice(x, integrator, None, followed) for x in (False, True)):
+        compile_pressed_step(robot, choice)
+
+
+def compile_pressed_step(robot: Robot, choice: StepChoice) -> None:
+    """Compile the kernel of `pressed_steps` for one choice."""
     stopped = _stopped(robot.limits.lower, robot.limits.upper)
-    for feedback in (False, True):
-        _kernel(robot, step_kernel(robot, feedback, integrator, None, followed), stopped)
+    if stopped:
+        _kernel(robot, step_kernel(robot, *choice), choice, stopped)
 
 
 def _stopped(lower: Array, upper: Array) -> list[int]:
@@ -82,65 +108,66 @@ def _stopped(lower: Array, upper: Array) -> list[int]:
     return found
 
 
-def _kernel(robot: Robot, free: Kernel, stopped: list[int]) -> Kernel:
+def _kernel(robot: Robot, free: Kernel, choice: StepChoice, stopped: list[int]) -> Kernel:
     """Return the kernel of a pressed step, by that of a free step and the joints with stops."""
     (size,), k = free.shape, len(stopped)
     name = f'pressed_{free.name}_{"_".join(map(str, stopped))}'
     inputs = [(a.name, a.shape) for a in free.arguments] + [('contact', (3, k))]
     constants = ('constants', free.parameters.shape)
-
-    def traced() -> Program:
-        step = free.traced()
-        return trace_program(name, lambda state, given, contact, constants: _step(
-            robot, np.array(call(step, state, given, constants)), contact,
-            constants[-len(robot.parameters.block):], stopped), [*inputs, constants])
-    return robot.kernels.extra(name, traced, [Argument(*x) for x in inputs],
-                               np.zeros(constants[1]), (2 * size + 1,))
+    whole = 2 * size + 3 * k + 2 * robot.n + 1
+    return robot.kernels.extra(
+        name, lambda: trace_program(name, partial(_step, robot, choice, stopped),
+                                    [*inputs, constants]),
+        [Argument(*x) for x in inputs], np.zeros(constants[1]), (whole,))
 
 
-def _step(robot: Robot, free: Any, contact: Any, parameters: Any, stopped: list[int]) -> Any:
-    """Return the state after the impulses, that before them, and 1.0 if they are valid."""
-    q, u, rest = np.split(free, [robot.n_q, robot.n_q + robot.n])
-    constrained = isinstance(robot.equations, ConstrainedEquations)
+def _step(robot: Robot, choice: StepChoice, stopped: list[int], state: Any, inputs: Any,
+          contact: Any, constants: Any) -> Any:
+    """Return the entries of a row of `PressedSteps`."""
     side, lower, upper = contact
+    step = held_step(robot, choice, state, inputs, constants, side, stopped)
+    free = step.state
+    q, u, rest = np.split(free, [robot.n_q, robot.n_q + robot.n])
     touching = [s * s > 0.5 for s in side]
-    stop = [select(s > 0.0, b, a) for s, a, b in zip(side, lower, upper)]
-
-    def masked(x: Any) -> Any:
-        return np.array([select(c, each, 0.0) for c, each in zip(touching, x)])
-    system, closed = _system_of(robot, q, list(rest[:int(robot.equations.timed)]), parameters)
-    here = system(q)
-    along, push = _impulses(here, stopped, touching, masked(q[stopped] - stop))
-    q = q - here[0] @ along
+    slack = 0.0
     valid: Any = 1.0
-    if constrained:
-        q = closed(q)
-        here, near = system(q), masked(q[stopped] - stop)
-        q = closed(q - here[0] @ _impulses(here, stopped, touching, near)[0])
-        here, left = system(q), masked(q[stopped] - stop)
-        valid = _all(*(c for x, most in ((near, NEAR), (left, ROUNDING)) for each in x
-                       for c in (each < most, -most < each)))
-    T, X, _ = here
-    along, held = _impulses(here, stopped, touching, masked((T @ u + X)[stopped]))
-    u = u - along
-    for k, j in enumerate(stopped):
-        if not constrained:  # exactly, so that rounding does not move the joint
-            q[j], u[j] = select(touching[k], stop[k], q[j]), select(touching[k], 0.0, u[j])
-        pressed = _all(side[k] * push[k] > NOT_NEGATIVE, side[k] * held[k] > NOT_NEGATIVE)
-        valid = valid * select(touching[k], pressed, _all(lower[k] < q[j], q[j] < upper[k]))
+    if isinstance(robot.equations, ConstrainedEquations):
+        q, u, left = _corrected(robot, stopped, touching, [
+            select(s > 0.0, b, a) for s, a, b in zip(side, lower, upper)], q, u,
+            list(rest[:int(robot.equations.timed)]), constants[-len(robot.parameters.block):])
+        slack, valid = ROUNDING, _all(*(c for x in left for c in (x < ROUNDING, x > -ROUNDING)))
+    forces = [stage[0] for stage in step.stages]
+    first, pull = pulls(forces[:1], side), pulls(forces, side)
+    for c, x, a, b, j in zip(touching, pull, lower, upper, stopped):
+        within = (1.0 - _all(b + slack < q[j])) * (1.0 - _all(q[j] < a - slack))
+        valid = valid * select(c, 1.0 - _all(x > 0.0), within)
     if margin_count(robot):
         valid = valid * _all(rest[-1] > 0.0)
-    return [*q, *u, *rest, *free, valid]
+    return [*q, *u, *rest, *free, *step.stages[0][1], *first, *pull,
+            *step.stages[0][2], *step.stages[-1][2], valid]
+
+
+def _corrected(robot: Robot, stopped: list[int], touching: list[Any], stops: list[Any], q: Any,
+               u: Any, time: list[Any], parameters: Any) -> tuple[Any, Any, Any]:
+    """Return q and u without the remaining motion of the held joints, and what is left of q."""
+    system, closed = _system_of(robot, q, time, parameters)
+
+    def away(q: Any) -> Any:
+        return np.array([select(c, x, 0.0) for c, x in zip(touching, q[stopped] - stops)])
+    T, _, inverse = system(q)
+    along = inverse @ T[stopped].T
+    for _ in range(2):  # the second has the error of the first, and of closing the loops
+        q = closed(q - T @ (along @ held_response(T[stopped] @ along, touching, away(q))))
+    T, X, inverse = system(q)
+    along = inverse @ T[stopped].T
+    u = u - along @ held_response(T[stopped] @ along, touching, (T @ u + X)[stopped])
+    return q, u, away(q)
 
 
 def _system_of(robot: Robot, q: Any, time: list[Any], parameters: Any) -> tuple[Any, Any]:
     """Return functions of q: T, X of q' = T u + X and M^-1; and q with closed loops."""
     equations: Any = robot.equations
     n_q, n = robot.n_q, robot.n
-    if not isinstance(equations, ConstrainedEquations):
-        inverse = robot.kernels.program('inverse_mass_matrix')
-        return lambda q: (np.eye(n), np.zeros(n), np.array(
-            call(inverse, q, parameters)).reshape(n, n)), None
     inputs: list[tuple[str, Shape]] = [('q', (n_q,)), *(('t', ()) for _ in time),
                                        ('parameters', np.shape(parameters))]
 
@@ -163,19 +190,6 @@ def _system_of(robot: Robot, q: Any, time: list[Any], parameters: Any) -> tuple[
         q, rest[0][()] if time else 0.0), inputs)
     return system, lambda q: on_unit_quaternions(
         robot.model, np.array(call(newton, q, *time, parameters)))
-
-
-def _impulses(system: tuple[Any, Any, Any], stopped: list[int], touching: list[Any],
-              motion: Any) -> tuple[Any, Any]:
-    """Return the change of the independent speeds that ends a motion, (n,), and impulses, (k,)."""
-    T, _, inverse = system
-    along = inverse @ T[stopped].T
-    A, k = T[stopped] @ along, len(stopped)
-    A = np.array([[select(touching[i], A[i, j], 1.0) if i == j else
-                   select(touching[i], select(touching[j], A[i, j], 0.0), 0.0)
-                   for j in range(k)] for i in range(k)])
-    found = solve(factorize(A, range(k)), range(k), motion)
-    return along @ found, found
 
 
 def _all(*conditions: Any) -> Any:

@@ -5,7 +5,7 @@ from typing import Any, TYPE_CHECKING
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.energy_kernels import energy_kernel
+from kane_dynamics.simulation.energy_kernels import driven_kernel, energy_kernel
 from kane_dynamics.simulation.user_speeds import UserSpeeds
 import numpy as np
 
@@ -16,9 +16,11 @@ BENT = 1e-6  # uncertain part of the energy that a joint gains on its way into a
 
 
 def energies(source: 'TorqueInput', asked: Robot, before: Array, after: Array,
-             steps: Any) -> list[list[float]]:
+             steps: Any) -> Array:
     """
-    Return loss, balance and uncertainty of the contacts at the end of K steps; see `Contact`.
+    Return loss, balance and uncertainty of the contacts at the end of K steps, (K, 3).
+
+    See `Contact`.
 
     Parameters
     ----------
@@ -57,6 +59,34 @@ def energies(source: 'TorqueInput', asked: Robot, before: Array, after: Array,
         moved = 0.5 * h * (u[0] - u[1]) if constrained else (
             before[:, :n_q] - after[:, :n_q])
         work = np.sum(tau * moved, axis=1)
-    found: list[list[float]] = np.stack(
-        [lost, lost - work - 0.5 * h * power, unresolved], axis=1).tolist()
-    return found
+    return np.stack([lost, lost - work - 0.5 * h * power, unresolved], axis=1)
+
+
+def work_through_constraints(robot: Robot, states: Array, force: Array, step: float) -> Any:
+    """
+    Return the work that forces of stops do through moving constraints in K steps, (K,), J.
+
+    A held joint does not move, so a stop does no work. But the constraints that prescribe a motion
+    react to it, and the balance counts their work without the forces of stops.
+
+    Parameters
+    ----------
+    robot : Robot
+        In the speeds of the states.
+    states : (K + 1, size) array
+        At the ends of the steps.
+    force : (2, K, n) array
+        The generalized forces of the stops at the beginning and at the end of each step.
+    step : float
+        s.
+
+    """
+    driven, n_q, n = driven_kernel(robot), robot.n_q, robot.n
+    if driven is None:
+        return 0.0
+    work: Any = 0.0
+    for rows, f in zip((states[:-1], states[1:]), force):
+        state, u = rows[:, :n_q + n + robot.equations.timed], rows[:, n_q:n_q + n]
+        power = driven(state, f) - driven(state, 0.0 * f) + np.sum(f * u, axis=1)
+        work = work + 0.5 * step * power
+    return work

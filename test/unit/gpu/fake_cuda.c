@@ -27,7 +27,7 @@ int cuDevicePrimaryCtxRetain(void **context, int device)
 int cuCtxPushCurrent_v2(void *context) { NOTE("enter %p\n", context); return 0; }
 int cuCtxPopCurrent_v2(void **context) { *context = 0; NOTE("leave\n"); return 0; }
 int cuPointerGetAttribute(void *data, int attribute, uint64_t pointer)
-{ if (attribute != 9 || pointer >= host_begin) return 1;
+{ CHECK("cuPointerGetAttribute"); if (attribute != 9 || pointer >= host_begin) return 1;
   *(int *)data = pointer >= 0x1000000 ? 1 : 0; return 0; }
 int cuMemAlloc_v2(uint64_t *pointer, size_t size)
 { CHECK("cuMemAlloc_v2"); NOTE("allocate %zu\n", size); *pointer = 0x900000; return 0; }

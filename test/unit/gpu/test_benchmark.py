@@ -1,8 +1,12 @@
 """The benchmark of GPUs measures nothing without one, and checks the results of one."""
 
+from functools import partial
+
 from benchmarks import gpu as benchmark
-from host_gpu import host_gpu
-from kane_dynamics import DeviceError
+from host_gpu import host_gpu, on_gpu
+from kane_dynamics import DeviceError, gpu
+from learning import fr3
+import numpy as np
 import pytest
 
 
@@ -35,3 +39,24 @@ def test_it_compares_before_it_measures_and_names_the_device(monkeypatch, capsys
         monkeypatch.setattr(benchmark, 'TOLERANCE', {'float64': -1.0})
         with pytest.raises(ValueError, match=r'inverse_dynamics: error .* of the largest entry'):
             benchmark.main()
+        monkeypatch.setattr(benchmark, 'QUANTITIES', ())
+        with pytest.raises(ValueError, match=r'rollout: error .* of the largest entry'):
+            benchmark.main()
+
+
+def test_events_enclose_launches_alone(monkeypatch):
+    """The work of Python in a call takes longer than a kernel."""
+    with host_gpu() as device:
+        done = []
+        for name in ('call', 'launch', 'device_of'):
+            def noted(name, made, *given):
+                done.append(given[0] if name == 'call' else name)
+                return made(*given)
+            monkeypatch.setattr(device, name, partial(noted, name, getattr(device, name)))
+        function = gpu.function(fr3(), 'inverse_dynamics')
+        *given, out = on_gpu(*np.zeros((4, 5, 7)))
+        kernel, call = benchmark.device_times(
+            device, lambda: function(*given, out=out, stream=0), 4)
+    assert kernel == pytest.approx(1e-3 / 4) and call > 0.0
+    begin = done.index('cuEventRecord')
+    assert done[begin:begin + 6] == ['cuEventRecord', *['launch'] * 4, 'cuEventRecord']

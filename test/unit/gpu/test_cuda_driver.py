@@ -102,7 +102,13 @@ def test_a_stream_that_an_array_states_is_waited_for_unless_it_is_that_of_the_ca
     dynamics()(*given, out=out, stream=9)
     assert not any(call.startswith('synchronize') for call in fake.calls())
     dynamics()(*given, out=out, stream=8)
-    assert sum(call == 'synchronize 0x9' for call in fake.calls()) == 4
+    calls = fake.calls()
+    assert calls[:3] == ['enter 0x100', 'synchronize 0x9', 'leave']
+    assert sum(call == 'synchronize 0x9' for call in calls) == 4
+    given[0] = At(0x1000000, 1000, 7, stream=1)  # on the default stream of the second device
+    with pytest.raises(InputError, match='u: on device 0; expected device 1'):
+        dynamics()(*given, stream=8)
+    assert fake.calls()[1:4] == ['enter 0x101', 'synchronize 0x1', 'leave']
 
 
 def test_results_are_allocated_on_the_device_and_freed(fake):
@@ -126,8 +132,8 @@ def test_arrays_of_the_second_device_run_there(fake):
 
 
 @pytest.mark.parametrize('name', ['cuDevicePrimaryCtxRetain', 'cuModuleLoadDataEx',
-                                  'cuModuleGetFunction', 'cuLaunchKernel',
-                                  'cuStreamSynchronize', 'cuMemAlloc_v2'])
+                                  'cuModuleGetFunction', 'cuLaunchKernel', 'cuMemAlloc_v2',
+                                  'cuStreamSynchronize', 'cuPointerGetAttribute'])
 def test_an_error_of_the_driver_is_named_and_explained(fake, name):
     fake.fail(name)
     with pytest.raises(DeviceError, match=f'{name}: error 719, CUDA_ERROR_LAUNCH_FAILED, '

@@ -113,6 +113,19 @@ def test_an_arm_at_a_stop_can_move_away_from_it():
     assert resting.stop_contacts == 0
 
 
+def test_a_pendulum_on_a_link_that_is_pressed_against_its_stop_keeps_its_energy():
+    pressed = arm(lower=[-0.5, -np.inf], upper=[1.0, np.inf])
+    pressed.reset(np.array([-0.5, 1.0]))
+    before = energy(pressed.q, pressed.u)
+    fastest = 0.0
+    for _ in range(2000):
+        pressed.step(np.array([-60.0, 0.0]))
+        fastest = max(fastest, abs(pressed.u[1]))
+    assert pressed.at_stops == ['joint1'] and pressed.stop_contacts == 2000 and fastest > 1.0
+    assert abs(energy(pressed.q, pressed.u) - before) < 1e-9 * abs(before)
+    assert not pressed.energy.warning
+
+
 # ---------------------------------------------------------------------- the arm
 
 

@@ -2,10 +2,13 @@
 
 from dataclasses import replace
 from functools import cache
+import warnings
 
-from kane_dynamics import (absolute_rates, ComputedTorque, ConstraintError, InputError, Motion,
-                           Prescribed, Robot, simulate, Trajectory)
+from kane_dynamics import (absolute_rates, ComputedTorque, ConstraintError, InputError, load_urdf,
+                           Motion, Prescribed, Robot, simulate, Trajectory)
+from kane_dynamics._util.resources import resource_path
 from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.simulation.stops.joint_stops import JointStops
 from linkages import (five_bar, five_bar_at, five_bar_partial_rates, four_bar_model, PIN, sleigh)
 from mechanisms import random_model
 import numpy as np
@@ -194,19 +197,147 @@ def test_stops_act_after_a_change_of_the_independent_speeds():
     np.testing.assert_allclose(run.u[:, 1], 1.7 + 0.5 * run.t, atol=1e-6)  # no moment of the stop
 
 
-def test_what_a_pressed_joint_takes_from_the_others_is_of_the_first_order_in_the_step():
-    """The first joint stays at its stop, so the second one is a pendulum, which loses nothing."""
+@pytest.mark.parametrize(('integrator', 'error'), [('rk4', 1e-9), ('implicit', 1e-5)])
+def test_a_pendulum_on_a_pressed_link_keeps_its_energy(integrator, error):
     robot = stopped(Robot(random_model(1, 2, prismatic=0.0, branching=0.0), friction=False),
                     joint0=(0.0, 1.0))
-    taken = []
-    for step in (1e-4, 5e-5):
-        run = simulate(robot, [0.0, 0.3], [0.0, 0.0], 0.5, step=step, stops=True,
-                       torque=[-50.0, 0.0])
+    run = simulate(robot, [0.0, 0.3], [0.0, 0.0], 20.0, stops=True, torque=[-50.0, 0.0],
+                   integrator=integrator)
+    assert not run.warnings and not run.q[:, 0].any()
+    kinetic, potential = run.energy.T
+    assert np.ptp(kinetic + potential) < error * np.ptp(potential) > 0.0
+
+
+@pytest.mark.parametrize(('integrator', 'order'), [('rk4', 4.0), ('implicit', 2.0)])
+def test_an_arm_on_two_pressed_joints_moves_as_one_whose_joints_are_fixed(integrator, order):
+    path, names = resource_path('urdf', 'fr3.urdf'), [f'fr3_joint{k}' for k in range(1, 8)]
+    q0 = np.array([0.0, -0.7, 0.0, -2.3, 0.0, 1.6, 0.7])
+    u0, tau = [0.5, 0.0, 0.3, 0.0, 0.2, -0.5, 1.0], [2.0, 200.0, 1.0, -200.0, 0.5, 0.2, 0.1]
+    free = [0, 2, 4, 5, 6]
+    arm = stopped(Robot(load_urdf(path, joints=names), friction=False),
+                  fr3_joint2=(-FREE, -0.7), fr3_joint4=(-2.3, FREE))
+    fixed = Robot(load_urdf(path, joints=[names[k] for k in free],
+                            locked={names[1]: -0.7, names[3]: -2.3}), friction=False)
+    given = q0[free], np.array(u0)[free], 0.5
+    exact = simulate(fixed, *given, torque=np.array(tau)[free], step=2e-4)
+    errors = []
+    for step in (1e-2, 5e-3):
+        run = simulate(arm, q0, u0, 0.5, torque=tau, stops=True, step=step, integrator=integrator)
+        same = simulate(fixed, *given, torque=np.array(tau)[free], step=step,
+                        integrator=integrator)
+        assert not run.warnings and not run.stop_events
+        np.testing.assert_array_equal(run.q[:, [1, 3]] - q0[[1, 3]], 0.0)
+        np.testing.assert_allclose(run.q[:, free], same.q, rtol=0.0, atol=1e-12)
+        errors.append(np.abs(run.q[-1, free] - exact.q[-1]).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.3)
+
+
+def five_bar_on_its_stop():
+    """Return a five-bar with a dependent joint at its stop, and one where it is prescribed."""
+    q0, free = five_bar_at(2.0, 1.1), five_bar()
+    T = five_bar_partial_rates(q0)
+    tip = free._choices['constraints'][0]
+    fixed = Robot(free.model, constraints=[tip, Prescribed('left_bar', lambda t: q0[1] + 0.0 * t)],
+                  friction=False, independent=('right_crank',))
+    return stopped(free, left_bar=(q0[1], FREE)), fixed, q0, np.array([-T[1, 1] / T[1, 0], 1.0])
+
+
+@pytest.mark.parametrize(('integrator', 'order'), [('rk4', 3.7), ('implicit', 1.8)])
+def test_a_loop_on_a_pressed_joint_moves_as_one_where_it_is_prescribed(integrator, order):
+    robot, fixed, q0, u0 = five_bar_on_its_stop()
+    exact = simulate(fixed, q0, u0[1:], 0.09, torque=[10.0], step=1e-4)
+    errors = []
+    for step in (1.5e-2, 7.5e-3):
+        run = simulate(robot, q0, u0, 0.09, torque=[0.0, 10.0], stops=True, step=step,
+                       integrator=integrator)
+        assert not run.warnings and not run.stop_events and run.drift < 1e-11
+        np.testing.assert_allclose(run.q[:, 1], q0[1], rtol=0.0, atol=1e-10)
+        errors.append(np.abs(run.q[-1] - exact.q[-1]).max())
+    assert np.log2(errors[0] / errors[1]) > order
+
+
+def test_a_pressed_joint_leaves_its_stop_where_the_force_of_the_stop_changes_its_sign():
+    """Prescribed, the joint needs a force of that sign: the power of the motion is its sign."""
+    robot, fixed, q0, u0 = five_bar_on_its_stop()
+    left, leaves = [], []
+    for step in (1e-3, 5e-4, 1.25e-4):
+        run = simulate(robot, q0, u0, 0.12, torque=[0.0, 10.0], stops=True, step=step, sample=step)
+        leaves.append(run.t[np.argmax(run.q[:, 1] > q0[1] + 1e-10)])
+        left.append(run.q[-1])
         assert not run.warnings
-        total = run.energy.sum(axis=1)
-        taken.append(total[0] - total[-1])
-    assert taken[0] == pytest.approx(2.0 * taken[1], rel=0.1)
-    assert taken[1] > 0.0
+    held = simulate(fixed, q0, u0[1:], 0.12, torque=[10.0], step=1.25e-4, sample=1.25e-4)
+    force = fixed.constraint_forces(held.q, held.u, held.tau, t=held.t)[:, -1]
+    changes = held.t[np.flatnonzero(np.diff(np.sign(force)))]
+    assert len(changes) == 1
+    assert -1.25e-4 <= leaves[-1] - changes[0] < 4 * 1.25e-4  # beyond 1e-10 rad
+    assert np.abs(left[1] - left[2]).max() < 1e-6
+
+
+@pytest.mark.parametrize('torque', [5.0, 50.0])
+@pytest.mark.parametrize('apart', [0.0, 1e-9, 1e-7, -1e-7, 1e-5, -1e-5, 1e-3, -1e-3])
+def test_of_two_nearly_coincident_stops_of_a_loop_the_first_one_holds(apart, torque):
+    robot = four_bar()
+    q0, at = (robot.closed_posture((x, 0.0, -1.5), fixed=['crank']) for x in (0.5, 0.9))
+    run = simulate(stopped(robot, rocker=(-FREE, at[2] + apart), crank=(-FREE, at[0])), q0, [2.0],
+                   0.3, stops=True, torque=[torque])
+    hits = [event.joint for event in run.stop_events]
+    if apart < 0.0:
+        np.testing.assert_allclose(run.q[-1, 2], at[2] + apart, rtol=0.0, atol=2e-11)
+        assert hits == ['rocker'] and run.q[-1, 0] < at[0]
+    else:
+        np.testing.assert_allclose(run.q[-1, 0], at[0], rtol=0.0, atol=2e-11)
+        assert hits == (['crank', 'rocker'] if apart < 1e-8 else ['crank'])
+    assert not run.warnings and all(event.speed > 0.0 for event in run.stop_events)
+
+
+def test_two_pressed_stops_of_one_motion_are_native_and_share(monkeypatch):
+    robot = four_bar()
+    q0 = robot.closed_posture((0.5, 0.0, -1.5), fixed=['crank'])
+    both = stopped(robot, rocker=(-FREE, q0[2]), crank=(-FREE, q0[0]))
+    monkeypatch.setattr(JointStops, '_stopped', None)  # no step needs it
+    run = simulate(both, q0, [0.0], 0.5, stops=True, torque=[50.0])
+    assert not run.warnings and not run.stop_events
+    np.testing.assert_allclose(run.q[-1], q0, atol=1e-10)
+
+
+@pytest.mark.parametrize('torque', [1e4, 1e7])
+def test_the_energy_balance_does_not_warn_of_joints_that_rest_under_large_torques(torque):
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        arm = stopped(tree(), joint0=(-0.4, 0.5), joint1=(-0.3, 0.6), joint2=(-1.0, 0.7))
+        simulate(arm, [0.5, 0.6, 0.7], np.zeros(3), 0.1, stops=True, torque=np.full(3, torque))
+        q0 = four_bar().closed_posture((0.5, 0.0, -1.5), fixed=['crank'])
+        simulate(stopped(four_bar(), rocker=(-FREE, q0[2])), q0, [0.0], 0.1, stops=True,
+                 torque=[0.01 * torque])
+
+
+def test_joints_at_rest_and_another_that_hits_do_not_bounce_between_their_stops():
+    """An impact takes joints off their stops only if it overcomes the torques on them."""
+    robot = stopped(tree(), joint0=(-0.4, 0.5), joint1=(-0.3, 0.6), joint2=(-1.0, 0.7))
+    run = simulate(robot, [0.1, 0.2, 0.3], np.zeros(3), 0.6, stops=True,
+                   torque=[80.0, 40.0, 20.0])
+    assert len(run.stop_events) < 30
+
+
+@pytest.mark.parametrize(('argument', 'message'), [
+    ({'integrator': ['implicit']}, r"integrator: \['implicit'\]; expected one of rk4, implicit"),
+    ({'step': True}, 'step: True; expected a positive, finite time'),
+    ({'sample': True}, 'sample: True; expected a positive, finite time'),
+    ({'duration': np.array([0.1])}, r'duration: array\(\[0\.1\]\); expected a positive'),
+    ({'t0': True}, 't0: True; expected a finite number'),
+    ({'progress': 3}, 'progress: 3; expected None or a function'),
+    ({'robot': 3}, 'robot: a int; expected a Robot')])
+def test_arguments_of_a_wrong_kind_are_named(argument, message):
+    given = {'robot': tree(), 'q0': [0.1, 0.2, 0.3], 'u0': [0.0] * 3, 'duration': 0.01}
+    with pytest.raises(InputError, match=message):
+        simulate(**{**given, **argument})
+
+
+@pytest.mark.parametrize('stops', [False, True])
+def test_a_limit_that_is_not_a_number_is_named(stops):
+    with pytest.raises(InputError, match=r"'joint1' nan to 0\.6; expected numbers, inf"):
+        simulate(stopped(tree(), joint1=(np.nan, 0.6)), [0.1, 0.2, 0.3], [0.0] * 3, 0.01,
+                 stops=stops)
 
 
 @pytest.mark.parametrize('bad', ['no', 1, None, np.array([True, False])], ids=repr)

@@ -1,0 +1,87 @@
+"""
+Inverse of the mass matrix M = L^T D L from the inverse W of L, a block of rows at a time.
+
+W_ja is zero unless joint a carries joint j, like L. M^-1 = W D^-1 W^T sums over the joints that
+carry both, which are few in a tree.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
+from kane_dynamics.mechanics.algebra.vector import is_zero
+import numpy as np
+
+Row = dict[int, Any]  # lanes by the number of their block; blocks of zeros are left out
+
+
+def inverse_mass_matrix(factors: tuple[list[list[Any]], list[Any]], order: Sequence[int],
+                        lanes: Any = Lanes) -> Any:
+    """
+    Return M^-1, (n, n), exactly symmetric, from the result of `ltdl.factorize`.
+
+    `lanes` has the functions of `Lanes`.
+    """
+    n = len(order)
+    L, reciprocal = factors
+    carries = _pattern(L)
+    columns = _inverse_columns(L, lanes)
+    scaled = [{g: x * reciprocal[a] for g, x in column.items()}
+              for a, column in enumerate(columns)]
+    result = np.zeros((n, n), dtype=object)
+    for g in range(-(-n // LANES)):
+        for block in range(g + 1):
+            rows = [_entries(columns, scaled, carries[r], r, block, lanes)
+                    for r in range(g * LANES, min((g + 1) * LANES, n))]
+            if all(is_zero(row) for row in rows):
+                continue
+            mirrored = lanes.transposed(rows)
+            if block == g:
+                rows = [lanes.blend([k <= r for k in range(LANES)], row, mirrored[r])
+                        for r, row in enumerate(rows)]
+            else:
+                _place(result, mirrored, block, g, order, lanes)
+            _place(result, rows, g, block, order, lanes)
+    return result
+
+
+def _pattern(L: Sequence[Sequence[Any]]) -> Any:
+    """Return where W is not structurally zero, (n, n) booleans."""
+    n = len(L)
+    found = np.eye(n, dtype=bool)
+    nonzero = np.array([[k > a and not is_zero(L[k][a]) for a in range(n)] for k in range(n)])
+    for a in reversed(range(n)):
+        found[:, a] |= (found & nonzero[:, a]).any(axis=1)
+    return found
+
+
+def _inverse_columns(L: Sequence[Sequence[Any]], lanes: Any) -> list[Row]:
+    """Return the columns of W: W_ja = -sum W_jk L_ka over the joints k that a carries."""
+    columns: list[Row] = [{} for _ in L]
+    for a in reversed(range(len(L))):
+        own = columns[a]
+        own[a // LANES] = lanes.pack([1.0 if k == a % LANES else 0.0 for k in range(LANES)])
+        for k in range(a + 1, len(L)):
+            if not is_zero(L[k][a]):
+                for g, x in columns[k].items():
+                    own[g] = own.get(g, 0.0) - x * L[k][a]
+    return columns
+
+
+def _entries(columns: Sequence[Row], scaled: Sequence[Row], carriers: Any, r: int, block: int,
+             lanes: Any) -> Any:
+    """Return a block of row r of W D^-1 W^T; `carriers` is row r of `_pattern`."""
+    total: Any = 0.0
+    for a in np.flatnonzero(carriers).tolist():
+        if block in columns[a]:
+            total = total + columns[a][block] * lanes.lane(scaled[a][r // LANES], r % LANES)
+    return total
+
+
+def _place(result: Any, rows: Sequence[Any], above: int, left: int, order: Sequence[int],
+           lanes: Any) -> None:
+    """Write a block of rows to the matrix."""
+    n = len(order)
+    for r in range(above * LANES, min((above + 1) * LANES, n)):
+        for c in range(left * LANES, min((left + 1) * LANES, n)):
+            result[order[r], order[c]] = lanes.lane(rows[r % LANES], c % LANES)

@@ -1,0 +1,68 @@
+"""Quantities of large trees, computed for several joints at once in lanes."""
+
+from collections.abc import Callable
+from typing import Any
+
+from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
+from kane_dynamics.mechanics.joint_lanes.derivatives import inverse_dynamics_derivatives
+from kane_dynamics.mechanics.joint_lanes.inverse import inverse_mass_matrix
+from kane_dynamics.mechanics.joint_lanes.regressor import regressor
+from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+import numpy as np
+
+
+class TreeInLanes:
+    """
+    The matrices of `TreeEquations` that take many joints' vectors; its methods have their names.
+
+    Parameters
+    ----------
+    equations : TreeEquations
+        Of rigid bodies, each moved by a coordinate of its own: see `suits`.
+    lanes : callable
+        Takes a scalar of q and returns an object with the functions of `Lanes` for its type.
+
+    """
+
+    def __init__(self, equations: TreeEquations,
+                 lanes: Callable[[Any], Any] = lambda scalar: Lanes) -> None:
+        """Store the equations."""
+        self.equations, self._lanes = equations, lanes
+
+    @staticmethod
+    def suits(equations: TreeEquations) -> bool:
+        """Return whether every body is rigid and has its own coordinate (no mimic joint)."""
+        model = equations.model
+        return not model.flexible and len(model.bodies) == equations.n == equations.n_q
+
+    def inverse_mass_matrix(self, q: Any, parameters: Any) -> Any:
+        """Return the inverse mass matrix, (n, n)."""
+        return inverse_mass_matrix(self.equations.factors(q, parameters), self.equations.order,
+                                   self._lanes(q[0]))
+
+    def coriolis_matrix(self, q: Any, u: Any, parameters: Any) -> Any:
+        """Return the Coriolis matrix, (n, n)."""
+        none, links = np.zeros(3).astype(object), self.equations.base_links(parameters)
+        by_u = inverse_dynamics_derivatives(links, q, u, self.equations.zeros, none,
+                                            self._lanes(q[0]))[1]
+        return self._matrix(0.5 * by_u, q)
+
+    def inverse_dynamics_derivatives(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
+        """Return dtau/dq, dtau/du and M, (3, n, n)."""
+        lanes, links = self._lanes(q[0]), self.equations.base_links(parameters)
+        rows = inverse_dynamics_derivatives(links, q, u, udot, parameters[:3], lanes)
+        for m, diagonal in enumerate(self.equations.joint_slopes(u)):
+            for r, slope in enumerate(diagonal):
+                block = [slope if k == r % LANES else 0.0 for k in range(LANES)]
+                rows[m, r, r // LANES] = rows[m, r, r // LANES] + lanes.pack(block)
+        return np.array([self._matrix(matrix, q) for matrix in rows])
+
+    def regressor(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
+        """Return the joint torque regressor, (n, 10 n_bodies)."""
+        return regressor(self.equations.joint_links, q, u, udot, parameters[:3],
+                         self._lanes(q[0]))
+
+    def _matrix(self, rows: Any, q: Any) -> Any:
+        """Return the scalars of rows, (n, n)."""
+        lane, n = self._lanes(q[0]).lane, len(rows)
+        return np.array([[lane(row[c // LANES], c % LANES) for c in range(n)] for row in rows])

@@ -1,0 +1,111 @@
+"""Steps with joints held at their stops, in NumPy: one linear system for motion and forces."""
+
+from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
+from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
+from kane_dynamics.simulation.stops.pressed_steps import PressedSteps
+import numpy as np
+
+
+class HeldMotion:
+    """A robot with constant torques and some joints that are held."""
+
+    def __init__(self, robot, tau, side):
+        """Store them; `side` is by coordinate."""
+        self.robot, self.tau, self.side = robot, tau, side
+        self.rows = [robot.model.places.index(k) for k in np.flatnonzero(side)]
+        self.method = ImplicitStep(robot.equations)
+        self.stages = []
+
+    def motion(self, q, u, t):
+        """Return T, and rates and accelerations of the joints at udot = 0."""
+        robot = self.robot
+        if not isinstance(robot.equations, ConstrainedEquations):
+            return np.eye(robot.n), u, np.zeros(robot.n)
+        found = robot.equations.joint_motion(q, u, np.zeros(robot.n), t)
+        return [np.array(x, dtype=float) for x in (found.T, found.qdot, found.qddot)]
+
+    def solution(self, q, u, t, more=0.0, force=0.0):
+        """Return udot and keep what holds; `more` is added to M, `force` to the torque."""
+        robot, (T, _, drift) = self.robot, self.motion(q, u, t)
+        at = {'t': t} if robot.equations.timed else {}
+        rest = np.zeros(robot.n)
+        net = self.tau - robot.inverse_dynamics(q, u, rest, **at) + force
+        held, n = T[self.rows], robot.n
+        K = np.block([[robot.mass_matrix(q, **at) + more, -held.T],
+                      [held, np.zeros((len(held), len(held)))]])
+        found = np.linalg.solve(K, np.concatenate([net, -drift[self.rows]]))
+        f, a = np.zeros((2, robot.n_q))
+        f[self.side != 0.0] = found[n:]
+        places = [p is not None for p in robot.model.places]
+        a[[p for p in robot.model.places if p is not None]] = (T @ found[:n] + drift)[places]
+        self.stages.append((f, a, held.T @ found[n:]))
+        return found[:n]
+
+    def rates(self, x, t):
+        """Return the rates of q and u."""
+        q, u = np.split(x, [self.robot.n_q])
+        v = self.motion(q, u, t)[1]
+        return np.concatenate([coordinate_rates(self.robot.model, q, v), self.solution(q, u, t)])
+
+    def implicit(self, x, t, h):
+        """Return q and u after a linearly implicit step."""
+        method = self.method
+
+        def stage(q, u, tau, before, g, moment):
+            now = t + 0.5 * moment * h
+            T, v, _ = self.motion(q, u, now)
+            D, K, C = np.diag(method.resistance(v).astype(float)), method._K, method._C
+            turned = T @ before[1]
+            force = 2.0 * g * ((D + C) @ turned + K @ before[0]) - g * K @ (v - 2.0 * g * turned)
+            w = self.solution(q, u, now, T.T @ (g * (D + C) + g * g * K) @ T, T.T @ force)
+            return v + g * method._sprung * (T @ w - 2.0 * turned), w
+        return np.concatenate(method.step(stage, *np.split(x, [self.robot.n_q]),
+                                          lambda *_: self.tau, h))
+
+    def corrected(self, q, u, t, stop):
+        """Return q and u without the rest of the motion of the held joints."""
+        robot, where = self.robot, np.flatnonzero(self.side)
+        if not isinstance(robot.equations, ConstrainedEquations):
+            return q, u
+        at = {'t': t} if robot.equations.timed else {}
+        for _ in range(3):
+            T, _, _ = self.motion(q, u, t)
+            along = np.linalg.solve(robot.mass_matrix(q, **at), T[self.rows].T)
+            p = np.linalg.solve(T[self.rows] @ along, q[where] - stop[where])
+            q = self.closed(q - coordinate_rates(robot.model, q, T @ (along @ p)), t)
+        T, v, _ = self.motion(q, u, t)
+        along = np.linalg.solve(robot.mass_matrix(q, **at), T[self.rows].T)
+        return q, u - along @ np.linalg.solve(T[self.rows] @ along, v[self.rows])
+
+    def closed(self, q, t):
+        """Return q after a Newton step on the loops, with unit quaternions."""
+        if isinstance(self.robot.equations, ConstrainedEquations):
+            q = np.array(self.robot.equations.closure_step(q, t), dtype=float)
+        return on_unit_quaternions(self.robot.model, q)
+
+
+def pressed_step(source, state, done, count, side, lower, upper):
+    """Return what `pressed_steps` returns for one step with held torques."""
+    robot, h = source.robot, source.step
+    n_q, n, t = robot.n_q, robot.n, source.start + done * h
+    table = source.torque[0]
+    motion = HeldMotion(robot, table[min(done, len(table) - 1)], side)
+    x = state[:n_q + n]
+    x = motion.implicit(x, t, h) if source.choice.integrator == 'implicit' else runge_kutta_4(
+        motion.rates, x, (t, t + 0.5 * h, t + h), h)
+    before, end = state.copy(), t + h
+    before[:n_q], before[n_q:n_q + n] = motion.closed(x[:n_q], end), x[n_q:]
+    if robot.equations.timed:
+        before[n_q + n] = end
+    after = before.copy()
+    after[:n_q], after[n_q:n_q + n] = motion.corrected(
+        before[:n_q], x[n_q:], end, np.where(side > 0.0, upper, lower))
+    f, a, force = (np.array(part) for part in zip(*motion.stages))
+    a = np.where(np.isfinite(lower) | np.isfinite(upper), a, 0.0)
+    pulls, q = np.maximum(0.0, side * f), after[:n_q]
+    pull = pulls.max(axis=0)
+    valid = ((side != 0.0) | ((lower - 1e-11 < q) & (q < upper + 1e-11))).all() & (pull <= 0).all()
+    return PressedSteps(after[None], before[None], a[:1], pulls[:1], pull[None],
+                        force[[0, -1], None], np.array([valid]))
