@@ -139,11 +139,9 @@ def positions(options: Namespace, name: str, robot: Robot, default: Array | None
     else:
         independent = [] if velocity_rows(robot) else [robot.speed_names]
         q = _numbers(options, name, [*independent, robot.coordinate_names])
-        if len(q) < robot.n_q:
-            q = _closed_near(robot, robot.speed_names, q)
     if name == 'q':
         warn_degrees(robot, q, f'--{name}')
-    return q
+    return q if len(q) == robot.n_q else _closed_near(robot, robot.speed_names, q)
 
 
 def _closed_near(robot: Robot, names: Sequence[str], values: Any = ()) -> Array:

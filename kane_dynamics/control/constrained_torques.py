@@ -30,7 +30,6 @@ from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
 from numpy.typing import ArrayLike
 
-LONGEST_MOVE = 0.05  # rad or m, of a driving joint between two loop closures
 CORIOLIS, FRICTION = (TORQUE_TERMS.index(name) for name in ('coriolis', 'friction'))
 
 
@@ -274,16 +273,8 @@ class LinkageEfforts:
     def __call__(self, q: Array, u: Array, udot: Array) -> Array:
         """Return the efforts, (K, n), of rows in the order of time; the rates may be any."""
         robot = self._robot
-        counts = np.ceil(np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) / LONGEST_MOVE)
-        counts = np.maximum(counts.astype(int), 1)  # the branch is followed in short moves
-        kept = np.concatenate([[0], np.cumsum(counts)])
-        x = np.interp(np.arange(kept[-1] + 1), kept, np.arange(len(q)))
-        path = np.stack([np.interp(x, np.arange(len(q)), column) for column in q.T], axis=1)
-        rates, accelerations = np.zeros((2, *path.shape))
-        path[kept], rates[kept], accelerations[kept] = q, u, udot
-        whole = [np.ascontiguousarray(part[kept]) for part in mechanism_motion(
-            robot, self._names, np.zeros(len(path)), path, rates, accelerations,
-            self._configuration)]
+        whole = mechanism_motion(robot, self._names, np.zeros(len(q)), q, u, udot,
+                                 self._configuration)
         for j in self._others:
             at, lower, upper = whole[0][:, j], robot.limits.lower[j], robot.limits.upper[j]
             if at.min() < lower or at.max() > upper:

@@ -215,8 +215,8 @@ class _Linkage(_Arm):
             raise InputError('bending: given for a robot with chosen speeds or constraints; '
                              'expected one in joint rates without constraints')
         place = np.zeros(robot.n_q) if rest is None else rest
-        super().__init__(robot, robot, joint_names or [
-            robot.joint_names[k] for k in followed_joints(robot)], place, compensate)
+        super().__init__(robot, robot, [robot.joint_names[k] for k in followed_joints(robot)]
+                         if joint_names is None else joint_names, place, compensate)
         self._efforts = LinkageEfforts(robot, self.names, compensate,
                                        None if rest is None else self._pose)
 

@@ -269,4 +269,4 @@ def _result(robot: Robot, bounds: Bounds, parts: Sequence[Checked]) -> TimeOptim
         Bounds._fields, (tau, points.u, tau * points.u, points.udot), bounds)
         if np.isfinite(bound).any()}
     motion = Motion(robot.joint_names, point_times(points.t), points.q, coefficients)
-    return TimeOptimal(motion, tau, uses, robot, bounds.power)
+    return TimeOptimal(motion, points, tau, uses, robot, bounds.power)

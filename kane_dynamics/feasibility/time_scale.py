@@ -15,14 +15,12 @@ agree. If the motion at the resulting speed comes close to a limit between sampl
 added there and the search is repeated. A slower motion is not always feasible: an arm that cannot
 hold a configuration may swing through it.
 
-With closed loops or chosen speeds the same holds for all joints: their rates are proportional to
-s, and the torques of the actuators are a linear map W(q) of the forces of the joints. A passive
-joint's friction then contributes W_ij T_j(s), monotonic in s, to each actuator i.
+With closed loops or chosen speeds all rates are proportional to s, too, and the torques of the
+actuators are a linear map W(q) of the forces of the joints: W_ij T_j(s) is monotonic in s.
 """
 
 from dataclasses import dataclass
 import math
-from typing import Any
 
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
@@ -133,9 +131,7 @@ class SampledPath:
 
     Parameters
     ----------
-    robot : Robot
-    motion : Motion
-    step : float
+    robot, motion, step
         As in `fastest`.
     power : float or (n,) array_like
         As in `fastest`.
@@ -150,7 +146,7 @@ class SampledPath:
         require_angles(robot.model, 'fastest')
         t, q, self.u, udot = sampled(robot, motion, step, more)
         self.friction, limits = robot.friction_force, robot.limits
-        self.shared: Array | None = None
+        self.shared: Array | None = None  # torques of actuators by unit forces of `rough`
         if isinstance(robot.equations, ConstrainedEquations):
             whole = self._of_mechanism(robot, motion, t, q, udot)
             q, terms = whole.q, robot.torque_terms(*whole)
@@ -162,8 +158,9 @@ class SampledPath:
         self.offset = self.friction(np.zeros(robot.n_q))
         self.damping = _damping(robot)
         self.square = inertia + coriolis
-        self.constant = gravity + spring + self._actuators(slice(None), self.offset)
-        self.linear = self._actuators(slice(None), self.u * self.damping)
+        rest = np.broadcast_to(self.offset, self.u.shape)
+        self.constant = gravity + spring + _at_actuators(robot, q, rest)
+        self.linear = _at_actuators(robot, q, self.u * self.damping)
         self.effort = limits.effort
         self.power = per_joint(power, 'power', robot.joint_names, finite=False)
         slack = [ROUNDING * np.maximum(1.0, np.abs(b)) for b in (limits.lower, limits.upper)]
@@ -171,7 +168,7 @@ class SampledPath:
                             & (q <= limits.upper + slack[1])).all())
         with np.errstate(divide='ignore', invalid='ignore'):
             bound = limits.velocity / np.abs(self.u).max(axis=0)
-        self.speed_bound = float(np.where(np.isnan(bound), math.inf, bound).min())
+        self.speed_bound = float(np.fmin.reduce(bound, initial=math.inf))
 
     def _of_mechanism(self, robot: Robot, motion: Motion, t: Array, q: Array, udot: Array
                       ) -> MechanismMotion:
@@ -183,15 +180,12 @@ class SampledPath:
                              'functions of time; expected those of a motion that can be scaled')
         self.u = robot.joint_rates(whole.q, whole.u)
         self.friction = Robot(robot.model, friction=robot.friction).friction_force
-        units = np.eye(robot.n_q)
-        self.shared = np.stack([robot.joint_torques(robot.generalized_force(
-            np.tile(unit, (len(t), 1)), whole.q), whole.q) for unit in units], axis=-1)
+        self.rough = sorted({body.joint.coordinate for body in robot.model.bodies
+                             if robot.friction and body.joint.friction})
+        self.shared = np.empty((*whole.q.shape, len(self.rough)))
+        for k, j in enumerate(self.rough):
+            self.shared[..., k] = _at_actuators(robot, whole.q, np.eye(robot.n_q)[[j] * len(t)])
         return whole
-
-    def _actuators(self, rows: Any, forces: Array) -> Array:
-        """Return the torques of actuators that balance forces of joints, (k, n) or (n,)."""
-        return forces if self.shared is None else np.einsum(
-            'kij,kj->ki', self.shared[rows], np.broadcast_to(forces, self.u[rows].shape))
 
     def coulomb(self, rows: Indices, speed: float) -> Array:
         """Return the Coulomb friction T of the joints at a speed."""
@@ -203,7 +197,7 @@ class SampledPath:
         ends = np.stack([self.coulomb(rows, low), self.coulomb(rows, high)])
         if self.shared is None:
             return ends.min(axis=0), ends.max(axis=0)
-        parts = self.shared[rows] * ends[:, :, None, :]
+        parts = self.shared[rows] * ends[:, :, None, self.rough]
         return parts.min(axis=0).sum(axis=-1), parts.max(axis=0).sum(axis=-1)
 
     def bound(self, rows: Indices, speed: float) -> Array:
@@ -228,6 +222,13 @@ class SampledPath:
                       for under, over, bound in ((least, largest, wide),
                                                  (largest, least, narrow)))
         return some, more
+
+
+def _at_actuators(robot: Robot, q: Array, forces: Array) -> Array:
+    """Return the torques of actuators that balance forces of joints, (N, n) each."""
+    if isinstance(robot.equations, ConstrainedEquations):
+        return robot.joint_torques(robot.generalized_force(np.ascontiguousarray(forces), q), q)
+    return forces
 
 
 def _damping(robot: Robot) -> Array:

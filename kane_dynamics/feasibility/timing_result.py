@@ -6,6 +6,7 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, STEP
 from kane_dynamics.feasibility.torque_demand import Demand, demand
+from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -31,6 +32,9 @@ class TimeOptimal:
     ----------
     motion : Motion
         The motion, with continuous accelerations between rests.
+    points : ControllerPoints
+        Its K points for a controller that interpolates quintics: at the two points of a rest
+        between sections, the accelerations before and after it.
     tau : (K, n) array
         Torques at the points of the motion, N m or N.
     uses : dict of (K, n) arrays
@@ -41,6 +45,7 @@ class TimeOptimal:
     """
 
     motion: Motion
+    points: ControllerPoints
     tau: Array
     uses: dict[str, Array]
     _robot: Robot

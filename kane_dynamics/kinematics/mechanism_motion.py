@@ -14,6 +14,8 @@ import numpy as np
 
 NAME = 'closure_rows'
 CLOSED = 1e-12  # rad and m
+LONGEST_MOVE = 0.05  # rad or m, of a driving joint between two loop closures
+FARTHEST = 1e3  # rad or m, of a driving joint from one time to the next
 ITERATIONS = 12
 SINGULAR = 1e7  # condition number from which the driving joints do not determine the motion
 
@@ -31,9 +33,9 @@ def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array, ra
     """
     Return the motion of a robot with chosen speeds or constraints for that of driving joints.
 
-    Each configuration is closed by Newton's method from the one before, so that the assembly mode
-    stays the same. With the joint rates T of the independent speeds, q' = T u + x, the rows of the
-    driving joints determine u, and those of q'' its rate.
+    Each configuration is closed by Newton's method from the one before, in short moves, so that
+    the assembly mode stays the same. With the joint rates T of the independent speeds,
+    q' = T u + x, the rows of the driving joints determine u, and those of q'' its rate.
 
     Parameters
     ----------
@@ -107,12 +109,20 @@ def _closed(robot: Robot, driving: list[int], t: Array, q: Array, configuration:
     fixed = [robot.coordinate_names[k] for k in driving]
     here = robot.closed_posture(start, t=float(t[0]), fixed=fixed)
     before = here.copy()
-    for k, moment in enumerate(t):
-        following = 2.0 * here - before if k > 1 else here.copy()
-        following[driving] = q[k]
-        before = here
-        here = _closed_once(mechanism.labels, rows, others, following, moment,
-                            robot.equations.timed)
+    moves = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1)
+    if (far := int(moves.argmax())) and moves[far] > FARTHEST:
+        raise InputError(f'motion: a move of {moves[far]:.4g} rad or m until {t[far]:.4g} s; '
+                         f'expected at most {FARTHEST:g} from one time to the next')
+    for k, count in enumerate(np.maximum(np.ceil(moves / LONGEST_MOVE), 1.0).astype(int).tolist()):
+        for step in range(1, count + 1):
+            x = step / count
+            # Rows may be of any distances: steps of one move alone are alike.
+            following = 2.0 * here - before if step > 1 or (count == 1 and k > 1) else here.copy()
+            following[driving] = q[k] if step == count else (1.0 - x) * q[k - 1] + x * q[k]
+            moment = t[k] if step == count else (1.0 - x) * t[k - 1] + x * t[k]
+            before = here
+            here = _closed_once(mechanism.labels, rows, others, following, moment,
+                                robot.equations.timed)
         Q[k] = here
     return Q
 

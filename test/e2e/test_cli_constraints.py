@@ -167,3 +167,26 @@ def test_torques_of_actuators_elsewhere_are_refused(tmp_path):
                                               'actuated: [swivel, elbow, lever_drive, turn]'))
     done = command('simulate', str(URDF), '--constraints', str(file), '--torque', *'1234')
     assert done.returncode == 2 and '--torque: given for actuators at' in done.stderr
+
+
+@pytest.mark.parametrize('first, words_of_error', [
+    ('nan', 'expected 10 finite numbers'),
+    ('1e9', 'expected moves of at most 1000 rad')])
+def test_positions_that_no_branch_reaches_are_an_error_at_once(first, words_of_error):
+    done = command('torque', *ARM, '--q', first, '0.3', '0.1', '0')
+    assert done.returncode == 2
+    assert words_of_error in done.stderr.splitlines()[-1]
+    assert 'Traceback' not in done.stderr
+
+
+def test_independent_positions_in_degrees_are_suspected_before_the_loops_are_closed():
+    done = command('torque', *ARM, '--q', '20', '30', '10', '0')
+    assert done.returncode == 2
+    assert 'degrees' in done.stderr.splitlines()[0]
+
+
+def test_rows_far_apart_stay_in_the_assembly_mode_of_the_file(tmp_path):
+    path = tmp_path / 'far.csv'
+    path.write_text('t,swivel,shoulder,lever_drive,turn\n0,0,0,0,0\n1,0.3,0.2,0.1,1\n2,0,0,0,0\n')
+    q = np.array(answer('torque', *ARM, '--motion', str(path))['q'])
+    assert np.abs(q[2] - q[0]).max() <= 1e-9  # not turned by 2 pi

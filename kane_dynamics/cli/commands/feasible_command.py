@@ -8,7 +8,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.shared import load, print_json, warn_degrees
-from kane_dynamics.cli.tables import read_motion, write_states
+from kane_dynamics.cli.tables import QUANTITIES, read_motion, write_states
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility import (Demand, demand, fastest, largest_payload, time_optimal,
                                        TimeOptimal)
@@ -159,13 +159,10 @@ def time_path(options: Namespace, robot: Robot, motion: Motion, plot: Any, power
 
 def write_timing(path: str, timing: TimeOptimal) -> None:
     """Write the points of a timing as a table of states."""
-    motion = timing.motion
-    at = motion.times.copy()
-    at[-1] = np.nextafter(at[-1], -np.inf)  # at its very end a motion is at rest
-    q, u, udot = motion.sample(at)
+    t, *states = timing.points
     with open(path, 'w', encoding='utf-8', newline='') as stream:
-        write_states(stream, motion.times, {'q': q, 'u': u, 'udot': udot, 'tau': timing.tau},
-                     motion.joint_names)
+        write_states(stream, t, dict(zip(QUANTITIES, (*states, timing.tau))),
+                     timing.motion.joint_names)
 
 
 def timing_data(timing: TimeOptimal, motion: Motion) -> dict[str, Any]:

@@ -16,6 +16,7 @@ CLOSED = 1e-11  # m or rad: a smaller constraint residual counts as zero
 ITERATIONS = 100
 STRIDE = 0.5  # rad or m: longest step of the search for a closed configuration
 SMALL = 0.05  # rad, or lengths of the mechanism: steps along a branch
+FARTHEST = 1e3  # rad, or lengths of the mechanism: moves along a branch
 
 
 def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
@@ -40,15 +41,7 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
         The iteration does not converge; names the constraint with the largest residual.
 
     """
-    model, names = mechanism.model, mechanism.model.coordinate_names
-    try:
-        here, at = np.array(q, dtype=np.float64), float(t)
-    except (TypeError, ValueError):
-        raise InputError(f'q: {q!r}, t: {t!r}; expected {len(names)} numbers and a time in s'
-                         ) from None
-    if here.shape != (len(names),) or not np.isfinite([*here, at]).all():
-        raise InputError(f'q: {here.tolist()}, t: {at}; expected {len(names)} finite numbers '
-                         f'({", ".join(names)}) and a time in s')
+    model, here = mechanism.model, _checked(mechanism, q, t)
     if not all(ball.quaternion(here).any() for ball in balls(model)):
         raise InputError(f'q: {here.tolist()}; expected nonzero quaternions')
     here = np.asarray(on_unit_quaternions(model, here), dtype=np.float64)
@@ -61,6 +54,20 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
     raise ConstraintError(f"loop closure: no configuration found for '{labels[worst]}', its "
                           f'residual is {abs(residual[worst]):.3g} (m or rad) after {ITERATIONS} '
                           'steps; expected a start near a closed configuration')
+
+
+def _checked(mechanism: Mechanism, q: Any, t: Any) -> Array:
+    """Return a copy of a configuration, (n_q,); InputError unless it and the time are finite."""
+    names = mechanism.model.coordinate_names
+    try:
+        here, at = np.array(q, dtype=np.float64), float(t)
+    except (TypeError, ValueError):
+        raise InputError(f'q: {q!r}, t: {t!r}; expected {len(names)} numbers and a time in s'
+                         ) from None
+    if here.shape != (len(names),) or not np.isfinite([*here, at]).all():
+        raise InputError(f'q: {here.tolist()}, t: {at}; expected {len(names)} finite numbers '
+                         f'({", ".join(names)}) and a time in s')
+    return here
 
 
 def _joints(mechanism: Mechanism, names: Sequence[str]) -> list[int]:
@@ -130,12 +137,17 @@ def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0
         Loop closure fails, or jumps to another branch.
 
     """
+    wanted = _checked(mechanism, q, t)
     here = closed_posture(mechanism, start, t=t, fixed=())
     model = mechanism.model
     joints = _joints(mechanism, fixed)
     places = [place for k in joints if (place := model.places[k]) is not None]
-    first, last = here[places], np.asarray(q, dtype=np.float64)[places]
+    first, last = here[places], wanted[places]
     way = np.abs(last - first) / mechanism.units[joints]
+    if way.max(initial=0.0) > FARTHEST:
+        raise ConstraintError(f"closed configuration: {', '.join(fixed)} at {last.tolist()}, from "
+                              f'{first.tolist()}; expected moves of at most {FARTHEST:g} rad, or '
+                              'lengths of the mechanism')
     count = int(np.ceil(way.max(initial=0.0) / SMALL)) or 1
     units, side = np.eye(model.n)[joints], 0.0
     for share in np.arange(1, count + 1) / count:

@@ -48,18 +48,16 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
     def compute(response: Any) -> None:
         served.loads.apply(robot)
         found = time_optimal(robot, path, acceleration=acceleration, power=power)
-        motion = found.motion
-        at = motion.times.copy()
-        at[-1] = np.nextafter(at[-1], -math.inf)  # at its very end a motion is at rest
+        t, *states = found.points
         back = np.argsort(order)
         response.joint_names = names
-        response.time_from_start = doubles(motion.times)
+        response.time_from_start = doubles(t)
         columns = {field: rows[:, back] for field, rows in zip(
-            (*FIELDS, 'effort'), (*motion.sample(at), found.tau))}
+            (*FIELDS, 'effort'), (*states, found.tau))}
         for field, rows in columns.items():
             setattr(response, field, doubles(rows))
         if request.as_trajectory:
-            response.trajectory = message_of_points(names, motion.times, columns)
+            response.trajectory = message_of_points(names, t, columns)
     return compute
 
 

@@ -73,3 +73,9 @@ def test_a_passive_joint_beyond_its_limit_is_named():
     robot.limits = type(limits)(limits.lower, upper, limits.velocity, limits.effort)
     with pytest.raises(InputError, match=r"joint 'rocker': positions from .* follow from"):
         fill_trajectory(robot, TIMES, CRANK)
+
+
+def test_an_empty_list_of_joints_is_not_the_default():
+    robot = palletizer()
+    with pytest.raises(InputError, match='joint_names: '):
+        fill_trajectory(robot, [0.0, 1.0], [[0.0] * 4, [0.1] * 4], joint_names=[])

@@ -6,7 +6,7 @@ import math
 
 from kane_dynamics import (Inertial, InputError, Limits, load_urdf, ModelBuilder, Motion, Robot,
                            rod)
-from kane_dynamics.feasibility import fastest, reachability, time_optimal
+from kane_dynamics.feasibility import demand, fastest, reachability, time_optimal
 from kane_dynamics.feasibility.banded_solution import banded_solution
 from kane_dynamics.feasibility.path_limits import torque_kernel
 from kane_dynamics.feasibility.segment_peaks import segment_peaks
@@ -534,6 +534,24 @@ def test_reversal_of_all_joints_keeps_the_torques_in_every_microsecond():
         rests = np.flatnonzero(np.diff(found.motion.times) < 1.1e-6)
         assert len(rests) == 1
         assert np.abs(found.motion.sample(found.motion.times[rests] + 5e-7)[2]).max() == 0.0
+
+
+def test_controller_that_interpolates_the_points_keeps_the_limits_at_a_reversal():
+    robot, ends = limited(), np.array([[0.0, -0.8, 0.0, -2.3, 0.0, 1.6, 0.8],
+                                       [1.2, 0.3, 0.4, -1.5, 0.3, 1.9, 0.2]])
+    timing = time_optimal(robot, ends[0] + np.outer(
+        1.0 - np.abs(np.linspace(-1.0, 1.0, 39)), ends[1] - ends[0]))
+    points = timing.points
+    rests = np.flatnonzero(np.diff(points.t) < 2e-6)
+    assert len(rests) == 1
+    executed = Motion.from_points(*points, joint_names=robot.joint_names)
+    assert demand(robot, executed).uses['effort'].max() <= 1.001
+    around = points.t[rests[0]] + 1e-6 * np.linspace(0.0, 0.999, 101)
+    q, u, udot = executed.sample(around)
+    size = np.abs(points.udot[rests[0]:rests[0] + 2]).max()
+    assert np.abs(udot).max() <= size * (1.0 + 1e-6)
+    assert np.abs(u).max() <= 1e-6 * size
+    assert np.abs(q - points.q[rests[0]]).max() <= 1e-12 * size
 
 
 def test_torque_along_a_path_is_that_of_inverse_dynamics():
