@@ -13,11 +13,12 @@ ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / 'examples' / 'predictive_control.py'
 SPEED_BOUND = 1.05  # of the limit, as the page on predictive control states
 RATE = 500.0
+CYCLES = 3.0 * RATE
+UNDISTURBED = 0.98  # of the cycles
 
 
-def test_the_example_reaches_its_targets_within_the_limits(client):
-    limits = Robot(load_urdf(ROOT / 'urdf' / 'fr3.urdf', tip='fr3_link7')).limits
-    states = []
+def run(client, states):
+    """Run the example, append the states of its arm, and return the number of cycles."""
     opened = client.create_subscription(JointState, 'joint_states', lambda message: states.append(
         np.array([message.position, message.velocity, message.effort])), DEEP)
     example = Process(program=[str(EXAMPLE)])
@@ -32,12 +33,23 @@ def test_the_example_reaches_its_targets_within_the_limits(client):
         r'(\d+) cycles', r'end (\S+) rad', r'(\S+) ms of the processor'))
     assert error < 0.01
     assert used < 1e3 / RATE, 'ms of the processor, which other processes do not change'
-    assert cycles > 0.2 * 3.0 * RATE, 'a busy machine loses some states, but not most'
-    q, u, tau = np.array(states).transpose(1, 0, 2)
+    assert cycles > 0.2 * CYCLES, 'a busy machine loses some states, but not most'
+    return cycles
+
+
+def test_the_example_reaches_its_targets_within_the_limits(client):
+    limits = Robot(load_urdf(ROOT / 'urdf' / 'fr3.urdf', tip='fr3_link7')).limits
+    for _ in range(3):  # discovery may be late, and a stall of the machine may cost states
+        states = []
+        cycles = run(client, states)
+        if cycles > UNDISTURBED * CYCLES and len(states) > 500:
+            break
     assert len(states) > 500
+    q, u, tau = np.array(states).transpose(1, 0, 2)
     assert np.ptp(q[:, 0]) > 0.9, 'the first joint moves by 1 rad'
     assert (np.abs(tau) <= limits.effort).all()
     assert (np.abs(tau) > 0.999 * limits.effort).any(), 'a limit is active'
-    if cycles < 0.8 * 3.0 * RATE:
-        pytest.skip('the machine held the controller up; the bound of speeds is that at 500 Hz')
-    assert (np.abs(u) <= SPEED_BOUND * limits.velocity).all()
+    if cycles <= UNDISTURBED * CYCLES:
+        pytest.skip(f'{cycles:g} of {CYCLES:g} cycles; the bound of speeds is that at 500 Hz')
+    share = np.abs(u).max(axis=0) / limits.velocity
+    assert (share <= SPEED_BOUND).all(), share

@@ -56,7 +56,7 @@ class Capsule:
      r'u: address 0x\w+; expected a multiple of 8'),
     (Capsule(np.zeros((3, 7), dtype='int32')), 'u: dtype type code 0; expected float64'),
     (Capsule(np.zeros((3, 7)), kind=10), 'u: a Capsule in host memory; expected'),
-    ], ids=repr)
+    ])
 def test_an_argument_that_is_not_valid_is_named(bad, message):
     q, _, udot = good()
     with pytest.raises(InputError, match=message):
@@ -82,7 +82,7 @@ def test_states_at_unequal_distances_are_refused():
     (HostArray(np.broadcast_to(np.zeros(7), (3, 7))), r'out: strides \(0, 1\) of shape'),
     (HostArray(np.lib.stride_tricks.as_strided(np.zeros(20), (3, 7), (48, 8))),
      'expected entries that do not overlap'),
-    ], ids=repr)
+    ])
 def test_a_result_that_cannot_be_written_is_refused(out, message):
     with pytest.raises(InputError, match=message):
         dynamics()(*good(), out=out)
