@@ -121,7 +121,10 @@ def ptx(text: str) -> str:
 
     """
     machine = _foreign(GPU_TRIPLE).create_target_machine(cpu=GPU, opt=2)
-    return str(machine.emit_assembly(_parsed(text, machine)))
+    module = _parsed(text, machine)
+    # As by default on a GPU, which the scheduler's switch overrides once it has been used.
+    with _in_program_order():
+        return str(machine.emit_assembly(module))
 
 
 def _foreign(triple: str) -> Any:

@@ -5,6 +5,9 @@ import re
 
 from benchmarks import gpu_kernels
 from kane_dynamics import gpu
+from kane_dynamics.native.backends.gpu_kernel import kernel_text
+from kane_dynamics.native.backends.real_types import FLOAT
+from kane_dynamics.native.machine_code import llvm
 from kinds_of_mechanism import case, KINDS
 import pytest
 
@@ -62,3 +65,11 @@ def test_text_is_ptx_that_calls_no_library():
             assert '.extern' not in text
             assert 'approx' not in text and '.ftz' not in text  # exact quotients, no flushing
             assert ('.b64' if dtype == 'float64' else 'fma.rn.f32') in text
+
+
+def test_text_does_not_depend_on_what_was_compiled_before():
+    text = kernel_text(case('tree').robot.kernels.program('mass_matrix'), FLOAT)
+    before = llvm.ptx(text)
+    with llvm._in_program_order():
+        pass
+    assert llvm.ptx(text) == before
