@@ -119,7 +119,8 @@ def closures() -> list[Race]:
     last, T = (np.array(x[1:]) for x in zip(*before))
     contenders = {
         'closure': kernel_loop(tracking_kernel(robot, tracker.places), {
-            'q': last, 'T': T, 'measured': measured[1:], 'rates': u}),
+            'q': last, 'T': T, 'measured': measured[1:], 'rates': u, 'seen': q,
+            'weights': np.ones_like(q)}),
         'dynamics': kernel_loop(robot.kernels.quantity('inverse_dynamics'),
                                 {'q': q, 'u': u, 'udot': 0.0 * u}),
         'tree': kernel_loop(tree.kernels.quantity('inverse_dynamics'), {

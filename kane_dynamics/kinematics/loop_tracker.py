@@ -23,7 +23,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.loop_error import (BRANCH, CONTRADICTION, LoopError, SINGULAR,
                                                  UNKNOWN)
-from kane_dynamics.kinematics.loop_kernel import tracking_kernel
+from kane_dynamics.kinematics.loop_step import longest_step, LoopStep, STRIDE
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import ROUNDED
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
@@ -34,8 +34,6 @@ from numpy.typing import ArrayLike
 CALLS = 5  # of the kernel for one step, at most
 CLOSED = 1e-10  # m and rad: residual of the independent rows
 ROUNDING = 1e-6  # rad, or lengths: motion that is no jump
-STRIDE = 0.05  # rad, or lengths: longest step of a measured joint
-SHARE = 0.25  # of the distance from a singular configuration: longest step of a measured joint
 MOST_STEPS = 1000  # from the last configuration to the measured one
 TIMED = 0.5  # rad, or lengths: longest motion that a function of time may cause in one step
 LEAP = 3.0  # ratio of the motion of the joints to the expected one: jump to another branch
@@ -104,22 +102,12 @@ class LoopTracker:
         self.robot, self.measured = robot, tuple(measured)
         self.tolerance, self.max_figure = tolerance, max_figure
         self.places = [names.index(name) for name in measured]
-        self._units = equations.mechanism.units
-        self._per_unit = 1.0 / self._units[self.places]
+        self._per_unit = 1.0 / equations.mechanism.units[self.places]
         self._closed = CLOSED + ROUNDED * equations.mechanism.rank_tolerance
         self._turning = np.array([name not in robot.model.sliding for name in names])
-        n_q, n = robot.n_q, robot.n
-        both = n_q + n_q * n
-        self._from = np.zeros(both)  # q and T
-        self._last, T = self._from[:n_q], self._from[n_q:].reshape(n_q, n)
-        self._target, self._rates, self._result = np.zeros(n), np.zeros(n), np.zeros(both + n + 4)
-        self._valid = np.zeros_like(self._result)  # the last one that was not refused
-        self._next, self.u, self._figures = np.split(self._result, [both, both + n])
-        self.q = self._next[:n_q]
-        self._time = np.zeros(())
-        given = [self._last, T, self._target, self._rates, *[self._time] * equations.timed]
-        self._step = tracking_kernel(robot, self.places).bind(given, self._result,
-                                                              'Close the loops.')
+        self._timed = equations.timed
+        self._step = LoopStep(robot, self.places)
+        self.q, self.u = self._step.q, self._step.u
         self._reference = None if robot.configuration is None else robot.closed_posture(
             robot.configuration)
         self.figure = self.residual = self.deviation = self._figure = self._way = 0.0
@@ -141,28 +129,27 @@ class LoopTracker:
                      'first state of all joints')
         if given is None:
             return
-        self._from.fill(0.0)
-        self._rates.fill(0.0)
-        self._last[:], self._target[:], self._time[...] = given, given[self.places], t
+        self._step.start(given)
+        self._step.begin(0.0, t)
+        self._step.target[:] = given[self.places]
         try:
             for _ in range(CALLS):
-                missed, _ = self._evaluate()
-                self._from[:] = self._next
+                missed, *_ = self._evaluate()
+                self._step.proceed()
                 if missed <= CLOSED:
                     break
             else:
                 raise LoopError(BRANCH, f'start: residual {missed:.3g} m or rad after {CALLS} '
                                 'iterations; expected a nearly closed configuration')
         except LoopError:
-            self._restore()
+            self._step.restore()
             raise
         self._accept()
 
     @property
     def before(self) -> tuple[Array, Array]:
         """Return the last configuration, (n_q,), and its T, (n_q, n): where `update` begins."""
-        q, T = np.split(self._from, [self.robot.n_q])
-        return q.copy(), T.reshape(len(q), -1).copy()
+        return self._step.before
 
     def update(self, measured: Array, rates: Array, others: Sequence[int] = (),
                values: Array | None = None, t: float = 0.0) -> None:
@@ -190,19 +177,22 @@ class LoopTracker:
 
         """
         self._check(measured, rates, others, values, t)
+        self._step.begin(rates, t)
+        if self.known and self._follow(measured, others, values):
+            return
         self.figure = self._figure
         if not self.known:
-            if values is None or len({*self.places, *others}) < len(self._last):
+            if values is None or len({*self.places, *others}) < len(self.q):
                 raise LoopError(UNKNOWN, self._why)
-            self._from.fill(0.0)
-            self._last[self.places], self._last[others] = measured, values
+            whole = np.zeros_like(self.q)
+            whole[self.places], whole[others] = measured, values
+            self._step.start(whole)
             self.figure = 0.0
-        self._rates[:], self._time[...] = rates, t
         try:
             self._move(measured)
             self._compare(others, values)
         except LoopError as error:
-            self._restore()
+            self._step.restore()
             if error.reason == SINGULAR or (error.reason == BRANCH and self._way <= STRIDE):
                 self.known = False
                 self._why = ('since the loops came near a singular configuration, where it may '
@@ -215,7 +205,7 @@ class LoopTracker:
         """Raise InputError for arguments of another shape, or that are not finite."""
         x, v, y = np.asarray(measured), np.asarray(rates), np.asarray(
             () if values is None else values)
-        if x.shape == v.shape == self._target.shape and y.shape == (len(others),) and (
+        if x.shape == v.shape == (self.robot.n,) and y.shape == (len(others),) and (
                 math.isfinite(sum(x.tolist()) + sum(v.tolist()) + sum(y.tolist()) + t)):
             return
         finite_row(x, 'measured', self.measured)
@@ -223,29 +213,41 @@ class LoopTracker:
         finite_row(y, 'values', [self.robot.coordinate_names[k] for k in others])
         constant(t, (), 't', InputError)
 
+    def _follow(self, measured: Array, others: Sequence[int], values: Array | None) -> bool:
+        """Try one call of the kernel, which is enough for most measurements; return success."""
+        self._step.compare(others, values)
+        self._step.target[:] = measured
+        before = self._figure
+        try:
+            missed, moved, way, self.deviation = self._evaluate()
+            if (missed <= CLOSED and way <= longest_step(before)
+                    and self.deviation <= self.tolerance):
+                self._check_step(missed, moved, way)
+                self._accept()
+                return True
+        except LoopError:
+            pass
+        self._step.restore()
+        return False
+
     def _accept(self) -> None:
         """Continue from the result of the kernel."""
-        self._from[:], self._valid[:] = self._next, self._result
+        self._step.accept()
         self._figure, self.known = self.figure, True
-
-    def _restore(self) -> None:
-        """Continue from the last result that was accepted."""
-        self._result[:] = self._valid
-        self._from[:] = self._next
 
     def _move(self, measured: Array) -> None:
         """Move from the last configuration to the measured joints, in steps if they are far."""
         for _ in range(MOST_STEPS):
-            change = measured - self._last[self.places]
+            change = measured - self._step.last[self.places]
             self._way = way = max(map(abs, (change * self._per_unit).tolist()), default=0.0)
-            longest = min(STRIDE, SHARE / self.figure) if self.figure else STRIDE
+            longest = longest_step(self.figure)
             if way <= longest:
-                self._target[:] = measured
+                self._step.target[:] = measured
                 self._close(way)
                 return
-            np.add(self._last[self.places], change * (longest / way), out=self._target)
+            self._step.target[:] = measured - change * (1.0 - longest / way)
             self._close(longest)
-            self._from[:] = self._next
+            self._step.proceed()
         raise LoopError(BRANCH, f'measured joints {dict(zip(self.measured, measured.tolist()))}, '
                         'too far from the last configuration')
 
@@ -253,31 +255,32 @@ class LoopTracker:
         """Close the loops at the target, `way` from the last configuration; raise LoopError."""
         whole = 0.0
         for _ in range(CALLS):
-            missed, moved = self._evaluate()
+            missed, moved, *_ = self._evaluate()
             whole += moved
             if missed <= CLOSED:
                 break
-            self._from[:] = self._next
+            self._step.proceed()
+        self._check_step(missed, whole, way)
+
+    def _check_step(self, missed: float, moved: float, way: float) -> None:
+        """Raise LoopError unless the result of a step of length `way` is valid."""
         if not self.figure <= self.max_figure:
             raise LoopError(SINGULAR, f'conditioning figure {self.figure:.3g}; expected at most '
                             f'{self.max_figure:g}')
         if not (missed <= CLOSED and self.residual <= self._closed):
             raise LoopError(BRANCH, f'residual {self.residual:.3g} m or rad; expected joints for '
                             'which the loops close')
-        if self.known and whole > (TIMED if self.robot.equations.timed else
+        if self.known and moved > (TIMED if self._timed else
                                    LEAP * self.figure * max(way, ROUNDING)):
-            raise LoopError(BRANCH, f'the joints moved by {whole:.3g} rad or lengths in one step; '
-                            'expected a continuous motion')
+            raise LoopError(BRANCH, f'the joints moved by {moved:.3g} rad or lengths in one '
+                            'step; expected a continuous motion')
 
-    def _evaluate(self) -> tuple[float, float]:
-        """Call the kernel once; return the residual of the independent rows, and the motion."""
+    def _evaluate(self) -> list[float]:
+        """Return `LoopStep.evaluate`, and set `figure` and `residual`."""
         try:
-            self._step()
-        except InputError:
-            self.figure = self.residual = math.inf
-            raise LoopError(SINGULAR, 'no finite configuration') from None
-        moved, missed, self.residual, self.figure = map(math.sqrt, self._figures.tolist())
-        return missed, moved
+            return self._step.evaluate()
+        finally:
+            self.figure, self.residual = self._step.figure, self._step.residual
 
     def _compare(self, others: Sequence[int], values: Array | None) -> None:
         """Raise LoopError if further measured joints deviate from the closed loop."""

@@ -97,6 +97,17 @@ def test_further_joints_are_compared_modulo_a_turn():
     assert reason(tracker, q[:1], np.zeros(1), [2], q[2:] + 0.02) == CONTRADICTION
 
 
+def test_each_update_compares_the_joints_that_it_names():
+    tracker, q = LoopTracker(four_bar_at(0.8), ['crank'], tolerance=0.01), at_angle(0.8)
+    for others, values, deviation in (([1], q[1:2] + 4e-3, 4e-3), ([2], q[2:] - 3e-3, 3e-3),
+                                      ((2, 1), q[:0:-1] + [1e-3, -2e-3], 2e-3), ((), None, 0.0)):
+        tracker.update(q[:1], np.zeros(1), others, values)
+        assert tracker.deviation == pytest.approx(deviation, abs=1e-11)
+        assert tracker.residual < 1e-12
+    assert reason(tracker, q[:1] + 1e-3, np.zeros(1), [1], q[1:2] - 0.02) == CONTRADICTION
+    np.testing.assert_allclose(tracker.q, q, atol=1e-11)
+
+
 def test_without_a_configuration_the_first_state_is_of_all_joints():
     tracker, q = LoopTracker(four_bar('crank'), ['crank']), at_angle(0.8)
     assert reason(tracker, q[:1], np.zeros(1)) == UNKNOWN
