@@ -6,7 +6,9 @@ KANE_DYNAMICS_STARTS the number of starts, 500 by default.
 """
 
 import os
+from pathlib import Path
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -151,6 +153,13 @@ def traced(log):
                                           'Debug memory block'))
 
 
+def interrupted_first(code, log):
+    """Return whether SIGINT came while Python started, before the node could handle it."""
+    ours = {Path(name).name for name in re.findall(r'File "(.*/kane_dynamics/.*?)"', log)}
+    return (code == -signal.SIGINT and log.rstrip().endswith('\nKeyboardInterrupt')
+            and ours <= {'main.py', 'early_signals.py'})
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(60 * MINUTES + 300)
 def test_half_an_hour_of_everything_leaves_the_node_as_it_was(client):
@@ -235,7 +244,8 @@ def test_the_fullest_configuration_starts_works_and_ends_500_times_on_a_busy_mac
                 code, _ = process.end(chance.choice([signal.SIGINT, signal.SIGTERM]), 300.0)
             assert code == 0 or (k % 5 == 4 and code in (-signal.SIGINT, -signal.SIGTERM)), (
                 k, code, process.log)
-            assert not traced(process.log), (k, process.log)
+            assert not traced(process.log) or (
+                k % 5 == 4 and interrupted_first(code, process.log)), (k, process.log)
     finally:
         for each in burning:
             each.kill()
