@@ -165,7 +165,7 @@ bench: install $(VENV)/.bench $(VENV)/.torch $(CROCODDYL_VENV)/.tools
 	  echo "== $$program"; $(ROS_ENV) $(BIN)/python $$program $(BENCH_ARGS) \
 	    || failed="$$failed $$program"; \
 	done; echo '== benchmarks/node_latency.py palletizer'; \
-	$(ROS_ENV) $(BIN)/python benchmarks/node_latency.py palletizer \
+	$(ROS_ENV) $(BIN)/python benchmarks/node_latency.py palletizer $(BENCH_ARGS) \
 	  || failed="$$failed node_latency.py:palletizer"; \
 	test -z "$$failed" || { echo "failed:$$failed"; exit 1; }
 

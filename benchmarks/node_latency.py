@@ -12,7 +12,7 @@ The gates: the median of the paired ratios to the echoes, and beside simulations
 less than 2 % of the states. With the argument `realtime` the node runs with its real-time settings
 (which need the rights). With the argument `palletizer` it is that of an arm of four motors with
 three closed loops, whose other six joints follow from loop closure; only the gate to the echo on
-the default executor, idle, holds there.
+the default executor, idle, holds there. With `--no-gates` missed gates are printed and no failure.
 """
 
 from collections.abc import Iterator, Sequence
@@ -42,6 +42,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 PALLETIZER = 'palletizer'
+NO_GATES = '--no-gates'
 SHORT = 0.5  # s: before the falling palletizer comes to a dead point
 OURS, DEFAULT, EVENTS, IN_C = ('node', 'echo, default executor', 'echo, EventsExecutor',
                                'echo in C')
@@ -286,7 +287,7 @@ def main(*arguments: str, samples: int = 2500) -> int:
         print(f'LEFT OUT: {IN_C}, its gate is not checked: {left_out}')
     for words in failed:
         print(f'FAILED: {words}')
-    return 1 if failed else 0
+    return 1 if failed and NO_GATES not in arguments else 0
 
 
 if __name__ == '__main__':
@@ -294,7 +295,8 @@ if __name__ == '__main__':
         load(ROBOTS[sys.argv[2]])
     elif sys.argv[1:2] and sys.argv[1] in NAMESPACES.values():
         echo(*sys.argv[1:])
-    elif unknown := set(sys.argv[1:]) - {'realtime', PALLETIZER}:
-        sys.exit(f'arguments: {sorted(unknown)}; expected realtime, {PALLETIZER} or none')
+    elif unknown := set(sys.argv[1:]) - {'realtime', PALLETIZER, NO_GATES}:
+        sys.exit(f'arguments: {sorted(unknown)}; expected realtime, {PALLETIZER}, {NO_GATES} or '
+                 'none')
     else:
         sys.exit(main(*sys.argv[1:]))

@@ -190,3 +190,11 @@ def test_rows_far_apart_stay_in_the_assembly_mode_of_the_file(tmp_path):
     path.write_text('t,swivel,shoulder,lever_drive,turn\n0,0,0,0,0\n1,0.3,0.2,0.1,1\n2,0,0,0,0\n')
     q = np.array(answer('torque', *ARM, '--motion', str(path))['q'])
     assert np.abs(q[2] - q[0]).max() <= 1e-9  # not turned by 2 pi
+
+
+def test_an_empty_constraints_file_is_named(tmp_path):
+    empty = tmp_path / 'loops.yaml'
+    empty.touch()
+    done = command('inspect', str(URDF), '--constraints', str(empty))
+    assert done.returncode == 2
+    assert f"file '{empty}': no constraint; expected at least one" in done.stderr

@@ -76,12 +76,13 @@ def load_constraints(source: str | os.PathLike[str] | Mapping[str, Any], *,
     """
     data = source if isinstance(source, Mapping) else read_yaml(source, 'constraints',
                                                                 ConstraintError)
-    top = mapping(data, 'constraints file', ('constraints', 'independent', *OPTIONAL),
-                  ConstraintError)
-    given = mapping(top.get('constraints', {}), 'constraints', None, ConstraintError)
+    file = 'constraints file' + (
+        '' if isinstance(source, Mapping) else f" '{os.fspath(source)}'")
+    top = mapping(data, file, ('constraints', 'independent', *OPTIONAL), ConstraintError)
+    given = mapping(top.get('constraints', {}), f'{file}: constraints', None, ConstraintError)
     if not given:
-        raise ConstraintError('constraints file: no constraint; expected at least one '
-                              'under the key constraints')
+        raise ConstraintError(f'{file}: no constraint; expected at least one under the key '
+                              'constraints')
     options: dict[str, Any] = {'constraints': tuple(_constraint(name, entry, prefix)
                                                     for name, entry in given.items()),
                                'independent': _joints(top, 'independent', prefix)}

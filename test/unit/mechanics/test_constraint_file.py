@@ -69,7 +69,10 @@ def test_its_constraints_are_those_of_the_robot():
 
 
 @pytest.mark.parametrize(('text', 'words'), [
-    ('constraints: {}', 'constraints file: no constraint'),
+    ('constraints: {}', "slip.yaml': no constraint; expected at least one"),
+    ('', "slip.yaml': no constraint; expected at least one"),
+    ('[pin]', "slip.yaml': ['pin']; expected a mapping"),
+    ('constraints: [pin]', "slip.yaml': constraints: ['pin']; expected a mapping"),
     ('loops: {}', "unknown key 'loops'; expected one of constraints, independent"),
     ('constraints: {pin: {weld: {}}}',
      "constraint 'pin': unknown key 'weld'; expected one of closure"),
