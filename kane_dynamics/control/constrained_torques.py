@@ -14,12 +14,10 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import corrected_acceleration
 from kane_dynamics.control.constrained_law import (constrained_law_kernel, followed_joints,
-                                                   motion_columns, require_closed,
-                                                   require_rigid)
+                                                   motion_columns, require_closed)
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.loop_tracker import LoopTracker
-from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
 from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion, State
@@ -27,7 +25,6 @@ from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
-import numpy as np
 from numpy.typing import ArrayLike
 
 CORIOLIS, FRICTION = (TORQUE_TERMS.index(name) for name in ('coriolis', 'friction'))
@@ -234,56 +231,3 @@ class ConstrainedTorques:
             f'{name}_{"_".join(map(str, self.places))}', lambda: trace_program(name, traced, [
                 *((a.name, a.shape) for a in arguments), ('parameters', block.shape)]),
             arguments, block, (robot.n,))
-
-
-class LinkageEfforts:
-    """
-    Torques of the driving joints of a mechanism along a trajectory of these joints.
-
-    Parameters
-    ----------
-    robot : Robot
-        With chosen speeds or constraints on positions, which do not depend on time.
-    names : sequence of n str
-        The driving joints, whose actuators move the mechanism: as many as independent speeds.
-    compensate : Terms
-    configuration : (n_q,) array, optional
-        Near the first configuration; default: that of the robot.
-
-    """
-
-    def __init__(self, robot: Robot, names: Sequence[str], compensate: Terms,
-                 configuration: Array | None = None) -> None:
-        """Check the robot and the joints."""
-        require_rigid(robot)
-        if robot.equations.timed:
-            raise InputError('robot: speeds or constraints that are functions of time; expected '
-                             'none, as a trajectory does not state when in that time it starts')
-        joints = robot.joint_names
-        self._robot, self._names, self._compensate = robot, tuple(names), compensate
-        self._configuration = configuration
-        self._columns = [joints.index(name) for name in names]
-        self._others = [k for k, name in enumerate(joints) if name not in names]
-        stated = equations.actuated if isinstance(
-            equations := robot.equations, ConstrainedEquations) else None
-        if stated is not None and set(robot.actuated_names) != set(names):
-            raise InputError(f'joint_names: {list(names)}; expected the joints with actuators, '
-                             f'{", ".join(robot.actuated_names)}')
-
-    def __call__(self, q: Array, u: Array, udot: Array) -> Array:
-        """Return the efforts, (K, n), of rows in the order of time; the rates may be any."""
-        robot = self._robot
-        whole = mechanism_motion(robot, self._names, np.zeros(len(q)), q, u, udot,
-                                 self._configuration)
-        for j in self._others:
-            at, lower, upper = whole[0][:, j], robot.limits.lower[j], robot.limits.upper[j]
-            if at.min() < lower or at.max() > upper:
-                raise InputError(f"joint '{robot.joint_names[j]}': positions from {at.min():.4g} "
-                                 f'to {at.max():.4g} follow from the trajectory; expected '
-                                 f'{lower:.4g} to {upper:.4g}')
-        tau = self._compensate.inverse_dynamics(robot, *whole)
-        none = np.zeros_like(tau)
-        still = robot.joint_rates(whole[0], none)
-        T = np.stack([(robot.joint_rates(whole[0], none + unit) - still)[:, self._columns]
-                      for unit in np.eye(robot.n)], axis=-1)
-        return np.asarray(np.linalg.solve(np.swapaxes(T, 1, 2), tau[..., None])[..., 0])

@@ -10,21 +10,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 
-from kane_dynamics._util.checks import finite_row, instance, integer, per_joint
+from kane_dynamics._util.checks import instance, integer, per_joint
 from kane_dynamics._util.typing import Array
-from kane_dynamics.control.constrained_law import followed_joints
-from kane_dynamics.control.constrained_torques import LinkageEfforts
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import EVERY_TERM, Terms
+from kane_dynamics.control.trajectories.arm import TrajectoryArm
+from kane_dynamics.control.trajectories.linkage import TrajectoryLinkage
 from kane_dynamics.control.trajectory_limits import check_efforts, check_motion
 from kane_dynamics.errors import InputError
+from kane_dynamics.kinematics.closed_path import LoopLimits
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.motion.controller_points import completed, ControllerPoints
 from kane_dynamics.motion.motion import Motion
-from kane_dynamics.motion.points import (checked_joint_names, Start, start_state, State,
-                                         trajectory_points)
-from kane_dynamics.robot.parameters import JointLimits
+from kane_dynamics.motion.points import Start, start_state, trajectory_points
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +31,7 @@ from numpy.typing import ArrayLike
 PROBES = np.arange(1.0, 8.0) / 8.0  # fractions of a segment at which its effort is checked
 MOST_POINTS = 100_000
 LONGEST = 2**31 - 1  # s, of `time_from_start`, whose resolution is 1 ns
-TURN = 2.0 * math.pi
+CLOSED = LoopLimits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +76,8 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
                     start: Start | None = None, tolerance: ArrayLike | None = None,
                     compensate: Terms = EVERY_TERM, effort_limit: ArrayLike = math.inf,
                     clip: bool = False, max_points: int = MOST_POINTS,
-                    bending: QuasiStatic | None = None) -> FilledTrajectory:
+                    bending: QuasiStatic | None = None, loops: LoopLimits = CLOSED
+                    ) -> FilledTrajectory:
     """
     Return a trajectory with velocities, accelerations and efforts for joint_trajectory_controller.
 
@@ -90,18 +90,21 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
     Parameters
     ----------
     robot : Robot
-        With chosen speeds or constraints on positions, the trajectory is of as many joints as
-        there are independent speeds, those with actuators; the other joints follow from them.
+        With chosen speeds or constraints on positions, the result is of as many joints as there
+        are independent speeds, those with actuators; the other joints follow from them.
     times : (K,) array_like
         s from the start of the trajectory; nonnegative, strictly increasing, K >= 1.
     positions, velocities, accelerations : (K, m) array_like
         rad or m, and s; accelerations only with velocities.
     joint_names : sequence of m str, optional
-        The joints of the columns: some or all of the robot's. Default: all, in its order.
+        The joints of the columns: some or all of the robot's. Default: all, in its order. With
+        constraints: those with actuators, or these and further ones, whose positions are compared
+        with the loop closure at the points and are not part of the result. Default: the former.
     rest : (n,) array_like, optional
         Positions of the robot's joints, in its order, rad or m. Joints that are not in
-        `joint_names` rest there; needed if there are any. With constraints: the configuration
-        near which the loops are closed; default: that of the robot.
+        `joint_names` rest there; needed if there are any. With constraints: a nearly closed
+        configuration, whose assembly mode is kept on the way from there to the first point and
+        along the trajectory; default: that of the robot, or the first point if of all joints.
     start : (q, u, udot), optional
         State of the trajectory's joints at time 0, (m,) each; u and udot may be None (rest). If
         the first point is later, the trajectory begins with this state. Joints without limits
@@ -120,9 +123,14 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
         Largest number of points of the result.
     bending : QuasiStatic, optional
         The flexible arm of which `robot` is the rigid model.
+    loops : LoopLimits
+        With constraints: largest deviation of further joints, and the conditioning.
 
     Raises
     ------
+    LoopError
+        With constraints: a singular configuration, further joints that contradict the loops, or
+        loops that do not close; names the point.
     InputError
         If an argument is invalid; if the motion exceeds a limit of position, velocity or effort,
         at a point or between points: the message names the joint, the point, the value and the
@@ -135,24 +143,27 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
     if bending is not None:
         instance(bending, QuasiStatic, 'bending')
     max_points = integer(max_points, 'max_points', 1)
-    arm = _Arm(robot, bending or robot, joint_names, rest, compensate) if isinstance(
-        robot.equations, TreeEquations) else _Linkage(robot, bending, joint_names, rest,
-                                                      compensate)
+    arm = _arm(robot, bending, joint_names, rest, compensate, loops)
     names, limits = arm.names, arm.limits(effort_limit)
-    t, q, u, udot = trajectory_points(times, positions, velocities, accelerations, names)
+    t, *given = trajectory_points(times, positions, velocities, accelerations, arm.given)
     _check_times(t)
-    points = completed(t, q, u, udot, None if start is None else arm.turned(
-        start_state(start, names), q[0], limits))
+    assert given[0] is not None
+    allowed = None if tolerance is None else arm.chosen(per_joint(
+        tolerance, 'tolerance', arm.given, finite=False))
+    q, u, udot = (None if rows is None else arm.chosen(rows) for rows in given)
+    assert q is not None
+    points = completed(t, q, u, udot, None if start is None else arm.turned(arm.chosen(
+        np.array(start_state(start, arm.given))), q[0], limits))
     _check_count(len(points.t), max_points, 'trajectory')
     if len(points.t) > len(t):  # a measured position may be slightly outside of the limits
         limits = replace(limits, lower=np.minimum(limits.lower, points.q[0]),
                          upper=np.maximum(limits.upper, points.q[0]))
     check_motion(points, limits, names, t)
+    arm.follow(points, given[0], t)
     tau = arm.efforts(points.q, points.u, points.udot)
     count, error = len(points.t), None
-    if tolerance is not None:
-        points, tau, error = _refined(arm, points, tau, per_joint(
-            tolerance, 'tolerance', names, finite=False), max_points)
+    if allowed is not None:
+        points, tau, error = _refined(arm, points, tau, allowed, max_points)
     if clip:
         tau = np.clip(tau, -limits.effort, limits.effort)
     else:
@@ -160,76 +171,16 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
     return FilledTrajectory(names, *points, tau, len(points.t) - count, error)
 
 
-class _Arm:
-    """The joints of a trajectory, and the robot whose other joints rest."""
-
-    def __init__(self, robot: Robot, source: Robot | QuasiStatic,
-                 joint_names: Sequence[str] | None, rest: ArrayLike | None,
-                 compensate: Terms) -> None:
-        every = robot.joint_names
-        self.names = every if joint_names is None else checked_joint_names(joint_names,
-                                                                           'joint_names')
-        unknown = [name for name in self.names if name not in every]
-        if unknown:
-            raise InputError(f"joint_names: '{unknown[0]}' is not a joint of the robot; expected "
-                             f'some or all of {", ".join(every)}')
-        others = [name for name in every if name not in self.names]
-        if rest is None and others:
-            raise InputError(f'joint_names: without {", ".join(others)}; expected these too, or '
-                             'the positions at which they rest')
-        self._pose = np.zeros(len(every)) if rest is None else finite_row(
-            rest, 'rest: positions', every)
-        self._columns = np.array([every.index(name) for name in self.names])
-        self._robot, self._source, self._compensate = robot, source, compensate
-
-    def limits(self, effort: ArrayLike) -> JointLimits:
-        """Return the limits of the trajectory's joints, with a further effort limit."""
-        found, every = self._robot.limits, self._robot.joint_names
-        smaller = np.minimum(found.effort, per_joint(effort, 'effort_limit', every, finite=False))
-        return JointLimits(*(values[self._columns] for values in (
-            found.lower, found.upper, found.velocity, smaller)))
-
-    def turned(self, start: State, first: Array, limits: JointLimits) -> State:
-        """Return a state with joints that turn without limits next to the first point."""
-        turns = np.isinf(limits.lower) & np.isinf(limits.upper) & np.array(
-            [name not in self._robot.model.sliding for name in self.names])
-        return start[0] + turns * TURN * np.round((first - start[0]) / TURN), *start[1:]
-
-    def efforts(self, *state: Array) -> Array:
-        """Return the efforts at q, u and udot, (..., m) each; InputError if one overflows."""
-        rows = [values.reshape(-1, len(self.names)) for values in state]
-        whole = np.zeros((3, len(rows[0]), len(self._pose)))
-        whole[0] = self._pose
-        whole[:, :, self._columns] = rows
-        tau = self._compensate.inverse_dynamics(self._source, *whole)[:, self._columns]
-        return tau.reshape(state[0].shape)
+def _arm(robot: Robot, bending: QuasiStatic | None, joint_names: Sequence[str] | None,
+         rest: ArrayLike | None, compensate: Terms, loops: LoopLimits) -> TrajectoryArm:
+    """Return the joints of the trajectory, of a tree or of a linkage."""
+    if isinstance(robot.equations, TreeEquations):
+        return TrajectoryArm(robot, bending or robot, joint_names, rest, compensate)
+    return TrajectoryLinkage(robot, bending or robot, joint_names, rest, compensate, loops)
 
 
-class _Linkage(_Arm):
-    """The driving joints of a trajectory of a robot with chosen speeds or constraints."""
-
-    def __init__(self, robot: Robot, bending: QuasiStatic | None,
-                 joint_names: Sequence[str] | None, rest: ArrayLike | None,
-                 compensate: Terms) -> None:
-        if bending is not None:
-            raise InputError('bending: given for a robot with chosen speeds or constraints; '
-                             'expected one in joint rates without constraints')
-        place = np.zeros(robot.n_q) if rest is None else rest
-        super().__init__(robot, robot, [robot.joint_names[k] for k in followed_joints(robot)]
-                         if joint_names is None else joint_names, place, compensate)
-        self._efforts = LinkageEfforts(robot, self.names, compensate,
-                                       None if rest is None else self._pose)
-
-    def efforts(self, *state: Array) -> Array:
-        """Return the efforts at q, u and udot, (..., m) each; InputError if one overflows."""
-        # In the order of time: each configuration is closed from the one before.
-        rows = [np.swapaxes(values, 0, -2) for values in state]
-        tau = self._efforts(*(values.reshape(-1, len(self.names)) for values in rows))
-        return np.swapaxes(tau.reshape(rows[0].shape), 0, -2)
-
-
-def _refined(arm: _Arm, points: ControllerPoints, tau: Array, tolerance: Array, max_points: int
-             ) -> tuple[ControllerPoints, Array, Array]:
+def _refined(arm: TrajectoryArm, points: ControllerPoints, tau: Array, tolerance: Array,
+             max_points: int) -> tuple[ControllerPoints, Array, Array]:
     """Return points with more of them until the interpolated effort is right, efforts, errors."""
     error = np.zeros(len(arm.names))
     pending = np.arange(len(points.t) - 1)

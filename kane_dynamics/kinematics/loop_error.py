@@ -5,6 +5,7 @@ from kane_dynamics.errors import ConstraintError
 SINGULAR, BRANCH, CONTRADICTION, UNKNOWN = (
     'closed loop near a singular configuration', 'closed loop on a lost branch',
     'measured joints contradict the closed loop', 'assembly mode unknown')
+CONTRADICTORY_POINT = 'point of the trajectory contradicts the closed loop'
 
 
 class LoopError(ConstraintError):
@@ -14,7 +15,7 @@ class LoopError(ConstraintError):
     Attributes
     ----------
     reason : str
-        `SINGULAR`, `BRANCH`, `CONTRADICTION` or `UNKNOWN`.
+        `SINGULAR`, `BRANCH`, `CONTRADICTION`, `UNKNOWN` or `CONTRADICTORY_POINT`.
 
     """
 

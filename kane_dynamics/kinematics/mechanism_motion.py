@@ -69,15 +69,27 @@ def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array, ra
         raise InputError(f'motion: joints {list(joints)}; expected {robot.n} of '
                          f'{", ".join(names)}, as many as independent speeds')
     driving = [names.index(name) for name in joints]
-    Q = _closed(robot, driving, t, q, configuration)
+    return motion_of_closed(robot, driving, t, _closed(robot, driving, t, q, configuration),
+                            rates, accelerations)
+
+
+def motion_of_closed(robot: Robot, driving: Sequence[int], t: Array, Q: Array, rates: Array,
+                     accelerations: Array) -> MechanismMotion:
+    """
+    Return the motion in closed configurations, (N, n_q), for joints with the indices `driving`.
+
+    The other arguments are those of `mechanism_motion`.
+    """
+    names = robot.coordinate_names
     none = np.zeros((len(t), robot.n))
     still = robot.joint_rates(Q, none, t=t)
     T = np.stack([robot.joint_rates(Q, none + unit, t=t) - still for unit in np.eye(robot.n)],
                  axis=-1)[:, driving]
     singular = np.flatnonzero(np.linalg.cond(T) > SINGULAR)
     if singular.size:
-        raise InputError(f'motion: at {t[singular[0]]:.4g} s the joints {list(joints)} do not '
-                         'determine the motion; expected others there')
+        raise InputError(f'motion: at {t[singular[0]]:.4g} s the joints '
+                         f'{[names[k] for k in driving]} do not determine the motion; expected '
+                         'others there')
     u = _solved(T, rates - still[:, driving])
     held = robot.joint_accelerations(Q, u, none, t=t)[:, driving]
     return MechanismMotion(Q, u, _solved(T, accelerations - held))

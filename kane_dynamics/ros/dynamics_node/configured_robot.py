@@ -10,6 +10,7 @@ from typing import Any
 from kane_dynamics.control.constrained_law import joints_that_follow
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.quasi_static import QuasiStatic
+from kane_dynamics.control.trajectories.linkage import compile_linkage
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.path_limits import compile_timing
 from kane_dynamics.model.model import Model
@@ -106,7 +107,8 @@ class ConfiguredRobot:
             compile_pressed_steps(self.robot, values['simulation.integrator'], follow)
         if self.robot.constraint_names:
             step_kernel(self.robot, True, values['simulation.integrator'], None, follow)
-        else:  # for filled trajectories
+            compile_linkage(self.robot)  # for filled trajectories
+        else:
             compile_timing(self.robot)
             for robot in (self.robot, *([bending.robot] if bending else [])):
                 robot.compile('inverse_dynamics', 'torque_terms', batches=True)

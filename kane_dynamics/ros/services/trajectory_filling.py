@@ -8,6 +8,9 @@ from typing import Any
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory, FilledTrajectory
 from kane_dynamics.errors import InputError
+from kane_dynamics.kinematics.closed_path import LoopLimits
+from kane_dynamics.kinematics.loop_error import LoopError, UNKNOWN
+from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, check_points, doubles, point_columns
 from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
 from kane_dynamics.ros.services.served_robot import ServedRobot
@@ -76,7 +79,7 @@ def fill_trajectory_tables(served: ServedRobot, request: Any, response: Any) -> 
     tolerance = np.array(request.tolerance)
     filled = _filled(served, names, (times, *columns), (
         tolerance[0] if len(tolerance) == 1 else tolerance) if len(tolerance) else None)
-    response.joint_names = names
+    response.joint_names = list(filled.joint_names)
     response.time_from_start = doubles(filled.times)
     for field in FIELDS:
         setattr(response, field, doubles(getattr(filled, field)))
@@ -103,22 +106,20 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
         Default: parameter feedforward.tolerance.
 
     """
-    joints = served.robot.joint_names
-    if served.robot.constraint_names:
-        raise InputError("parameter 'constraints': trajectories of closed loops are not filled by "
-                         'the node; expected kane-dynamics fill --constraints, or an arm without '
-                         'constraints')
+    joints, loops = served.robot.joint_names, bool(served.robot.constraint_names)
     settings = FillSettings.from_values(served.values, joints)
     index = [joints.index(name) for name in names if name in joints]
     if tolerance is None and settings.tolerance is not None and len(index) == len(names):
         tolerance = settings.tolerance[index]
     starts, lacking = points[0][0] > 0.0, len(set(names)) < len(joints)
-    measured = served.measured() if starts or lacking else None
+    measured = served.measured() if starts or lacking or loops else None
     if starts and measured is None:
         raise InputError(f'point 0: time_from_start {points[0][0]:g} s without a measured '
                          'position; expected 0 s, or an active node that receives joint states')
     rest = settings.rest if settings.rest is not None else measured
-    if lacking and rest is None:
+    if loops:
+        rest = _assembly_mode(served.robot, measured, settings.rest, lacking)
+    elif lacking and rest is None:
         missing = [name for name in joints if name not in names]
         raise InputError(f'joint_names: without {", ".join(missing)}; expected all '
                          'joints, parameter feedforward.rest, or an active node that receives '
@@ -128,7 +129,20 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
     return fill_trajectory(
         served.robot, *points, joint_names=names, rest=rest, start=start, tolerance=tolerance,
         compensate=settings.compensate, effort_limit=settings.effort_limit, clip=settings.clip,
-        max_points=served.values['trajectory.max_points'], bending=served.bending)
+        max_points=served.values['trajectory.max_points'], bending=served.bending,
+        loops=LoopLimits(served.values['closure.tolerance'],
+                         served.values['closure.max_conditioning']))
+
+
+def _assembly_mode(robot: Robot, measured: Array | None, rest: Array | None,
+                   lacking: bool) -> Array | None:
+    """Return a configuration in the assembly mode of the latest joint states, if known."""
+    known = measured if measured is not None else rest
+    if known is None and lacking and robot.configuration is None:
+        raise LoopError(UNKNOWN, 'no joint states, no parameter feedforward.rest, no '
+                        '`configuration` in the constraints file; expected one of them, or a '
+                        'trajectory of all joints')
+    return known
 
 
 def table(request: Any, field: str, points: int, joints: int) -> Array | None:

@@ -8,6 +8,7 @@ from kane_dynamics.kinematics.loop_error import LoopError
 from kane_dynamics.kinematics.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
 
 
@@ -67,6 +68,7 @@ class ClosedLoopReader(JointStateReader):
         self._places = [names.index(name) for name in others]
         self.tracker = LoopTracker(robot, followed)
         self.q, self.u = self.tracker.q, self.tracker.u
+        self._accepted: Array | None = None
         self.update(values)
 
     def update(self, values: Mapping[str, Any]) -> None:
@@ -83,6 +85,10 @@ class ClosedLoopReader(JointStateReader):
         """Return whether the assembly mode is unknown."""
         return not self.tracker.known
 
+    def configuration(self) -> Array | None:
+        """Return the last closed configuration, for other threads; None if unknown."""
+        return None if self.lost else self._accepted
+
     def complete(self) -> str | None:
         """Close the loops at the accepted state; return None, or the reason to refuse it."""
         try:
@@ -91,6 +97,7 @@ class ClosedLoopReader(JointStateReader):
         except LoopError as error:
             self.detail = error.detail
             return error.reason
+        self._accepted = self.q.copy()  # the next update computes in `q`
         return None
 
     def figures(self) -> dict[str, str]:

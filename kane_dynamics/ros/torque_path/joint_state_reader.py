@@ -135,6 +135,10 @@ class JointStateReader:
                                 layout.others.efforts)
         return self._finite()
 
+    def configuration(self) -> Array | None:
+        """Return a copy of the positions, for other threads; None if they are unknown."""
+        return self.q.copy()
+
     def complete(self) -> str | None:
         """Compute what an accepted state lacks; return None, or the reason to refuse it."""
         return None

@@ -93,9 +93,9 @@ class TorquePath:
         return state
 
     def measured(self) -> Array | None:
-        """Return the last measured positions, (n,); None if states are missing."""
+        """Return the last measured positions, (n,), for other threads; None if missing."""
         valid = self.running and self.last_update and not self.timed_out
-        return self._reader.q.copy() if valid else None
+        return self._reader.configuration() if valid else None
 
     def take_foreign_joints(self) -> set[tuple[str, ...]]:
         """Return and clear the name lists of states that contained other joints only."""

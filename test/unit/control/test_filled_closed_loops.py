@@ -4,10 +4,12 @@ from functools import cache
 
 from kane_dynamics import fill_trajectory, InputError, Robot
 from kane_dynamics.feasibility import demand
+from kane_dynamics.kinematics.closed_path import LoopLimits
+from kane_dynamics.kinematics.loop_error import BRANCH, CONTRADICTORY_POINT, LoopError, SINGULAR
 from kane_dynamics.mechanics.definition import nonholonomic
 from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh
 import numpy as np
-from palletizer import DRIVEN, palletizer, positions
+from palletizer import DRIVEN, palletizer, positions, SINGULAR_SHOULDER
 import pytest
 
 TIMES, CRANK = [0.0, 0.5, 1.0], [[0.8], [1.4], [1.0]]
@@ -59,7 +61,7 @@ def test_far_points_stay_on_the_branch_of_the_first():
 
 @pytest.mark.parametrize(('robot', 'joints', 'words'), [
     (linkage(actuated=('rocker',)), ['crank'], 'joint_names: .* with actuators, rocker'),
-    (four_bar('crank'), ['crank', 'rocker'], 'expected 1 of crank, coupler, rocker'),
+    (four_bar('crank'), ['coupler', 'rocker'], 'expected 1 joints that .* motion, crank, and'),
     (sleigh(), ['body/x', 'body/rz'], 'is one of velocities')])
 def test_trajectories_that_do_not_state_the_efforts_are_refused(robot, joints, words):
     with pytest.raises(InputError, match=words):
@@ -79,3 +81,74 @@ def test_an_empty_list_of_joints_is_not_the_default():
     robot = palletizer()
     with pytest.raises(InputError, match='joint_names: '):
         fill_trajectory(robot, [0.0, 1.0], [[0.0] * 4, [0.1] * 4], joint_names=[])
+
+
+def closed_rows(driven):
+    """Return joint names in an order that is not the robot's, and closed rows of them."""
+    names = palletizer().joint_names[::-1]
+    return names, np.array([positions(palletizer(), *row)[::-1] for row in driven])
+
+
+def test_a_trajectory_of_all_joints_has_the_efforts_of_the_driven_ones():
+    driven = np.array([[0.0, 0.0, 0.0, 0.0], [0.3, 0.2, -0.1, 0.4], [0.5, 0.3, -0.2, 1.0]])
+    names, rows = closed_rows(driven)
+    filled = fill_trajectory(palletizer(), TIMES, rows, joint_names=names, tolerance=[50.0] * 10)
+    assert filled.joint_names == tuple(name for name in names if name in DRIVEN)
+    order = [DRIVEN.index(name) for name in filled.joint_names]
+    expected = fill_trajectory(palletizer(), TIMES, driven, joint_names=DRIVEN, tolerance=50.0)
+    for field in ('positions', 'velocities', 'accelerations', 'efforts'):
+        np.testing.assert_allclose(getattr(filled, field), getattr(expected, field)[:, order],
+                                   rtol=1e-12, atol=1e-10)
+    np.testing.assert_allclose(filled.effort_error, expected.effort_error[order], rtol=1e-9)
+
+
+def test_points_that_contradict_the_loops_are_named():
+    names, rows = closed_rows([[0.0] * 4, [0.3, 0.2, -0.1, 0.4], [0.5, 0.3, -0.2, 1.0]])
+    rows[1, names.index('rod_1_pin')] += 0.03
+    with pytest.raises(LoopError, match=r"at point 1 \(0.5 s\): 'rod_1_pin' at 0.23") as caught:
+        fill_trajectory(palletizer(), TIMES, rows, joint_names=names)
+    assert caught.value.reason == CONTRADICTORY_POINT
+    fill_trajectory(palletizer(), TIMES, rows, joint_names=names, loops=LoopLimits(0.04))
+
+
+@pytest.mark.parametrize('beyond', [0.0, -0.3])
+def test_a_singular_configuration_between_points_is_named(beyond):
+    row = [0.0, SINGULAR_SHOULDER + beyond, 0.0, 0.0]
+    with pytest.raises(LoopError, match='near a singular configuration: ') as caught:
+        fill_trajectory(unlimited(), [0.0, 1.0], [[0.0] * 4, row], joint_names=DRIVEN,
+                        loops=LoopLimits(max_figure=200.0))
+    assert caught.value.reason == SINGULAR
+
+
+def unlimited():
+    """Return the palletizer without limits of position and velocity."""
+    robot = palletizer().copy()
+    infinite = np.full(robot.n_q, np.inf)
+    robot.limits = type(robot.limits)(-infinite, infinite, infinite, infinite)
+    return robot
+
+
+@pytest.mark.parametrize('every', [False, True])
+def test_the_assembly_mode_is_that_of_the_given_configuration(every):
+    robot = linkage()
+    other, moved = (four_bar('crank').closed_posture((angle, -1.9, 2.1), fixed=['crank'])
+                    for angle in (0.8, 0.9))  # the elbow on the other side
+    columns = slice(None) if every else slice(1)
+    rows, names = np.array([other, moved])[:, columns], robot.joint_names[columns]
+    filled = fill_trajectory(robot, [0.0, 1.0], rows, joint_names=names, rest=moved)
+    for q, u, udot, effort in zip((other, moved), filled.velocities, filled.accelerations,
+                                  filled.efforts):
+        expected = nonholonomic.inverse_dynamics(robot.mechanism, q, u, udot)
+        np.testing.assert_allclose(effort, expected, rtol=1e-9)
+    there = fill_trajectory(robot, [0.0, 1.0], [[0.8], [0.9]])
+    assert np.abs(filled.efforts - there.efforts).max() > 0.1
+    with pytest.raises(LoopError, match='contradicts the closed loop: at point 0'):
+        fill_trajectory(robot, [0.0, 1.0], [other, moved], joint_names=robot.joint_names)
+
+
+def test_driving_joints_for_which_the_loops_stay_open_are_refused():
+    at = np.array(at_angle(0.8))
+    with pytest.raises(LoopError, match=r'closed loop .*: after point 0') as caught:
+        fill_trajectory(linkage(), [0.0, 1.0], [at[2:], at[2:] + 1.5], joint_names=['rocker'],
+                        rest=at)  # no crank turns the rocker that far
+    assert caught.value.reason in (SINGULAR, BRANCH)

@@ -1,0 +1,1 @@
+"""The joints of filled trajectories: of trees, and the driving ones of closed loops."""
