@@ -15,6 +15,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import corrected_acceleration
 from kane_dynamics.control.constrained_law import (constrained_law_kernel, followed_joints,
                                                    motion_columns, require_closed)
+from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.loop_tracker import LoopTracker
@@ -41,16 +42,25 @@ class ConstrainedTorques:
         As for `ComputedTorque`.
     preload : (n_q,) array_like, optional
         Joint torques, N m or N, to which those of the command are nearest.
+    bending : QuasiStatic, optional
+        The flexible robot of which `robot` is the rigid model; its torques are computed.
 
     """
 
     def __init__(self, robot: Robot, followed: Sequence[str] | None,
-                 preload: ArrayLike | None) -> None:
+                 preload: ArrayLike | None, bending: QuasiStatic | None = None) -> None:
         """Find the joints that follow; kernels compile on first use."""
         assert isinstance(robot.equations, ConstrainedEquations)
         self._robot, self._equations = robot, robot.equations
+        self._bending, self._source = bending, bending or robot
         self.places = list(followed_joints(robot, followed))
         self.followed = tuple(robot.coordinate_names[k] for k in self.places)
+        if bending is not None and not set(self.followed) == set(bending.speed_names) == set(
+                robot.actuated_names):
+            raise InputError(f'followed: {list(self.followed)}, with actuators at '
+                             f'{list(robot.actuated_names)}; expected '
+                             f'{list(bending.speed_names)} for both, the independent joints, '
+                             'because others load the beams through the loops')
         self._preload = None if preload is None else self._checked(preload)
         self._tracking = False  # whether the last feedforward was of the same motion of joints
         self._functions: dict[str, Callable[..., Array]] = {}
@@ -83,6 +93,8 @@ class ConstrainedTorques:
         constrained_law_kernel(self._robot, self.places)
         self._robot.compile('joint_torques')
         self._tracker  # noqa: B018
+        if self._bending is not None:
+            self._bending.robot.compile('inverse_dynamics', 'torque_terms', 'gravity_force')
 
     def desired(self, motion: Motion, moment: float) -> State:
         """Return q, u, udot of the joints that follow at a time of the motion, s."""
@@ -96,7 +108,7 @@ class ConstrainedTorques:
                         back: Array, t: float) -> Array:
         """Return the generalized force of computed torque; `back` weights all but friction."""
         robot, at = self._robot, self._at(t)
-        if terms.complete:
+        if terms.complete and self._bending is None:
             return self._law(t)(q, u, *desired, gains)
         q_d, u_d, udot_d = desired
         n = len(self.places)
@@ -128,7 +140,7 @@ class ConstrainedTorques:
         """Return the desired configuration and the generalized force of its motion."""
         (q_d, u_d, udot_d), (*_, qddot) = self.desired_state(q, motion, moment, t)
         if terms.complete:
-            return q_d, self._robot.inverse_dynamics(q_d, u_d, udot_d, **self._at(t))
+            return q_d, self._source.inverse_dynamics(q_d, u_d, udot_d, **self._at(t))
         tau: Array = terms.weights @ self._terms(q_d, u_d, qddot, t)
         return q_d, tau
 
@@ -152,13 +164,13 @@ class ConstrainedTorques:
         """
         robot, at = self._robot, self._at(t)
         drift, whole = (self.rates(q, u, x, t) for x in (0.0 * qddot, qddot))
-        rows: Array = robot.torque_terms(q, u, whole - drift, **at)
+        rows: Array = self._source.torque_terms(q, u, whole - drift, **at)
         rows[CORIOLIS] += robot.mass_matrix(q, **at) @ drift
         return rows
 
     def gravity(self, q: Array, t: float) -> Array:
         """Return the generalized force that balances gravity."""
-        return self._robot.gravity_force(q, **self._at(t))
+        return self._source.gravity_force(q, **self._at(t))
 
     def joint_torques(self, tau: Array, q: Array, t: float) -> Array:
         """Return the torques of the joints, (n_q,), with a generalized force."""

@@ -92,14 +92,16 @@ class Controller(ControllerSettings):
         self._constrained: ConstrainedTorques | None = None
         if isinstance(robot.equations, ConstrainedEquations):
             require_angles(robot.model, 'Controller')
-            self._constrained = ConstrainedTorques(robot, followed, preload)
+            self._constrained = ConstrainedTorques(robot, followed, preload, bending)
             self._speeds, self._follow = robot.speed_names, self._constrained.followed
         elif followed is not None or preload is not None:
             raise InputError('followed, preload: given; expected a robot with chosen speeds or '
                              'constraints')
-        if bending is not None and (bending.joint_names != self._names or self._constrained):
-            raise InputError(f'bending: of the joints {list(bending.joint_names)}; expected '
-                             f'{list(self._names)}, without constraints')
+        if bending is not None and (bending.joint_names, bending.speed_names) != (
+                self._names, self._speeds):
+            raise InputError(f'bending: of the joints {list(bending.joint_names)} with the speeds '
+                             f'{list(bending.speed_names)}; expected {list(self._names)}, '
+                             f'{list(self._speeds)}')
         self._source = bending or robot
         self._zero = np.zeros(len(self._follow))
         self._zero.flags.writeable = False

@@ -5,6 +5,9 @@ from typing import Any
 from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.kinematics.loop_tracker import LoopTracker
+from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -23,31 +26,40 @@ class QuasiStatic:
     This is valid for motions that are slow compared to the lowest vibration. Methods use joint
     quantities only, in the order of `joint_names`, for one state or arrays of states.
 
+    With closed loops u, udot and the torques are of the independent joints, `speed_names`. These
+    joints keep their positions; the others follow from loop closure with the deflected beams.
+
     Parameters
     ----------
     robot : Robot
-        With beams, in joint rates, without constraints. Its parameters, gravity and payload, may
-        change.
+        With beams, in joint rates. With constraints on positions, the rates of some joints and of
+        all modes are the independent speeds (`Robot(..., independent=)`); the torques are those
+        of actuators at these joints. Its parameters, gravity and payload, may change.
 
     Raises
     ------
     InputError
-        The robot has no beams, or it has chosen speeds or constraints.
+        The robot has no beams, or other speeds or constraints.
 
     """
 
     def __init__(self, robot: Robot) -> None:
         model = robot.model
-        if not model.flexible or robot.constraint_names or (
-                robot.speed_names != robot.coordinate_names):
-            raise InputError('quasi-static deflections: a robot without beams, or with chosen '
-                             'speeds or constraints; expected one with beams, in joint rates and '
-                             'without constraints')
+        _check(robot)
         self.robot = robot
         modes = list(model.modal_coordinates)
         joints = [k for k in range(model.n) if k not in modes]
         self._modes, self._joints = _index(modes), _index(joints)
         self.joint_names = tuple(model.coordinate_names[k] for k in joints)
+        modal = [model.coordinate_names[k] for k in modes]
+        self.speed_names = tuple(name for name in robot.speed_names if name not in modal)
+        self._modal_speeds = _index([robot.speed_names.index(name) for name in modal])
+        self._speeds = _index([robot.speed_names.index(name) for name in self.speed_names])
+        self._tracker = LoopTracker(robot, robot.speed_names, max_figure=SINGULAR) if (
+            robot.constraint_names) else None
+        if self._tracker is not None and (rows := self._tracker.path_rows):
+            raise InputError(f'quasi-static deflections: {", ".join(rows)} on velocities; '
+                             'expected constraints on positions')
         stiffness = np.zeros((model.n, model.n))
         for body in model.bodies:
             if body.beam is not None:
@@ -62,41 +74,64 @@ class QuasiStatic:
         Parameters
         ----------
         q, u, udot : (..., n) arrays
-            Of the joints; rad or m, and s.
+            Of the joints; rad or m, and s. With closed loops q is closed for rigid beams.
 
         Raises
         ------
         InputError
             A shape is wrong, a number is not finite, or the load exceeds the stiffness of the
             beams.
+        LoopError
+            The loops do not close with the deflected beams.
 
         """
         return self._state(q, u, udot)[0][..., self._modes]
 
+    def configuration(self, q: Any) -> Array:
+        """Return the coordinates of the whole robot at rest, (..., n + m); errors as `modes`."""
+        rest = np.zeros((*np.shape(q)[:-1], len(self.speed_names)))
+        return self._state(q, rest, rest)[0]
+
     def inverse_dynamics(self, q: Any, u: Any, udot: Any) -> Array:
         """Return the joint torques for a motion, (..., n); arguments and errors as `modes`."""
         tau: Array = self.robot.inverse_dynamics(*self._state(q, u, udot))
-        return tau[..., self._joints]
+        return tau[..., self._speeds]
 
     def torque_terms(self, q: Any, u: Any, udot: Any) -> Array:
         """Return the joint torques by source, (..., 5, n): rows as `Robot.torque_terms`."""
         terms: Array = self.robot.torque_terms(*self._state(q, u, udot))
-        return terms[..., self._joints]
+        return terms[..., self._speeds]
 
     def gravity_force(self, q: Any) -> Array:
         """Return the joint torques that balance gravity with deflected beams, (..., n)."""
-        rest = np.zeros(np.shape(q))
+        rest = np.zeros((*np.shape(q)[:-1], len(self.speed_names)))
         tau: Array = self.robot.gravity_force(self._state(q, rest, rest)[0])
-        return tau[..., self._joints]
+        return tau[..., self._speeds]
 
     def _state(self, q: Any, u: Any, udot: Any) -> tuple[Array, Array, Array]:
-        """Return q with the deflection, u and udot of the whole robot, (..., n + m) each."""
-        Q, U, A = (self._whole(name, x) for name, x in (('q', q), ('u', u), ('udot', udot)))
+        """Return q with the deflection, u and udot of the whole robot."""
+        Q = self._whole('q', q, self.joint_names, self._joints, self.robot.n_q)
+        U, A = (self._whole(name, x, self.speed_names, self._speeds, self.robot.n)
+                for name, x in (('u', u), ('udot', udot)))
+        if self._tracker is None or Q.ndim == 1:
+            return self._balanced(Q, U, A)
+        every = [x.reshape(-1, x.shape[-1]) for x in (Q, U, A)]
+        rows = np.array([self._balanced(*row)[0] for row in zip(*every, strict=True)])
+        return rows.reshape(Q.shape), U, A
+
+    def _balanced(self, Q: Array, U: Array, A: Array) -> tuple[Array, Array, Array]:
+        """Return the state with the modes in equilibrium; with closed loops a single one."""
+        if self._tracker is not None:
+            self._tracker.restart(Q)
         before, grown = np.inf, 0
         for _ in range(MOST):
-            change = self.robot.inverse_dynamics(Q, U, A)[..., self._modes] @ self._flexibility
+            load = self.robot.inverse_dynamics(Q, U, A)[..., self._modal_speeds]
+            change = load @ self._flexibility
             eta = Q[..., self._modes] - change
-            Q[..., self._modes] = eta
+            if self._tracker is None:
+                Q[..., self._modes] = eta
+            else:
+                self._close(Q, eta)
             size = float(np.vdot(change, change))
             if size <= PRECISION**2 * float(np.vdot(eta, eta)):
                 return Q, U, A
@@ -107,15 +142,49 @@ class QuasiStatic:
         raise InputError(f'load on the beams of {self.robot.model.name}: no equilibrium found; '
                          'expected a load within their stiffness')
 
-    def _whole(self, name: str, values: Any) -> Array:
-        """Return an array of all coordinates, with zeros for the modes."""
-        x, n = np.asarray(values, dtype=np.float64), len(self.joint_names)
+    def _close(self, Q: Array, eta: Array) -> None:
+        """Set the modes of a configuration and close its loops, with the independent joints."""
+        tracker = self._tracker
+        assert tracker is not None
+        if not np.isfinite(eta).all():
+            raise InputError(f'load on the beams of {self.robot.model.name}: not finite; expected '
+                             'a load within their stiffness')
+        target = Q[tracker.places]
+        target[self._modal_speeds] = eta
+        tracker.update(target, np.zeros(len(target)))
+        Q[:] = tracker.q
+
+    @staticmethod
+    def _whole(name: str, values: Any, names: tuple[str, ...], places: slice | list[int],
+               count: int) -> Array:
+        """Return an array of all coordinates or speeds, with zeros for the modes."""
+        x, n = np.asarray(values, dtype=np.float64), len(names)
         if x.shape[-1:] != (n,):
             raise InputError(f'{name}: shape {x.shape}; expected (..., {n}) for '
-                             f'{", ".join(self.joint_names)}')
-        result = np.zeros((*x.shape[:-1], self.robot.n))
-        result[..., self._joints] = x
+                             f'{", ".join(names)}')
+        result = np.zeros((*x.shape[:-1], count))
+        result[..., places] = x
         return result
+
+
+def _check(robot: Robot) -> None:
+    """Raise InputError unless a robot has deflections that follow from the load."""
+    model, equations = robot.model, robot.equations
+    if not model.flexible or (not robot.constraint_names
+                              and robot.speed_names != robot.coordinate_names):
+        raise InputError('quasi-static deflections: a robot without beams, or with chosen speeds; '
+                         'expected one with beams, in joint rates')
+    if not isinstance(equations, ConstrainedEquations):
+        return
+    modes = {model.coordinate_names[k] for k in model.modal_coordinates}
+    speeds = set(robot.speed_names)
+    if not modes <= speeds or not speeds <= set(robot.coordinate_names):
+        raise InputError(f'quasi-static deflections: speeds {list(robot.speed_names)}; expected '
+                         'the rates of joints and of all modes, which the constraints '
+                         'must not couple')
+    if equations.timed:
+        raise InputError('quasi-static deflections: constraints that are functions of time; '
+                         'expected none')
 
 
 def _index(places: list[int]) -> slice | list[int]:

@@ -10,7 +10,7 @@ from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.model.flexible_model import stiffened
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.configuration_files import (load_model, PACKAGE,
+from kane_dynamics.ros.common.configuration_files import (flexible_robot, load_model, PACKAGE,
                                                           resolve_path, robot_options)
 from kane_dynamics.ros.monitors.contact_monitor import observed_frame
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
@@ -146,7 +146,7 @@ class ConfigurationExamination:
         options = self._attempt(robot_options, values) or {}
         robot: Robot = self._attempt(Robot, rigid, **options) or Robot(rigid)
         if model.flexible:
-            self._attempt(lambda: QuasiStatic(Robot(model, **options)))
+            self._attempt(lambda: QuasiStatic(flexible_robot(model, options)))
         joints = robot.joint_names
         for spec in SPECS:
             part = spec.name.partition('.')[0]

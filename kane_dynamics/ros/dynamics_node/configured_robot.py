@@ -50,8 +50,9 @@ class ConfiguredRobot:
 
     The torque path, the services and the simulations run in three threads with one robot each.
     Gravity and payload are passed to each as one record, which it applies between two cycles or
-    requests. Commanded torques include the quasi-static deflection of flexible links
-    (`QuasiStatic`); all other results treat these links as rigid.
+    requests. Commanded torques, filled trajectories, inverse dynamics and the torques of the
+    monitors include the quasi-static deflection of flexible links (`QuasiStatic`); all other
+    results treat these links as rigid.
 
     Parameters
     ----------

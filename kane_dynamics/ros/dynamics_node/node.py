@@ -173,8 +173,9 @@ class DynamicsNode(LifecycleNode):
         joints = self.arm.robot.joint_names
         if model.flexible:
             modes = ', '.join(model.coordinate_names[k] for k in model.modal_coordinates)
-            log.info('commands and ~/inverse_dynamics include the quasi-static deflection '
-                     f'{modes}; other services treat flexible links as rigid')
+            log.info('commands, filled trajectories, ~/inverse_dynamics, observer and payload '
+                     f'estimate include the quasi-static deflection {modes}; other services and '
+                     '~/torque_by_source treat flexible links as rigid')
         log.info(f'{model.name}: {len(joints)} joints ({", ".join(joints)}), kernels ready in '
                  f'{time.perf_counter() - began:.2f} s, verified to {self.arm.verified:.1e}')
         if fault := self._activation_fault():

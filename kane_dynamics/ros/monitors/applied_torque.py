@@ -3,6 +3,8 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from kane_dynamics.control.quasi_static import QuasiStatic
+from kane_dynamics.errors import KaneError
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.parameters.parameter_checks import terms
@@ -18,6 +20,9 @@ class AppliedTorque:
     Parameter `observer.torque` selects the effort of the joint states, or the command of the node
     plus the terms that the arm adds itself (those that are switched off by compensate.*).
 
+    Of an arm with beams it is the torque on the rigid model: without what the quasi-static
+    deflection at the measured state, without acceleration, adds to its inverse dynamics.
+
     Parameters
     ----------
     robot : Robot
@@ -27,6 +32,8 @@ class AppliedTorque:
     reject : callable
         Called with the reason and the details of each state without velocities, or without the
         effort that `observer.torque` requires.
+    bending : QuasiStatic, optional
+        The flexible arm of which `robot` is the rigid model.
 
     Attributes
     ----------
@@ -36,12 +43,16 @@ class AppliedTorque:
     """
 
     def __init__(self, robot: Robot, values: Mapping[str, Any],
-                 reject: Callable[[str, str], None]) -> None:
+                 reject: Callable[[str, str], None],
+                 bending: QuasiStatic | None = None) -> None:
+        self._bending = bending
         self._robot, self._reject, self._zero = robot, reject, np.zeros(robot.n)
         self._actuated = list(commanded_joints(robot, robot.speed_names)) if (
             robot.constraint_names) else None
         self.measured = False
-        robot.compile('torque_terms')
+        robot.compile('torque_terms', 'inverse_dynamics')
+        if bending is not None:
+            bending.robot.compile('inverse_dynamics')
         self.update(values)
 
     def update(self, values: Mapping[str, Any]) -> None:
@@ -73,7 +84,19 @@ class AppliedTorque:
         if not self.measured and self._arm_terms.any():
             torque = torque + self._arm_terms @ self._robot.torque_terms(state.q, state.u,
                                                                          self._zero)
+        if self._bending is not None:
+            try:
+                torque = torque - self._deflection_torque(self._bending, state.q, state.u)
+            except KaneError as error:  # no equilibrium, or loops that do not close
+                self._reject('no deflection', str(error))
+                return None
         return torque if cycle.external is None else torque + cycle.external
+
+    def _deflection_torque(self, bending: QuasiStatic, q: Array, u: Array) -> Array:
+        """Return what the deflection adds to the torque of a motion without acceleration."""
+        flexible, rigid = (each.inverse_dynamics(q, u, self._zero)
+                           for each in (bending, self._robot))
+        return np.asarray(flexible - rigid)
 
     def _generalized(self, torque: Array, q: Array) -> Array:
         """Return the generalized force, (n,), of all torques or of those of the actuators."""

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
 from kane_dynamics.control.momentum_observer import MomentumObserver, OBSERVED
+from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import KaneError
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
@@ -19,6 +20,7 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Bool
 
 DAMPING = 0.05  # m, of the wrench: estimated torques are noisy, and divided by it
+OBSERVED_BENDING = 'quasi-static deflection at the measured state, not of acceleration and contact'
 DEFAULT_THRESHOLD = 0.02  # fraction of the effort limit
 
 
@@ -71,6 +73,8 @@ class ContactMonitor:
     log : rcutils logger
     reject : callable
         Called with the reason and the details of each state that the observer cannot use.
+    bending : QuasiStatic, optional
+        The flexible arm of which `robot` is the rigid model.
 
     Raises
     ------
@@ -80,13 +84,14 @@ class ContactMonitor:
     """
 
     def __init__(self, robot: Robot, values: Mapping[str, Any], publishers: ContactPublishers,
-                 log: Any,
-                 reject: Callable[[str, str], None]) -> None:
+                 log: Any, reject: Callable[[str, str], None],
+                 bending: QuasiStatic | None = None) -> None:
         self._robot, self._publishers, self._log, self._reject = robot, publishers, log, reject
         self.collisions: Counter[str] = Counter()  # by joint
+        self._bending = bending
         joints, given = robot.speed_names, observer_settings(values, robot)
         robot.compile(*OBSERVED)
-        self._applied_torque = AppliedTorque(robot, values, reject)
+        self._applied_torque = AppliedTorque(robot, values, reject, bending)
         self._observer = MomentumObserver(robot, gain=given.pop('gain'))
         self.detector = CollisionDetector(joints, **given)
         self._torque_message = joint_state_of_efforts(joints)
@@ -173,5 +178,7 @@ class ContactMonitor:
         """Return the entries for the diagnostics."""
         figures = {'collision': self.detector.joint or 'none',
                    'joints above threshold': ', '.join(self.detector.beyond) or 'none'}
+        if self._bending is not None:
+            figures['observer: flexible links'] = OBSERVED_BENDING
         return figures | {f'collisions: {joint}': str(count)
                           for joint, count in self.collisions.items()}

@@ -79,7 +79,7 @@ class OptionalTopics:
                  reject: Callable[[str, str], None],
                  publisher: Callable[[Any, str, QoSProfile], Any], opened: ExitStack) -> None:
         self._path = path
-        robot = path.controller.robot
+        robot, bending = path.controller.robot, path.controller.bending
         self.contact: ContactMonitor | None = None
         self._estimator: PayloadMonitor | None = None
         if values['observer.enabled']:
@@ -87,7 +87,7 @@ class OptionalTopics:
                 publisher(JointState, '~/external_torques', RELIABLE),
                 publisher(WrenchStamped, '~/external_wrench', RELIABLE),
                 publisher(Bool, '~/collision', LATCHED)), node.get_logger(),
-                lambda reason, detail: reject(f'observer: {reason}', detail))
+                lambda reason, detail: reject(f'observer: {reason}', detail), bending)
             path.add_observer(self.contact, need_effort=True)
         if values['wrench.frames']:
             path.wrenches = WrenchInput(robot, now, values,
@@ -98,7 +98,7 @@ class OptionalTopics:
             self._estimator = PayloadMonitor(
                 robot, values, server,
                 publisher(PayloadEstimate, '~/payload_estimate', RELIABLE),
-                lambda reason, detail: reject(f'estimator: {reason}', detail))
+                lambda reason, detail: reject(f'estimator: {reason}', detail), bending)
             opened.callback(self._estimator.close)
             path.add_observer(self._estimator, need_effort=True)
         if values['explanation.rate']:

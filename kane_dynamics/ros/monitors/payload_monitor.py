@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import Vector3
+from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_estimator import PayloadEstimator
 from kane_dynamics.robot.robot import Robot
@@ -68,6 +69,8 @@ class PayloadMonitor:
         Publisher of PayloadEstimate.
     reject : callable
         Called with the reason and the details of each state that cannot be used.
+    bending : QuasiStatic, optional
+        The flexible arm of which `robot` is the rigid model.
 
     Raises
     ------
@@ -77,10 +80,11 @@ class PayloadMonitor:
     """
 
     def __init__(self, robot: Robot, values: Mapping[str, Any], server: Services,
-                 publisher: Publisher, reject: Callable[[str, str], None]) -> None:
+                 publisher: Publisher, reject: Callable[[str, str], None],
+                 bending: QuasiStatic | None = None) -> None:
         self._robot, self._server, self._publisher = robot, server, publisher
         self._reject = reject
-        self._applied_torque = AppliedTorque(robot, values, reject)
+        self._applied_torque = AppliedTorque(robot, values, reject, bending)
         settings = estimator_settings(values, robot)
         self._frame = settings['frame']
         self._estimator = PayloadEstimator(robot.model, **settings)

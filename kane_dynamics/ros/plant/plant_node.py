@@ -10,8 +10,8 @@ from geometry_msgs.msg import WrenchStamped
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.commanders import CommanderCount, several_commanders
-from kane_dynamics.ros.common.configuration_files import (load_model, resolve_path,
-                                                          robot_options)
+from kane_dynamics.ros.common.configuration_files import (flexible_robot, load_model,
+                                                          resolve_path, robot_options)
 from kane_dynamics.ros.common.conversion import NANO, vector
 from kane_dynamics.ros.common.qos import RELIABLE, WRENCHES
 from kane_dynamics.ros.common.service_errors import answer_service_errors
@@ -98,7 +98,7 @@ class PlantNode(Node):
         if not source:
             raise InputError("URDF: none; expected parameter 'robot_description' or 'urdf'")
         model = load_model(source, values, self.get_logger().warning)
-        return Robot(model, **robot_options(values))
+        return flexible_robot(model, robot_options(values))
 
     def _set_up_messages(self) -> None:
         """Build the layout of the joint state; each tick writes only its numbers."""
@@ -109,8 +109,8 @@ class PlantNode(Node):
                              f'{", ".join(arm.joint_names)}')
         self._measured = [arm.joint_names.index(name) for name in names]
         robot, n = self.plant.robot, len(names)
-        self._commanded = list(commanded_joints(
-            robot, robot.speed_names))[:len(arm.joint_names)]
+        self._commanded = [k for k in commanded_joints(robot, robot.speed_names)
+                           if k < len(arm.joint_names)]  # modes are not commanded
         writer, offsets = write_joint_state(names, '', (n, n, n))
         self._message = PreparedMessage(writer, offsets[0], n)
         self._columns = [self._message.doubles(offset, n) for offset in offsets]

@@ -78,6 +78,7 @@ class SimulatedArm:
         self._q, self._u = self._state[:n_q], self._state[n_q:n_q + robot.n]
         self.q, self.u = self._q[:n], np.zeros(n) if self._constrained else self._u[:n]
         self.effort = np.zeros(n)
+        self._joint_torques = np.zeros(n_q)
         self.limit = robot.limits.effort[:n].copy()
         self.wrenches: dict[str, Array] = {}
         self.stop_contacts = self.clamped = 0
@@ -128,7 +129,7 @@ class SimulatedArm:
         else:
             self.q[:] = 0.0 if q is None else q
         if self._bending is not None:
-            self._q[len(self.q):] = self._bending.modes(self.q, self.u, self.u)
+            self._q[:] = self._bending.configuration(self.q.copy())
         self.wrenches.clear()
         self.energy.restart(self._state)
 
@@ -136,7 +137,8 @@ class SimulatedArm:
         """Return the closed configuration whose independent joints are at q."""
         robot = self.robot
         if q is not None:
-            return robot.closed_posture(q, fixed=robot.speed_names)
+            whole = np.append(q, np.zeros(robot.n_q - len(q)))  # straight beams
+            return robot.closed_posture(whole, fixed=robot.speed_names)
         if robot.configuration is not None:
             return robot.closed_posture(robot.configuration)
         return robot.neutral()
@@ -161,7 +163,8 @@ class SimulatedArm:
         if (self.effort != torque).any():
             self.clamped += 1
         if self._constrained:
-            self._total[0] = self.robot.generalized_force(self.effort, self._q)
+            self._joint_torques[:len(self.effort)] = self.effort
+            self._total[0] = self.robot.generalized_force(self._joint_torques, self._q)
         else:
             self._total[0, :len(self.effort)] = self.effort
             self._total[0, len(self.effort):] = 0.0
@@ -179,7 +182,7 @@ class SimulatedArm:
             self._state[:] = self._next
             self.energy.add(self._total[0], self._state)
         if self._constrained:
-            self.u[:] = self.robot.joint_rates(self._q, self._u)
+            self.u[:] = self.robot.joint_rates(self._q, self._u)[:n]
 
     def _external(self) -> Array:
         """Return the generalized force of the wrenches at the present configuration."""

@@ -9,7 +9,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility import time_optimal
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.conversion import check_points, doubles, message_of_points
-from kane_dynamics.ros.services.served_robot import ServedRobot
+from kane_dynamics.ros.services.served_robot import RIGID, ServedRobot
 from kane_dynamics.ros.services.trajectory_filling import FIELDS, table
 import numpy as np
 
@@ -47,6 +47,7 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
 
     def compute(response: Any) -> None:
         served.loads.apply(robot)
+        response.message = RIGID * (served.bending is not None)
         found = time_optimal(robot, path, acceleration=acceleration, power=power)
         t, *states = found.points
         back = np.argsort(order)

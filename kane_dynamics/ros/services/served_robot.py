@@ -12,7 +12,8 @@ from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 
 
 RIGID = 'flexible links treated as rigid'
-QUASI_STATIC = 'effort with the quasi-static deflection of flexible links, reactions without'
+QUASI_STATIC = ('effort with the quasi-static deflection of flexible links, reactions and '
+                'constraint forces without')
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ def inverse_dynamics(served: ServedRobot, request: Any, response: Any) -> None:
     tau = robot.inverse_dynamics(q, u, udot)
     torques = robot.joint_torques(tau, q)
     if served.bending is not None:
-        torques = served.bending.inverse_dynamics(q, u, udot)
+        torques = robot.joint_torques(served.bending.inverse_dynamics(q, u, udot), q)
         response.message = QUASI_STATIC
     names = response.joint_names = order.joint_names
     response.effort = doubles(_reordered(torques, order.joints))

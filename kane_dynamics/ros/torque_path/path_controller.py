@@ -9,7 +9,7 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.model.flexible_model import stiffened
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.configuration_files import robot_options
+from kane_dynamics.ros.common.configuration_files import flexible_robot, robot_options
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings
 
 
@@ -26,7 +26,7 @@ def path_controller(model: Model, values: Mapping[str, Any]) -> Controller:
 
     """
     options = robot_options(values)
-    bending = QuasiStatic(Robot(model, **options)) if model.flexible else None
+    bending = QuasiStatic(flexible_robot(model, options)) if model.flexible else None
     robot = Robot(stiffened(model), **options)
     return Controller(robot, bending=bending, **path_settings(values, robot))
 

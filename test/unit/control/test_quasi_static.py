@@ -7,9 +7,13 @@ from kane_dynamics import (Controller, InputError, load_urdf, Motion, QuasiStati
                            stiffened)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
-from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.control.terms import Mode, Terms
+from kane_dynamics.kinematics.loop_tracker import LoopTracker
+from kane_dynamics.mechanics.definition import kane, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
+from kane_dynamics.robot.robot import TORQUE_TERMS
 import numpy as np
+from palletizer import bending_palletizer, DRIVEN, positions
 import pytest
 import yaml
 
@@ -70,6 +74,96 @@ def test_modes_are_in_equilibrium_by_the_definition():
     np.testing.assert_allclose(bending().gravity_force(q[0]), -force[:2], rtol=1e-9)
 
 
+def rigid_four_bar():
+    """Return the rigid model of the flexible four-bar, driven by its crank."""
+    flexible = flexible_four_bar()
+    return Robot(stiffened(flexible.model), constraints=flexible.mechanism.constraints,
+                 independent=['crank'])
+
+
+def test_modes_of_closed_loops_are_in_equilibrium_by_the_definition():
+    flexible, rigid = bending_palletizer()
+    bent, mechanism = QuasiStatic(flexible), flexible.mechanism
+    assert (bent.joint_names, bent.speed_names) == (rigid.joint_names, DRIVEN)
+    rng = np.random.default_rng(2)
+    driven = rng.uniform((-0.5, 0.0, -0.4, -1.0), (0.5, 0.4, 0.2, 1.0), (3, 4))
+    u, udot = rng.uniform(-1.0, 1.0, (2, 3, 4))
+    q = np.array([positions(rigid, *row) for row in driven])
+    eta, tau = bent.modes(q, u, udot), bent.inverse_dynamics(q, u, udot)
+    terms, gravity, still = bent.torque_terms(q, u, udot), bent.gravity_force(q), 0.0 * u
+    assert (np.abs(eta) > 1e-4).all()
+    for k in range(3):
+        whole = flexible.closed_posture(np.append(q[k], eta[k]), fixed=flexible.speed_names)
+        moved = [rigid.joint_names.index(name) for name in DRIVEN]
+        np.testing.assert_allclose(whole[moved], q[k, moved], atol=1e-12)
+        state = (np.append(x[k], np.zeros(2)) for x in (u, udot))
+        expected = nonholonomic.inverse_dynamics(mechanism, whole, *state)
+        np.testing.assert_allclose(expected[4:], 0.0, atol=1e-6)  # of 1000 N
+        np.testing.assert_allclose(tau[k], expected[:4], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(terms[k].sum(axis=0), expected[:4], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(bent.configuration(q)[k, :len(q[k])], flexible.closed_posture(
+            np.append(q[k], bent.modes(q[k], still[k], still[k])),
+            fixed=flexible.speed_names)[:len(q[k])], atol=1e-9)
+    np.testing.assert_allclose(gravity, bent.inverse_dynamics(q, still, still), rtol=1e-9,
+                               atol=1e-9)
+
+
+@pytest.mark.parametrize('mode', list(Mode))
+@pytest.mark.parametrize('terms', [Terms(), Terms(coriolis=False, friction=False)])
+def test_commands_of_closed_loops_are_those_of_the_deflected_mechanism(mode, terms):
+    flexible, rigid = bending_palletizer()
+    bent = QuasiStatic(flexible)
+    q, u = positions(rigid, 0.2, 0.3, -0.2, 0.5), np.array([0.2, -0.1, 0.3, 0.4])
+    motion = Motion.from_points([0.0, 1.0], [[0.2, 0.3, -0.2, 0.5], [0.4, 0.2, 0.0, 0.1]],
+                                joint_names=DRIVEN)
+    law = Controller(rigid, bending=bent, mode=mode, kp=20.0, kd=8.0, compensate=terms)
+    tau = law.command(0.1, q, u, motion).tau
+    q_d, u_d, udot_d = motion.sample(0.1)
+    if mode is Mode.GRAVITY_COMPENSATION:
+        expected = bent.gravity_force(q)
+    elif mode is Mode.INVERSE_DYNAMICS:
+        expected = terms.weights @ bent.torque_terms(positions(rigid, *q_d), u_d, udot_d)
+    else:
+        driven = [rigid.joint_names.index(name) for name in DRIVEN]
+        udot = udot_d + 8.0 * (u_d - u) + 20.0 * (q_d - q[driven])
+        rows = bent.torque_terms(q, u, udot)
+        kept = [k for k, name in enumerate(TORQUE_TERMS)
+                if name != 'friction' and getattr(terms, name, True)]
+        expected = rows[kept].sum(axis=0)
+        if terms.friction:
+            expected = expected + rigid.torque_terms(q, u_d, 0.0 * u_d)[
+                TORQUE_TERMS.index('friction')]
+    whole = np.zeros(rigid.n_q)
+    whole[[rigid.joint_names.index(name) for name in DRIVEN]] = expected
+    np.testing.assert_allclose(tau, whole, rtol=1e-7, atol=1e-7)
+
+
+def test_feedforward_of_a_flexible_loop_follows_better():
+    flexible, rigid = flexible_four_bar(), rigid_four_bar()
+    bent = QuasiStatic(flexible)
+    motion = Motion.from_points([0.0, 1.5, 3.0], [[0.8], [1.4], [1.0]], [[0.0]] * 3,
+                                [[0.0]] * 3, joint_names=['crank'])
+    joints = [flexible.joint_names.index(name) for name in rigid.joint_names]
+    place = flexible.speed_names.index('crank')
+    tracker = LoopTracker(rigid, ['crank'])
+    closed = rigid.closed_posture([0.8, 0.0, -1.5], fixed=['crank'])
+    worst = []
+    for knows in (None, bent):
+        law = Controller(rigid, mode='computed_torque', kp=25.0, kd=10.0, bending=knows)
+        tracker.restart(closed)
+
+        def torque(t, q, u, law=law):
+            tracker.update(q[joints[:1]], u[place:place + 1])
+            tau = np.zeros(3)
+            tau[place] = law.command(t, tracker.q.copy(), tracker.u.copy(), motion).tau[0]
+            return tau
+        run = simulate(flexible, bent.configuration(closed), np.zeros(3), 3.0, step=1e-3,
+                       torque=torque, sample=0.01)
+        desired = np.array([motion.sample(t)[0] for t in run.t])
+        worst.append(np.abs(run.q[:, joints[:1]] - desired).max())
+    assert worst[1] < 0.5 * worst[0]
+
+
 def test_feedforward_that_knows_of_the_bending_follows_far_better():
     rigid = Robot(stiffened(flexible().model))
     motion = Motion.from_points([0.0, 1.5, 3.0], [[0.4, 0.3], [0.9, -0.4], [0.2, 0.5]],
@@ -92,13 +186,19 @@ def test_feedforward_that_knows_of_the_bending_follows_far_better():
     (lambda: Controller(flexible()), 'with beams; expected the rigid model, such as stiffened'),
     (lambda: QuasiStatic(Robot(stiffened(flexible().model))),
      'without beams.*; expected one with beams'),
-    (lambda: QuasiStatic(flexible_four_bar()), 'in joint rates and without constraints'),
+    (lambda: QuasiStatic(Robot(flexible_four_bar().model, independent=['coupler', 'rocker',
+                                                                       'crank'],
+                               constraints=flexible_four_bar().mechanism.constraints)),
+     'expected the rates of joints and of all modes'),
+    (lambda: Controller(rigid_four_bar(), followed=['rocker'],
+                        bending=QuasiStatic(flexible_four_bar())),
+     r"followed: \['rocker'\].*; expected \['crank'\] for both"),
     (lambda: bending().modes(np.zeros(3), np.zeros(2), np.zeros(2)), r'q: shape \(3,\); exp'),
     (lambda: bending().inverse_dynamics(np.zeros(2), [900.0, 0.0], np.zeros(2)),
      'load on the beams of two_link: no equilibrium found'),
     (lambda: Controller(Robot(load_urdf(resource_path('urdf', 'ur10e.urdf'))),
                         bending=bending()),
-     "bending: of the joints .'joint1', 'joint2'.; expected .'shoulder")])
+     "bending: of the joints .'joint1', 'joint2'. with .*; expected .'shoulder")])
 def test_what_has_no_equilibrium_is_refused(call, words):
     with pytest.raises(InputError, match=words):
         call()

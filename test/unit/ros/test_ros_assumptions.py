@@ -10,17 +10,20 @@ pytest.importorskip('rclpy')
 
 from kane_dynamics import load_urdf, QuasiStatic, Robot, stiffened  # noqa: E402, I100
 from kane_dynamics._util.resources import resource_path  # noqa: E402
+from kane_dynamics.ros.monitors.applied_torque import AppliedTorque  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
+from kane_dynamics.ros.services.path_timing import timing_request  # noqa: E402
 from kane_dynamics.ros.services.served_robot import (QUASI_STATIC, RIGID,  # noqa: E402
                                                      ServedRobot)
 from kane_dynamics.ros.services.service_calls import (explain, forward_dynamics,  # noqa: E402
                                                       get_dynamics, inverse_dynamics)
 from kane_dynamics.ros.services.simulation_request import SimulationRequest  # noqa: E402
+from kane_dynamics.ros.torque_path.cycle_observer import Cycle  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames  # noqa: E402
 from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics,  # noqa: E402
-                                          InverseDynamics, Simulate)
+                                          InverseDynamics, Simulate, TimeOptimal)
 
 URDF = resource_path('urdf', 'two_link.urdf')
 STATE = {'position': [0.4, 0.3], 'velocity': [0.5, -0.2]}
@@ -59,6 +62,31 @@ def test_other_answers_say_that_beams_are_rigid(call, kind, more):
         response = kind.Response()
         call(served(bending), kind.Request(**STATE, **more), response)
         assert response.message == expected
+
+
+def test_the_observer_has_the_torque_without_that_of_the_deflection():
+    arm, rejected = served(), []
+    torque = AppliedTorque(arm.robot, arm.values, lambda *words: rejected.append(words),
+                           arm.bending)
+    q, u = (np.array(x) for x in STATE.values())
+    measured = arm.bending.inverse_dynamics(q, u, np.zeros(2))
+    state = SimpleNamespace(q=q, u=u, effort=measured, has_velocity=True, has_effort=True)
+    cycle = Cycle(0, state, None, 0.0, measured, None)
+    found, rigid = torque.torque(cycle), arm.robot.inverse_dynamics(q, u, np.zeros(2))
+    np.testing.assert_allclose(found, rigid, rtol=1e-12)
+    assert np.abs(measured - rigid).max() > 1e-3
+    state.u = np.array([900.0, 0.0])
+    assert torque.torque(cycle) is None
+    (reason, detail), = rejected
+    assert reason == 'no deflection' and 'no equilibrium found' in detail
+
+
+def test_the_timing_of_a_path_says_that_beams_are_rigid():
+    for bending in (True, False):
+        response = TimeOptimal.Response()
+        timing_request(served(bending), TimeOptimal.Request(
+            positions=[0.0, 0.0, 0.4, 0.3], max_acceleration=[5.0]))(response)
+        assert response.message == RIGID * bending
 
 
 @pytest.mark.parametrize('stops', [False, True])

@@ -1,0 +1,120 @@
+"""The palletizer with arms that bend: beams together with closed loops, over DDS."""
+
+import time
+
+from graph import DEEP, Process, wait_until
+from kane_dynamics import Motion, QuasiStatic
+from kane_dynamics.control.trajectory_feedforward import fill_trajectory
+from kane_dynamics.ros.services.served_robot import QUASI_STATIC, RIGID
+from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
+                                          InverseDynamics)
+import numpy as np
+from palletizer import BEAMS, bending_palletizer, DRIVEN, LOOPS, positions, URDF
+import pytest
+from sensor_msgs.msg import JointState
+import yaml
+
+START, END = (0.0, 0.0, 0.0, 0.0), (0.4, 0.3, -0.2, 1.0)
+REST = [(0.0,) * 4] * 2
+DURATION = 1.6  # s
+
+
+@pytest.fixture(scope='module')
+def files(tmp_path_factory):
+    supplement = tmp_path_factory.mktemp('beams') / 'beams.yaml'
+    supplement.write_text(yaml.safe_dump(BEAMS), encoding='utf-8')
+    flexible, rigid = bending_palletizer()
+    rigid.compile()
+    flexible.compile('inverse_dynamics', 'torque_terms', 'gravity_force')
+    return {'urdf': URDF, 'constraints': LOOPS, 'supplement': supplement}
+
+
+def driven_places():
+    """Return the indices of the driven joints in the order of the commands."""
+    return sorted(bending_palletizer()[1].joint_names.index(name) for name in DRIVEN)
+
+
+def test_commands_services_and_observer_use_the_deflection_or_say_what_they_assume(client, start,
+                                                                                   files):
+    flexible, rigid = bending_palletizer()
+    bent, order = QuasiStatic(flexible), driven_places()
+    node = start(observer__enabled=True, observer__torque='effort', observer__gain=100.0,
+                 state_timeout=30.0, observer__frame='tool', **files)
+    node.wait_for('active, mode', 120.0)
+    assert 'quasi-static deflection lower_arm/mode_1, upper_arm/mode_1' in node.log
+    client.joints = DRIVEN
+    at = (0.2, 0.3, -0.1, 0.5)
+    q, none = positions(rigid, *at), np.zeros(4)
+    assert wait_until(lambda: client.ask(at, none, timeout=0.3) is not None, 60.0), node.log
+    held = rigid.joint_torques(bent.gravity_force(q), q)[order]
+    straight = rigid.joint_torques(rigid.gravity_force(q), q)[order]
+    assert np.abs(held - straight).max() > 0.5
+    np.testing.assert_allclose(client.ask(at, none), held, rtol=1e-8, atol=1e-7)
+
+    estimates = []
+    client.create_subscription(JointState, '/kane_dynamics/external_torques',
+                               lambda m: estimates.append(np.array(m.effort)), DEEP)
+    state = JointState(name=list(DRIVEN), position=at, velocity=[0.0] * 4)
+    names = [rigid.joint_names[k] for k in order]
+    state.effort = [held[names.index(name)] for name in DRIVEN]
+    for _ in range(100):
+        state.header.stamp.sec, state.header.stamp.nanosec = divmod(time.time_ns(), 10**9)
+        client.states.publish(state)
+        time.sleep(0.01)
+    assert wait_until(lambda: len(estimates) > 5)
+    assert np.abs(estimates[-1]).max() < 0.1 * np.abs(held - straight).max()
+    assert wait_until(lambda: any('quasi-static deflection' in values.get(
+        'observer: flexible links', '') for _, _, values in client.diagnostics))
+
+    u, udot = np.array([0.2, -0.1, 0.3, 0.4]), np.array([1.0, 0.5, -1.0, 2.0])
+    given = {'joint_names': rigid.joint_names, 'position': q.tolist(), 'velocity': u.tolist()}
+    speeds = [DRIVEN.index(name) for name in rigid.joint_names if name in DRIVEN]
+    given['velocity'] = u[speeds].tolist()
+    answer = client.call(InverseDynamics, 'inverse_dynamics', acceleration=udot[speeds].tolist(),
+                         **given)
+    assert answer.success and answer.message == QUASI_STATIC
+    np.testing.assert_allclose(
+        answer.effort, rigid.joint_torques(bent.inverse_dynamics(q, u, udot), q), rtol=1e-8,
+        atol=1e-7)
+    for kind, name, more in ((ForwardDynamics, 'forward_dynamics', {'effort': [0.0] * 4}),
+                             (GetDynamics, 'get_dynamics', {}),
+                             (Explain, 'explain', {'acceleration': [0.0] * 4})):
+        answer = client.call(kind, name, **given, **more)
+        assert answer.success and answer.message == RIGID, answer.message
+
+    rows = np.array([at, END])
+    answer = client.call(FillTrajectory, 'fill_trajectory', joint_names=DRIVEN,
+                         time_from_start=[0.0, 1.5], positions=rows.ravel().tolist())
+    assert answer.success, answer.message
+    expected = fill_trajectory(rigid, [0.0, 1.5], rows, joint_names=DRIVEN, bending=bent)
+    np.testing.assert_allclose(answer.effort, expected.efforts.ravel(), rtol=1e-8, atol=1e-6)
+
+
+def test_the_node_moves_the_bending_plant(client, start, files):
+    plant = Process(module='kane_dynamics.ros.plant.plant_main', after_timeout='hold', rate=200,
+                    substeps=10, measured=list(DRIVEN), **files)
+    states = []
+    listening = client.create_subscription(JointState, 'joint_states', lambda m: states.append(
+        (m.header.stamp.sec * 10**9 + m.header.stamp.nanosec, np.array(m.position))), DEEP)
+    motion = Motion.from_points([0.0, DURATION], [START, END], REST, joint_names=DRIVEN)
+    try:
+        plant.wait_for('flexible modes lower_arm/mode_1, upper_arm/mode_1', 120.0)
+        node = start(mode='computed_torque', gains__kp=25.0, gains__kd=10.0, state_timeout=1.0,
+                     **files)
+        node.wait_for('active, mode', 120.0)
+        assert wait_until(lambda: client.motions.get_subscription_count() > 0 and states
+                          and client.commands)
+        assert len(states[0][1]) == 4 and len(client.commands[-1]) == 4
+        began = time.time_ns() + 300_000_000
+        client.joints = DRIVEN
+        client.follow([(0.0, START), (DURATION, END)], start=began, velocities=REST)
+        assert wait_until(lambda: states[-1][0] > began + DURATION * 1e9, 20.0)
+        assert plant.alive() and 'stopped until' not in plant.log and 'rejected' not in node.log
+    finally:
+        client.destroy_subscription(listening)
+        plant.end()
+        print(node.log, plant.log)
+    errors = [np.abs(q - motion.sample((stamp - began) * 1e-9)[0]) for stamp, q in states
+              if 0 <= stamp - began <= DURATION * 1e9]
+    assert len(errors) > 50
+    assert np.mean(errors) < 0.02
