@@ -18,7 +18,7 @@ INNER = np.arange(1.0, 8.0) / 8.0  # fractions of a long segment at which its lo
 
 class LoopLimits(NamedTuple):
     """
-    What a trajectory of closed loops may do.
+    Limits of a trajectory of closed loops.
 
     Attributes
     ----------
