@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
                                       KaneError, ModelError, ModelWarning, SweepError, UrdfError)
     from kane_dynamics.kinematics import (inverse_kinematics, InverseKinematics, pose_error,
                                           pose_exp, pose_log, rotation_exp, rotation_log)
+    from kane_dynamics.kinematics.closed_path import LoopLimits
     from kane_dynamics.kinematics.loop_error import LoopError
     from kane_dynamics.kinematics.loop_tracker import LoopTracker
     from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds,
@@ -42,10 +43,11 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
 __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'ComputedTorque',
            'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'DeviceError',
            'FilledTrajectory', 'FlexibleLink', 'Frame', 'Inertial', 'InputError',
-           'InverseKinematics', 'Joint', 'KaneError', 'Limits', 'LoopError', 'LoopTracker', 'Mode',
-           'Model', 'ModelBuilder', 'ModelError', 'ModelWarning', 'MomentumObserver', 'Motion',
-           'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot', 'Rolling', 'Speeds',
-           'SweepError', 'Terms', 'Torsion', 'Trajectory', 'UrdfError', 'absolute_rates', 'ball',
+           'InverseKinematics', 'Joint', 'KaneError', 'Limits', 'LoopError', 'LoopLimits',
+           'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
+           'MomentumObserver', 'Motion', 'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot',
+           'Rolling', 'Speeds', 'SweepError', 'Terms', 'Torsion', 'Trajectory', 'UrdfError',
+           'absolute_rates', 'ball',
            'body_angular_velocity', 'box', 'disc', 'fill_trajectory', 'frame_wrench',
            'inverse_kinematics', 'knife_edge', 'load_constraints', 'load_urdf', 'longest_step',
            'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_log',
@@ -68,6 +70,7 @@ _NAMES_BY_MODULE = {
     'kinematics':
         'inverse_kinematics InverseKinematics pose_error pose_exp pose_log rotation_exp '
         'rotation_log',
+    'kinematics.closed_path': 'LoopLimits',
     'kinematics.loop_error': 'LoopError', 'kinematics.loop_tracker': 'LoopTracker',
     'mechanics.constraints':
         'Closure Coupling DependentSpeeds knife_edge PointVelocity Prescribed Rolling',

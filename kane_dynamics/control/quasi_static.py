@@ -151,7 +151,9 @@ class QuasiStatic:
                              'a load within their stiffness')
         target = Q[tracker.places]
         target[self._modal_speeds] = eta
-        tracker.update(target, np.zeros(len(target)))
+        rest = np.zeros(len(target))
+        tracker.update(target, rest)
+        tracker.update(target, rest)  # to rounding, which the tolerance of the iteration needs
         Q[:] = tracker.q
 
     @staticmethod
