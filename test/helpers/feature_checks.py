@@ -15,11 +15,12 @@ from tempfile import TemporaryDirectory
 
 from host_gpu import host_gpu, on_gpu, values_of
 from kane_dynamics import (box, CollisionDetector, ComputedTorque, Controller, fill_trajectory,
-                           gpu, MomentumObserver, Motion, natural_vibration, simulate)
+                           gpu, MomentumObserver, Motion, natural_vibration, Robot, simulate)
 from kane_dynamics.analysis.power_balance import power_balance
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.feasibility import demand, fastest, time_optimal
-from kane_dynamics.identification.payload.payload_fit import PayloadRegressor
+from kane_dynamics.identification import PayloadEstimator
+from kane_dynamics.identification.payload.payload_rows import PayloadRegressor
 from kane_dynamics.identification.physical_consistency import parameters_of
 from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, moved as joints_moved
@@ -466,12 +467,23 @@ def drawn(case):
 
 
 def payload(case):
-    """Compare the regressor times the parameters with what a payload adds to the torque."""
-    load, model = box(2.0, (0.1, 0.2, 0.3), at=(0.02, 0.03, 0.05)), case.robot.model
-    Y = PayloadRegressor(model, TOOL)(case.q, case.u, case.udot)
-    heavy = with_payload(model, TOOL, load)
-    near(Y @ parameters_of(load.pseudo_inertia), np.subtract(*(
-        kane.inverse_dynamics(each, case.q, case.u, case.udot) for each in (heavy, model))))
+    """Compare the regressor with what a payload adds to the torque; find it in exact samples."""
+    robot, load = case.robot, box(2.0, (0.1, 0.2, 0.3), at=(0.02, 0.03, 0.05))
+    loaded = Robot(with_payload(robot.model, TOOL, load), **robot.options)
+    heavy = replace(case, robot=loaded)
+    added = inverse(heavy) - inverse(case)
+    regressor = PayloadRegressor(robot, TOOL)
+    Y = regressor(case.q, case.u, case.udot, case.time)
+    near(Y @ parameters_of(load.pseudo_inertia), added)
+    estimator = PayloadEstimator(robot, TOOL, np.full(robot.n, 1e-5))
+    rng, run = np.random.default_rng(1), simulate(
+        loaded, case.q, case.u, 1.5, step=5e-4, t0=case.time, sample=0.0125)
+    size = np.array([0.05 if 'mode' in name else 3.0 for name in robot.speed_names])
+    for t, q in zip(run.t, run.q):
+        u, udot = size * [[1.0], [10.0]] * rng.normal(size=(2, robot.n))
+        sample = replace(heavy, q=q, u=u, udot=udot, t={'t': t} if case.t else {})
+        estimator.update(q, u, udot, inverse(sample), t=t)
+    near(Y @ estimator._parameters, added, CLOSED)
 
 
 def swept(case):

@@ -113,8 +113,7 @@ ROWS = (
               'test_feedforward_that_knows_of_the_bending_follows_far_better'}, pairs=False),
     Row('`MomentumObserver`', check.observer, pairs=False),
     Row('collision detection', check.collision, pairs=False),
-    Row('payload estimate', check.payload, {
-        LOOP: ALONE, ROLLING: ALONE, TIME: ALONE, BEAM: NO_TEN, BALL: NO_ROTATION}, pairs=False),
+    Row('payload estimate', check.payload),
     Row('joint stops of `simulate`', check.stopped, pairs=False),
     Row('power balance', check.balanced_power, pairs=False),
     Row('sweep', check.swept, {
