@@ -487,15 +487,33 @@ def payload(case):
 
 
 def swept(case):
-    start = {'q0': dict(zip(case.robot.joint_names, case.q.tolist())),
-             'u0': dict(zip(case.robot.joint_names, case.u.tolist()))}
+    """Compare a row with a step of the definition, and a longer loaded one with `simulate`."""
+    robot = case.robot
+    start = {'q0': case.q.tolist(), 'u0': case.u.tolist(), 't0': case.time}
     for integrator, tolerance in (('rk4', CLOSED), ('implicit', 1e-7)):
-        sweep = Sweep(case.robot.model, samples=2, duration=1e-5, step=1e-5,
-                      integrator=integrator, **start)
-        found = Simulator(sweep).columns(0)
-        q, u = reference_step(case, 1e-5)
-        for name, *expected in zip(case.robot.joint_names, q, u):
-            near([found[f'{kind}.{name}'][1] for kind in 'qu'], expected, tolerance)
+        found = Simulator(Sweep(robot, samples=2, duration=1e-5, step=1e-5,
+                                integrator=integrator, **start)).columns(0)
+        for kind, names, expected in zip('qu', (robot.coordinate_names, robot.speed_names),
+                                         reference_step(case, 1e-5)):
+            near([found[f'{kind}.{name}'][1] for name in names], expected, tolerance)
+    load = box(1.5, (0.1, 0.1, 0.1), at=(0.02, 0.03, 0.05))
+    heavy = Robot(with_payload(twice_the_friction(robot.model), TOOL, load), **robot.options)
+    found = Simulator(Sweep(
+        robot, samples=1, duration=0.02, step=1e-4, **start, payload={
+            'frame': TOOL, 'mass': load.mass, 'com': load.com.tolist(),
+            'gyration': float(np.sqrt(load.inertia[0, 0] / load.mass))}, friction={
+                name: 2.0 for name in robot.joint_names if 'mode' not in name})).columns(0)
+    run = simulate(heavy, case.q, case.u, 0.02, step=1e-4, t0=case.time)
+    assert found['ok'].all() and found['energy_closes'].all()
+    near([found[f'q.{name}'][0] for name in robot.coordinate_names], run.q[-1], CLOSED)
+    near([found[f'u.{name}'][0] for name in robot.speed_names], run.u[-1], CLOSED)
+
+
+def twice_the_friction(model):
+    """Return a model with twice the friction of its joints."""
+    return replace(model, bodies=tuple(replace(body, joint=replace(body.joint, **{
+        name: 2.0 * getattr(body.joint, name)
+        for name in ('damping', 'friction', 'friction_offset')})) for body in model.bodies))
 
 
 def verification(case):

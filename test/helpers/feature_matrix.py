@@ -116,9 +116,7 @@ ROWS = (
     Row('payload estimate', check.payload),
     Row('joint stops of `simulate`', check.stopped, pairs=False),
     Row('power balance', check.balanced_power, pairs=False),
-    Row('sweep', check.swept, {
-        SPEEDS: ALONE, LOOP: ALONE, ROLLING: ALONE, TIME: ALONE, BALL: NO_ROTATION},
-        pairs=False),
+    Row('sweep', check.swept),
     Row('view and plots of a simulated motion', check.drawn, pairs=False),
     Row('node', None, {
         SPEEDS: SAME, ROLLING: NO_SHAPE, TIME: NO_FUNCTION, BALL: NO_ROTATION}, {
