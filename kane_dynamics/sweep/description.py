@@ -165,9 +165,9 @@ class Sweep:
         """Return everything that the table depends on as plain data."""
         desired = self.desired
         return {
-            'version': package_version(), 'model': robot_digest(self.robot), 'samples': self.samples,
-            'seed': self.seed, 'duration': self.duration, 'step': self.step,
-            'integrator': self.integrator, 't0': self.t0,
+            'version': package_version(), 'model': robot_digest(self.robot),
+            'samples': self.samples, 'seed': self.seed, 'duration': self.duration,
+            'step': self.step, 'integrator': self.integrator, 't0': self.t0,
             'payload_frame': self.payload_frame, 'chunk': self.chunk,
             'motion': None if desired is None else hashlib.sha256(desired.tobytes()).hexdigest(),
             'values': {value.name: [value.kind, *value.numbers] for value in self.values}}

@@ -118,6 +118,7 @@ def robot_digest(robot: Robot) -> str:
     if key is None:  # functions of the user: what they compute
         key = module_text(robot.kernels.program('forward_dynamics'), 'robot')
     limits = robot.limits
-    numbers = [robot.parameters.gravity, limits.lower, limits.upper, limits.velocity, limits.effort]
+    numbers = [robot.parameters.gravity, limits.lower, limits.upper, limits.velocity,
+               limits.effort]
     text = key + repr([x.tolist() for x in map(np.asarray, numbers)])
     return hashlib.sha256(text.encode()).hexdigest()

@@ -123,7 +123,8 @@ class Trial:
         Return the kernel of one step with one of `CONTROLLERS`.
 
         Its arguments are the state, the desired q, u and udot of the tracked joints at the
-        beginning, middle and end of the step (3, 3 m), a row of `PlantParameters`, and step and gravity (4,).
+        beginning, middle and end of the step (3, 3 m), a row of `PlantParameters`, and step and
+        gravity (4,).
         """
         if controller not in CONTROLLERS:
             raise InputError(f"controller: '{controller}'; expected one of "

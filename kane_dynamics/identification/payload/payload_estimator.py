@@ -121,8 +121,9 @@ class PayloadEstimator:
             if value.ndim != 1:
                 raise InputError(f'{argument.name}: shape {value.shape}; expected one sample, '
                                  f'{argument.shape}')
+        time = constant(t, (), 't (s)', InputError)
         with np.errstate(over='ignore', invalid='ignore'):  # asked for below
-            Y, rates, left, held = self._rows(*state, constant(t, (), 't (s)', InputError))
+            Y, rates, left, held = self._rows(state[0], state[1], state[2], state[3], time)
             # A joint at rest may hold by friction what the model says it must hold by torque.
             row = self._equations.row(Y, rates, left, self._sigma + held)
         if not (np.abs(row) < LARGEST).all():

@@ -7,8 +7,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_equations import PayloadEquations
 from kane_dynamics.identification.payload.payload_rows import PayloadRows
 from kane_dynamics.identification.payload.recorded_motion import recorded_joints, recorded_motion
-from kane_dynamics.identification.physical_consistency import (parameters_of, physical,
-                                                               prior_metric, pseudo_inertia_of)
+from kane_dynamics.identification.physical_consistency import (physical, prior_metric,
+                                                               pseudo_inertia_of)
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.regression import rms
 from kane_dynamics.identification.solvers import on_one_processor
@@ -87,8 +87,9 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
         The recorded positions do not close the loops.
 
     """
-    given = model if isinstance(model, Robot) else None
-    if given is None:
+    if isinstance(model, Robot):
+        given = model
+    else:
         check_recording(model, recording, ROWS)
         given = Robot(model)
     names = recorded_joints(given)

@@ -8,8 +8,8 @@ from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
 from kane_dynamics.mechanics.definition import nonholonomic
 from kane_dynamics.model.with_payload import with_payload
 from kinds_of_mechanism import case
-from palletizer import DRIVEN, palletizer
 import numpy as np
+from palletizer import DRIVEN, palletizer
 import pytest
 
 LOAD, NOISE, RUNS = box(20.0, (0.3, 0.2, 0.4), at=(0.05, 0.02, 0.25)), 5.0, 6
@@ -55,7 +55,7 @@ def offline(seed):
 
 def online(seed):
     """Return mass, center of mass and their deviations, sample by sample."""
-    t, _, motion, tau = carried()
+    _, _, motion, tau = carried()
     estimator = PayloadEstimator(palletizer(), 'tool', np.full(4, NOISE), memory=2000.0)
     noisy = tau + NOISE * np.random.default_rng(seed).normal(size=tau.shape)
     for sample in zip(*motion, noisy):
@@ -96,12 +96,12 @@ def rocking_samples(count=400):
 def test_noise_of_an_actuator_counts_at_its_joint_not_at_the_independent_speed():
     """The rocker turns slower than the crank, by a ratio that varies."""
     robot = rocking()[-1]
-    t, motion, force, torque = rocking_samples()
+    _, motion, _, torque = rocking_samples()
     found = []
     for seed in range(RUNS):
         noisy = torque + 2.0 * np.random.default_rng(seed).normal(size=torque.shape)
         estimator = PayloadEstimator(robot, 'tool', [2.0], memory=1e5)
-        for q, u, udot, actual, exact in zip(*motion, noisy, force):
+        for q, u, udot, actual in zip(*motion, noisy):
             torques = np.zeros(robot.n_q)
             torques[robot.joint_names.index('rocker')] = actual[0]
             estimator.update(q, u, udot, robot.generalized_force(torques, q))
@@ -124,7 +124,7 @@ def test_what_cannot_be_estimated_is_refused_by_name():
     model, options, _ = rocking()
     shared = Robot(model, **{**options, 'actuated': ['crank', 'rocker']})
     zero = np.zeros((30, 1))
-    with pytest.raises(InputError, match='payload: 2 actuated joints .crank, rocker. for 1 inde'):
+    with pytest.raises(InputError, match=r'payload: 2 actuated joints .crank, rocker. for 1 inde'):
         PayloadEstimator(shared, 'tool', [1.0])
     with pytest.raises(InputError, match=r'sigma: \[1\.0\]; expected 4 positive numbers, of swiv'):
         PayloadEstimator(robot, 'tool', [1.0])
@@ -138,6 +138,6 @@ def test_what_cannot_be_estimated_is_refused_by_name():
     before = estimator.covariance
     with pytest.raises(ConstraintError, match='its residual is'):
         estimator.update(Q[0] + np.linspace(0.0, 0.5, robot.n_q), U[0], U[0], tau[0])
-    with pytest.raises(InputError, match='t .s.: nan'):
+    with pytest.raises(InputError, match=r't .s.: nan'):
         estimator.update(Q[0], U[0], U[0], tau[0], t=np.nan)
     assert np.array_equal(estimator.covariance, before)

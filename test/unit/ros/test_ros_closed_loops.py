@@ -416,5 +416,5 @@ def test_the_payload_is_estimated_from_the_torques_of_the_motors():
 def test_a_payload_is_not_estimated_with_more_motors_than_degrees_of_freedom():
     values = all_values(**{'estimator.enabled': True, 'payload.frame': 'tool'})
     shared = palletizer(actuated=(*DRIVEN, 'elbow'))
-    with pytest.raises(InputError, match='payload: 5 actuated joints .* for 4 independent speeds'):
+    with pytest.raises(InputError, match=r'payload: 5 actuated joints .* for 4 inde'):
         check_optional_topics(values, shared)
