@@ -166,20 +166,14 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle model, options, limits and parameters; kernels load from the cache again."""
-        choices = {**self._choices, **self._options,
-                   'closure_tolerance': self.parameters.closure_tolerance}
-        return _restored, (self.model, choices, self.parameters.gravity, self.parameters.payload,
-                           self.__dict__.get('limits'))
+        return _restored, (self.model, self.options, self.parameters.gravity,
+                           self.parameters.payload, self.__dict__.get('limits'))
 
     @property
-    def configuration(self) -> Any:
-        """Return the configuration at which speeds and rows were chosen; None without one."""
-        return self._choices['configuration']
-
-    @property
-    def speeds_are_given(self) -> bool:
-        """Return whether the user chose the independent speeds."""
-        return self._choices['independent'] is not None
+    def options(self) -> dict[str, Any]:
+        """Return the keyword arguments of `Robot` that describe this robot beside its model."""
+        return {**self._choices, **self._options,
+                'closure_tolerance': self.parameters.closure_tolerance}
 
     def in_choice(self, free: Sequence[int], kept: Sequence[int]) -> 'Robot':
         """

@@ -19,6 +19,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.model.model import Model
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.sweep.swept_joints import robot_digest, SweptJoints
 from kane_dynamics.sweep.trial import CONTROLLERS, NONE
 from kane_dynamics.sweep.variation import number_of, Value, value_of, values_of
 import numpy as np
@@ -41,15 +43,19 @@ class Sweep:
 
     Parameters
     ----------
-    model : Model
+    model : Model or Robot
+        A robot has its own speeds, constraints, gravity and limits, and no payload.
     samples : int
         Number of trials.
     seed : int
         Nonnegative, below 2^63.
     duration, step : float
         s; the duration is an integer multiple of the step.
-    q0, u0 : value of every joint
-        Initial state, rad or m, and s. Default: the start of the motion, else zeros.
+    q0, u0 : value of every coordinate, of every (independent) speed
+        Initial state, rad or m, and s. Default: the start of the motion, else that of the robot's
+        `configuration`, else zeros. Loops are closed from q0: the joints whose rates are the
+        independent speeds keep their values, and the others move. Quaternions are divided by
+        their lengths, so that normal values are uniform rotations.
     payload : mapping, optional
         `frame`, in whose axes it is given; `mass`, kg; `com`, three values, m; `gyration`, the
         radius of gyration k about its center of mass, m: its inertia is m k^2 about every axis.
@@ -60,11 +66,14 @@ class Sweep:
         of every joint (100 and 20); `known_payload`, the fraction of the payload in the
         controller's model (0).
     motion : Motion, optional
-        The desired motion. Default: rest at q0.
+        The desired motion; with constraints, of the joints that follow it (as in
+        `ComputedTorque`). Default: rest at q0.
     chunk : int
         Number of trials that are computed and written together; does not affect the results.
     integrator : {'rk4', 'implicit'}
         As in `simulate`.
+    t0 : float
+        Initial time, s, for functions of time and for the motion.
 
     Raises
     ------
@@ -73,7 +82,7 @@ class Sweep:
 
     """
 
-    model: Model
+    model: Model | Robot
     samples: int
     seed: int = 0
     duration: float = 1.0
@@ -86,6 +95,7 @@ class Sweep:
     motion: Motion | None = None
     chunk: int = 1000
     integrator: str = 'rk4'
+    t0: float = 0.0
     payload_frame: str | None = field(init=False, default=None)
     values: tuple[Value, ...] = field(init=False, default=())
 
@@ -103,14 +113,28 @@ class Sweep:
             raise InputError(f'duration: {self.duration} s, {count:.6g} steps of {self.step} s; '
                              f'expected a whole number of steps, at most {MOST_STEPS}')
         integrator_of(self.integrator)
-        if self.motion is not None and self.motion.joint_names != self.model.joint_names:
-            raise InputError(f'motion: joints {list(self.motion.joint_names)}; '
-                             f'expected {list(self.model.joint_names)}')
+        freeze(self, 't0', number_of('t0', self.t0, signed=True))
+        if not isinstance(self.model, Model | Robot):
+            raise InputError(f'model: a {type(self.model).__name__}; expected a Model or a Robot')
+        if self.robot.parameters.payload is not None:
+            raise InputError('model: a robot that carries a payload; expected one without, and '
+                             'the payload of the sweep')
+        self.joints.check_motion(self.motion)
         freeze(self, 'values', self._values())
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the given entries only; derived tables are large and versions differ."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
+
+    @lazy_property
+    def robot(self) -> Robot:
+        """Return the robot, with its speeds and constraints."""
+        return self.model if isinstance(self.model, Robot) else Robot(self.model)
+
+    @lazy_property
+    def joints(self) -> SweptJoints:
+        """Return the names of the values of a trial."""
+        return SweptJoints(self.robot, self.motion)
 
     @property
     def steps(self) -> int:
@@ -128,20 +152,22 @@ class Sweep:
 
     @lazy_property
     def desired(self) -> Array | None:
-        """Return the desired q, u, udot at every half step, (2 steps + 1, 3 n); None at rest."""
+        """Return the desired q, u, udot at every half step, (2 steps + 1, 3 m); None at rest."""
         if self.motion is None:
             return None
-        halves: Array = np.arange(2 * self.steps + 1) * np.float64(0.5 * self.step)
-        return np.concatenate(self.motion.sample(halves), axis=1)
+        halves: Array = self.t0 + np.arange(2 * self.steps + 1) * np.float64(0.5 * self.step)
+        columns = self.joints.columns(self.motion)
+        parts = [x[:, columns] for x in self.motion.sample(halves)]
+        return np.ascontiguousarray(np.concatenate(parts, axis=1))
 
     @lazy_property
     def description(self) -> dict[str, Any]:
         """Return everything that the table depends on as plain data."""
         desired = self.desired
         return {
-            'version': package_version(), 'model': self.model.digest(), 'samples': self.samples,
-            'seed': self.seed, 'duration': self.duration, 'step': self.step,
-            'integrator': self.integrator,
+            'version': package_version(), 'model': robot_digest(self.robot),
+            'samples': self.samples, 'seed': self.seed, 'duration': self.duration,
+            'step': self.step, 'integrator': self.integrator, 't0': self.t0,
             'payload_frame': self.payload_frame, 'chunk': self.chunk,
             'motion': None if desired is None else hashlib.sha256(desired.tobytes()).hexdigest(),
             'values': {value.name: [value.kind, *value.numbers] for value in self.values}}
@@ -153,11 +179,8 @@ class Sweep:
 
     def _values(self) -> tuple[Value, ...]:
         """Return all values that may vary between trials."""
-        joints, n = self.model.joint_names, self.model.n
-        payload, controller = self.payload, self.controller
-        q0, u0 = [0.0] * n, [0.0] * n
-        if self.motion is not None:
-            q0, u0 = (x.tolist() for x in self.motion.sample(0.0)[:2])
+        joints, payload, controller = self.joints, self.payload, self.controller
+        q0, u0 = joints.start(self.motion, self.t0)
         if not isinstance(controller, Mapping):
             controller = {'kind': controller}
         elif not set(controller) & set(CONTROLLER_KEYS):
@@ -165,15 +188,19 @@ class Sweep:
         controller = mapping(controller, 'controller', CONTROLLER_KEYS, InputError)
         kind = value_of('controller', controller.get('kind', NONE), names=CONTROLLERS)
         kinds = {CONTROLLERS[int(place)] for place in kind.numbers}
-        found = [*values_of('q0', self.q0, joints, q0, signed=True),
-                 *values_of('u0', self.u0, joints, u0, signed=True),
+        robot = self.robot
+        found = [*values_of('q0', self.q0, robot.coordinate_names, q0, signed=True),
+                 *values_of('u0', self.u0, robot.speed_names, u0, signed=True),
                  *(() if payload is None else self._payload(payload)),
-                 *values_of('friction', self.friction, joints, [1.0] * n), kind]
+                 *values_of('friction', self.friction, robot.joint_names, [1.0] * robot.model.n),
+                 kind]
         used = {'kind'}
         if Mode.COMPUTED_TORQUE in kinds:
             used |= {'kp', 'kd'}
+            followed = joints.followed_names
             for name, usual in (('kp', 100.0), ('kd', 20.0)):
-                found += values_of(name, controller.get(name, usual), joints, [usual] * n)
+                found += values_of(name, controller.get(name, usual), followed,
+                                   [usual] * len(followed))
         if payload is not None and kinds != {NONE}:
             used |= {'known_payload'}
             found.append(value_of('known_payload', controller.get('known_payload', 0.0)))
@@ -194,7 +221,7 @@ class Sweep:
         if 'frame' not in given or 'mass' not in given:
             raise InputError(f'payload: {SHORT.repr(payload)}; expected frame and mass, and '
                              'optionally com and gyration')
-        freeze(self, 'payload_frame', self.model.frame(given['frame']).name)
+        freeze(self, 'payload_frame', self.robot.model.frame(given['frame']).name)
         com = given.get('com', (0.0, 0.0, 0.0))
         if not isinstance(com, Sequence) or isinstance(com, str) or len(com) != 3:
             raise InputError(f'payload.com: {SHORT.repr(com)}; expected three values, m')

@@ -56,6 +56,8 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | No
     ------
     InputError
         If the folder has other content, the cluster does not exist, or a package is missing.
+    ConstraintError
+        If a function of time jumps, as in `simulate`.
     SweepError
         If workers die, or another process writes to the folder.
 
@@ -75,6 +77,7 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | No
         if chunks:
             simulator = Simulator(sweep)
             simulator.compile()  # raises errors early; workers load from the cache
+            simulator.check_functions()
             warning = simulator.step_warning()
             if warning is not None:
                 warnings.warn(warning, ModelWarning, stacklevel=2)

@@ -53,8 +53,8 @@ def controllers(values: Values) -> list[str]:
     return [CONTROLLERS[int(place)] for place in values['controller'].tolist()]
 
 
-def plant(values: Values, joints: Sequence[str]) -> PlantParameters:
-    """Return the plant parameters of all trials for the kernels."""
+def plant(values: Values, joints: Sequence[str], followed: Sequence[str]) -> PlantParameters:
+    """Return the plant parameters of all trials for the kernels, with gains of `followed`."""
     friction = of_joints(values, 'friction', joints)
     payload, known = np.zeros((len(friction), PAYLOAD)), np.zeros((len(friction), 1))
     if 'payload.mass' in values:
@@ -67,5 +67,5 @@ def plant(values: Values, joints: Sequence[str]) -> PlantParameters:
         upper = np.triu_indices(3)
         payload[:, 4:] = mass[:, None] * second[:, upper[0], upper[1]]
         known[:, 0] = values.get('known_payload', 0.0)
-    return PlantParameters(payload, known, friction, of_joints(values, 'kp', joints),
-                           of_joints(values, 'kd', joints))
+    return PlantParameters(payload, known, friction, of_joints(values, 'kp', followed),
+                           of_joints(values, 'kd', followed))

@@ -1,12 +1,15 @@
 """
 Kernels of one trial: the plant, its controller and the recorded outcomes.
 
-The state of a trial is (q, u, work, squared error, tau): n coordinates, n speeds, the work of
-torques and friction, the n integrals of the squared tracking error, and the n torques at the
-beginning of the last step. The Runge-Kutta step integrates everything but tau. The implicit step
-integrates q and u; the integrals then use the trapezoidal rule.
+The state of a trial is (q, u, time, work, squared error, margin, tau): coordinates, speeds, the
+time if the equations depend on it, the work of torques and friction, the integrals of the squared
+tracking error of the joints that follow, `conditioning.margin` of constraints, and the torques at
+the beginning of the last step. The Runge-Kutta step integrates everything but margin and tau. The
+implicit step integrates q and u; the integrals then use the trapezoidal rule.
+`constrained_trial` has robots with chosen speeds or constraints.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -16,11 +19,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import law_program
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
-from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
-from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
@@ -35,20 +35,23 @@ PAYLOAD = 10  # inertial parameters of a payload, in the order of a robot's para
 
 
 class Parts(NamedTuple):
-    """Slices of the entries of a trial's state."""
+    """Slices of the entries of a trial's state; time and margin are empty for a tree."""
 
     q: slice
     u: slice
+    time: slice
     work: int
     squared_error: slice
+    margin: slice
     tau: slice
     size: int
 
 
-def parts(n: int) -> Parts:
-    """Return the slices of a trial's state for n coordinates."""
-    return Parts(slice(0, n), slice(n, 2 * n), 2 * n, slice(2 * n + 1, 3 * n + 1),
-                 slice(3 * n + 1, 4 * n + 1), 4 * n + 1)
+def parts(n_q: int, n: int, tracked: int, timed: int = 0, margins: int = 0) -> Parts:
+    """Return the slices of a trial's state for numbers of its entries."""
+    ends = np.cumsum([n_q, n, timed, 1, tracked, margins, n]).tolist()
+    q, u, time, work, error, margin, tau = (slice(*x) for x in zip([0, *ends], ends))
+    return Parts(q, u, time, work.start, error, margin, tau, ends[-1])
 
 
 @dataclass(frozen=True)
@@ -62,10 +65,10 @@ class PlantParameters:
         Inertial parameters of the payload: m, m c, second moments.
     known : (N, 1) array
         Fraction of the payload in the controller's model.
-    friction : (N, n) array
-        Factors on the model's friction.
+    friction : (N, n_j) array
+        Factors on the friction of the joints.
     kp, kd : (N, n) arrays
-        Gains of computed torque, 1/s^2 and 1/s.
+        Gains of computed torque, of the joints that follow, 1/s^2 and 1/s.
 
     """
 
@@ -77,49 +80,56 @@ class PlantParameters:
 
     @property
     def rows(self) -> Array:
-        """Return all parameters in one array, (N, 11 + 3 n)."""
+        """Return all parameters in one array, (N, 11 + n_j + 2 n)."""
         return np.ascontiguousarray(np.concatenate(
             [self.payload, self.known, self.friction, self.kp, self.kd], axis=1))
 
 
 class Trial:
     """
-    Kernels of a model's trials, each compiled at its first use.
+    Kernels of a robot's trials, each compiled at its first use.
 
     Parameters
     ----------
-    model : Model
+    given : Robot
     payload_frame : str, optional
         Frame in which payloads are given. Default: no payload.
     integrator : str
         One of `step_kernels.INTEGRATORS`.
+    tracked : sequence of int
+        Indices in q of the joints with a tracking error.
 
     """
 
-    def __init__(self, model: Model, payload_frame: str | None = None,
-                 integrator: str = 'rk4') -> None:
+    def __init__(self, given: Robot, payload_frame: str | None, integrator: str,
+                 tracked: Sequence[int]) -> None:
         """Create the robot; kernels compile at the first use."""
-        require_angles(model, 'sweep')
-        self.robot = Robot(model, payload_frame=payload_frame)
-        self.frictionless = Robot(model, payload_frame=payload_frame, friction=False)
-        assert isinstance(self.robot.equations, TreeEquations)  # a plain tree
-        self.equations = self.robot.equations
+        options = {**given.options, 'payload_frame': payload_frame, 'wrench_frames': ()}
+        self.robot = Robot(given.model, **options)
+        self.robot.limits = given.limits
+        self.frictionless = Robot(given.model, **{**options, 'friction': False})
+        self.tracked, self.integrator = list(tracked), integrator_of(integrator)
+        self.equations: Any = self.robot.equations
         self.n = self.robot.n
-        self.parts = parts(self.n)
+        self.parts = self._parts()
+        self._gravity = given.parameters.gravity
         self._carries = payload_frame is not None
-        self._integrator = integrator_of(integrator)
+
+    def _parts(self) -> Parts:
+        return parts(self.n, self.n, len(self.tracked))
 
     def step(self, controller: str) -> Kernel:
         """
         Return the kernel of one step with one of `CONTROLLERS`.
 
-        Its arguments are the state, the desired q, u and udot at the beginning, middle and end of
-        the step (3, 3 n), a row of `PlantParameters`, and step and gravity (4,).
+        Its arguments are the state, the desired q, u and udot of the tracked joints at the
+        beginning, middle and end of the step (3, 3 m), a row of `PlantParameters`, and step and
+        gravity (4,).
         """
         if controller not in CONTROLLERS:
             raise InputError(f"controller: '{controller}'; expected one of "
                              f"{', '.join(CONTROLLERS)}")
-        name = f'trial_{controller}_{self._integrator.name}'
+        name = f'trial_{controller}_{self.integrator.name}_{"_".join(map(str, self.tracked))}'
         return self._kernel(name, partial(self._step, controller),
                             ('state', 'desired', 'plant', 'shared'), (self.parts.size,))
 
@@ -129,11 +139,11 @@ class Trial:
 
     def shared(self, step: float) -> Array:
         """Return the arguments that all trials share: step (s) and gravity."""
-        return np.array([step, *self.robot.model.gravity])
+        return np.array([step, *self._gravity])
 
     def _kernel(self, name: str, program: Any, names: tuple[str, ...], shape: Shape) -> Kernel:
-        shapes = {'state': (self.parts.size,), 'desired': (3, 3 * self.n),
-                  'plant': (PAYLOAD + 1 + 3 * self.n,), 'shared': (4,)}
+        shapes = {'state': (self.parts.size,), 'desired': (3, 3 * len(self.tracked)),
+                  'plant': (PAYLOAD + 1 + self.robot.model.n + 2 * self.n,), 'shared': (4,)}
         inputs = [(key, shapes[key]) for key in names]
 
         def traced() -> Program:
@@ -143,9 +153,9 @@ class Trial:
 
     def _step(self, controller: str, state: Any, desired: Any, plant: Any, shared: Any) -> Any:
         """Return the state after one step."""
-        motion = _TrialMotion(self, controller, desired, plant, shared)
+        motion = TrialMotion(self, controller, desired, plant, shared)
         q, u = state[self.parts.q], state[self.parts.u]
-        after = self._integrator.step(motion, state[:self.parts.tau.start], shared[0])
+        after = self.integrator.step(motion, state[:self.parts.tau.start], shared[0])
         return [*after, *motion.law(q, u, desired[0])]
 
     def law(self, controller: str, gains: Any, assumed: Any) -> Any:
@@ -175,7 +185,7 @@ class Trial:
         return np.array([*gravity, *payload]), np.array([*gravity, *(known * payload)])
 
 
-class _TrialMotion:
+class TrialMotion:
     """A trial during one traced step, in the interface of the integrators (`System`)."""
 
     def __init__(self, trial: Trial, controller: str, desired: Any, plant: Any,
@@ -183,9 +193,15 @@ class _TrialMotion:
         """Split the arguments of the step."""
         self._trial, self._desired, self.equations = trial, desired, trial.equations
         _, _, self._factors, gains = np.split(
-            plant, [PAYLOAD, PAYLOAD + 1, PAYLOAD + 1 + trial.n])
+            plant, [PAYLOAD, PAYLOAD + 1, PAYLOAD + 1 + trial.robot.model.n])
         self._carried, assumed = trial.parameters(plant, shared)
         self.law = trial.law(controller, gains, assumed)
+
+    def _squared_errors(self, q: Any, moment: int) -> Any:
+        """Return the squared errors of the tracked joints."""
+        tracked = self._trial.tracked
+        error = self._desired[moment][:len(tracked)] - q[tracked]
+        return error * error
 
     @lazy_property
     def _forward(self) -> Program:
@@ -204,9 +220,8 @@ class _TrialMotion:
         """Return the time derivative of q, u, work and squared errors."""
         q, u = state[self._trial.parts.q], state[self._trial.parts.u]
         net = self._net_torque(q, u, moment)
-        error = self._desired[moment][:self._trial.n] - q
         return np.array([*u, *call(self._forward, q, u, net, self._carried), net @ u,
-                         *(error * error)])
+                         *self._squared_errors(q, moment)])
 
     def torque(self, q: Any, u: Any, moment: int) -> Any:
         """Return the torque of the controller and the plant's deviation from model friction."""
@@ -222,5 +237,4 @@ class _TrialMotion:
 
     def quadratures(self, q: Any, u: Any, moment: int) -> Any:
         """Return the rates of work and squared errors."""
-        error = self._desired[moment][:self._trial.n] - q
-        return np.array([self._net_torque(q, u, moment) @ u, *(error * error)])
+        return np.array([self._net_torque(q, u, moment) @ u, *self._squared_errors(q, moment)])

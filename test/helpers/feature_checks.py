@@ -15,11 +15,12 @@ from tempfile import TemporaryDirectory
 
 from host_gpu import host_gpu, on_gpu, values_of
 from kane_dynamics import (box, CollisionDetector, ComputedTorque, Controller, fill_trajectory,
-                           gpu, MomentumObserver, Motion, natural_vibration, simulate)
+                           gpu, MomentumObserver, Motion, natural_vibration, Robot, simulate)
 from kane_dynamics.analysis.power_balance import power_balance
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.feasibility import demand, fastest, time_optimal
-from kane_dynamics.identification.payload.payload_fit import PayloadRegressor
+from kane_dynamics.identification import PayloadEstimator
+from kane_dynamics.identification.payload.payload_rows import PayloadRegressor
 from kane_dynamics.identification.physical_consistency import parameters_of
 from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, moved as joints_moved
@@ -466,24 +467,53 @@ def drawn(case):
 
 
 def payload(case):
-    """Compare the regressor times the parameters with what a payload adds to the torque."""
-    load, model = box(2.0, (0.1, 0.2, 0.3), at=(0.02, 0.03, 0.05)), case.robot.model
-    Y = PayloadRegressor(model, TOOL)(case.q, case.u, case.udot)
-    heavy = with_payload(model, TOOL, load)
-    near(Y @ parameters_of(load.pseudo_inertia), np.subtract(*(
-        kane.inverse_dynamics(each, case.q, case.u, case.udot) for each in (heavy, model))))
+    """Compare the regressor with what a payload adds to the torque; find it in exact samples."""
+    robot, load = case.robot, box(2.0, (0.1, 0.2, 0.3), at=(0.02, 0.03, 0.05))
+    loaded = Robot(with_payload(robot.model, TOOL, load), **robot.options)
+    heavy = replace(case, robot=loaded)
+    added = inverse(heavy) - inverse(case)
+    regressor = PayloadRegressor(robot, TOOL)
+    Y = regressor(case.q, case.u, case.udot, case.time)
+    near(Y @ parameters_of(load.pseudo_inertia), added)
+    estimator = PayloadEstimator(robot, TOOL, np.full(robot.n, 1e-5))
+    rng, run = np.random.default_rng(1), simulate(
+        loaded, case.q, case.u, 1.5, step=5e-4, t0=case.time, sample=0.0125)
+    size = np.array([0.05 if 'mode' in name else 3.0 for name in robot.speed_names])
+    for t, q in zip(run.t, run.q):
+        u, udot = size * [[1.0], [10.0]] * rng.normal(size=(2, robot.n))
+        sample = replace(heavy, q=q, u=u, udot=udot, t={'t': t} if case.t else {})
+        estimator.update(q, u, udot, inverse(sample), t=t)
+    near(Y @ estimator._parameters, added, CLOSED)
 
 
 def swept(case):
-    start = {'q0': dict(zip(case.robot.joint_names, case.q.tolist())),
-             'u0': dict(zip(case.robot.joint_names, case.u.tolist()))}
+    """Compare a row with a step of the definition, and a longer loaded one with `simulate`."""
+    robot = case.robot
+    start = {'q0': case.q.tolist(), 'u0': case.u.tolist(), 't0': case.time}
     for integrator, tolerance in (('rk4', CLOSED), ('implicit', 1e-7)):
-        sweep = Sweep(case.robot.model, samples=2, duration=1e-5, step=1e-5,
-                      integrator=integrator, **start)
-        found = Simulator(sweep).columns(0)
-        q, u = reference_step(case, 1e-5)
-        for name, *expected in zip(case.robot.joint_names, q, u):
-            near([found[f'{kind}.{name}'][1] for kind in 'qu'], expected, tolerance)
+        found = Simulator(Sweep(robot, samples=2, duration=1e-5, step=1e-5,
+                                integrator=integrator, **start)).columns(0)
+        for kind, names, expected in zip('qu', (robot.coordinate_names, robot.speed_names),
+                                         reference_step(case, 1e-5)):
+            near([found[f'{kind}.{name}'][1] for name in names], expected, tolerance)
+    load = box(1.5, (0.1, 0.1, 0.1), at=(0.02, 0.03, 0.05))
+    heavy = Robot(with_payload(twice_the_friction(robot.model), TOOL, load), **robot.options)
+    found = Simulator(Sweep(
+        robot, samples=1, duration=0.02, step=1e-4, **start, payload={
+            'frame': TOOL, 'mass': load.mass, 'com': load.com.tolist(),
+            'gyration': float(np.sqrt(load.inertia[0, 0] / load.mass))}, friction={
+                name: 2.0 for name in robot.joint_names if 'mode' not in name})).columns(0)
+    run = simulate(heavy, case.q, case.u, 0.02, step=1e-4, t0=case.time)
+    assert found['ok'].all() and found['energy_closes'].all()
+    near([found[f'q.{name}'][0] for name in robot.coordinate_names], run.q[-1], CLOSED)
+    near([found[f'u.{name}'][0] for name in robot.speed_names], run.u[-1], CLOSED)
+
+
+def twice_the_friction(model):
+    """Return a model with twice the friction of its joints."""
+    return replace(model, bodies=tuple(replace(body, joint=replace(body.joint, **{
+        name: 2.0 * getattr(body.joint, name)
+        for name in ('damping', 'friction', 'friction_offset')})) for body in model.bodies))
 
 
 def verification(case):

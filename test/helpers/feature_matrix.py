@@ -33,9 +33,7 @@ NO_ANGLE = ('The position of a ball joint is a rotation, which the points and sp
             'do not state.')
 NO_START = ('A trajectory does not state at which time of a function of time it starts.')
 MISSING = 'Not available; the call raises an error that says so.'
-ALONE = 'Not available: it takes a model alone, without chosen speeds and constraints.'
-NO_ROTATION = ('The position of a ball joint is a rotation, which joint states, recordings and '
-               'sampled angles do not state.')
+NO_ROTATION = 'The position of a ball joint is a rotation, which joint states do not state.'
 SAME = ('Joint states and efforts are those of joints: chosen speeds would not change a message.')
 NO_FUNCTION = 'A function of time is Python code, which no parameter file states.'
 
@@ -50,8 +48,7 @@ class Row:
     name : str
     check : callable, optional
         Fails unless a case's result is that of an independent formulation. It runs for every kind
-        and pair without a reason, and must be refused for the others. With reason `ALONE` there
-        is nothing to call.
+        and pair without a reason, and must be refused for the others.
     reasons : dict of kind or pair to sentence
         Why it does not work. A pair has the reasons of its kinds.
     tests : dict of kind to test
@@ -113,13 +110,10 @@ ROWS = (
               'test_feedforward_that_knows_of_the_bending_follows_far_better'}, pairs=False),
     Row('`MomentumObserver`', check.observer, pairs=False),
     Row('collision detection', check.collision, pairs=False),
-    Row('payload estimate', check.payload, {
-        LOOP: ALONE, ROLLING: ALONE, TIME: ALONE, BEAM: NO_TEN, BALL: NO_ROTATION}, pairs=False),
+    Row('payload estimate', check.payload),
     Row('joint stops of `simulate`', check.stopped, pairs=False),
     Row('power balance', check.balanced_power, pairs=False),
-    Row('sweep', check.swept, {
-        SPEEDS: ALONE, LOOP: ALONE, ROLLING: ALONE, TIME: ALONE, BALL: NO_ROTATION},
-        pairs=False),
+    Row('sweep', check.swept),
     Row('view and plots of a simulated motion', check.drawn, pairs=False),
     Row('node', None, {
         SPEEDS: SAME, ROLLING: NO_SHAPE, TIME: NO_FUNCTION, BALL: NO_ROTATION}, {

@@ -11,15 +11,17 @@ from typing import Any
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.yaml_io import read_yaml
 from kane_dynamics.cli.commands import inspect_command
-from kane_dynamics.cli.shared import load, model_warnings, print_json
+from kane_dynamics.cli.shared import constraints_of, load, model_warnings, print_json
 from kane_dynamics.cli.tables import read_motion
+from kane_dynamics.control.constrained_law import joints_that_follow
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import GRAVITY
+from kane_dynamics.robot.robot import Robot
 from kane_dynamics.sweep import read_table, run_sweep, Sweep
 import numpy as np
 
-FILES = ('urdf', 'supplement', 'motion')  # relative to the folder of the sweep's file
-ROBOT = ('urdf', 'supplement', 'base', 'tip', 'joints', 'gravity')
+FILES = ('urdf', 'supplement', 'constraints', 'motion')  # relative to the sweep's file
+ROBOT = ('urdf', 'supplement', 'constraints', 'base', 'tip', 'joints', 'gravity')
 SWEEP = tuple(field.name for field in fields(Sweep) if field.init and field.name != 'model')
 SHOWN = 5  # different errors in the summary
 
@@ -29,7 +31,7 @@ def read_sweep(path: str | os.PathLike[str], verbose: bool = False) -> Sweep:
     Return the sweep described by a YAML or JSON file.
 
     Its entries are those of `Sweep`, where `motion` is the path of a CSV or YAML file, and those
-    of the robot: `urdf`, `supplement`, `base`, `tip`, `joints`, `gravity`.
+    of the robot: `urdf`, `supplement`, `constraints`, `base`, `tip`, `joints`, `gravity`.
 
     Raises
     ------
@@ -56,10 +58,13 @@ def read_sweep(path: str | os.PathLike[str], verbose: bool = False) -> Sweep:
         gravity=_gravity(path, given.get('gravity')), no_strict=False, no_friction=False,
         verbose=verbose))
     chosen = {key: given[key] for key in SWEEP if given.get(key) is not None}
+    loops = constraints_of(Namespace(constraints=given.get('constraints')))
+    robot = Robot(model, **loops)
     if 'motion' in chosen:
-        chosen['motion'] = read_motion(chosen['motion'], model.joint_names)
+        chosen['motion'] = read_motion(chosen['motion'], tuple(
+            model.coordinate_names[k] for k in joints_that_follow(robot)))
     try:
-        return Sweep(model, **chosen)
+        return Sweep(robot if loops else model, **chosen)
     except InputError as error:
         raise InputError(f'{path}: {error}') from None
 

@@ -19,7 +19,6 @@ joint's grows less than the joints' do on average.
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.friction import coulomb
-from kane_dynamics.model.model import Model
 import numpy as np
 
 LOAD, OWN = 10, 3  # unknowns of the payload, and of each joint: offset, Coulomb, damping
@@ -37,8 +36,8 @@ class PayloadEquations:
 
     Parameters
     ----------
-    model : Model
-        Of the arm alone.
+    speeds : (n,) array
+        Speed at which the friction of each actuator sets in, rad/s or m/s.
     uncertainty : (n,) array
         Standard deviation of what the model's friction and the torque's zero are wrong by, N m or
         N; of viscous friction, per rad/s or m/s.
@@ -52,18 +51,18 @@ class PayloadEquations:
 
     """
 
-    def __init__(self, model: Model, uncertainty: Array, belief: Array, least: float = 0.0,
+    def __init__(self, speeds: Array, uncertainty: Array, belief: Array, least: float = 0.0,
                  kept: float = 1.0) -> None:
         """Start without rows."""
-        self._speeds = np.array([joint.friction_speed for joint in model.coordinate_joints])
-        self._uncertainty = np.zeros((model.n, OWN, OWN))
+        self._speeds, n = speeds, len(speeds)
+        self._uncertainty = np.zeros((n, OWN, OWN))
         self._uncertainty[:, range(OWN), range(OWN)] = uncertainty[:, None]**-2.0
         self._belief, self._least, self._kept = belief, least, kept
         size = LOAD + OWN + 1
-        self._products = np.zeros((LEVELS, model.n, size, size))  # of sums over blocks
+        self._products = np.zeros((LEVELS, n, size, size))  # of sums over blocks
         self._counts = np.zeros(LEVELS)  # blocks
         self._pending: list[Array | None] = [None] * LEVELS
-        self._variance = np.ones(model.n)
+        self._variance = np.ones(n)
 
     def row(self, Y: Array, u: Array, left: Array, sigma: Array | float = 1.0) -> Array:
         """Return the equations of one sample, (n, 14), divided by deviations, N m or N."""
@@ -118,9 +117,10 @@ class PayloadEquations:
         free = self._counts - OWN - LOAD / len(own)
         enough = free > FEWEST
         total = self._products[0, :, -1, -1] / max(self._counts[0], 1.0)
-        least = np.maximum(self._least, np.maximum(ROUNDING**2 * total, 1e-18))
+        rounding = np.maximum(ROUNDING**2 * total, 1e-18)
+        least = np.maximum(self._least, rounding)
         variance = squares[enough] / (free * 2.0**np.arange(LEVELS))[enough, None]
-        variance = np.maximum(variance, least if self._least == 0.0 else 1e-18)
+        variance = np.maximum(variance, rounding)  # exact samples leave rounding, of any growth
         if len(variance) > 1:
             unsure = np.sqrt(2.0 / free[enough, None])[1:]
             # What blocks beyond the correlation time miss of the limit goes by 1 / length.

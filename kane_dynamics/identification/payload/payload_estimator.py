@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 
-from kane_dynamics._util.checks import number
+from kane_dynamics._util.checks import constant, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_equations import PayloadEquations
-from kane_dynamics.identification.payload.payload_fit import (covariance_of, load_deviations,
-                                                              PayloadRegressor)
-from kane_dynamics.mechanics.friction import coulomb
+from kane_dynamics.identification.payload.payload_fit import covariance_of, load_deviations
+from kane_dynamics.identification.payload.payload_rows import PayloadRows
 from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.argument import Argument, checked
+from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -30,70 +30,89 @@ class PayloadEstimator:
 
     Parameters
     ----------
-    model : Model
-        Of the arm alone, friction included.
+    model : Model or Robot
+        Of the arm alone, friction included. A robot has its own speeds and constraints; its
+        payload is left out.
     frame : str
         In whose axes the payload is described.
     sigma : (n,) sequence of float
-        Standard deviations of measured torque, N m or N; larger residuals count as they are.
+        Standard deviations of measured torque, N m or N; larger residuals count as they are. Of
+        the joints; with chosen speeds or constraints of the joints of `Robot(actuated=)`, in the
+        order of `Robot.actuated_names`, or else of the generalized forces of the speeds.
     memory : float
         Time constant of forgetting, in samples.
 
     Raises
     ------
     InputError
-        No such frame, or a number is out of range.
+        No such frame, or a number is out of range; or more joints are actuated than there are
+        independent speeds.
 
     """
 
-    def __init__(self, model: Model, frame: str, sigma: Sequence[float] | Array,
+    def __init__(self, model: Model | Robot, frame: str, sigma: Sequence[float] | Array,
                  memory: float = 5000.0) -> None:
         """Start with zero mass and a weak prior."""
-        self._regressor = PayloadRegressor(model, frame)
+        self._rows = PayloadRows(model, frame)
+        robot, n = self._rows.robot, self._rows.robot.n
         try:
             self._sigma = np.array(sigma, dtype=np.float64)
         except (TypeError, ValueError):
             self._sigma = np.empty(0)
-        if self._sigma.shape != (model.n,) or not (self._sigma > 0.0).all():
-            raise InputError(f'sigma: {sigma!r}; expected {model.n} positive numbers')
-        self._arguments = [Argument(name, (model.n,), model.joint_names)
-                           for name in ('q', 'u', 'udot', 'tau')]
+        if self._sigma.shape != (n,) or not (self._sigma > 0.0).all():
+            raise InputError(f'sigma: {sigma!r}; expected {n} positive numbers, of '
+                             f'{", ".join(self._rows.names)}')
+        self._arguments = [Argument('q', (robot.n_q,), robot.coordinate_names), *(
+            Argument(name, (n,), robot.speed_names) for name in ('u', 'udot', 'tau'))]
         memory = number(memory, 'memory', 'more than 1 sample', lambda x: x > 1.0)
         self._kept = 1.0 - 1.0 / memory
-        joints = model.coordinate_joints
-        self._friction, self._friction_speed = (
-            np.array([getattr(joint, name) for joint in joints])
-            for name in ('friction', 'friction_speed'))
         # Deviations of the belief: 10 kg, 1 kg m, 0.3 kg m^2.
         self._belief = np.diag(np.repeat([10.0, 1.0, 0.3], [1, 3, 6])**-2.0)
         # A joint at rest may be held by any torque up to its friction.
-        self._doubt = np.hypot(DOUBT * self._sigma, self._friction)
-        self._model = model
+        self._doubt = np.hypot(DOUBT * self._sigma, self._rows.friction)
         self.reset()
 
     def reset(self) -> None:
         """Forget all samples."""
-        self._equations = PayloadEquations(self._model, self._doubt, self._belief, 1.0,
-                                           self._kept)
+        self._equations = PayloadEquations(self._rows.friction_speed, self._doubt,
+                                           self._belief, 1.0, self._kept)
         self._solved: tuple[Array, Array] | None = None
+
+    def compile(self) -> None:  # noqa: A003
+        """Compile the kernels now instead of at the first sample."""
+        self._rows.compile()
 
     @property
     def gravity(self) -> Array:
         """Return gravity in world axes, (3,), m/s^2; it may be set for further samples."""
-        return self._regressor.robot.parameters.gravity
+        return self._rows.robot.parameters.gravity
 
     @gravity.setter
     def gravity(self, value: ArrayLike) -> None:
-        self._regressor.robot.parameters.gravity = value
+        self._rows.robot.parameters.gravity = value
 
-    def update(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, tau: ArrayLike) -> None:
+    def update(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, tau: ArrayLike, *,
+               t: float = 0.0) -> None:
         """
-        Update the estimate with one sample, (n,) each; rad or m, s, N m or N.
+        Update the estimate with one sample.
+
+        Parameters
+        ----------
+        q, u, udot : (n_q,), (n,), (n,) array_like
+            Measured positions, (independent) speeds and their rates; rad or m, s.
+        tau : (n,) array_like
+            Measured torques, N m or N. With chosen speeds or constraints they are dual to u, as
+            `Robot.generalized_force` of joint torques.
+        t : float
+            Time, s, for functions of time.
 
         Raises
         ------
         InputError
             A shape is another, or a number not finite or too large; the estimate is as before.
+        ConstraintError
+            The constraints are not met, or the actuated joints do not determine the motion there;
+            the estimate is as before.
 
         """
         state = [checked(argument, value) for argument, value in zip(
@@ -102,13 +121,11 @@ class PayloadEstimator:
             if value.ndim != 1:
                 raise InputError(f'{argument.name}: shape {value.shape}; expected one sample, '
                                  f'{argument.shape}')
-        # A joint at rest may hold by friction what the model says it must hold by torque.
-        slip = np.abs(coulomb(state[1], self._friction_speed))
-        sigma = self._sigma + (1.0 - slip) * self._friction
-        known = self._regressor.robot.inverse_dynamics(*state[:3])
+        time = constant(t, (), 't (s)', InputError)
         with np.errstate(over='ignore', invalid='ignore'):  # asked for below
-            row = self._equations.row(self._regressor(*state[:3]), state[1], state[3] - known,
-                                      sigma)
+            Y, rates, left, held = self._rows(state[0], state[1], state[2], state[3], time)
+            # A joint at rest may hold by friction what the model says it must hold by torque.
+            row = self._equations.row(Y, rates, left, self._sigma + held)
         if not (np.abs(row) < LARGEST).all():
             raise InputError(f'tau: {state[3].tolist()}; expected torques and a motion in a '
                              'physical range')

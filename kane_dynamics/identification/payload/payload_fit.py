@@ -5,17 +5,17 @@ from dataclasses import dataclass
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_equations import PayloadEquations
-from kane_dynamics.identification.physical_consistency import (parameters_of, physical,
-                                                               prior_metric, pseudo_inertia_of)
+from kane_dynamics.identification.payload.payload_rows import PayloadRows
+from kane_dynamics.identification.payload.recorded_motion import recorded_joints, recorded_motion
+from kane_dynamics.identification.physical_consistency import (physical, prior_metric,
+                                                               pseudo_inertia_of)
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.regression import rms
 from kane_dynamics.identification.solvers import on_one_processor
-from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.recursive.regressor import ENTRIES
-from kane_dynamics.model.model import Frame, Inertial, Model, WORLD
+from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
-from numpy.typing import ArrayLike
 
 # A ball of 1 kg around the frame: the initial guess of the search, and a weak prior.
 START = Inertial(1.0, np.zeros(3), 0.01 * np.eye(3))
@@ -61,54 +61,19 @@ class Payload:
     condition: float
 
 
-class PayloadRegressor:
-    """
-    The torque of a payload as a linear function of its ten parameters.
-
-    Parameters
-    ----------
-    model : Model
-        Without the payload; its friction counts as known.
-    frame : str
-        In whose axes the payload is described, about whose origin.
-
-    Raises
-    ------
-    InputError
-        There is no such frame, or no joint moves it.
-
-    """
-
-    def __init__(self, model: Model, frame: str) -> None:
-        """Find the body that carries the frame."""
-        require_angles(model, 'payload')
-        where: Frame = model.frame(frame)
-        if where.body == WORLD:
-            raise InputError(f"frame '{frame}': fixed in the world; expected a frame that joints "
-                             'move')
-        self.robot = Robot(model)
-        self._columns = slice(10 * where.body, 10 * where.body + 10)
-        T = np.block([[where.rotation, where.translation[:, None]], [np.zeros(3), np.ones(1)]])
-        self._to_body = np.column_stack([
-            parameters_of(T @ pseudo_inertia_of(unit) @ T.T) for unit in np.eye(10)])
-
-    def __call__(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike) -> Array:
-        """Return Y, (n, 10) or (N, n, 10): the payload's torque is Y times its parameters."""
-        Y = self.robot.regressor(q, u, udot)
-        return np.asarray(Y[..., self._columns] @ self._to_body)
-
-
 @on_one_processor
-def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
+def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> Payload:
     """
     Estimate the payload from the difference between measured and computed torques.
 
     Parameters
     ----------
-    model : Model
-        Of the arm alone, friction included.
+    model : Model or Robot
+        Of the arm alone, friction included. A robot has its own speeds and constraints.
     recording : Recording
-        Of the arm with the payload.
+        Of the arm with the payload. With constraints, of the joints of `Robot(actuated=)` in the
+        order of `Robot.actuated_names`, or else of those whose rates are the independent speeds,
+        in the order of `Robot.speed_names`: the others follow from the constraints.
     frame : str
         In whose axes the payload is described.
 
@@ -116,23 +81,30 @@ def identify_payload(model: Model, recording: Recording, frame: str) -> Payload:
     ------
     InputError
         No such frame, the recording is not of the model's joints, it has too few rows, or its
-        motion does not identify the mass.
+        motion does not identify the mass. The constraints are not those of positions, or the
+        actuators are not joints, as many as independent speeds.
+    ConstraintError
+        The recorded positions do not close the loops.
 
     """
-    check_recording(model, recording, ROWS)
-    regressor = PayloadRegressor(model, frame)
-    state = recording.q, recording.u, recording.udot
-    Y = regressor(*state)
-    left = recording.tau - regressor.robot.inverse_dynamics(*state)
+    if isinstance(model, Robot):
+        given = model
+    else:
+        check_recording(model, recording, ROWS)
+        given = Robot(model)
+    names = recorded_joints(given)
+    check_recording(given.model, recording, ROWS, names)
+    rows = PayloadRows(given, frame)
+    Y, rates, left, _ = rows(*recorded_motion(given, names, recording))
     # The belief keeps what the motion does not tell from looking certain.
     belief = BELIEF * prior_metric(START)
-    effort = np.asarray(regressor.robot.limits.effort)
+    effort = np.asarray(given.limits.effort)[[given.joint_names.index(name) for name in names]]
     uncertainty = np.maximum(DOUBT * np.where(np.isfinite(effort), effort,
                                               np.abs(recording.tau).max(axis=0)), 1e-6)
-    equations = PayloadEquations(model, uncertainty, belief)
+    equations = PayloadEquations(rows.friction_speed, uncertainty, belief)
     middle, found = len(left) // 2, []
     for part in (slice(0, middle), slice(middle, None)):
-        for row in zip(Y[part], recording.u[part], left[part], strict=True):
+        for row in zip(Y[part], rates[part], left[part], strict=True):
             equations.add(equations.row(*row))
         found.append(equations.solve())
     (early, _), (x, information) = ((_physical(*each), each[0]) for each in found)

@@ -1,5 +1,6 @@
 """Recordings of the motion of an arm: resampling and filtering."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -158,14 +159,16 @@ class Recording:
                                       / np.mean(self.udot**2, axis=0)))
 
 
-def check_recording(model: Model, recording: Recording, least: int = 3) -> None:
-    """Raise InputError unless a recording has a model's joints, and rows enough."""
+def check_recording(model: Model, recording: Recording, least: int = 3,
+                    joints: Sequence[str] | None = None) -> None:
+    """Raise InputError unless a recording has a model's joints, or these, and rows enough."""
     instance(model, Model, 'model')
     instance(recording, Recording, 'recording')
     require_angles(model, 'recording')
-    if recording.tau.shape[1] != model.n:
-        raise InputError(f'recording: {recording.tau.shape[1]} joints; expected {model.n}: '
-                         f'{", ".join(model.joint_names)}')
+    names = model.joint_names if joints is None else joints
+    if recording.tau.shape[1] != len(names):
+        raise InputError(f'recording: {recording.tau.shape[1]} joints; expected {len(names)}: '
+                         f'{", ".join(names)}')
     if len(recording) < least:
         raise InputError(f'recording: {len(recording)} rows; expected at least {least}')
 

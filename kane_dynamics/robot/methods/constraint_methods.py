@@ -47,6 +47,16 @@ class ConstraintMethods(Dispatch):
         return equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
 
     @property
+    def configuration(self) -> Any:
+        """Return the configuration at which speeds and rows were chosen; None without one."""
+        return self._choices['configuration']
+
+    @property
+    def speeds_are_given(self) -> bool:
+        """Return whether the user chose the independent speeds."""
+        return self._choices['independent'] is not None
+
+    @property
     def actuated_names(self) -> tuple[str, ...]:
         """
         Names of the joints with actuators.

@@ -40,9 +40,6 @@ def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
     check_frames(robot.model, values['wrench.frames'])
     if values['payload.frame']:
         check_frames(robot.model, [values['payload.frame']], 'payload.frame')
-    if robot.constraint_names and values['estimator.enabled']:
-        raise InputError("parameter 'estimator.enabled': true with constraints; expected false, "
-                         'because the payload of an arm with closed loops is not estimated')
     if values['observer.enabled']:
         observer_settings(values, robot)
         check_frames(robot.model, [observed_frame(values, robot.model)], 'observer.frame')

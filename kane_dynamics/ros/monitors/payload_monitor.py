@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 
 from geometry_msgs.msg import Vector3
 from kane_dynamics.control.quasi_static import QuasiStatic
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.identification.payload.payload_estimator import PayloadEstimator
+from kane_dynamics.identification.payload.recorded_motion import recorded_joints
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.monitors.applied_torque import AppliedTorque
@@ -38,14 +39,16 @@ def estimator_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any
     """
     Return the settings of the payload estimator.
 
-    Raise InputError if payload.frame is empty, a list has the wrong length, or a joint has no
-    deviation and no effort limit.
+    Raise InputError if payload.frame is empty, a list has the wrong length, a joint has no
+    deviation and no effort limit, or more joints have actuators than there are independent speeds.
     """
     if not values['payload.frame']:
         raise InputError("parameter 'payload.frame': empty; expected the frame of the payload, "
                          'as estimator.enabled is true')
-    sigma = per_joint_of_effort(values, 'estimator.torque_deviation', robot.joint_names,
-                                np.array(robot.limits.effort), DEFAULT_DEVIATION)
+    names = recorded_joints(robot)
+    effort = np.array(robot.limits.effort)[[robot.joint_names.index(name) for name in names]]
+    sigma = per_joint_of_effort(values, 'estimator.torque_deviation', names, effort,
+                                DEFAULT_DEVIATION)
     return {'frame': values['payload.frame'], 'sigma': sigma,
             'memory': max(values['estimator.memory'] * NANO / PERIOD, 2.0)}
 
@@ -87,13 +90,12 @@ class PayloadMonitor:
         self._applied_torque = AppliedTorque(robot, values, reject, bending)
         settings = estimator_settings(values, robot)
         self._frame = settings['frame']
-        self._estimator = PayloadEstimator(robot.model, **settings)
+        self._estimator = PayloadEstimator(robot, **settings)
         self._reset_pending = False  # carried out by the services' thread
         self._samples: deque[TorqueSample] = deque(maxlen=MAX_SAMPLES)
         self._recent: list[TorqueSample] = []
         self._last = 0
-        zero = np.zeros(robot.n)
-        self._estimator.update(zero, zero, zero, zero)  # compile the kernels
+        self._estimator.compile()
         self.start()
         self._timer = server.create_timer(1.0 / values['estimator.rate'], self._publish,
                                           clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -167,6 +169,9 @@ class PayloadMonitor:
             estimator.update(now.q, now.u, udot, now.torque)
         except InputError as error:  # overflow from finite numbers
             self._reject('not finite', str(error))
+            return False
+        except ConstraintError as error:
+            self._reject('singular', str(error))
             return False
         return True
 

@@ -9,11 +9,13 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from kane_dynamics import Controller, Motion, simulate  # noqa: E402, I100
+from kane_dynamics import box, Controller, Motion, Robot, simulate  # noqa: E402, I100
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.kinematics.loop_error import (BRANCH, CONTRADICTION,  # noqa: E402
                                                  SINGULAR, UNKNOWN)
+from kane_dynamics.kinematics.mechanism_motion import mechanism_motion  # noqa: E402
 from kane_dynamics.mechanics.constraints.loop_closure import closed_posture  # noqa: E402
+from kane_dynamics.model.with_payload import with_payload  # noqa: E402
 from kane_dynamics.robot.robot import TORQUE_TERMS  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.doctor.live_graph import examine_states, ReceivedState  # noqa: E402
@@ -21,12 +23,14 @@ from kane_dynamics.ros.guard.guard_path import GuardPath  # noqa: E402
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa: E402
                                                         ContactPublishers)
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics  # noqa: E402
+from kane_dynamics.ros.monitors.payload_monitor import PayloadMonitor  # noqa: E402
 from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
 from kane_dynamics.ros.plant.plant_parameters import SPECS as PLANT_SPECS  # noqa: E402
 from kane_dynamics.ros.plant.plant_state import PlantState  # noqa: E402
-from kane_dynamics.ros.torque_path.closed_loop_reader import ClosedLoopReader  # noqa: E402
+from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,  # noqa: E402
+                                                              commanded_joints)
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.joint_state_reader import (MISSING,  # noqa: E402
                                                               NOT_FINITE, STALE, TWICE)
@@ -380,7 +384,37 @@ def test_the_plant_moves_as_simulated_and_stays_closed_at_its_stops():
     assert (arm.q >= arm.lower - 1e-9).all() and (arm.q <= arm.upper + 1e-9).all()
 
 
-def test_an_estimate_of_the_payload_is_refused_with_the_reason():
+def test_the_payload_is_estimated_from_the_torques_of_the_motors():
+    load, robot = box(20.0, (0.3, 0.2, 0.4), at=(0.05, 0.02, 0.25)), palletizer()
+    heavy = Robot(with_payload(robot.model, 'tool', load), **robot.options)
     values = all_values(**{'estimator.enabled': True, 'payload.frame': 'tool'})
-    with pytest.raises(InputError, match='payload of an arm with closed loops is not estimated'):
-        check_optional_topics(values, palletizer())
+    check_optional_topics(values, robot)
+    published, rejected, timer = [], [], []
+    monitor = PayloadMonitor(robot, values, SimpleNamespace(
+        create_timer=lambda period, callback, clock: timer.append(callback)), SimpleNamespace(
+            publish=published.append), lambda *words: rejected.append(words))
+    motors = list(commanded_joints(robot, robot.speed_names))
+    times = 0.01 * np.arange(900)
+    w, a = np.array([0.7, 1.1, 1.3, 3.7]), np.array([0.5, 0.3, 0.3, 1.0])
+    s, c = np.sin(np.outer(times, w)), np.cos(np.outer(times, w))
+    motion = mechanism_motion(robot, DRIVEN, times, a * s + POSE, a * w * c, -a * w**2 * s)
+    efforts = heavy.joint_torques(heavy.inverse_dynamics(*motion), motion.q)[:, motors]
+    for k, (q, u, effort) in enumerate(zip(motion.q, motion.u, efforts)):
+        monitor.on_cycle(SimpleNamespace(
+            stamp=NANO + k * NANO // 100, tau=None, external=None, state=SimpleNamespace(
+                q=q, u=u, effort=effort, has_velocity=True, has_effort=True)))
+        if k % 500 == 499:
+            timer[0]()
+    timer[0]()
+    assert not rejected
+    assert abs(published[-1].mass - load.mass) < 0.02 * load.mass
+    assert published[-1].mass_deviation < 0.1 * load.mass
+    assert abs(published[-1].com.x - load.com[0]) < 5e-3
+    assert abs(published[-1].com.y - load.com[1]) < 5e-3
+
+
+def test_a_payload_is_not_estimated_with_more_motors_than_degrees_of_freedom():
+    values = all_values(**{'estimator.enabled': True, 'payload.frame': 'tool'})
+    shared = palletizer(actuated=(*DRIVEN, 'elbow'))
+    with pytest.raises(InputError, match=r'payload: 5 actuated joints .* for 4 inde'):
+        check_optional_topics(values, shared)

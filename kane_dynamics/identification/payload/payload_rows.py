@@ -1,0 +1,212 @@
+"""
+The rows of a payload's estimate: one for each actuator, linear in the payload's parameters.
+
+Inverse dynamics is linear in the ten parameters of a payload, so its derivative by them is the
+regressor of the payload, for every kind of mechanism: generalized forces F_r of the independent
+speeds. Torques are measured at actuators. With `Robot(actuated=)` these are joints: with
+q' = T u + X and the rows a of the actuated joints, the generalized force is T_a^T times their
+torques, and the rows are those of T_a^-T. Otherwise each independent speed has its own.
+"""
+
+from typing import Any, NamedTuple
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.physical_consistency import pseudo_inertia_of
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.friction import coulomb
+from kane_dynamics.model.model import Joint, Model, WORLD
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.robot.derivative_kernels import Derivative
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+from numpy.typing import ArrayLike
+
+
+class Rows(NamedTuple):
+    """
+    Equations of one or N samples: left = Y x + error, one row for each actuator.
+
+    Attributes
+    ----------
+    Y : (n, 10) or (N, n, 10) array
+        Torque of the actuators per parameter of the payload.
+    rates : (n,) or (N, n) array
+        Rates of the actuators, rad/s or m/s.
+    left : (n,) or (N, n) array
+        Measured torque minus that of the robot alone, N m or N.
+    held : (n,) or (N, n) array
+        Torque that friction may hold at these rates beyond the smoothed friction, N m or N.
+
+    """
+
+    Y: Array
+    rates: Array
+    left: Array
+    held: Array
+
+
+class PayloadRegressor:
+    """
+    The torque of a payload as a linear function of its ten parameters.
+
+    Parameters
+    ----------
+    model : Model or Robot
+        Without the payload; its friction counts as known. A robot has its own speeds and
+        constraints; its payload is left out.
+    frame : str
+        In whose axes the payload is described, about whose origin.
+
+    Raises
+    ------
+    InputError
+        There is no such frame, or no joint moves it.
+
+    """
+
+    def __init__(self, model: Model | Robot, frame: str) -> None:
+        """Prepare a robot with a payload at the frame."""
+        given = model if isinstance(model, Robot) else Robot(model)
+        if given.model.frame(frame).body == WORLD:
+            raise InputError(f"frame '{frame}': fixed in the world; expected a frame that joints "
+                             'move')
+        self.robot = Robot(given.model, **{**given.options, 'payload_frame': frame,
+                                           'wrench_frames': ()})
+        self.robot.parameters.gravity = given.parameters.gravity
+        self._moments = np.column_stack([
+            _second_moments(pseudo_inertia_of(unit)) for unit in np.eye(10)])
+
+    def __call__(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, t: ArrayLike = 0.0) -> Array:
+        """Return Y, (n, 10) or (N, n, 10): the payload's torque is Y times its parameters."""
+        Y = self.robot.derivative('inverse_dynamics', q, u, udot, by='payload', t=t)
+        return np.asarray(Y @ self._moments)
+
+
+class PayloadRows:
+    """
+    The equations of samples, one row for each actuator.
+
+    Parameters
+    ----------
+    model, frame
+        As of `PayloadRegressor`.
+
+    Attributes
+    ----------
+    names : tuple of n str
+        The actuators: actuated joints, or independent speeds.
+    friction, friction_speed : (n,) arrays
+        Coulomb friction that may hold an actuator at rest, N m or N, and the speed at which it
+        sets in, rad/s or m/s.
+
+    Raises
+    ------
+    InputError
+        As `PayloadRegressor`; or there are more actuators than independent speeds.
+
+    """
+
+    def __init__(self, model: Model | Robot, frame: str) -> None:
+        """Find the actuators; kernels compile on first use."""
+        self.regressor = PayloadRegressor(model, frame)
+        robot = self.robot = self.regressor.robot
+        self.names, self._places = actuators(robot), None
+        equations, joints = robot.equations, robot.model.coordinate_joints
+        self._joint_friction, self._joint_speed = (
+            np.array([getattr(joint, name) for joint in joints])
+            for name in ('friction', 'friction_speed'))
+        self.friction, self.friction_speed = self._joint_friction, self._joint_speed
+        self._transmission: Kernel | None = None
+        if isinstance(equations, ConstrainedEquations):
+            self._places = equations.actuated
+            self._transmission = _transmission_kernel(robot, equations)
+            own = dict(zip(robot.joint_names, joints, strict=True))
+            self.friction_speed = np.array([own[name].friction_speed if name in own else
+                                            Joint.friction_speed for name in self.names])
+            # Friction of all joints may hold an actuator, through its mechanism.
+            self.friction = np.full(robot.n, self._joint_friction.sum())
+
+    def __call__(self, q: Array, u: Array, udot: Array, tau: Array, t: Any = 0.0) -> Rows:
+        """
+        Return the rows of one sample or N.
+
+        Parameters
+        ----------
+        q, u, udot, tau : (n_q,), (n,), (n,), (n,) or (N, ...) arrays
+            As of `Robot.inverse_dynamics` and its result; rad or m, s, N m or N.
+        t : float or (N,) array
+            Time, s.
+
+        Raises
+        ------
+        ConstraintError
+            The constraints are not met, or the actuators do not determine the motion there.
+
+        """
+        robot = self.robot
+        Y = self.regressor(q, u, udot, t)
+        left = tau - robot.inverse_dynamics(q, u, udot, t=t)
+        if self._transmission is None:
+            return Rows(Y, u, left, self._slack(u))
+        moment = [np.broadcast_to(t, np.shape(q)[:-1])] if robot.equations.timed else []
+        found = self._transmission(q, u, *moment)
+        T, rates = found[..., :-1], found[..., -1]
+        slack = self._slack(rates)
+        if self._places is not None:
+            # This refuses configurations where the actuators do not determine the motion.
+            left = robot.joint_torques(left, q, t=t)[..., self._places]
+            per_actuator = np.linalg.inv(T[..., self._places, :])
+            Y, T = np.swapaxes(per_actuator, -1, -2) @ Y, T @ per_actuator
+            u = rates[..., self._places]
+        held = np.einsum('...ja,...j->...a', np.abs(T), slack)
+        return Rows(Y, u, left, held)
+
+    def compile(self) -> None:  # noqa: A003
+        """Compile the kernels of single samples now instead of at the first one."""
+        robot = self.robot
+        robot.compile('inverse_dynamics', *([] if self._places is None else ['joint_torques']))
+        robot.kernels.kernel('inverse_dynamics', '', Derivative('derivative', ('payload',)))
+
+    def _slack(self, rates: Array) -> Array:
+        """Return what friction of joints at these rates may hold beyond the smoothed law."""
+        slip = np.abs(coulomb(rates, self._joint_speed))
+        return np.asarray((1.0 - slip) * self._joint_friction)
+
+
+def actuators(robot: Robot) -> tuple[str, ...]:
+    """
+    Return the names of the actuators, as many as independent speeds: joints or these speeds.
+
+    InputError if there are more, which may work against each other.
+    """
+    equations = robot.equations
+    if not isinstance(equations, ConstrainedEquations) or equations.actuated is None:
+        return robot.speed_names
+    names = robot.actuated_names
+    if len(names) > robot.n:
+        raise InputError(f'payload: {len(names)} actuated joints ({", ".join(names)}) for '
+                         f'{robot.n} independent speeds; expected as many, because the motion '
+                         'does not determine how more share the load')
+    return names
+
+
+def _second_moments(P: Array) -> Array:
+    """Return a payload of `Parameters` of a pseudo-inertia (4, 4), (10,)."""
+    return np.array([P[3, 3], *P[:3, 3], *P[:3, :3][np.triu_indices(3)]])
+
+
+def _transmission_kernel(robot: Robot, equations: ConstrainedEquations) -> Kernel:
+    """Return the kernel of T beside the rates of the joints, (n_j, n + 1), by q, u and t."""
+    block, name = robot.parameters.block, 'transmission'
+    inputs: list[Any] = [('q', (robot.n_q,)), ('u', (robot.n,)),
+                         *([('t', ())] if equations.timed else [])]
+
+    def rows(q: Any, u: Any, *rest: Any) -> Any:
+        motion = equations.joint_motion(q, u, equations.zeros, rest[0][()] if rest[1:] else 0.0)
+        return np.concatenate([motion.T, motion.qdot[:, None]], axis=1)
+    return robot.kernels.extra(
+        name, lambda: trace_program(name, rows, [*inputs, ('parameters', block.shape)]),
+        [Argument(*each) for each in inputs], block, (robot.model.n, robot.n + 1))

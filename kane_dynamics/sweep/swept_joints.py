@@ -1,0 +1,124 @@
+"""The joints of a sweep's robot: those that follow, their start, and closed configurations."""
+
+import hashlib
+
+from kane_dynamics._util.fork_safety import lazy_property
+from kane_dynamics._util.typing import Array
+from kane_dynamics.control.constrained_law import followed_joints, motion_columns
+from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
+from kane_dynamics.mechanics.ball_joints import angle_places, neutral, on_unit_quaternions
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.native.backends.llvm_scalar import module_text
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+
+class SweptJoints:
+    """
+    Which joints have values in the trials of a robot, and which of them follow.
+
+    Parameters
+    ----------
+    robot : Robot
+    motion : Motion or None
+        The desired motion; None for rest.
+
+    """
+
+    def __init__(self, robot: Robot, motion: Motion | None) -> None:
+        """Store the robot."""
+        self._robot, self._moves = robot, motion is not None
+        self.constrained = isinstance(robot.equations, ConstrainedEquations)
+
+    @lazy_property
+    def followed(self) -> tuple[int, ...]:
+        """Return the indices in q of the joints that follow by computed torque."""
+        robot = self._robot
+        if not self.constrained:
+            return tuple(range(robot.n))
+        if robot.model.balls:
+            raise InputError('controller: computed_torque with ball joints, whose positions are '
+                             'rotations; expected gravity_compensation or none')
+        return followed_joints(robot)
+
+    @property
+    def followed_names(self) -> tuple[str, ...]:
+        """Return the names of the joints that follow."""
+        return tuple(self._robot.coordinate_names[k] for k in self.followed)
+
+    @property
+    def tracked(self) -> tuple[int, ...]:
+        """Return the indices in q of the joints with a tracking error: at rest all angles."""
+        return self.followed if self._moves else tuple(angle_places(self._robot.model))
+
+    @property
+    def tracked_names(self) -> tuple[str, ...]:
+        """Return the names of the joints with a tracking error."""
+        return tuple(self._robot.coordinate_names[k] for k in self.tracked)
+
+    def check_motion(self, motion: Motion | None) -> None:
+        """Raise InputError unless a motion is of the joints that follow."""
+        if motion is None:
+            return
+        if not self.constrained and motion.joint_names != self._robot.joint_names:
+            raise InputError(f'motion: joints {list(motion.joint_names)}; '
+                             f'expected {list(self._robot.joint_names)}')
+        self.columns(motion)
+
+    def columns(self, motion: Motion) -> list[int]:
+        """Return the columns of a motion of the joints that follow."""
+        return motion_columns(self._robot, self.followed, motion.joint_names)
+
+    def start(self, motion: Motion | None, t0: float) -> tuple[list[float], list[float]]:
+        """Return the usual initial q, (n_q,), and u, (n,)."""
+        robot = self._robot
+        if motion is not None and not self.constrained:
+            q, u, _ = motion.sample(t0)
+            return q.tolist(), u.tolist()
+        guess = robot.configuration if self.constrained else None
+        q, u = np.array(neutral(robot.model) if guess is None else guess), np.zeros(robot.n)
+        if motion is not None:
+            wanted = [x[None, self.columns(motion)] for x in motion.sample(t0)]
+            q[list(self.followed)] = wanted[0][0]
+            if robot.constraint_names:
+                driven = mechanism_motion(robot, self.followed_names, np.array([t0]), *wanted)
+                q, u = driven.q[0], driven.u[0]
+        return q.tolist(), u.tolist()
+
+    def closed(self, q0: Array, t0: float) -> tuple[Array, list[str | None]]:
+        """
+        Return closed configurations near q0, (N, n_q), and why there is none.
+
+        Rows without one are NaN. The joints whose rates are independent speeds keep their values.
+        """
+        robot = self._robot
+        found = np.array([on_unit_quaternions(robot.model, q) for q in q0])
+        errors: list[str | None] = [None] * len(found)
+        if not robot.constraint_names:
+            return found, errors
+        fixed = [name for name in robot.speed_names if name in robot.coordinate_names]
+        rows, places = np.unique(found, axis=0, return_inverse=True)
+        places = places.ravel()
+        for k, row in enumerate(rows):
+            own = np.flatnonzero(places == k)
+            try:
+                found[own] = robot.closed_posture(row, t=t0, fixed=fixed)
+            except ConstraintError as error:
+                found[own] = np.nan
+                for i in own.tolist():
+                    errors[i] = f'q0: {error}'
+        return found, errors
+
+
+def robot_digest(robot: Robot) -> str:
+    """Return a hash of the equations of a robot, its gravity and its limits."""
+    key = robot.kernels.key
+    if key is None:  # functions of the user: what they compute
+        key = module_text(robot.kernels.program('forward_dynamics'), 'robot')
+    limits = robot.limits
+    numbers = [robot.parameters.gravity, limits.lower, limits.upper, limits.velocity,
+               limits.effort]
+    text = key + repr([x.tolist() for x in map(np.asarray, numbers)])
+    return hashlib.sha256(text.encode()).hexdigest()
