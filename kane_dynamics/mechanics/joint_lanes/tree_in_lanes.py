@@ -1,4 +1,4 @@
-"""Quantities of large trees, computed for several joints at once in lanes."""
+"""Quantities of trees, computed for several joints at once in lanes."""
 
 from collections.abc import Callable
 from typing import Any
