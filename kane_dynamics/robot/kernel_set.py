@@ -20,9 +20,10 @@ from kane_dynamics.robot.derivative_kernels import (block_of, Derivative, shapes
                                                     SlopesOfDynamics)
 from kane_dynamics.robot.quantities import (CONSTRAINED, FRAME_QUANTITIES, JOINT_REACTION,
                                             QUANTITIES, Quantity, Sizes, UNWATCHED)
+from kane_dynamics.robot.single_state import in_lanes, shorter
 import numpy as np
 
-LARGE = 24  # more coordinates: matrices of one state in lanes, inverses by a subroutine in batches
+LARGE = 24  # more coordinates: inverses by a subroutine in batches
 LONG = 16  # more coordinates: derivatives of forward dynamics are NumPy products
 OUTLINED = 40  # more coordinates: quantities of SHARING are traced with subroutines
 SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
@@ -198,18 +199,6 @@ class KernelSet:
                 return partial(getattr(equations, name), share=Subroutines())
         return getattr(equations, name)  # type: ignore[no-any-return]
 
-    def _in_lanes(self, name: str) -> Callable[..., Any] | None:
-        """Return the function of a quantity that computes several joints at once, or None."""
-        equations = self.equations
-        if not isinstance(equations, TreeEquations) or equations.n <= LARGE:
-            return None
-        # Only large robots need these.
-        from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
-        from kane_dynamics.native.tracing.wide import WideLanes
-        if not TreeInLanes.suits(equations):
-            return None
-        return getattr(TreeInLanes(equations, lambda q: WideLanes(q.trace)), name, None)
-
     def _body(self, joint: str) -> int:
         names = [body.joint.name for body in self.equations.model.bodies]
         if joint not in names:
@@ -269,8 +258,19 @@ class KernelSet:
         """
         Trace a quantity or a derivative of it; arguments as `kernel`.
 
-        `single` selects the program of single states on this processor, which may use lanes.
+        `single` selects the program of single states on this processor, which uses lanes where
+        they save instructions.
         """
+        method = self._method(name, at)
+        wide = in_lanes(self.equations, name) if single and derivative is None else None
+        if wide is None:
+            return self._traced(method, name, at, derivative)
+        return shorter(self.equations.n, self._traced(wide, name, at),
+                       lambda: self._traced(method, name, at))
+
+    def _traced(self, method: Callable[..., Any], name: str, at: str,
+                derivative: Derivative | None = None) -> Program:
+        """Return the program of a function of the equations; other arguments as `kernel`."""
         def function(*inputs: Any) -> Any:
             given = dict(zip(names, inputs))
             values = [given[argument] for argument in quantity.arguments]
@@ -287,9 +287,7 @@ class KernelSet:
                 return result
             return guarded(result, equations.margin(given['q'], time.get('t', 0.0), limits))
         equations: Any = self.equations
-        quantity, method = self._quantity(name), self._method(name, at)
-        if single and derivative is None:
-            method = self._in_lanes(name) or method
+        quantity = self._quantity(name)
         inputs = self._inputs(self.signature(name, at, derivative)[0])
         names = [key for key, _ in inputs]
         return trace_program(name, function, inputs)

@@ -42,6 +42,12 @@ class Lanes:
         return Lanes.pack([Lanes.lane(a if chosen else b, k) for k, chosen in enumerate(mask)])
 
     @staticmethod
+    def gathered(rows: Sequence[Any], places: Sequence[tuple[int, int] | None]) -> Any:
+        """Return a row of values of rows, each from its (row, lane), or 0."""
+        return Lanes.pack([0.0 if place is None else Lanes.lane(rows[place[0]], place[1])
+                           for place in places])
+
+    @staticmethod
     def transposed(rows: Sequence[Any]) -> list[Any]:
         """Return the columns of at most `LANES` rows, as rows."""
         return [Lanes.pack([Lanes.lane(row, k) for row in rows]) for k in range(LANES)]

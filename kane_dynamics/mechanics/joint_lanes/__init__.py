@@ -1,1 +1,1 @@
-"""Quantities of large trees, computed for the joints in lanes."""
+"""Quantities of trees, computed for the joints in lanes."""

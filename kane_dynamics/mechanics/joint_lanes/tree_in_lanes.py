@@ -1,9 +1,10 @@
-"""Quantities of large trees, computed for several joints at once in lanes."""
+"""Quantities of trees, computed for several joints at once in lanes."""
 
 from collections.abc import Callable
 from typing import Any
 
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
+from kane_dynamics.mechanics.algebra.ltdl import solve
 from kane_dynamics.mechanics.joint_lanes.derivatives import inverse_dynamics_derivatives
 from kane_dynamics.mechanics.joint_lanes.inverse import inverse_mass_matrix
 from kane_dynamics.mechanics.joint_lanes.regressor import regressor
@@ -49,13 +50,28 @@ class TreeInLanes:
 
     def inverse_dynamics_derivatives(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
         """Return dtau/dq, dtau/du and M, (3, n, n)."""
+        rows = self._derivative_rows(q, u, udot, parameters)
+        return np.array([self._matrix(matrix, q) for matrix in rows])
+
+    def forward_dynamics_derivatives(self, q: Any, u: Any, tau: Any, parameters: Any) -> Any:
+        """Return dudot/dq, dudot/du and dudot/dtau = M^-1, (3, n, n), no external wrenches."""
+        equations = self.equations
+        udot = equations.forward_dynamics(q, u, tau, None, parameters)
+        by_q, by_u, _ = self._derivative_rows(q, u, udot, parameters)
+        L, reciprocal = equations.factors(q, parameters)
+        negated = L, [-x for x in reciprocal]  # factors of -M
+        return np.array([*(self._matrix(solve(negated, equations.order, rows), q)
+                           for rows in (by_q, by_u)), self.inverse_mass_matrix(q, parameters)])
+
+    def _derivative_rows(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
+        """Return rows of dtau/dq, dtau/du and M, with springs, friction and armature."""
         lanes, links = self._lanes(q[0]), self.equations.base_links(parameters)
         rows = inverse_dynamics_derivatives(links, q, u, udot, parameters[:3], lanes)
         for m, diagonal in enumerate(self.equations.joint_slopes(u)):
             for r, slope in enumerate(diagonal):
                 block = [slope if k == r % LANES else 0.0 for k in range(LANES)]
                 rows[m, r, r // LANES] = rows[m, r, r // LANES] + lanes.pack(block)
-        return np.array([self._matrix(matrix, q) for matrix in rows])
+        return rows
 
     def regressor(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
         """Return the joint torque regressor, (n, 10 n_bodies)."""

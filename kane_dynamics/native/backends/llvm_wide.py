@@ -39,6 +39,7 @@ class Rows:
         self._tiles: dict[int, list[str]] = {}
         self._runs: dict[int, list[tuple[int, int, int]]] = {}
         self.stored: set[int] = set()
+        self._kept: set[int] = set()  # rows in memory
         for place, row, first, count in _runs(outputs):
             self._runs.setdefault(row.index, []).append((place, first, count))
             self.stored.update(range(place, place + count))
@@ -65,6 +66,8 @@ class Rows:
         if node.op == 'blend':
             mask = ', '.join(f'i1 {int(chosen)}' for chosen in args[2])
             return v.new(f'select <{LANES} x i1> <{mask}>, {TYPE} {rows[0]}, {TYPE} {rows[1]}')
+        if node.op == 'gather':
+            return v.shuffle(rows[0], 'zeroinitializer', list(args[1]))
         if node.op == 'wide_neg':
             return v.new(f'fneg {TYPE} {rows[0]}')
         return v.new(f'{ARITHMETIC[node.op]} contract {TYPE} {rows[0]}, {rows[1]}')
@@ -73,10 +76,8 @@ class Rows:
         """Return a row of scalars."""
         first = entries[0]
         if all(x is first for x in entries) and isinstance(first, Expr):
-            if first.op == 'lane':
-                row = self.names[first.args[0].index]
-                return v.shuffle(row, 'poison', [first.args[1]] * LANES)
-            one = v.new(f'insertelement {TYPE} poison, double {self.names[first.index]}, i32 0')
+            one = self._loaded(v, *first.args) if first.op == 'lane' else self.names[first.index]
+            one = v.new(f'insertelement {TYPE} poison, double {one}, i32 0')
             return v.shuffle(one, 'poison', [0] * LANES)
         row = '<' + ', '.join('double ' + ('0x0' if isinstance(x, Expr) else literal(x))
                               for x in entries) + '>'
@@ -84,6 +85,16 @@ class Rows:
             if isinstance(x, Expr):
                 row = v.new(f'insertelement {TYPE} {row}, double {self.names[x.index]}, i32 {k}')
         return row
+
+    def _loaded(self, v: Vector, row: Expr, k: int) -> str:
+        """Return a lane from memory: loads broadcast without shuffles."""
+        place = f'%kept{row.index}'
+        if row.index not in self._kept:
+            self._kept.add(row.index)
+            self.lines += [f'  {place} = alloca {TYPE}, align {8 * LANES}',
+                           f'  store {TYPE} {self.names[row.index]}, ptr {place}']
+        at = v.new(f'getelementptr double, ptr {place}, i64 {k}')
+        return v.new(f'load double, ptr {at}')
 
     def _store(self, node: Expr, name: str) -> None:
         """Store the results that are consecutive values of a row, now that they are computed."""

@@ -14,7 +14,7 @@ Shape = tuple[int, ...]
 STRUCTURE = ('input', 'output', 'call')  # nodes that are not operations
 ROWS = {'wide_mul': 'multiplications', 'wide_add': 'additions', 'wide_sub': 'additions',
         'wide_neg': 'negations'}  # operations on the rows of `wide`
-PLACING = ('pack', 'lane', 'blend', 'transposed', 'column')  # of scalars in rows
+PLACING = ('pack', 'lane', 'blend', 'gather', 'transposed', 'column')  # of scalars in rows
 KEPT = frozenset([*STRUCTURE, *ROWS, *PLACING])  # nodes without folding
 OPERATORS: dict[str, Any] = {'add': operator.add, 'sub': operator.sub, 'mul': operator.mul,
                              'div': operator.truediv, 'neg': operator.neg}
@@ -98,6 +98,28 @@ class Program:
             elif node.op not in (*STRUCTURE, *PLACING):
                 counts[kind.get(node.op, 'functions')] += 1
         return OperationCount(**counts) + inner
+
+    def instruction_count(self, width: int) -> int:
+        """
+        Return about how many instructions one call of the machine code takes.
+
+        `width` is the number of doubles in a SIMD register. Moves to and from memory and fused
+        operations, which are about as frequent in all programs, do not count.
+        """
+        registers = LANES // width
+        total = 0
+        for node in self.schedule():
+            if node.op == 'call':
+                total += node.args[0].instruction_count(width)
+            elif node.op in ROWS or node.op in ('gather', 'blend'):
+                total += registers
+            elif node.op == 'transposed':
+                total += 3 * LANES * registers
+            elif node.op == 'pack':
+                total += len(set(operands(node)))
+            elif node.op not in (*STRUCTURE, *PLACING):
+                total += 1
+        return total
 
 
 def trace_program(name: str, function: Callable[..., Any],

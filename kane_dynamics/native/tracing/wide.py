@@ -45,6 +45,16 @@ class WideLanes:
         return Wide(self.trace.node('blend', row_of(self.trace, a), row_of(self.trace, b),
                                     tuple(mask)))
 
+    def gathered(self, rows: Sequence[Any], places: Sequence[tuple[int, int] | None]) -> Any:
+        """Return a row of values of rows, each from its (row, lane), or 0."""
+        result: Any = 0.0
+        for source in sorted({place[0] for place in places if place is not None}):
+            chosen = tuple(LANES if place is None or place[0] != source else place[1]
+                           for place in places)
+            result = result + Wide(self.trace.node('gather', row_of(self.trace, rows[source]),
+                                                   chosen))
+        return result
+
     def transposed(self, rows: Sequence[Any]) -> list[Any]:
         """Return the columns of at most `LANES` rows, as rows."""
         rows = [*rows, *[0.0] * (LANES - len(rows))]

@@ -37,6 +37,11 @@ CASES = {
     'blend': lambda x, lanes, a, b: entries(
         lanes, lanes.blend([k % 3 == 0 for k in range(LANES)], a * b, 0.0),
         lanes.blend([True] * LANES, a, b), lanes.blend([False] * LANES, a, b)),
+    'gathered': lambda x, lanes, a, b: entries(
+        lanes, lanes.gathered([a, b], [(0, 3), None, (1, 7), (1, 0), (0, 0), None, (0, 3),
+                                       (1, 2)]),
+        lanes.gathered([a * b, x[2]], [(0, 7)] * LANES), lanes.gathered([a, b], [None] * LANES),
+        lanes.gathered([x[2], b], [(0, 1), None, *[(1, 4)] * 6])),
     'transposed': lambda x, lanes, a, b: entries(
         lanes, *lanes.transposed([a, b, a + b, 0.0, x[5]])),
     'parts of rows': lambda x, lanes, a, b: np.array([
