@@ -10,27 +10,31 @@ length h. Every limit in an interval is, with x at its start,
 A pass from the end to the start of the path computes the controllable sets, intervals of x from
 which the end can be reached within all limits: the least and the largest x of a linear program in
 (x, v). A pass from the start to the end then chooses the largest v that leads into the next set
-(Pham and Pham, TOPP-RA, IEEE Trans. Robotics 34 (2018)). Each pass is a traced program of one
-interval, repeated natively.
+(Pham and Pham, TOPP-RA, IEEE Trans. Robotics 34 (2018)).
 
-The linear program has two unknowns. For fixed x the limits bound v from both sides, and the
-difference of the least upper and the largest lower bound is a concave, piecewise linear function
-of x, whose roots are the ends of the set. Newton's method from outside finds them in finitely many
-steps, two or three in practice.
+The linear program has two unknowns. For fixed x the limits bound v from both sides, by lines over
+x. What the limits alone allow is computed for all intervals at once, in SIMD lanes: the difference
+of the least upper and the largest lower line is a concave, piecewise linear function of x, whose
+roots are the ends of the allowed x. Newton's method from outside finds them in finitely many
+steps, two or three in practice. The set at the end of the interval excludes more x, in closed form
+for each line. So a pass is a short traced program of one interval, repeated natively.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, partial
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loop_support import repeat
-from kane_dynamics.native.tracing.program import Program, trace_program
+from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 import numpy as np
 
+Input = tuple[str, Shape]
 NEWTON_STEPS = (4, 20)  # of one linear program; the second number where the first is too small
 # Ratios of the coefficients of v and x below which a limit is stiff, and v = 0 must satisfy it.
 STIFF, STIFFEST = 4.0, 0.5
@@ -38,6 +42,7 @@ TINY = 1e-300
 SMALLEST = 1e-13  # replaces a coefficient of v that is smaller, relative to those of its row
 EMPTY = 1e200  # error of an empty set
 ROUNDING = 1e-9  # relative excess of a limit that is rounding
+RANGE, GROUPS = 3, 5  # numbers of a set; numbers of a limit, and of what it allows
 
 Line = tuple[Any, Any]  # value at x = 0, and slope
 
@@ -106,9 +111,9 @@ def _steady(rows: Any, most: Any) -> Any:
     return most
 
 
-def _bounds(following: Any, limits: Sequence[Any]) -> tuple[list[Line], list[Line]]:
+def _bounds(limits: Sequence[Any]) -> tuple[list[Line], list[Line]]:
     """Return the upper and lower bounds of v as lines over x."""
-    upper, lower = [(following[1], -1.0)], [(following[0], -1.0)]
+    upper, lower = [], []
     for alpha, beta, gamma, width, slope in limits:
         size, tiny = _absolute(alpha), SMALLEST * _absolute(beta) + 1e-100
         reciprocal = 1.0 / select(size < tiny, tiny, size)
@@ -153,62 +158,114 @@ def _root(lines: tuple[list[Line], list[Line]], x: Any, sign: float,
     return x, _absolute(error)
 
 
-def controllable(steps: int, following: Any, rows: Any, after: Any, *rest: Any) -> Any:
+def allowed(steps: int, rows: Any, after: Any, *rest: Any) -> Any:
     """
-    Return the set of x at the start of an interval, for the set at its end.
+    Return what the limits in an interval allow, whatever the set at its end is.
 
-    Sets are rows (least x, largest x, error of both). `rest` is the limits in the middle, if
-    there are any, and the largest x at the start.
+    It is the least and the largest x for which some v satisfies the limits, with their error, and
+    the bounds of the x at the end, x + v, as lines over x: the upper ones at x = 0, their slopes
+    and reciprocal slopes, the lower ones at x = 0 and their reciprocal slopes. `rest` is the
+    limits in the middle, if there are any, the largest x at the start, and nothing, which all
+    lanes share.
     """
-    *middles, most = rest
-    lines = _bounds(following, [*_in_interval(rows, after), *(
+    *middles, most, _ = rest
+    lines = _bounds([*_in_interval(rows, after), *(
         limit for each in middles for limit in each.T)])
     high, error = _root(lines, _steady(rows, most[()]), 1.0, steps)
     # The least x is 0, unless a limit excludes slow motion.
     low, low_error = _root(lines, 0.0 * most[()], -1.0, 1 if steps == NEWTON_STEPS[0] else steps)
-    return np.array([low, high, select(low_error < error, error, low_error)])
+    upper, lower = ([(at, 1.0 + slope) for at, slope in part] for part in lines)
+    return np.array([
+        low, high, select(low_error < error, error, low_error), *(at for at, _ in upper),
+        *(slope for _, slope in upper), *(_reciprocal(slope) for _, slope in upper),
+        *(at for at, _ in lower), *(_reciprocal(slope) for _, slope in lower)])
 
 
-def reached(x: Any, following: Any, rows: Any, after: Any, *middles: Any) -> Any:
+def _reciprocal(x: Any) -> Any:
+    return 1.0 / select(_absolute(x) < TINY, TINY, x)
+
+
+def _groups(row: Any) -> list[Any]:
+    """Return the groups of numbers of the lines in an interval."""
+    ends = range(RANGE, len(row) + 1, (len(row) - RANGE) // GROUPS)
+    return [row[begin:end] for begin, end in pairwise(ends)]
+
+
+def controllable(following: Any, row: Any) -> Any:
+    """
+    Return the set of x at the start of an interval, for the set at its end.
+
+    Sets are rows (least x, largest x, error of both). `row` is what the limits allow: no lower
+    bound of the x at the end may exceed the largest x there, and no upper one be below the least.
+    """
+    upper, _, upper_rates, lower, lower_rates = _groups(row)
+    lows, highs = [row[0]], [row[1]]
+    for lines, rates, end, rising, falling in ((upper, upper_rates, following[0], lows, highs),
+                                               (lower, lower_rates, following[1], highs, lows)):
+        for at, rate in zip(lines, rates):
+            x, up = (end - at) * rate, rate > 0.0
+            rising.append(select(up, x, rising[0]))
+            falling.append(select(up, falling[0], x))
+    low, high = (_extreme([(x, 0.0) for x in part], sign)[0] for part, sign in (
+        (lows, -1.0), (highs, 1.0)))
+    return np.array([low, high, row[2]])
+
+
+def reached(x: Any, following: Any, row: Any) -> Any:
     """Return the largest x at the end of an interval, in the set there, for x at its start."""
-    upper, _ = _bounds(following, [*_in_interval(rows, after), *(
-        limit for each in middles for limit in each.T)])
-    end = x[()] + _extreme([(at + slope * x[()], slope) for at, slope in upper], 1.0)[0]
+    upper, slopes = _groups(row)[:2]
+    end = _extreme([(following[1], 0.0), *(
+        (at + slope * x[()], 0.0) for at, slope in zip(upper, slopes))], 1.0)[0]
     return select(end < following[0], following[0], end)
 
 
-def end_limit(limits: Limits) -> float:
-    """Return the largest x at the end of the path."""
-    return float(_steady(limits.rows[-1], limits.most[-1]))
+def _kernel(name: str, function: Callable[..., Any], inputs: Sequence[Input], shape: Shape,
+            steps: int = 0) -> Kernel:
+    """Return a kernel of one interval."""
+    def program() -> Program:
+        return trace_program(name, function, inputs)
+    return Kernel(name, program, f'{name} {inputs} {steps}', [
+        Argument(*each) for each in inputs[:-1]], np.zeros(inputs[-1][1]), shape)
 
 
 @cache
-def _kernel(name: str, m: int, middles: int, steps: int) -> Kernel:
-    """Return the kernel of one interval of a pass, for m limits at vertices and some within."""
-    back = name == 'controllable'
-    inputs: list[tuple[str, tuple[int, ...]]] = [
-        ('following', (3,)), ('rows', (5, m)), ('after', (5, m))]
-    inputs += [('middles', (5, middles))] if middles else []
-    inputs = [*inputs, ('most', ())] if back else [('x', ()), *inputs]
-    function = partial(controllable, steps) if back else reached
+def _allowed_kernel(m: int, middles: int, steps: int) -> Kernel:
+    """Return the kernel of `allowed`, for m limits at vertices and some within an interval."""
+    within = [('middles', (GROUPS, middles))] if middles else []
+    return _kernel('allowed', partial(allowed, steps), [
+        ('rows', (GROUPS, m)), ('after', (GROUPS, m)), *within, ('most', ()),
+        ('shared', (0,))],
+        (RANGE + GROUPS * (2 * m + middles),), steps)
 
-    def program() -> Program:
-        return trace_program(name, function, inputs)
-    return Kernel(name, program, f'{name} {m} {middles} {steps}', [
-        Argument(*each) for each in inputs[:-1]], np.zeros(inputs[-1][1]), (3,) if back else ())
+
+@cache
+def _steady_kernel(m: int) -> Kernel:
+    return _kernel('steady', lambda rows, most: _steady(rows, most[()]), [
+        ('rows', (GROUPS, m)), ('most', ())], ())
+
+
+@cache
+def _pass_kernels(width: int) -> tuple[Kernel, Kernel]:
+    """Return the kernels of both passes, for rows of `allowed` of some width."""
+    inputs: list[Input] = [('following', (RANGE,)), ('row', (width,))]
+    return (_kernel('controllable', controllable, inputs, (RANGE,)),
+            _kernel('reached', reached, [('x', ()), *inputs], ()))
 
 
 def compile_passes(m: int) -> None:
     """Compile the passes for m limits at each vertex, so that no request waits for them."""
-    _kernel('controllable', m, 0, NEWTON_STEPS[0])
-    _kernel('reached', m, 0, 0)
+    kernel = _allowed_kernel(m, 0, NEWTON_STEPS[0])
+    kernel.compile_lanes()
+    _steady_kernel(m)
+    _pass_kernels(*kernel.shape)
 
 
-def _run(kernel: Kernel, rows: Sequence[Array], count: int, backward: bool) -> None:
-    """Repeat a kernel along arrays with one row per step; `rows` begin at the first step."""
-    addresses = [row.ctypes.data for row in rows]
-    strides = [-row.strides[0] if backward else row.strides[0] for row in rows]
-    repeat(kernel.address, addresses, strides, count)
+def end_limit(limits: Limits) -> float:
+    """Return the largest x at the end of the path."""
+    result = np.empty(1)
+    repeat(_steady_kernel(limits.rows.shape[2]).address, [
+        limits.rows[-1:].ctypes.data, limits.most[-1:].ctypes.data, result.ctypes.data], [0] * 3, 1)
+    return float(result[0])
 
 
 class Infeasible(Exception):  # noqa: N818 - raised only inside this package
@@ -221,7 +278,9 @@ class Infeasible(Exception):  # noqa: N818 - raised only inside this package
 
 def controllable_sets(limits: Limits, last: tuple[float, float]) -> Array:
     """
-    Return the controllable sets of all vertices, (N + 1, 3): least and largest x, and its error.
+    Return the controllable sets of all vertices: least and largest x, and its error.
+
+    The rows, (N + 1, w), continue with the bounds of the x at the next vertex.
 
     Parameters
     ----------
@@ -238,27 +297,33 @@ def controllable_sets(limits: Limits, last: tuple[float, float]) -> Array:
     """
     rows, middles, most = limits
     count = len(rows) - 1
-    within = [middles[-1:]] if middles.size else []
     for steps in NEWTON_STEPS:
-        sets = np.zeros((count + 1, 3))
-        sets[-1] = *last, 0.0
-        _run(_kernel('controllable', rows.shape[2], middles.shape[2], steps),
-             [sets[-1:], rows[-2:], rows[-1:], *within, most[-2:], sets[-2:]], count, True)
-        slack = ROUNDING * sets[:, 1]
-        bad = np.flatnonzero(~((sets[:, 2] <= slack) & (sets[:, 0] <= sets[:, 1] + slack)))
+        kernel = _allowed_kernel(rows.shape[2], middles.shape[2], steps)
+        sets = np.empty((count + 1, *kernel.shape))
+        place = [Strided(each.ctypes.data, each.strides[0]) for each in (
+            rows, rows[1:], *([middles] if middles.size else []), most, sets)]
+        run_batch(kernel.lane_address, [*place[:-1], place[-1], place[-1]], count)
+        sets[-1, :RANGE] = *last, 0.0
+        stride = sets.strides[0]
+        before = sets.ctypes.data + (count - 1) * stride
+        repeat(_pass_kernels(*kernel.shape)[0].address, [before + stride, before, before],
+               [-stride] * 3, count)
+        low, high, error = sets[:, :RANGE].T.copy()
+        slack = ROUNDING * high
+        bad = np.flatnonzero(~((error <= slack) & (low <= high + slack)))
         if not bad.size:
             return sets
-        if not sets[bad[-1], 2] < EMPTY:
+        if not slack[bad[-1]] < error[bad[-1]] < EMPTY:
             break
     raise Infeasible(int(bad[-1]))
 
 
-def fastest_profile(limits: Limits, sets: Array, first: float) -> Array:
-    """Return the largest profile x, (N + 1,), from x = `first` at the start."""
-    rows, middles, _ = limits
-    count = len(rows) - 1
-    x = np.zeros(count + 1)
+def fastest_profile(sets: Array, first: float) -> Array:
+    """Return the largest profile x, (N + 1,), in controllable sets, from x = `first`."""
+    count, width = len(sets) - 1, sets.shape[1]
+    x = np.empty(count + 1)
     x[0] = first
-    _run(_kernel('reached', rows.shape[2], middles.shape[2], 0),
-         [x, sets[1:], rows, rows[1:], *([middles] if middles.size else []), x[1:]], count, False)
+    at, begin, stride = x.ctypes.data, sets.ctypes.data, sets.strides[0]
+    repeat(_pass_kernels(width)[1].address, [at, begin + stride, begin, at + 8], [8, stride, stride, 8],
+           count)
     return x

@@ -206,7 +206,7 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
                           f'{scale * math.sqrt(abs(sets[0, 0])):.6g} to '
                           f'{scale * math.sqrt(sets[0, 1]):.6g}, from which the path can be '
                           'followed')
-        new = np.maximum(fastest_profile(limited, sets, first), SMALLEST * limits.size)
+        new = np.maximum(fastest_profile(sets, first), SMALLEST * limits.size)
         for k, given in zip((0, -1), ends):
             new[k] = new[k] if given is None else given
         done = limits.linear or (x is not None and abs(
@@ -257,7 +257,7 @@ def _largest_end(limits: PathLimits, limited: Limits, start: float) -> float:
     first = start**2 / float(limits.first[0] @ limits.first[0]) if start else sets[0, 1]
     if not sets[0, 0] <= first <= sets[0, 1]:
         return math.inf
-    x = fastest_profile(limited, sets, float(first))[-1]
+    x = fastest_profile(sets, float(first))[-1]
     return math.sqrt(x) * float(np.linalg.norm(limits.first[-1]))
 
 

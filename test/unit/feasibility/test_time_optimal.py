@@ -130,7 +130,7 @@ def test_controllable_sets_are_those_of_linear_programs():
         assert sets[0, :2] == pytest.approx([end.x[0] for end in ends], rel=1e-6, abs=1e-6)
         x = float(sets[0, :2].mean())
         v = linprog([-1.0], A[:, 1:], b - A[:, 0] * x, bounds=[(None, None)], method='highs').x[0]
-        assert reachability.fastest_profile(limits, sets, x)[1] == pytest.approx(
+        assert reachability.fastest_profile(sets, x)[1] == pytest.approx(
             x + v, rel=1e-6, abs=1e-9)
 
 
