@@ -12,8 +12,10 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np
+from numpy.typing import NDArray
 
 SMALLEST = 1e-300  # limit
+STEPS = 4  # places of one state of a batch
 QUANTITIES = ('effort', 'velocity', 'power', 'acceleration')
 
 
@@ -56,9 +58,9 @@ def _quintic(begin: Sequence[Any], end: Sequence[Any], h: Any, x: Any) -> tuple[
 
 
 def segment_peaks(robot: Robot, limits: dict[str, Array], points: ControllerPoints,
-                  segments: Segments | None, x: Array) -> tuple[Array, Array]:
+                  segments: Segments, places: NDArray[np.intp]) -> Array:
     """
-    Return the largest shares of limits in segments and their ranges, (S, len(limits) n).
+    Return the largest shares of limits in segments, (S, len(limits) n).
 
     Parameters
     ----------
@@ -68,29 +70,69 @@ def segment_peaks(robot: Robot, limits: dict[str, Array], points: ControllerPoin
         Limits of some of `QUANTITIES`; a limit of 0 belongs to a joint that does not move.
     points : ControllerPoints
         The points between which the segments are.
-    segments : (S,) array of int, optional
-        Numbers of the segments; default: all.
-    x : (m,) array
-        Places in every segment at which the shares are computed.
+    segments : (S,) array of int
+        Numbers of the segments.
+    places : (S,) array of int
+        Least numbers of places in each segment at which the shares are computed, at least 2.
+
+    """
+    # Every state of the batch takes a few places of one segment.
+    states = -(-places // STEPS)
+    begins = np.cumsum(states) - states
+    own = np.repeat(np.arange(len(segments)), states)
+    number = STEPS * (np.arange(len(own)) - begins[own])
+    x = (number[:, None] + np.arange(STEPS)) / (STEPS * states[own, None] - 1.0)
+    begin = segments[own]
+    ends = [each[k] for k in (begin, begin + 1) for each in points[1:]]
+    low, high, _ = _extremes(robot, limits, [*ends, np.diff(points.t)[begin]], x)
+    return np.asarray(np.maximum.reduceat(np.maximum(high, -low), begins))
+
+
+def coarse_peaks(robot: Robot, limits: dict[str, Array], points: ControllerPoints
+                 ) -> tuple[Array, Array]:
+    """
+    Return the largest shares at the points and the middles of all segments, with their ranges.
+
+    Both are (K - 1, len(limits) n); the end of the last segment is left out. The arguments are
+    those of `segment_peaks`.
+    """
+    rows = [np.ascontiguousarray(each) for each in points[1:]]
+    low, high, start = _extremes(
+        robot, limits, [*rows, *(each[1:] for each in rows), np.diff(points.t)],
+        np.broadcast_to([0.5, 0.0], (len(points.t) - 1, 2)))
+    # The end of a segment is the start of the next one.
+    np.minimum(low[:-1], start[1:], out=low[:-1])
+    np.maximum(high[:-1], start[1:], out=high[:-1])
+    return np.maximum(high, -low), high - low
+
+
+def _extremes(robot: Robot, limits: dict[str, Array], ends: Sequence[Array], x: Array
+              ) -> tuple[Array, Array, Array]:
+    """
+    Return the least, the largest and the last shares of limits in segments.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot in joint rates.
+    limits : dict of (n,) arrays
+        Limits of some of `QUANTITIES`.
+    ends : seven arrays
+        Positions, velocities and accelerations at both ends of segments, and their durations.
+    x : (S, m) array
+        Places in each segment.
 
     """
     kernel = peaks_kernel(robot, list(limits))
     factors = 1.0 / np.maximum(list(limits.values()), SMALLEST)
-    rows = [np.ascontiguousarray(each) for each in points[1:]]
-    h = np.diff(points.t)
-    if segments is None:
-        ends = [*rows, *(each[1:] for each in rows), h]
-    else:
-        ends = [each[k] for k in (segments, segments + 1) for each in rows] + [h[segments]]
     count = len(ends[-1])
-    low = np.empty((count, factors.size))
-    high, result = np.empty_like(low), np.empty_like(low)
-    low[...], high[...] = np.inf, -np.inf
+    low = np.full((count, factors.size), np.inf)
+    high, last = np.full_like(low, -np.inf), np.empty_like(low)
     parameters = kernel.parameters.copy()
     table = [*(Strided(each.ctypes.data, each.strides[0]) for each in ends),
-             Strided(x.ctypes.data, 0, x.strides[0]), Strided(factors.ctypes.data),
-             Strided(parameters.ctypes.data), Strided(result.ctypes.data, result.strides[0])]
-    if run_batch(kernel.lane_address, table, count, steps=len(x), extremes=(low, high)):
+             Strided(x.ctypes.data, *x.strides), Strided(factors.ctypes.data),
+             Strided(parameters.ctypes.data), Strided(last.ctypes.data, last.strides[0])]
+    if run_batch(kernel.lane_address, table, count, steps=x.shape[1], extremes=(low, high)):
         raise InputError('path: the torques along it are not finite; expected a path with '
                          'finite torques')
-    return np.maximum(high, -low), high - low
+    return low, high, last

@@ -14,7 +14,7 @@ from kane_dynamics._util.checks import instance, integer, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.path_geometry import path_of, Section, sections
-from kane_dynamics.feasibility.path_limits import Bounds, MARGIN, PathLimits
+from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
 from kane_dynamics.feasibility.path_timing import Checked, checked, duration, joined, timed
 from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit, fastest_profile,
                                                     Infeasible, Limits)
@@ -172,7 +172,7 @@ def _solve(robot: Robot, section: Section, bounds: Bounds, start: float, end: fl
         if (worst <= 1.0).all():
             return found, first
         worst[:, 1:-1] = np.maximum(worst[:, 1:-1], np.maximum(worst[:, :-2], worst[:, 2:]))
-        limits.tight /= np.where(worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
+        limits.tighten(worst)
     if found.largest.max() <= 1.0 + most:
         return found, first
     limit, k, j = np.unravel_index(int(found.largest.argmax()), found.largest.shape)
@@ -264,9 +264,15 @@ def _largest_end(limits: PathLimits, limited: Limits, start: float) -> float:
 def _result(robot: Robot, bounds: Bounds, parts: Sequence[Checked]) -> TimeOptimal:
     """Return the motion along all sections."""
     points, coefficients = joined([part.points for part in parts])
-    tau = robot.inverse_dynamics(*points[1:])
-    uses = {name: share(np.abs(values), bound) for name, values, bound in zip(
-        Bounds._fields, (tau, points.u, tau * points.u, points.udot), bounds)
-        if np.isfinite(bound).any()}
+    kernel = robot.kernels.quantity('inverse_dynamics')
+    kernel = kernel.with_parameters(kernel.parameters.copy())  # of now: payload, gravity
+
+    def torques() -> Array:
+        return np.asarray(kernel(*points[1:]))
+
+    def uses(tau: Array) -> dict[str, Array]:
+        return {name: share(np.abs(values), bound) for name, values, bound in zip(
+            Bounds._fields, (tau, points.u, tau * points.u, points.udot), bounds)
+            if np.isfinite(bound).any()}
     motion = Motion(robot.joint_names, point_times(points.t), points.q, coefficients)
-    return TimeOptimal(motion, points, tau, uses, robot, bounds.power)
+    return TimeOptimal(motion, points, torques, uses, robot, bounds.power)

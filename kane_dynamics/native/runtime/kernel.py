@@ -200,10 +200,11 @@ class Kernel:
 
         Parameters
         ----------
-        arrays : sequence of C-contiguous float64 arrays
-            The arguments, each of one state, which all share, or of `count` states.
-        result : C-contiguous float64 array
-            Of `count` results.
+        arrays : sequence of float64 arrays
+            The arguments, each of one state, which all share, or of `count` states. Each state is
+            C-contiguous.
+        result : float64 array
+            Of `count` results, each C-contiguous.
         count : int
             At least 1.
 
@@ -217,7 +218,7 @@ class Kernel:
         rows = [Strided(array.ctypes.data, array.strides[0] if array.ndim > len(a.shape) else 0)
                 for array, a in zip(arrays, self.arguments)]
         rows += [Strided(parameters.ctypes.data),
-                 Strided(result.ctypes.data, 8 * size_of(self.shape))]
+                 Strided(result.ctypes.data, result.strides[0])]
         return run_batch(self.lane_address, rows, count)
 
     def _check(self, result: Array, arrays: Sequence[Array], count: int | None) -> None:

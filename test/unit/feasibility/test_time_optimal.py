@@ -9,7 +9,8 @@ from kane_dynamics import (Inertial, InputError, Limits, load_urdf, ModelBuilder
 from kane_dynamics.feasibility import demand, fastest, reachability, time_optimal
 from kane_dynamics.feasibility.banded_solution import banded_solution
 from kane_dynamics.feasibility.path_limits import torque_kernel
-from kane_dynamics.feasibility.segment_peaks import segment_peaks
+from kane_dynamics.feasibility.segment_peaks import coarse_peaks, segment_peaks
+from kane_dynamics.feasibility.uniform_spline import spline_derivatives
 from kane_dynamics.mechanics.algebra.spline import free_velocities
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.robot.parameters import JointLimits
@@ -569,15 +570,33 @@ def test_torque_along_a_path_is_that_of_inverse_dynamics():
 def test_largest_shares_in_segments_are_those_of_the_motion():
     robot = limited()
     found = time_optimal(robot, waypoints(6, 3))
-    motion, places = found.motion, np.linspace(0.0, 0.9, 4)
+    motion, limits = found.motion, {'effort': robot.limits.effort,
+                                    'velocity': robot.limits.velocity}
     points = ControllerPoints(motion.times, *motion.sample(np.append(
         motion.times[:-1], np.nextafter(motion.duration, 0.0))))
-    chosen = np.array([0, 7, 400])
-    largest, ranges = segment_peaks(robot, {'effort': robot.limits.effort, 'velocity':
-                                            robot.limits.velocity}, points, chosen, places)
-    t = motion.times[chosen, None] + places * np.diff(motion.times)[chosen, None]
-    q, u, udot = motion.sample(t.ravel())
-    shares = np.concatenate([robot.inverse_dynamics(q, u, udot) / robot.limits.effort,
-                             u / robot.limits.velocity], axis=1).reshape(3, 4, 14)
-    assert largest == pytest.approx(np.abs(shares).max(axis=1), rel=1e-6, abs=1e-6)
-    assert ranges == pytest.approx(np.ptp(shares, axis=1), rel=1e-4, abs=1e-6)
+
+    def shares(segments, places):
+        t = motion.times[segments, None] + places * np.diff(motion.times)[segments, None]
+        q, u, udot = motion.sample(t.ravel())
+        return np.concatenate([robot.inverse_dynamics(q, u, udot) / robot.limits.effort,
+                               u / robot.limits.velocity], axis=1).reshape(*t.shape, 14)
+    chosen, counts = np.array([0, 7, 400]), np.array([8, 60, 4])
+    largest = segment_peaks(robot, limits, points, chosen, counts)
+    for row, segment, count in zip(largest, chosen, counts):
+        inside = np.linspace(0.0, 1.0 - 1e-12, count)
+        assert row == pytest.approx(np.abs(shares([segment], inside)[0]).max(axis=0),
+                                    rel=1e-6, abs=1e-6)
+    largest, ranges = coarse_peaks(robot, limits, points)
+    expected = shares(np.arange(len(points.t) - 2), np.array([0.0, 0.5, 1.0]))
+    assert largest[:-1] == pytest.approx(np.abs(expected).max(axis=1), rel=1e-6, abs=1e-6)
+    assert ranges[:-1] == pytest.approx(np.ptp(expected, axis=1), rel=1e-4, abs=1e-6)
+
+
+@pytest.mark.parametrize('count', [3, 4, 40, 2001])
+def test_uniform_splines_are_those_of_scipy(count):
+    rng = np.random.default_rng(count)
+    q, ends, s = rng.normal(size=(count, 4)), rng.normal(size=(2, 4)), np.linspace(0, 1, count)
+    spline = CubicSpline(s, q, bc_type=((1, ends[0]), (1, ends[1])))
+    for order, found in enumerate(spline_derivatives(q, s[1], *ends)):
+        expected = spline(s, order + 1)
+        assert found == pytest.approx(expected, rel=1e-10, abs=1e-11 * np.abs(expected).max())
