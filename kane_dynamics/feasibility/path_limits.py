@@ -49,8 +49,8 @@ class PathLimits:
         q, first, second = (x[::2] for x in section[:3])
         self.robot, self.section, self.bounds, self.first = robot, section, bounds, first
         self.second, count = second, len(q)
-        # The limits on the torque as lines of the passes, without friction, width and slope.
-        self.lines = np.zeros((count, 5, robot.n))
+        # The limits on the torque as lines of the passes, without friction and width.
+        self.lines = np.empty((count, 4, robot.n))
         kernel, tau = torque_kernel(robot), self.lines[:, :3]
         if kernel.run([q, first, second], tau, count):
             kernel(q, first, second)  # raises an error that names the state
@@ -123,22 +123,22 @@ class PathLimits:
                 middles = [block[:, :, used] for block in middles]
                 continue
             block = torque if name == 'effort' else np.stack(np.broadcast_arrays(
-                self.first / (2.0 * self.section.step), self.second, 0.0, 0.0, 0.0), axis=1)
+                self.first / (2.0 * self.section.step), self.second, 0.0, 0.0), axis=1)
             block[:, 3] = width
             rows.append(block if used.all() else block[:, :, used])
         tight = self.tight[1].min(axis=1)
         most = np.minimum(self.most * tight**2, self.free)
         if not rows:
-            rows = [np.zeros((len(most), 5, 1)) + [[0.0], [0.0], [0.0], [1.0], [0.0]]]
+            rows = [np.zeros((len(most), 4, 1)) + [[0.0], [0.0], [0.0], [1.0]]]
         return Limits(_side_by_side(rows), _side_by_side(
-            middles or [np.zeros((len(most) - 1, 5, 0))]), most)
+            middles or [np.zeros((len(most) - 1, 4, 0))]), most)
 
     def _from_rest(self, x: Array) -> Array:
         """Return a profile as a column, with a least value at which friction has a tangent."""
         return np.maximum(x, FLAT * self.size)[:, None]
 
     def _torque_lines(self, x: Array | None) -> Array:
-        """Return the limits on the torque without width and slope, with friction at x."""
+        """Return the limits on the torque without width, with friction at x."""
         if x is None or not self.rough:
             return self.lines
         x, lines = self._from_rest(x), self.lines.copy()
@@ -207,13 +207,11 @@ def torque_kernel(robot: Robot) -> Kernel:
 
 def compile_timing(robot: Robot) -> None:
     """Compile what `time_optimal` needs for limits of effort and velocity."""
-    bounds = robot.limits.effort, robot.limits.velocity
-    compile_passes(int(np.isfinite(bounds[0]).sum()) or 1)
+    compile_passes(int(np.isfinite(robot.limits.effort).sum()) or 1)
     compile_spline(robot.n)
-    torque_kernel(robot).compile_lanes()
-    used = [name for name, bound in zip(Bounds._fields, bounds) if np.isfinite(bound).any()]
-    if used:
-        peaks_kernel(robot, used).compile_lanes()
+    for kernel in (torque_kernel(robot), peaks_kernel(robot),
+                   robot.kernels.quantity('inverse_dynamics')):
+        kernel.compile_lanes()
 
 
 def _side_by_side(blocks: Sequence[Array]) -> Array:
@@ -226,13 +224,11 @@ def _one_sided(alpha: Array, beta: Array, gamma: Array, width: Array, slope: Arr
     """
     Return |alpha v + beta x + gamma| <= width + slope x as two limits without slope.
 
-    The other side of each is out of reach. So x of the width is that of the end of the interval
-    where the limit counts there, and a profile that satisfies the limits at the previous profile
-    satisfies those at itself.
+    The other side of each is out of reach.
     """
     far = OUT_OF_REACH * (np.abs(gamma) + width)
-    upper, lower = (np.stack([alpha, beta - sign * slope, gamma + sign * (far - width), far,
-                              np.zeros_like(far)], axis=1) for sign in (1.0, -1.0))
+    upper, lower = (np.stack([alpha, beta - sign * slope, gamma + sign * (far - width), far],
+                             axis=1) for sign in (1.0, -1.0))
     return upper, lower
 
 

@@ -7,13 +7,12 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.path_limits import Bounds, Flags
-from kane_dynamics.feasibility.segment_peaks import coarse_peaks, segment_peaks
+from kane_dynamics.feasibility.segment_peaks import SegmentPeaks
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 PAUSE = 1e-6  # s of rest between two sections
-CHANGING = 0.005  # range of a share within a segment from which it counts between points, too
 # Places in a segment: as many where friction changes, and times the root of the range elsewhere,
 # so that a smooth share is found to 1e-4 of the limit.
 DENSE, SMOOTH = 200, 120.0
@@ -54,12 +53,16 @@ def timed(section: Section, x: Array) -> ControllerPoints:
     root = np.sqrt(at)
     t = np.zeros(count)
     np.cumsum(_durations(steps, root[:-1] + root[1:], (s2[1:] - s2[:-1]) / steps), out=t[1:])
-    places = np.arange(-1, 2 * count - 1, 2)
-    places[[0, -1]] = 0, 2 * count - 4
-    q, first, second = (each.take(places, axis=0) for each in section[:3])
-    udot = second * at[:, None]
-    udot += first * s2[:, None]
-    return ControllerPoints(t, q, first * root[:, None], udot)
+    out = np.empty((3, count, section.q.shape[1]))
+    # The middles, then both ends.
+    for to, of in ((slice(1, -1), slice(1, None, 2)), (slice(0, 1), slice(0, 1)),
+                   (slice(-1, None), slice(-1, None))):
+        first, square = section.first[of], at[to, None]
+        out[0, to] = section.q[of]
+        np.multiply(first, root[to, None], out=out[1, to])
+        np.multiply(section.second[of], square, out=out[2, to])
+        out[2, to] += first * s2[to, None]
+    return ControllerPoints(t, *out)
 
 
 def duration(x: Array) -> float:
@@ -91,22 +94,15 @@ def _durations(steps: Array, total: Array, square: Array) -> Array:
 
 def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
     """Return the uses of the limits along the quintics between points."""
-    limits = {name: bound for name, bound in zip(Bounds._fields, bounds)
-              if np.isfinite(bound).any()}
-    largest = np.zeros((len(bounds), len(points.t) - 1, robot.n))
-    if limits:
-        peaks, ranges = coarse_peaks(robot, limits, points)
-        near = ((peaks + ranges > 1.0) & (ranges > CHANGING)).any(axis=1)
-        near[-1] = True  # its end is the start of no segment
-        turning = _turning(robot, points.u)
-        segments = np.flatnonzero(near | turning)
-        places = np.where(turning[segments], DENSE, np.minimum(
-            2.0 + SMOOTH * np.sqrt(ranges[segments].max(axis=1)), DENSE)).astype(np.intp)
-        peaks[segments] = np.maximum(peaks[segments], segment_peaks(
-            robot, limits, points, segments, places))
-        for k, name in enumerate(limits):
-            largest[Bounds._fields.index(name)] = peaks[:, k * robot.n:(k + 1) * robot.n]
-    return Checked(points, largest)
+    peaks = SegmentPeaks(robot, np.array(bounds), points)
+    found, turning = peaks.middles(), _turning(robot, points.u)
+    segments = np.flatnonzero((found.estimate > 1.0) | turning)
+    if not segments.size:
+        return Checked(points, found.shares.swapaxes(0, 1))
+    places = np.where(turning[segments], DENSE, np.minimum(
+        1.0 + SMOOTH * np.sqrt(found.change[segments]), DENSE)).astype(np.intp)
+    found.shares[segments] = np.maximum(found.shares[segments], peaks.inside(segments, places))
+    return Checked(points, found.shares.swapaxes(0, 1))
 
 
 def _turning(robot: Robot, u: Array) -> Flags:

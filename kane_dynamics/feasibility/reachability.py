@@ -5,7 +5,7 @@ On a grid of a path q(s) the squared path velocity x = s'^2 is linear in s betwe
 the path acceleration s'' = v / (2 h) is constant, with v the increase of x over an interval of
 length h. Every limit in an interval is, with x at its start,
 
-    |alpha v + beta x + gamma| <= width + slope x.
+    |alpha v + beta x + gamma| <= width.
 
 A pass from the end to the start of the path computes the controllable sets, intervals of x from
 which the end can be reached within all limits: the least and the largest x of a linear program in
@@ -42,7 +42,7 @@ TINY = 1e-300
 SMALLEST = 1e-13  # replaces a coefficient of v that is smaller, relative to those of its row
 EMPTY = 1e200  # error of an empty set
 ROUNDING = 1e-9  # relative excess of a limit that is rounding
-RANGE, GROUPS = 3, 5  # numbers of a set; numbers of a limit, and of what it allows
+RANGE, GROUPS = 3, 4  # numbers of a set; numbers of a limit, and of what it allows
 
 Line = tuple[Any, Any]  # value at x = 0, and slope
 
@@ -53,9 +53,9 @@ class Limits(NamedTuple):
 
     Attributes
     ----------
-    rows : (N + 1, 5, m) array
-        alpha, beta, gamma, width and slope of each limit at each vertex.
-    middles : (N, 5, p) array
+    rows : (N + 1, 4, m) array
+        alpha, beta, gamma and width of each limit at each vertex.
+    middles : (N, 4, p) array
         The same for limits within each interval; p may be 0.
     most : (N + 1,) array
         Largest x at the vertices.
@@ -91,7 +91,7 @@ def _in_interval(rows: Any, after: Any) -> list[list[Any]]:
 
 def _ratio(row: Any) -> Any:
     """Return the ratio of the coefficients of v and x."""
-    return _absolute(row[0]) / (_absolute(row[1]) + _absolute(row[4]) + TINY)
+    return _absolute(row[0]) / (_absolute(row[1]) + TINY)
 
 
 def _steady(rows: Any, most: Any) -> Any:
@@ -101,10 +101,10 @@ def _steady(rows: Any, most: Any) -> Any:
     A larger x would need a v that changes x by much of its size, back and forth between vertices.
     """
     for row in rows.T:
-        _, beta, gamma, width, slope = row
+        _, beta, gamma, width = row
         stiff = select(_ratio(row) < STIFFEST, 1.0, 0.0)
         for sign in (1.0, -1.0):
-            rate, room = sign * beta - slope, width - sign * gamma
+            rate, room = sign * beta, width - sign * gamma
             bound = stiff * select(rate > 0.0, 1.0, 0.0) * select(room > 0.0, 1.0, 0.0)
             x = room / select(bound > 0.0, rate, 1.0)
             most = select(bound > 0.0, select(x < most, x, most), most)
@@ -112,16 +112,15 @@ def _steady(rows: Any, most: Any) -> Any:
 
 
 def _bounds(limits: Sequence[Any]) -> tuple[list[Line], list[Line]]:
-    """Return the upper and lower bounds of v as lines over x."""
+    """Return the upper and lower bounds of v as lines over x, with equal slopes."""
     upper, lower = [], []
-    for alpha, beta, gamma, width, slope in limits:
+    for alpha, beta, gamma, width in limits:
         size, tiny = _absolute(alpha), SMALLEST * _absolute(beta) + 1e-100
         reciprocal = 1.0 / select(size < tiny, tiny, size)
         signed = select(alpha < 0.0, -reciprocal, reciprocal)
-        room, change = width * reciprocal, slope * reciprocal
-        middle, drift = -signed * gamma, -signed * beta
-        upper.append((middle + room, drift + change))
-        lower.append((middle - room, drift - change))
+        room, middle, drift = width * reciprocal, -signed * gamma, -signed * beta
+        upper.append((middle + room, drift))
+        lower.append((middle - room, drift))
     return upper, lower
 
 
@@ -163,10 +162,9 @@ def allowed(steps: int, rows: Any, after: Any, *rest: Any) -> Any:
     Return what the limits in an interval allow, whatever the set at its end is.
 
     It is the least and the largest x for which some v satisfies the limits, with their error, and
-    the bounds of the x at the end, x + v, as lines over x: the upper ones at x = 0, their slopes
-    and reciprocal slopes, the lower ones at x = 0 and their reciprocal slopes. `rest` is the
-    limits in the middle, if there are any, the largest x at the start, and nothing, which all
-    lanes share.
+    the bounds of the x at the end, x + v, as lines over x: the upper and the lower ones at x = 0,
+    their slopes and reciprocal slopes. `rest` is the limits in the middle, if there are any, the
+    largest x at the start, and nothing, which all lanes share.
     """
     *middles, most, _ = rest
     lines = _bounds([*_in_interval(rows, after), *(
@@ -174,11 +172,10 @@ def allowed(steps: int, rows: Any, after: Any, *rest: Any) -> Any:
     high, error = _root(lines, _steady(rows, most[()]), 1.0, steps)
     # The least x is 0, unless a limit excludes slow motion.
     low, low_error = _root(lines, 0.0 * most[()], -1.0, 1 if steps == NEWTON_STEPS[0] else steps)
-    upper, lower = ([(at, 1.0 + slope) for at, slope in part] for part in lines)
-    return np.array([
-        low, high, select(low_error < error, error, low_error), *(at for at, _ in upper),
-        *(slope for _, slope in upper), *(_reciprocal(slope) for _, slope in upper),
-        *(at for at, _ in lower), *(_reciprocal(slope) for _, slope in lower)])
+    (upper, slopes), (lower, _) = (zip(*part) for part in lines)
+    slopes = [1.0 + slope for slope in slopes]
+    return np.array([low, high, select(low_error < error, error, low_error), *upper, *lower,
+                     *slopes, *map(_reciprocal, slopes)])
 
 
 def _reciprocal(x: Any) -> Any:
@@ -198,10 +195,10 @@ def controllable(following: Any, row: Any) -> Any:
     Sets are rows (least x, largest x, error of both). `row` is what the limits allow: no lower
     bound of the x at the end may exceed the largest x there, and no upper one be below the least.
     """
-    upper, _, upper_rates, lower, lower_rates = _groups(row)
+    upper, lower, _, rates = _groups(row)
     lows, highs = [row[0]], [row[1]]
-    for lines, rates, end, rising, falling in ((upper, upper_rates, following[0], lows, highs),
-                                               (lower, lower_rates, following[1], highs, lows)):
+    for lines, end, rising, falling in ((upper, following[0], lows, highs),
+                                        (lower, following[1], highs, lows)):
         for at, rate in zip(lines, rates):
             x, up = (end - at) * rate, rate > 0.0
             rising.append(select(up, x, rising[0]))
@@ -213,7 +210,7 @@ def controllable(following: Any, row: Any) -> Any:
 
 def reached(x: Any, following: Any, row: Any) -> Any:
     """Return the largest x at the end of an interval, in the set there, for x at its start."""
-    upper, slopes = _groups(row)[:2]
+    upper, _, slopes, _ = _groups(row)
     end = _extreme([(following[1], 0.0), *(
         (at + slope * x[()], 0.0) for at, slope in zip(upper, slopes))], 1.0)[0]
     return select(end < following[0], following[0], end)
