@@ -17,7 +17,7 @@ from typing import NamedTuple
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility.uniform_spline import spline_derivatives
+from kane_dynamics.motion.uniform_spline import spline_derivatives
 from kane_dynamics.mechanics.algebra.spline import free_velocities
 from kane_dynamics.motion.motion import Motion
 import numpy as np
@@ -231,8 +231,8 @@ class _Part:
         for place, order in ((0, first), (-1, last)):
             if order == 1:
                 slopes[place] = np.where(still, 0.0, self._slope(q, t, place, s))
-        return Section(q, *spline_derivatives(q, 0.5 / intervals, slopes[0], slopes[-1]), lowest, highest,
-                       span)
+        derivatives = spline_derivatives(q, 0.5 / intervals, slopes[0], slopes[-1])
+        return Section(q, *derivatives, lowest, highest, span)
 
     def _slope(self, q: Array, t: Array, place: int, s: Array) -> Array:
         """Return dq/ds at an end at which the path moves, by differences of third order."""

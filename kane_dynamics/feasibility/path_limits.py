@@ -16,7 +16,7 @@ from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.reachability import compile_passes, Limits
 from kane_dynamics.feasibility.segment_peaks import peaks_kernel
 from kane_dynamics.feasibility.time_scale import HIGHEST
-from kane_dynamics.feasibility.uniform_spline import kernels as compile_spline
+from kane_dynamics.motion.uniform_spline import kernels as compile_spline
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -63,8 +63,8 @@ class PathLimits:
                 bounds.velocity > 0.0, bounds.velocity, 1.0))).T.copy()
             speed = 1.0 / np.square(needs, out=needs).max(axis=0)
         # Sizes of x: at the fastest, and with an acceleration along the whole path.
-        sizes = [x for x in (2.0 * min(rates, default=np.inf), speed.min()) if 0.0 < x < np.inf] or [
-            section.span**-2]
+        sizes = [x for x in (2.0 * min(rates, default=np.inf), speed.min())
+                 if 0.0 < x < np.inf] or [section.span**-2]
         self.free = HIGHEST**2 * float(sizes[0])  # x beyond which nothing bounds the path
         self.size = float(min(sizes))
         # In the middle between vertices x is the mean of theirs.
@@ -108,7 +108,8 @@ class PathLimits:
         They are valid until the next call, since they may share its memory.
         """
         torque = self._torque_lines(x)
-        rows, middles = [], []
+        rows: list[Array] = []
+        middles: list[Array] = []
         for name in ('effort', 'power', 'acceleration'):
             limit = getattr(self.bounds, name)
             used = np.isfinite(limit)
@@ -118,9 +119,8 @@ class PathLimits:
                 continue
             width = self.tight[Bounds._fields.index(name)] * limit
             if name == 'power':
-                blocks, middles = self._power_lines(torque, width, x)
-                rows += [block[:, :, used] for block in blocks]
-                middles = [block[:, :, used] for block in middles]
+                for found, blocks in zip((rows, middles), self._power_lines(torque, width, x)):
+                    found += [block[:, :, used] for block in blocks]
                 continue
             block = torque if name == 'effort' else np.stack(np.broadcast_arrays(
                 self.first / (2.0 * self.section.step), self.second, 0.0, 0.0), axis=1)
@@ -155,7 +155,8 @@ class PathLimits:
         """Return the limits of power at the vertices, and at the middles between them."""
         at = np.zeros((len(torque), 1)) if x is None else self._from_rest(x)
         each = [*torque.swapaxes(0, 1)[:3], np.broadcast_to(width, self.first.shape), at]
-        rows = _one_sided(*each[:3], *self._torque_of_power(each[3], at, self.first))
+        alpha, beta, gamma, width, _ = each
+        rows = _one_sided(alpha, beta, gamma, *self._torque_of_power(width, at, self.first))
         # The limit at the middle counts too; the mean of those at both ends exceeds it.
         alpha, beta, gamma, width, at = (0.5 * (line[1:] + line[:-1]) for line in each)
         middles = _one_sided(alpha, beta, gamma, *self._torque_of_power(

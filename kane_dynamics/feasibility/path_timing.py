@@ -14,8 +14,8 @@ import numpy as np
 
 PAUSE = 1e-6  # s of rest between two sections
 # Places in a segment: as many where friction changes, and times the root of the range elsewhere,
-# so that a smooth share is found to 1e-4 of the limit.
-DENSE, SMOOTH = 200, 120.0
+# so that a smooth share is found to 3e-4 of the limit.
+DENSE, SMOOTH = 200, 60.0
 TURNING = 4.0  # speeds of friction, below which friction changes
 
 

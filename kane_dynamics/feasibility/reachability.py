@@ -12,12 +12,10 @@ which the end can be reached within all limits: the least and the largest x of a
 (x, v). A pass from the start to the end then chooses the largest v that leads into the next set
 (Pham and Pham, TOPP-RA, IEEE Trans. Robotics 34 (2018)).
 
-The linear program has two unknowns. For fixed x the limits bound v from both sides, by lines over
-x. What the limits alone allow is computed for all intervals at once, in SIMD lanes: the difference
-of the least upper and the largest lower line is a concave, piecewise linear function of x, whose
-roots are the ends of the allowed x. Newton's method from outside finds them in finitely many
-steps, two or three in practice. The set at the end of the interval excludes more x, in closed form
-for each line. So a pass is a short traced program of one interval, repeated natively.
+The linear program has two unknowns. What the limits alone allow is computed for all intervals at
+once, in SIMD lanes (`interval_limits`). The set at the end of the interval excludes more x, in
+closed form for each line that bounds v. So a pass is a short traced program of one interval,
+repeated natively.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,6 +24,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.feasibility.interval_limits import allowed, extreme, NEWTON_STEPS, steady
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
@@ -34,17 +33,11 @@ from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 import numpy as np
 
-Input = tuple[str, Shape]
-NEWTON_STEPS = (6, 20)  # of one linear program; the second number where the first is too small
-# Ratios of the coefficients of v and x below which a limit is stiff, and v = 0 must satisfy it.
-STIFF, STIFFEST = 4.0, 0.5
-TINY = 1e-300
-SMALLEST = 1e-13  # replaces a coefficient of v that is smaller, relative to those of its row
 EMPTY = 1e200  # error of an empty set
 ROUNDING = 1e-9  # relative excess of a limit that is rounding
 RANGE, GROUPS = 3, 4  # numbers of a set; numbers of a limit, and of what it allows
 
-Line = tuple[Any, Any]  # value at x = 0, and slope
+Input = tuple[str, Shape]
 
 
 class Limits(NamedTuple):
@@ -65,121 +58,6 @@ class Limits(NamedTuple):
     rows: Array
     middles: Array
     most: Array
-
-
-def _absolute(x: Any) -> Any:
-    return select(x < 0.0, -x, x)
-
-
-def _in_interval(rows: Any, after: Any) -> list[list[Any]]:
-    """
-    Return the limits in an interval from those at the vertices at its start and its end.
-
-    It is the mean of the limits at both ends, which is that at the middle. Of a stiff limit, which
-    bounds x rather than v, both ends count: a limit at the middle alone would let x oscillate
-    around the bound (Pham and Pham 2018).
-    """
-    out = []
-    for begin, end in zip(rows.T, after.T):
-        both = select(_ratio(begin) < STIFF, 0.0, 0.5) * select(_ratio(end) < STIFF, 0.0, 1.0)
-        both = select(begin[0] * end[0] > 0.0, both, 0.0)
-        end = np.array([end[0] + end[1], *end[1:]])
-        change = both * (end - begin)
-        out += [list(begin + change), list(end - change)]  # the mean, twice, or both
-    return out
-
-
-def _ratio(row: Any) -> Any:
-    """Return the ratio of the coefficients of v and x."""
-    return _absolute(row[0]) / (_absolute(row[1]) + TINY)
-
-
-def _steady(rows: Any, most: Any) -> Any:
-    """
-    Return the largest x at which the stiff limits of a vertex hold for v = 0.
-
-    A larger x would need a v that changes x by much of its size, back and forth between vertices.
-    """
-    for row in rows.T:
-        _, beta, gamma, width = row
-        stiff = select(_ratio(row) < STIFFEST, 1.0, 0.0)
-        for sign in (1.0, -1.0):
-            rate, room = sign * beta, width - sign * gamma
-            bound = stiff * select(rate > 0.0, 1.0, 0.0) * select(room > 0.0, 1.0, 0.0)
-            x = room / select(bound > 0.0, rate, 1.0)
-            most = select(bound > 0.0, select(x < most, x, most), most)
-    return most
-
-
-def _bounds(limits: Sequence[Any]) -> tuple[list[Line], list[Line]]:
-    """Return the upper and lower bounds of v as lines over x, with equal slopes."""
-    upper, lower = [], []
-    for alpha, beta, gamma, width in limits:
-        size, tiny = _absolute(alpha), SMALLEST * _absolute(beta) + 1e-100
-        reciprocal = 1.0 / select(size < tiny, tiny, size)
-        signed = select(alpha < 0.0, -reciprocal, reciprocal)
-        room, middle, drift = width * reciprocal, -signed * gamma, -signed * beta
-        upper.append((middle + room, drift))
-        lower.append((middle - room, drift))
-    return upper, lower
-
-
-def _extreme(lines: Sequence[tuple[Any, Any]], sign: float) -> tuple[Any, Any]:
-    """Return the least (sign 1) or the largest (sign -1) value with its slope."""
-    if len(lines) == 1:
-        return lines[0]
-    half = len(lines) // 2
-    (x, x_slope), (y, y_slope) = (_extreme(part, sign) for part in (lines[:half], lines[half:]))
-    first = x < y if sign > 0.0 else y < x
-    return select(first, x, y), select(first, x_slope, y_slope)
-
-
-def _room(lines: tuple[list[Line], list[Line]], x: Any) -> tuple[Any, Any]:
-    """Return the difference of the bounds of v at x, and its slope."""
-    ends = [_extreme([(at + slope * x, slope) for at, slope in part], sign)
-            for part, sign in zip(lines, (1.0, -1.0))]
-    return ends[0][0] - ends[1][0], ends[0][1] - ends[1][1]
-
-
-def _root(lines: tuple[list[Line], list[Line]], x: Any, sign: float,
-          steps: int) -> tuple[Any, Any]:
-    """
-    Return the end of the set, from x above (sign 1) or below it (sign -1), and its error.
-
-    The error is that of the last step of Newton's method, infinite if the set is empty.
-    """
-    error = 0.0
-    for _ in range(steps + 1):
-        room, slope = _room(lines, x)
-        towards = select(sign * slope < 0.0, slope, -sign * 1e-300)
-        error = select(room < 0.0, room / towards, 0.0)
-        x = x - error
-    return x, _absolute(error)
-
-
-def allowed(steps: int, rows: Any, after: Any, *rest: Any) -> Any:
-    """
-    Return what the limits in an interval allow, whatever the set at its end is.
-
-    It is the least and the largest x for which some v satisfies the limits, with their error, and
-    the bounds of the x at the end, x + v, as lines over x: the upper and the lower ones at x = 0,
-    their slopes and reciprocal slopes. `rest` is the limits in the middle, if there are any, the
-    largest x at the start, and nothing, which all lanes share.
-    """
-    *middles, most, _ = rest
-    lines = _bounds([*_in_interval(rows, after), *(
-        limit for each in middles for limit in each.T)])
-    high, error = _root(lines, _steady(rows, most[()]), 1.0, steps)
-    # The least x is 0, unless a limit excludes slow motion.
-    low, low_error = _root(lines, 0.0 * most[()], -1.0, 1 if steps == NEWTON_STEPS[0] else steps)
-    (upper, slopes), (lower, _) = (zip(*part) for part in lines)
-    slopes = [1.0 + slope for slope in slopes]
-    return np.array([low, high, select(low_error < error, error, low_error), *upper, *lower,
-                     *slopes, *map(_reciprocal, slopes)])
-
-
-def _reciprocal(x: Any) -> Any:
-    return 1.0 / select(_absolute(x) < TINY, TINY, x)
 
 
 def _groups(row: Any) -> list[Any]:
@@ -203,7 +81,7 @@ def controllable(following: Any, row: Any) -> Any:
             x, up = (end - at) * rate, rate > 0.0
             rising.append(select(up, x, rising[0]))
             falling.append(select(up, falling[0], x))
-    low, high = (_extreme([(x, 0.0) for x in part], sign)[0] for part, sign in (
+    low, high = (extreme([(x, 0.0) for x in part], sign)[0] for part, sign in (
         (lows, -1.0), (highs, 1.0)))
     return np.array([low, high, row[2]])
 
@@ -211,7 +89,7 @@ def controllable(following: Any, row: Any) -> Any:
 def reached(x: Any, following: Any, row: Any) -> Any:
     """Return the largest x at the end of an interval, in the set there, for x at its start."""
     upper, _, slopes, _ = _groups(row)
-    end = _extreme([(following[1], 0.0), *(
+    end = extreme([(following[1], 0.0), *(
         (at + slope * x[()], 0.0) for at, slope in zip(upper, slopes))], 1.0)[0]
     return select(end < following[0], following[0], end)
 
@@ -237,7 +115,7 @@ def _allowed_kernel(m: int, middles: int, steps: int) -> Kernel:
 
 @cache
 def _steady_kernel(m: int) -> Kernel:
-    return _kernel('steady', lambda rows, most: _steady(rows, most[()]), [
+    return _kernel('steady', lambda rows, most: steady(rows, most[()]), [
         ('rows', (GROUPS, m)), ('most', ())], ())
 
 
@@ -260,8 +138,8 @@ def compile_passes(m: int) -> None:
 def end_limit(limits: Limits) -> float:
     """Return the largest x at the end of the path."""
     result = np.empty(1)
-    repeat(_steady_kernel(limits.rows.shape[2]).address, [
-        limits.rows[-1:].ctypes.data, limits.most[-1:].ctypes.data, result.ctypes.data], [0] * 3, 1)
+    places = [each.ctypes.data for each in (limits.rows[-1:], limits.most[-1:], result)]
+    repeat(_steady_kernel(limits.rows.shape[2]).address, places, [0] * 3, 1)
     return float(result[0])
 
 
@@ -321,6 +199,6 @@ def fastest_profile(sets: Array, first: float) -> Array:
     x = np.empty(count + 1)
     x[0] = first
     at, begin, stride = x.ctypes.data, sets.ctypes.data, sets.strides[0]
-    repeat(_pass_kernels(width)[1].address, [at, begin + stride, begin, at + 8], [8, stride, stride, 8],
-           count)
+    repeat(_pass_kernels(width)[1].address, [at, begin + stride, begin, at + 8],
+           [8, stride, stride, 8], count)
     return x

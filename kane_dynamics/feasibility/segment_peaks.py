@@ -117,10 +117,9 @@ class SegmentPeaks:
         self.n, self.kernel = robot.n, peaks_kernel(robot)
         self.factors = 1.0 / np.maximum(limits, SMALLEST)
         torque = robot.kernels.quantity('inverse_dynamics')
-        states, count = list(points[1:]), len(points.t)
+        states = [points.q, points.u, points.udot]
         tau = np.empty_like(points.q)
-        _require_finite(torque.run([*states, *(
-            argument.default for argument in torque.arguments[3:])], tau, count))
+        _require_finite(torque.run([*states, *torque.defaults], tau, len(tau)))
         self.rows, self.durations = [*states, tau], points.t[1:] - points.t[:-1]
 
     def middles(self) -> Peaks:

@@ -178,7 +178,7 @@ def _solve(robot: Robot, section: Section, bounds: Bounds, start: float, end: fl
     limit, k, j = np.unravel_index(int(found.largest.argmax()), found.largest.shape)
     raise _Coarse(
         f"path: joint '{robot.joint_names[int(j)]}': {found.largest.max():.6g} times its "
-        f'{Bounds._fields[int(limit)]} limit at {k / (found.largest.shape[1] - 1):.3g} of the path, '
+        f'{Bounds._fields[int(limit)]} limit at {k / (len(worst[0]) - 1):.3g} of the path, '
         f'{found.points.q[k].round(4).tolist()}, on a grid of {len(limits.most) - 1} intervals; '
         'expected a path without sharp corners', FINEST)
 

@@ -37,6 +37,7 @@ class TimeOptimal:
     points : ControllerPoints
         Its K points for a controller that interpolates quintics: at the two points of a rest
         between sections, the accelerations before and after it.
+
     """
 
     motion: Motion

@@ -238,8 +238,6 @@ class Model:
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the free joints, in the order of u and tau; of q too without ball joints."""
-        if not self.balls:
-            return self.coordinate_names
         own = {x.joint.coordinate: x.joint.name for b in self.balls for x in self.bodies[b:b + 3]}
         return tuple(own[r] if place is None else self.coordinate_names[place]
                      for r, place in enumerate(self.places))

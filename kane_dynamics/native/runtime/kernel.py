@@ -68,7 +68,7 @@ class Kernel:
         self._reason = reason
         self.name, self.shape = name, shape
         self.arguments = tuple(arguments)
-        self._defaults = [a.default for a in self.arguments if a.default is not None]
+        self.defaults = [a.default for a in self.arguments if a.default is not None]
         self._given = [size_of(a.shape) for a in self.arguments if a.default is None]
         self.parameters = parameters
         self._program, self._key = program, key
@@ -102,7 +102,7 @@ class Kernel:
         return self._program()
 
     def _entry_points(self) -> str:
-        return entry.entry_points(SYMBOL, self._given, [d.size for d in self._defaults],
+        return entry.entry_points(SYMBOL, self._given, [d.size for d in self.defaults],
                                   [size_limit(a.name) for a in self.arguments], self.shape)
 
     def compile_lanes(self) -> llvm.Address:
@@ -126,7 +126,7 @@ class Kernel:
     def entry(self, doc: str, fallback: Callable[..., Any]) -> Callable[..., Any]:
         """Return a native entry point, or the fallback if the interpreter is not supported."""
         return entry.entry(self.name, doc, self.code, self._given,
-                           [*self._defaults, self.parameters], self.shape, fallback)
+                           [*self.defaults, self.parameters], self.shape, fallback)
 
     def bind(self, arguments: Sequence[Array], result: Array, doc: str) -> Callable[[], Any]:
         """Return a function without arguments that calls the kernel on fixed arrays."""

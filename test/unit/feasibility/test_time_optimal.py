@@ -10,7 +10,7 @@ from kane_dynamics.feasibility import demand, fastest, reachability, time_optima
 from kane_dynamics.feasibility.banded_solution import banded_solution
 from kane_dynamics.feasibility.path_limits import torque_kernel
 from kane_dynamics.feasibility.segment_peaks import CHANGING, SegmentPeaks
-from kane_dynamics.feasibility.uniform_spline import spline_derivatives
+from kane_dynamics.motion.uniform_spline import spline_derivatives
 from kane_dynamics.mechanics.algebra.spline import free_velocities
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.robot.parameters import JointLimits
@@ -553,6 +553,17 @@ def test_controller_that_interpolates_the_points_keeps_the_limits_at_a_reversal(
     assert np.abs(udot).max() <= size * (1.0 + 1e-6)
     assert np.abs(u).max() <= 1e-6 * size
     assert np.abs(q - points.q[rests[0]]).max() <= 1e-12 * size
+
+
+def test_torques_asked_for_later_are_those_of_the_payload_of_the_call():
+    robot = limited(True, payload=Inertial(2.0, np.zeros(3), np.zeros((3, 3))))
+    found = time_optimal(robot, waypoints(5))
+    expected = robot.inverse_dynamics(*found.points[1:])
+    robot.parameters.payload = None
+    assert np.abs(expected - robot.inverse_dynamics(*found.points[1:])).max() > 1.0
+    assert np.array_equal(found.tau, expected)
+    assert found.uses['effort'].max() == pytest.approx(
+        np.abs(expected / robot.limits.effort).max(), rel=1e-12)
 
 
 def test_torque_along_a_path_is_that_of_inverse_dynamics():
