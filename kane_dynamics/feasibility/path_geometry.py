@@ -17,7 +17,7 @@ from typing import NamedTuple
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility.banded_solution import banded_solution
+from kane_dynamics.motion.uniform_spline import spline_derivatives
 from kane_dynamics.mechanics.algebra.spline import free_velocities
 from kane_dynamics.motion.motion import Motion
 import numpy as np
@@ -78,25 +78,42 @@ def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
         if path.joint_names != tuple(names):
             raise InputError(f'path: joints {list(path.joint_names)}; expected {list(names)}')
         return path
-    try:
-        rows = list(path)  # type: ignore[arg-type]
-    except TypeError:
-        raise InputError(f'path: a {type(path).__name__}; expected a Motion or (K, n) waypoints'
-                         ) from None
-    points = [finite_row(row, f'waypoint {k}', names) for k, row in enumerate(rows)]
-    gaps = np.linalg.norm(np.diff(points, axis=0), axis=1) if points else np.zeros(0)
-    kept = np.flatnonzero(np.append(True, gaps > SAME * gaps.sum())[:len(points)])
-    q = np.array([points[k] for k in kept])
+    points = _waypoints(path, names)
+    steps = _lengths(points)
+    kept = np.flatnonzero(np.append(True, steps > SAME * steps.sum())[:len(points)])
+    q = points
+    if len(kept) < len(points):
+        q = points[kept]
+        steps = _lengths(q)
     if len(q) < 2:
         raise InputError(f'path: {len(q)} different waypoints; expected at least 2')
-    steps = np.linalg.norm(np.diff(q, axis=0), axis=1)
-    k = int(np.argmin(steps))
+    k = int(steps.argmin())
     if steps[k] < CLOSE * steps.sum():
         raise InputError(f'path: waypoints {kept[k]} and {kept[k + 1]} are {steps[k]:.3g} apart; '
                          f'expected equal ones, or at least {CLOSE:g} of the length of the path, '
                          'since a spline turns far away between close waypoints')
     times = np.concatenate([[0.0], np.cumsum(steps)])
     return Motion.from_points(times, q, free_velocities(times, q), joint_names=names)
+
+
+def _waypoints(path: ArrayLike, names: Sequence[str]) -> Array:
+    """Return checked waypoints, (K, n)."""
+    if isinstance(path, np.ndarray) and path.dtype == np.float64 and (
+            path.shape[1:] == (len(names),) and np.isfinite(path).all()):
+        return path  # thousands of rows would take milliseconds one by one
+    try:
+        rows = list(path)  # type: ignore[arg-type]
+    except TypeError:
+        raise InputError(f'path: a {type(path).__name__}; expected a Motion or (K, n) waypoints'
+                         ) from None
+    checked = [finite_row(row, f'waypoint {k}', names) for k, row in enumerate(rows)]
+    return np.array(checked).reshape(len(checked), len(names))
+
+
+def _lengths(points: Array) -> Array:
+    """Return the distances between successive rows."""
+    steps = points[1:] - points[:-1]
+    return np.asarray(np.sqrt(np.einsum('ij,ij->i', steps, steps)))
 
 
 def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]) -> list[Section]:
@@ -120,7 +137,7 @@ def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]) -
         If the motion does not move.
 
     """
-    cuts = _rests(motion)
+    cuts = rests(motion)
     parts = [_Part(motion, *cut, (k > 0, k < len(cuts) - 2)) for k, cut in enumerate(
         pairwise(cuts))]
     total = sum(part.length for part in parts)
@@ -134,7 +151,7 @@ def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]) -
             for k, part in enumerate(parts)]
 
 
-def _rests(motion: Motion) -> Array:
+def rests(motion: Motion) -> Array:
     """
     Return the times of both ends of a motion and of its rests between them.
 
@@ -145,9 +162,9 @@ def _rests(motion: Motion) -> Array:
     if len(knots) < 2:
         return knots
     t = np.append((knots[:-1, None] + np.diff(knots)[:, None] * INSIDE).ravel(), knots[-1])
-    u = motion.sample(t)[1]
+    u = np.zeros((len(t), motion.n))
+    u[:-1] = motion.velocities_inside(INSIDE).reshape(-1, motion.n)
     speed = np.sqrt(np.einsum('ij,ij->i', u, u))
-    speed[-1] = 0.0
     points = speed[::len(INSIDE)]
     still = points <= AT_REST * np.abs(np.diff(motion.positions, axis=0)).sum() / (
         knots[-1] - knots[0])
@@ -177,27 +194,27 @@ class _Part:
         count = max(MESH, FINER * int(inside[1] - inside[0]))
         self.mesh = begin + (end - begin) * np.linspace(0.0, 1.0, 2 * count + 1)
         self.mesh[-1] = np.nextafter(end, -np.inf)
-        state = motion.sample(self.mesh)
-        speed = np.linalg.norm(state[1], axis=1)
-        self.ends = [np.array([x[place] for x in state]) for place in (0, -1)]
+        u = motion.velocities_at(self.mesh)
+        speed = np.sqrt(np.einsum('ij,ij->i', u, u))
         step = (end - begin) / count
         pieces = step / 6.0 * (speed[:-2:2] + 4.0 * speed[1:-1:2] + speed[2::2])
         self.length = float(pieces.sum())
         self.mesh, self.speed = self.mesh[::2], speed[::2]
         self.arc = np.concatenate([[0.0], np.cumsum(pieces)])
 
-    def _power(self, state: Array, rest: bool) -> int:
+    def _power(self, t: float, rest: bool) -> int:
         """Return the power of the time with which the path leaves an end."""
         span = self.end - self.begin
-        if not rest and np.abs(state[1]).max() * span > AT_REST * self.length:
+        _, u, udot = self.motion.sample(t)
+        if not rest and np.abs(u).max() * span > AT_REST * self.length:
             return 1
-        return 2 if np.abs(state[2]).max() * span**2 > 1e-6 * self.length else 3
+        return 2 if np.abs(udot).max() * span**2 > 1e-6 * self.length else 3
 
     def sampled(self, intervals: int, first: int, last: int) -> Section:
         """Return the section with orders `first` and `last` at its ends."""
         span, s = self.end - self.begin, np.linspace(0.0, 1.0, 2 * intervals + 1)
-        alpha, beta = (order / self._power(state, rest) for order, state, rest in zip(
-            (first, last), self.ends, self.rests))
+        alpha, beta = (order / self._power(float(t), rest) for order, t, rest in zip(
+            (first, last), self.mesh[[0, -1]], self.rests))
         left, right = s**alpha, (1.0 - s)**beta
         share = left / (left + right)
         mean = 0.5 * ((self.mesh - self.begin) / span + self.arc / self.length)
@@ -214,10 +231,8 @@ class _Part:
         for place, order in ((0, first), (-1, last)):
             if order == 1:
                 slopes[place] = np.where(still, 0.0, self._slope(q, t, place, s))
-        step = 0.5 / intervals
-        first_slope = _spline_slopes(q, step, slopes[0], slopes[-1])
-        return Section(q, first_slope, _second(q, step, first_slope),
-                       lowest, highest, span)
+        derivatives = spline_derivatives(q, 0.5 / intervals, slopes[0], slopes[-1])
+        return Section(q, *derivatives, lowest, highest, span)
 
     def _slope(self, q: Array, t: Array, place: int, s: Array) -> Array:
         """Return dq/ds at an end at which the path moves, by differences of third order."""
@@ -227,33 +242,13 @@ class _Part:
 
 
 def _hermite(x: Array, at: Array, values: Array, slopes: Array) -> Array:
-    """Return the piecewise cubic with values and slopes at increasing places."""
-    k = np.clip(np.searchsorted(at, x, side='right') - 1, 0, len(at) - 2)
-    h = np.diff(at)[k]
-    z = (x - at[k]) / h
-    rise = (values[k + 1] - values[k]) / h
-    a, b = slopes[k], slopes[k + 1]
-    return np.asarray(values[k] + h * z * (a + z * ((3.0 * rise - 2.0 * a - b)
-                                                    + z * (a + b - 2.0 * rise))))
-
-
-def _spline_slopes(q: Array, step: float, first: Array, last: Array) -> Array:
-    """Return the slopes, (K, n), of the cubic spline with given slopes at its ends."""
-    slopes = np.empty_like(q)
-    slopes[0], slopes[-1] = first, last
-    right = (3.0 / step) * (q[2:] - q[:-2])
-    right[0] -= first
-    right[-1] -= last
-    diagonals = np.repeat([[4.0], [1.0], [0.0]], len(right), axis=1)
-    slopes[1:-1] = banded_solution(diagonals, right)
-    return slopes
-
-
-def _second(q: Array, step: float, first: Array) -> Array:
-    """Return the second derivatives of a cubic spline at its points, (K, n)."""
-    rise = np.diff(q, axis=0) / step
-    second = np.empty_like(q)
-    second[:-1] = 6.0 * rise - 4.0 * first[:-1] - 2.0 * first[1:]
-    second[-1] = 2.0 * first[-2] + 4.0 * first[-1] - 6.0 * rise[-1]
-    second /= step
-    return second
+    """Return the piecewise cubic with values and slopes at increasing places, at increasing x."""
+    h = at[1:] - at[:-1]
+    rise, a, b = values[1:] - values[:-1], h * slopes[:-1], h * slopes[1:]
+    table = np.array([at[:-1], 1.0 / h, values[:-1], a, 3.0 * rise - 2.0 * a - b,
+                      a + b - 2.0 * rise])
+    ends = np.searchsorted(x, at[1:-1])
+    counts = np.diff(ends, prepend=0, append=len(x))
+    begin, rate, value, linear, square, cube = np.repeat(table, counts, axis=1)
+    z = (x - begin) * rate
+    return np.asarray(value + z * (linear + z * (square + z * cube)))

@@ -12,11 +12,11 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.feasibility.banded_solution import kernels as compile_spline
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.reachability import compile_passes, Limits
 from kane_dynamics.feasibility.segment_peaks import peaks_kernel
 from kane_dynamics.feasibility.time_scale import HIGHEST
+from kane_dynamics.motion.uniform_spline import kernels as compile_spline
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -46,22 +46,25 @@ class PathLimits:
 
     def __init__(self, robot: Robot, section: Section, bounds: Bounds) -> None:
         """Compute the coefficients of the torque."""
-        q, first, second = (np.ascontiguousarray(x[::2]) for x in section[:3])
+        q, first, second = (x[::2] for x in section[:3])
         self.robot, self.section, self.bounds, self.first = robot, section, bounds, first
         self.second, count = second, len(q)
-        tau: Array = torque_kernel(robot)(q, first, second)
-        self.inertia, self.square, self.constant = tau[:, 0], tau[:, 1], tau[:, 2]
-        self.offset, _ = friction(robot, np.zeros((1, robot.n)))
+        # The limits on the torque as lines of the passes, without friction and width.
+        self.lines = np.empty((count, 4, robot.n))
+        kernel, tau = torque_kernel(robot), self.lines[:, :3]
+        if kernel.run([q, first, second], tau, count):
+            kernel(q, first, second)  # raises an error that names the state
         with np.errstate(divide='ignore', invalid='ignore'):
-            needs = (section.first / np.where(
-                bounds.velocity > 0.0, bounds.velocity, 1.0)).T.copy()
-            speed = 1.0 / (needs * needs).max(axis=0)
             rates = [np.fmin.reduce(bound / np.abs(size), axis=None, initial=np.inf)
-                     for bound, size in ((bounds.effort, self.inertia),
-                                         (bounds.acceleration, first))]
+                     for bound, size in ((bounds.effort, tau[:, 0]), (bounds.acceleration, first))
+                     if np.isfinite(bound).any()]
+            tau[:, 0] *= 1.0 / (2.0 * section.step)
+            needs = (section.first * (1.0 / np.where(
+                bounds.velocity > 0.0, bounds.velocity, 1.0))).T.copy()
+            speed = 1.0 / np.square(needs, out=needs).max(axis=0)
         # Sizes of x: at the fastest, and with an acceleration along the whole path.
-        sizes = [x for x in (2.0 * min(rates), speed.min()) if 0.0 < x < np.inf] or [
-            section.span**-2]
+        sizes = [x for x in (2.0 * min(rates, default=np.inf), speed.min())
+                 if 0.0 < x < np.inf] or [section.span**-2]
         self.free = HIGHEST**2 * float(sizes[0])  # x beyond which nothing bounds the path
         self.size = float(min(sizes))
         # In the middle between vertices x is the mean of theirs.
@@ -70,7 +73,17 @@ class PathLimits:
         self.most[1:] = np.minimum(self.most[1:], middle)
         self.most[:-1] = np.minimum(self.most[:-1], middle)
         # Factors of the limits of `Bounds`, smaller where a motion exceeds them between points.
-        self.tight = np.full((len(bounds), count, robot.n), 1.0 - MARGIN)
+        self.tight = np.full((len(bounds), 1, robot.n), 1.0 - MARGIN)
+
+    @property
+    def constant(self) -> Array:
+        """Return the torques at rest, (N + 1, n)."""
+        return self.lines[:, 2]
+
+    def tighten(self, worst: Array) -> None:
+        """Make limits smaller where a motion uses more than them, (4, N + 1, n)."""
+        self.tight = self.tight / np.where(
+            worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
 
     @property
     def rough(self) -> bool:
@@ -89,50 +102,68 @@ class PathLimits:
         return not self.powered and not self.rough
 
     def at(self, x: Array | None) -> Limits:
-        """Return the limits, exact at a profile x, (N + 1,); without friction for None."""
-        given, x = x, np.maximum(1.0 if x is None else x, FLAT * self.size) * np.ones(
-            len(self.constant))
-        x = x[:, None]
-        bounds, first = self.bounds, self.first
-        alpha = self.inertia / (2.0 * self.section.step)
-        beta, gamma = self.square, self.constant
-        if given is not None and self.rough:
-            root = np.sqrt(x)
-            force, slope = friction(self.robot, root * first)
-            change = slope * first / (2.0 * root)
-            beta, gamma = beta + change, gamma + (force - self.offset - change * x)
-        rows, middles, none = [], [], np.zeros_like(alpha)
-        for name, lines in (('effort', (alpha, beta, gamma)), ('power', (alpha, beta, gamma)),
-                            ('acceleration', (first / (2.0 * self.section.step), self.second,
-                                              none))):
-            limit = getattr(bounds, name)
+        """
+        Return the limits, exact at a profile x, (N + 1,); without friction for None.
+
+        They are valid until the next call, since they may share its memory.
+        """
+        torque = self._torque_lines(x)
+        rows: list[Array] = []
+        middles: list[Array] = []
+        for name in ('effort', 'power', 'acceleration'):
+            limit = getattr(self.bounds, name)
             used = np.isfinite(limit)
             if name == 'acceleration':
-                used &= first.any(axis=0)
+                used &= self.first.any(axis=0)
             if not used.any():
                 continue
             width = self.tight[Bounds._fields.index(name)] * limit
             if name == 'power':
-                at = none if given is None else x
-                rows += [block[:, :, used] for block in _one_sided(
-                    *lines, *self._torque_of_power(width, at, first))]
-                # The limit at the middle counts too; the mean of those at both ends exceeds it.
-                alpha, beta, gamma, width, at = (0.5 * (line[1:] + line[:-1])
-                                                 for line in (*lines, width, at))
-                middles = [block[:, :, used] for block in _one_sided(
-                    alpha, beta, gamma,
-                    *self._torque_of_power(width, at, self.section.first[1::2]))]
+                for found, blocks in zip((rows, middles), self._power_lines(torque, width, x)):
+                    found += [block[:, :, used] for block in blocks]
                 continue
-            block = np.stack([*lines, width, none], axis=1)
+            block = torque if name == 'effort' else np.stack(np.broadcast_arrays(
+                self.first / (2.0 * self.section.step), self.second, 0.0, 0.0), axis=1)
+            block[:, 3] = width
             rows.append(block if used.all() else block[:, :, used])
         tight = self.tight[1].min(axis=1)
         most = np.minimum(self.most * tight**2, self.free)
         if not rows:
-            rows = [np.zeros((len(x), 5, 1)) + [[0.0], [0.0], [0.0], [1.0], [0.0]]]
+            rows = [np.zeros((len(most), 4, 1)) + [[0.0], [0.0], [0.0], [1.0]]]
+        return Limits(_side_by_side(rows), _side_by_side(
+            middles or [np.zeros((len(most) - 1, 4, 0))]), most)
+
+    def _from_rest(self, x: Array) -> Array:
+        """Return a profile as a column, with a least value at which friction has a tangent."""
+        return np.maximum(x, FLAT * self.size)[:, None]
+
+    def _torque_lines(self, x: Array | None) -> Array:
+        """Return the limits on the torque without width, with friction at x."""
+        if x is None or not self.rough:
+            return self.lines
+        x, lines = self._from_rest(x), self.lines.copy()
+        root = np.sqrt(x)
+        force, slope = friction(self.robot, root * self.first)
+        offset, _ = friction(self.robot, np.zeros((1, self.robot.n)))
+        change = slope * self.first / (2.0 * root)
+        lines[:, 1] += change
+        lines[:, 2] += force - offset - change * x
+        return lines
+
+    def _power_lines(self, torque: Array, width: Array, x: Array | None
+                     ) -> tuple[Sequence[Array], Sequence[Array]]:
+        """Return the limits of power at the vertices, and at the middles between them."""
+        at = np.zeros((len(torque), 1)) if x is None else self._from_rest(x)
+        each = [*torque.swapaxes(0, 1)[:3], np.broadcast_to(width, self.first.shape), at]
+        alpha, beta, gamma, width, _ = each
+        rows = _one_sided(alpha, beta, gamma, *self._torque_of_power(width, at, self.first))
+        # The limit at the middle counts too; the mean of those at both ends exceeds it.
+        alpha, beta, gamma, width, at = (0.5 * (line[1:] + line[:-1]) for line in each)
+        middles = _one_sided(alpha, beta, gamma, *self._torque_of_power(
+            width, at, self.section.first[1::2]))
         for block in middles:
             block[:, 0] += 0.5 * block[:, 1]
-        return Limits(_side_by_side(rows), _side_by_side(
-            middles or [np.zeros((len(x) - 1, 5, 0))]), most)
+        return rows, middles
 
     def _torque_of_power(self, power: Array, x: Array, first: Array) -> tuple[Array, Array]:
         """
@@ -177,13 +208,11 @@ def torque_kernel(robot: Robot) -> Kernel:
 
 def compile_timing(robot: Robot) -> None:
     """Compile what `time_optimal` needs for limits of effort and velocity."""
-    bounds = robot.limits.effort, robot.limits.velocity
-    compile_passes(int(np.isfinite(bounds[0]).sum()) or 1)
+    compile_passes(int(np.isfinite(robot.limits.effort).sum()) or 1)
     compile_spline(robot.n)
-    torque_kernel(robot).compile_lanes()
-    used = [name for name, bound in zip(Bounds._fields, bounds) if np.isfinite(bound).any()]
-    if used:
-        peaks_kernel(robot, used).compile_lanes()
+    for kernel in (torque_kernel(robot), peaks_kernel(robot),
+                   robot.kernels.quantity('inverse_dynamics')):
+        kernel.compile_lanes()
 
 
 def _side_by_side(blocks: Sequence[Array]) -> Array:
@@ -196,13 +225,11 @@ def _one_sided(alpha: Array, beta: Array, gamma: Array, width: Array, slope: Arr
     """
     Return |alpha v + beta x + gamma| <= width + slope x as two limits without slope.
 
-    The other side of each is out of reach. So x of the width is that of the end of the interval
-    where the limit counts there, and a profile that satisfies the limits at the previous profile
-    satisfies those at itself.
+    The other side of each is out of reach.
     """
     far = OUT_OF_REACH * (np.abs(gamma) + width)
-    upper, lower = (np.stack([alpha, beta - sign * slope, gamma + sign * (far - width), far,
-                              np.zeros_like(far)], axis=1) for sign in (1.0, -1.0))
+    upper, lower = (np.stack([alpha, beta - sign * slope, gamma + sign * (far - width), far],
+                             axis=1) for sign in (1.0, -1.0))
     return upper, lower
 
 

@@ -6,17 +6,16 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_geometry import Section
-from kane_dynamics.feasibility.path_limits import Bounds
-from kane_dynamics.feasibility.segment_peaks import segment_peaks
-from kane_dynamics.motion.controller_points import ControllerPoints, Segments
+from kane_dynamics.feasibility.path_limits import Bounds, Flags
+from kane_dynamics.feasibility.segment_peaks import SegmentPeaks
+from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 PAUSE = 1e-6  # s of rest between two sections
-# Places in a segment where limits count: in all segments, and where much changes within one.
-INSIDE = np.array([0.0, 0.5, 0.98])
-CLOSELY = np.linspace(0.0, 1.0, 201)
-CHANGING = 0.005  # of a limit
+# Places in a segment: as many where friction changes, and times the root of the range elsewhere,
+# so that a smooth share is found to 3e-4 of the limit.
+DENSE, SMOOTH = 200, 60.0
 TURNING = 4.0  # speeds of friction, below which friction changes
 
 
@@ -45,18 +44,25 @@ def timed(section: Section, x: Array) -> ControllerPoints:
     the polygon through the vertices, so x(s) is a quadratic spline, which rounds the corners of
     the polygon, and the acceleration is continuous.
     """
-    h, places = section.step, np.r_[0, 1:len(section.q):2, len(section.q) - 1]
-    s2 = np.diff(x) / (2.0 * h)  # s'' between the vertices
-    s2 = np.concatenate([s2[:1], s2, s2[-1:]])
-    at = np.concatenate([x[:1], 0.5 * (x[1:] + x[:-1]), x[-1:]])
-    steps = np.full(len(at) - 1, h)
-    steps[[0, -1]] = 0.5 * h
+    h, count = section.step, len(x) + 1
+    at, s2, steps = np.empty(count), np.empty(count), np.full(count - 1, h)
+    at[0], at[1:-1], at[-1] = x[0], 0.5 * (x[1:] + x[:-1]), x[-1]
+    s2[1:-1] = (x[1:] - x[:-1]) * (0.5 / h)  # s'' between the vertices
+    s2[0], s2[-1] = s2[1], s2[-2]
+    steps[0] = steps[-1] = 0.5 * h
     root = np.sqrt(at)
-    durations = _durations(steps, root[:-1] + root[1:], np.diff(s2) / steps)
-    first, second = section.first[places], section.second[places]
-    return ControllerPoints(
-        np.concatenate([[0.0], np.cumsum(durations)]), section.q[places],
-        first * root[:, None], second * at[:, None] + first * s2[:, None])
+    t = np.zeros(count)
+    np.cumsum(_durations(steps, root[:-1] + root[1:], (s2[1:] - s2[:-1]) / steps), out=t[1:])
+    out = np.empty((3, count, section.q.shape[1]))
+    # The middles, then both ends.
+    for to, of in ((slice(1, -1), slice(1, None, 2)), (slice(0, 1), slice(0, 1)),
+                   (slice(-1, None), slice(-1, None))):
+        first, square = section.first[of], at[to, None]
+        out[0, to] = section.q[of]
+        np.multiply(first, root[to, None], out=out[1, to])
+        np.multiply(section.second[of], square, out=out[2, to])
+        out[2, to] += first * s2[to, None]
+    return ControllerPoints(t, *out)
 
 
 def duration(x: Array) -> float:
@@ -88,23 +94,19 @@ def _durations(steps: Array, total: Array, square: Array) -> Array:
 
 def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
     """Return the uses of the limits along the quintics between points."""
-    limits = {name: bound for name, bound in zip(Bounds._fields, bounds)
-              if np.isfinite(bound).any()}
-    largest = np.zeros((len(bounds), len(points.t) - 1, robot.n))
-    if limits:
-        peaks, ranges = segment_peaks(robot, limits, points, None, INSIDE)
-        near = np.flatnonzero((peaks + ranges > 1.0) & (ranges > CHANGING)) // peaks.shape[1]
-        changing = np.union1d(_turning(robot, points.u), near)
-        if changing.size:
-            peaks[changing] = np.maximum(peaks[changing], segment_peaks(
-                robot, limits, points, changing, CLOSELY)[0])
-        for k, name in enumerate(limits):
-            largest[Bounds._fields.index(name)] = peaks[:, k * robot.n:(k + 1) * robot.n]
-    return Checked(points, largest)
+    peaks = SegmentPeaks(robot, np.array(bounds), points)
+    found, turning = peaks.middles(), _turning(robot, points.u)
+    segments = np.flatnonzero((found.estimate > 1.0) | turning)
+    if not segments.size:
+        return Checked(points, found.shares.swapaxes(0, 1))
+    places = np.where(turning[segments], DENSE, np.minimum(
+        1.0 + SMOOTH * np.sqrt(found.change[segments]), DENSE)).astype(np.intp)
+    found.shares[segments] = np.maximum(found.shares[segments], peaks.inside(segments, places))
+    return Checked(points, found.shares.swapaxes(0, 1))
 
 
-def _turning(robot: Robot, u: Array) -> Segments:
-    """Return the segments within which the Coulomb friction of a joint changes much."""
+def _turning(robot: Robot, u: Array) -> Flags:
+    """Return whether the Coulomb friction of a joint changes much within each segment."""
     found = np.zeros(len(u) - 1, dtype=bool)
     for body in robot.model.bodies if robot.friction else ():
         joint = body.joint
@@ -112,7 +114,7 @@ def _turning(robot: Robot, u: Array) -> Segments:
             rate = joint.multiplier * u[:, joint.coordinate]
             slow = np.abs(rate) < TURNING * joint.friction_speed
             found |= (rate[1:] * rate[:-1] <= 0.0) | slow[1:] | slow[:-1]
-    return np.flatnonzero(found)
+    return found
 
 
 def joined(parts: Sequence[ControllerPoints]) -> tuple[ControllerPoints, Callable[[], Array]]:

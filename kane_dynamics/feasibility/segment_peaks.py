@@ -1,43 +1,85 @@
 """Largest shares of torque, speed, power and acceleration limits in quintic segments."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np
+from numpy.typing import NDArray
 
 SMALLEST = 1e-300  # limit
 QUANTITIES = ('effort', 'velocity', 'power', 'acceleration')
+CHANGING = 0.005  # range of a share within a segment from which it counts between points, too
 
 
-def peaks_kernel(robot: Robot, names: Sequence[str]) -> Kernel:
+class Peaks(NamedTuple):
     """
-    Return the kernel of shares of limits of some of `QUANTITIES`, (len(names), n), in a segment.
+    Largest shares of limits at both ends of segments and at one place between.
 
-    Its arguments are the positions, velocities and accelerations (n,) at the start and at the end
-    of the segment, its duration, s, the place x in it from 0 to 1, and the reciprocal limits.
+    Attributes
+    ----------
+    shares : (S, 4, n) array
+        Shares of the limits of `QUANTITIES`; 0 for infinite limits.
+    largest : (S,) array
+        The largest of them.
+    change : (S,) array
+        Largest range of a share.
+    estimate : (S,) array
+        Largest share plus its range, of those that change.
+
     """
-    name, block, n = '_'.join(('shares', *names)), robot.parameters.block, robot.n
+
+    shares: Array
+    largest: Array
+    change: Array
+    estimate: Array
+
+
+def peaks_kernel(robot: Robot) -> Kernel:
+    """
+    Return the kernel of `Peaks` of a segment, (4 n + 3,).
+
+    Its arguments are the positions, velocities, accelerations and torques (n,) at the start and at
+    the end of the segment, its duration, s, the place x in it from 0 to 1, and the reciprocal
+    limits (4, n).
+    """
+    block, n = robot.parameters.block, robot.n
     inputs: list[tuple[str, tuple[int, ...]]] = [
-        *((each + end, (n,)) for end in ('_0', '_1') for each in ('q', 'u', 'udot')),
-        ('h', ()), ('x', ()), ('factors', (len(names), n))]
+        *((each + end, (n,)) for end in ('_0', '_1') for each in ('q', 'u', 'udot', 'tau')),
+        ('h', ()), ('x', ()), ('factors', (len(QUANTITIES), n))]
 
     def values(*given: Any) -> Any:
-        ends, (h, x, factors, parameters) = given[:6], given[6:]
-        q, u, udot = _quintic(ends[:3], ends[3:], h[()], x[()])
+        begin, end, (h, x, factors, parameters) = given[:4], given[4:8], given[8:]
+        q, u, udot = _quintic(begin[:3], end[:3], h[()], x[()])
         tau = robot.equations.inverse_dynamics(q, u, udot, None, parameters)
-        found = {'effort': tau, 'velocity': u, 'power': tau * u, 'acceleration': udot}
-        return np.array([found[name] for name in names]) * factors
+        shares = [np.ravel([state[3], state[1], state[3] * state[1], state[2]])
+                  * np.ravel(factors) for state in (begin, end, (q, u, udot, tau))]
+        peaks, ranges, estimates = [], [], []
+        for row in zip(*shares):
+            high, low = _largest(row), -_largest([-share for share in row])
+            peaks.append(_largest([high, -low]))
+            ranges.append(high - low)
+            estimates.append(peaks[-1] + select(ranges[-1] > CHANGING, ranges[-1], 0.0))
+        return np.array([*peaks, _largest(peaks), _largest(ranges), _largest(estimates)])
+    size = len(QUANTITIES) * n + 3
     return robot.kernels.extra(
-        name, lambda: trace_program(name, values, [*inputs, ('parameters', block.shape)]),
-        [Argument(*each) for each in inputs], block, (len(names), n))
+        'shares', lambda: trace_program('shares', values, [*inputs, ('parameters', block.shape)]),
+        [Argument(*each) for each in inputs], block, (size,))
+
+
+def _largest(values: Sequence[Any]) -> Any:
+    """Return the largest of traced values."""
+    if len(values) == 1:
+        return values[0]
+    a, b = (_largest(part) for part in (values[::2], values[1::2]))
+    return select(a < b, b, a)
 
 
 def _quintic(begin: Sequence[Any], end: Sequence[Any], h: Any, x: Any) -> tuple[Any, Any, Any]:
@@ -55,42 +97,64 @@ def _quintic(begin: Sequence[Any], end: Sequence[Any], h: Any, x: Any) -> tuple[
     return q, rate * r, change * (r * r)
 
 
-def segment_peaks(robot: Robot, limits: dict[str, Array], points: ControllerPoints,
-                  segments: Segments | None, x: Array) -> tuple[Array, Array]:
+class SegmentPeaks:
     """
-    Return the largest shares of limits in segments and their ranges, (S, len(limits) n).
+    Shares of limits in the segments between points.
 
     Parameters
     ----------
     robot : Robot
         A robot in joint rates.
-    limits : dict of (n,) arrays
-        Limits of some of `QUANTITIES`; a limit of 0 belongs to a joint that does not move.
+    limits : (4, n) array
+        Limits of `QUANTITIES`; 0 belongs to a joint that does not move.
     points : ControllerPoints
-        The points between which the segments are.
-    segments : (S,) array of int, optional
-        Numbers of the segments; default: all.
-    x : (m,) array
-        Places in every segment at which the shares are computed.
+        The points.
 
     """
-    kernel = peaks_kernel(robot, list(limits))
-    factors = 1.0 / np.maximum(list(limits.values()), SMALLEST)
-    rows = [np.ascontiguousarray(each) for each in points[1:]]
-    h = np.diff(points.t)
-    if segments is None:
-        ends = [*rows, *(each[1:] for each in rows), h]
-    else:
-        ends = [each[k] for k in (segments, segments + 1) for each in rows] + [h[segments]]
-    count = len(ends[-1])
-    low = np.empty((count, factors.size))
-    high, result = np.empty_like(low), np.empty_like(low)
-    low[...], high[...] = np.inf, -np.inf
-    parameters = kernel.parameters.copy()
-    table = [*(Strided(each.ctypes.data, each.strides[0]) for each in ends),
-             Strided(x.ctypes.data, 0, x.strides[0]), Strided(factors.ctypes.data),
-             Strided(parameters.ctypes.data), Strided(result.ctypes.data, result.strides[0])]
-    if run_batch(kernel.lane_address, table, count, steps=len(x), extremes=(low, high)):
+
+    def __init__(self, robot: Robot, limits: Array, points: ControllerPoints) -> None:
+        """Compute the torques at the points."""
+        self.n, self.kernel = robot.n, peaks_kernel(robot)
+        self.factors = 1.0 / np.maximum(limits, SMALLEST)
+        torque = robot.kernels.quantity('inverse_dynamics')
+        states = [points.q, points.u, points.udot]
+        tau = np.empty_like(points.q)
+        _require_finite(torque.run([*states, *torque.defaults], tau, len(tau)))
+        self.rows, self.durations = [*states, tau], points.t[1:] - points.t[:-1]
+
+    def middles(self) -> Peaks:
+        """Return the shares at both ends and the middle of all segments."""
+        return self._peaks([*self.rows, *(each[1:] for each in self.rows), self.durations],
+                           np.array(0.5))
+
+    def inside(self, segments: Segments, places: NDArray[np.intp]) -> Array:
+        """
+        Return the largest shares in some segments, (S, 4, n).
+
+        Parameters
+        ----------
+        segments : (S,) array of int
+            Numbers of the segments.
+        places : (S,) array of int
+            Numbers of places between the ends of each segment, at least 1.
+
+        """
+        begins = np.cumsum(places) - places
+        own = np.repeat(np.arange(len(segments)), places)
+        x = (1.0 + np.arange(len(own)) - begins[own]) / (1.0 + places[own])
+        begin = segments[own]
+        found = self._peaks([*(each[k] for k in (begin, begin + 1) for each in self.rows),
+                             self.durations[begin]], x)
+        return np.asarray(np.maximum.reduceat(found.shares, begins))
+
+    def _peaks(self, ends: Sequence[Array], x: Array) -> Peaks:
+        """Return the shares for the numbers of segments, and one place in all or in each."""
+        rows = np.empty((len(ends[-1]), *self.kernel.shape))
+        _require_finite(self.kernel.run([*ends, x, self.factors], rows, len(rows)))
+        return Peaks(rows[:, :-3].reshape(len(rows), -1, self.n), *rows[:, -3:].T)
+
+
+def _require_finite(flags: int) -> None:
+    if flags:
         raise InputError('path: the torques along it are not finite; expected a path with '
                          'finite torques')
-    return np.maximum(high, -low), high - low

@@ -14,7 +14,7 @@ from kane_dynamics._util.checks import instance, integer, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.path_geometry import path_of, Section, sections
-from kane_dynamics.feasibility.path_limits import Bounds, MARGIN, PathLimits
+from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
 from kane_dynamics.feasibility.path_timing import Checked, checked, duration, joined, timed
 from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit, fastest_profile,
                                                     Infeasible, Limits)
@@ -168,11 +168,11 @@ def _solve(robot: Robot, section: Section, bounds: Bounds, start: float, end: fl
         x = _profile(limits, start, end, x)
         found = checked(robot, timed(section, x), bounds)
         first = min(first, found.points.t[-1])
-        worst = found.largest.copy()
-        if (worst <= 1.0).all():
+        if found.largest.max() <= 1.0:
             return found, first
+        worst = found.largest.copy()
         worst[:, 1:-1] = np.maximum(worst[:, 1:-1], np.maximum(worst[:, :-2], worst[:, 2:]))
-        limits.tight /= np.where(worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
+        limits.tighten(worst)
     if found.largest.max() <= 1.0 + most:
         return found, first
     limit, k, j = np.unravel_index(int(found.largest.argmax()), found.largest.shape)
@@ -206,7 +206,7 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
                           f'{scale * math.sqrt(abs(sets[0, 0])):.6g} to '
                           f'{scale * math.sqrt(sets[0, 1]):.6g}, from which the path can be '
                           'followed')
-        new = np.maximum(fastest_profile(limited, sets, first), SMALLEST * limits.size)
+        new = np.maximum(fastest_profile(sets, first), SMALLEST * limits.size)
         for k, given in zip((0, -1), ends):
             new[k] = new[k] if given is None else given
         done = limits.linear or (x is not None and abs(
@@ -257,16 +257,22 @@ def _largest_end(limits: PathLimits, limited: Limits, start: float) -> float:
     first = start**2 / float(limits.first[0] @ limits.first[0]) if start else sets[0, 1]
     if not sets[0, 0] <= first <= sets[0, 1]:
         return math.inf
-    x = fastest_profile(limited, sets, float(first))[-1]
+    x = fastest_profile(sets, float(first))[-1]
     return math.sqrt(x) * float(np.linalg.norm(limits.first[-1]))
 
 
 def _result(robot: Robot, bounds: Bounds, parts: Sequence[Checked]) -> TimeOptimal:
     """Return the motion along all sections."""
     points, coefficients = joined([part.points for part in parts])
-    tau = robot.inverse_dynamics(*points[1:])
-    uses = {name: share(np.abs(values), bound) for name, values, bound in zip(
-        Bounds._fields, (tau, points.u, tau * points.u, points.udot), bounds)
-        if np.isfinite(bound).any()}
+    kernel = robot.kernels.quantity('inverse_dynamics')
+    kernel = kernel.with_parameters(kernel.parameters.copy())  # of now: payload, gravity
+
+    def torques() -> Array:
+        return np.asarray(kernel(*points[1:]))
+
+    def uses(tau: Array) -> dict[str, Array]:
+        return {name: share(np.abs(values), bound) for name, values, bound in zip(
+            Bounds._fields, (tau, points.u, tau * points.u, points.udot), bounds)
+            if np.isfinite(bound).any()}
     motion = Motion(robot.joint_names, point_times(points.t), points.q, coefficients)
-    return TimeOptimal(motion, points, tau, uses, robot, bounds.power)
+    return TimeOptimal(motion, points, torques, uses, robot, bounds.power)

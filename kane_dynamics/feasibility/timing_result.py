@@ -1,6 +1,8 @@
 """Result of `time_optimal`: the motion, its torques and its use of the limits."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
@@ -35,21 +37,25 @@ class TimeOptimal:
     points : ControllerPoints
         Its K points for a controller that interpolates quintics: at the two points of a rest
         between sections, the accelerations before and after it.
-    tau : (K, n) array
-        Torques at the points of the motion, N m or N.
-    uses : dict of (K, n) arrays
-        Shares of the limits at the points of the motion: effort, velocity, power, acceleration.
-    demand : Demand
-        Torque, speed and power along the motion, densely sampled.
 
     """
 
     motion: Motion
     points: ControllerPoints
-    tau: Array
-    uses: dict[str, Array]
+    _torques: Callable[[], Array]
+    _uses: Callable[[Array], dict[str, Array]]
     _robot: Robot
     _power: Array
+
+    @cached_property
+    def tau(self) -> Array:
+        """Return the torques at the points of the motion, (K, n), N m or N."""
+        return self._torques()
+
+    @cached_property
+    def uses(self) -> dict[str, Array]:
+        """Return the shares of the limits at the points of the motion, (K, n) arrays."""
+        return self._uses(self.tau)
 
     @property
     def duration(self) -> float:

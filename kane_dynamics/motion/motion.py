@@ -21,9 +21,11 @@ from kane_dynamics.mechanics.algebra.spline import (MOST_PIECES, PiecewisePolyno
 from kane_dynamics.motion.points import (checked_joint_names, point_times, Start, start_state,
                                          State, trajectory_points)
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 __all__ = ['Motion', 'Start', 'State']
+
+MANY = 20  # times per segment from which a product for each segment is faster
 
 
 @fixed
@@ -223,30 +225,54 @@ class Motion:
 
     def positions_at(self, t: Array) -> Array:
         """Return q, (K, n), at finite times t, (K,), s; faster than `sample`."""
-        return self._values(t, self._n)
+        return self._values(t, 0, self._n)
+
+    def velocities_at(self, t: Array) -> Array:
+        """Return u, (K, n), at finite times t, (K,), s; faster than `sample`."""
+        return self._values(t, self._n, 2 * self._n)
+
+    def velocities_inside(self, x: Array) -> Array:
+        """Return u, (K - 1, m, n), at the fractions x, (m,), of each segment."""
+        return np.asarray(x[:, None] ** np.arange(6) @ self._table[:, :, self._n:2 * self._n])
 
     def _sample_many(self, t: Array) -> State:
         """Return (K, n) arrays for a (K,) array of times."""
         if t.ndim != 1 or not np.isfinite(t).all():
             raise InputError(f't: shape {t.shape}; expected one axis of finite times in s')
-        out = self._values(t, 3 * self._n)
+        out = self._values(t, 0, 3 * self._n)
         q, u, udot = (np.ascontiguousarray(part) for part in np.split(out, 3, axis=1))
         return q, u, udot
 
-    def _values(self, t: Array, width: int) -> Array:
-        """Return the first columns of q, u and udot, (K, width)."""
+    def _values(self, t: Array, begin: int, end: int) -> Array:
+        """Return some columns of q, u and udot, (K, end - begin)."""
         inside = (t >= self.times[0]) & (t < self.times[-1])
         if not inside.all():
-            out = np.zeros((len(t), width))
+            out = np.zeros((len(t), 3 * self._n))
             out[:, :self._n] = self.positions[np.where(t < self.times[0], 0, -1)]
+            out = out[:, begin:end]
             if inside.any():
-                out[inside] = self._values(t[inside], width)
+                out[inside] = self._values(t[inside], begin, end)
             return out
         k = np.searchsorted(self.times, t, side='right') - 1
-        x = ((t - self.times[k]) * np.take(self._inverse_h, k))[:, None]
-        table = self._table[:, :, :width]
+        x = (t - self.times[k]) * np.take(self._inverse_h, k)
+        table = self._table[:, :, begin:end]
+        if len(t) > MANY * len(table) and (k[1:] >= k[:-1]).all():
+            return self._of_segments(x, np.searchsorted(k, np.arange(len(table) + 1)), table)
+        x = x[:, None]
         value = table[:, 5].take(k, axis=0)
         for power in (4, 3, 2, 1, 0):
             value *= x
             value += table[:, power].take(k, axis=0)
         return value
+
+    @staticmethod
+    def _of_segments(x: Array, ends: NDArray[np.intp], table: Array) -> Array:
+        """Return the polynomials of a table at many fractions x, segment by segment."""
+        powers = np.empty((len(x), 6))
+        powers[:, 0], powers[:, 1] = 1.0, x
+        for k in range(2, 6):
+            np.multiply(powers[:, k - 1], x, out=powers[:, k])
+        out = np.empty((len(x), table.shape[2]))
+        for rows, begin, end in zip(table, ends, ends[1:]):
+            np.matmul(powers[begin:end], rows, out=out[begin:end])
+        return out

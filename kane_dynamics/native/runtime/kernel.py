@@ -68,7 +68,7 @@ class Kernel:
         self._reason = reason
         self.name, self.shape = name, shape
         self.arguments = tuple(arguments)
-        self._defaults = [a.default for a in self.arguments if a.default is not None]
+        self.defaults = [a.default for a in self.arguments if a.default is not None]
         self._given = [size_of(a.shape) for a in self.arguments if a.default is None]
         self.parameters = parameters
         self._program, self._key = program, key
@@ -102,7 +102,7 @@ class Kernel:
         return self._program()
 
     def _entry_points(self) -> str:
-        return entry.entry_points(SYMBOL, self._given, [d.size for d in self._defaults],
+        return entry.entry_points(SYMBOL, self._given, [d.size for d in self.defaults],
                                   [size_limit(a.name) for a in self.arguments], self.shape)
 
     def compile_lanes(self) -> llvm.Address:
@@ -126,7 +126,7 @@ class Kernel:
     def entry(self, doc: str, fallback: Callable[..., Any]) -> Callable[..., Any]:
         """Return a native entry point, or the fallback if the interpreter is not supported."""
         return entry.entry(self.name, doc, self.code, self._given,
-                           [*self._defaults, self.parameters], self.shape, fallback)
+                           [*self.defaults, self.parameters], self.shape, fallback)
 
     def bind(self, arguments: Sequence[Array], result: Array, doc: str) -> Callable[[], Any]:
         """Return a function without arguments that calls the kernel on fixed arrays."""
@@ -200,10 +200,11 @@ class Kernel:
 
         Parameters
         ----------
-        arrays : sequence of C-contiguous float64 arrays
-            The arguments, each of one state, which all share, or of `count` states.
-        result : C-contiguous float64 array
-            Of `count` results.
+        arrays : sequence of float64 arrays
+            The arguments, each of one state, which all share, or of `count` states. Each state is
+            C-contiguous.
+        result : float64 array
+            Of `count` results, each C-contiguous.
         count : int
             At least 1.
 
@@ -217,7 +218,7 @@ class Kernel:
         rows = [Strided(array.ctypes.data, array.strides[0] if array.ndim > len(a.shape) else 0)
                 for array, a in zip(arrays, self.arguments)]
         rows += [Strided(parameters.ctypes.data),
-                 Strided(result.ctypes.data, 8 * size_of(self.shape))]
+                 Strided(result.ctypes.data, result.strides[0])]
         return run_batch(self.lane_address, rows, count)
 
     def _check(self, result: Array, arrays: Sequence[Array], count: int | None) -> None:

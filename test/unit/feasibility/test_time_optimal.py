@@ -9,7 +9,8 @@ from kane_dynamics import (Inertial, InputError, Limits, load_urdf, ModelBuilder
 from kane_dynamics.feasibility import demand, fastest, reachability, time_optimal
 from kane_dynamics.feasibility.banded_solution import banded_solution
 from kane_dynamics.feasibility.path_limits import torque_kernel
-from kane_dynamics.feasibility.segment_peaks import segment_peaks
+from kane_dynamics.feasibility.segment_peaks import CHANGING, SegmentPeaks
+from kane_dynamics.motion.uniform_spline import spline_derivatives
 from kane_dynamics.mechanics.algebra.spline import free_velocities
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.robot.parameters import JointLimits
@@ -110,17 +111,17 @@ def test_timing_is_faster_than_any_uniform_scaling_of_the_motion():
 def test_controllable_sets_are_those_of_linear_programs():
     rng = np.random.default_rng(0)
     for _ in range(12):
-        rows = rng.normal(size=(1, 5, 6))
-        rows[:, 3], rows[:, 4] = np.abs(rows[:, 3]) + 0.1, 0.0
+        rows = rng.normal(size=(1, 4, 6))
+        rows[:, 3] = np.abs(rows[:, 3]) + 0.1
         rows[0, 0, :2] *= 1e-7  # points of zero inertia
         last = tuple(np.sort(np.abs(rng.normal(size=2))))
-        alpha, beta, gamma, width, _ = rows[0]
+        alpha, beta, gamma, width = rows[0]
         A = np.vstack([np.column_stack([beta, alpha]), -np.column_stack([beta, alpha]),
                        [[1.0, 1.0], [-1.0, -1.0]]])
         b = np.concatenate([width - gamma, width + gamma, [last[1], -last[0]]])
         ends = [linprog([sign, 0.0], A, b, bounds=[(0.0, 50.0), (None, None)], method='highs')
                 for sign in (1.0, -1.0)]
-        limits = reachability.Limits(np.zeros((2, 5, 1)) + np.eye(5)[3][:, None], rows,
+        limits = reachability.Limits(np.zeros((2, 4, 1)) + np.eye(4)[3][:, None], rows,
                                      np.full(2, 50.0))
         if ends[0].status == 2:
             with pytest.raises(reachability.Infeasible):
@@ -130,7 +131,7 @@ def test_controllable_sets_are_those_of_linear_programs():
         assert sets[0, :2] == pytest.approx([end.x[0] for end in ends], rel=1e-6, abs=1e-6)
         x = float(sets[0, :2].mean())
         v = linprog([-1.0], A[:, 1:], b - A[:, 0] * x, bounds=[(None, None)], method='highs').x[0]
-        assert reachability.fastest_profile(limits, sets, x)[1] == pytest.approx(
+        assert reachability.fastest_profile(sets, x)[1] == pytest.approx(
             x + v, rel=1e-6, abs=1e-9)
 
 
@@ -554,6 +555,17 @@ def test_controller_that_interpolates_the_points_keeps_the_limits_at_a_reversal(
     assert np.abs(q - points.q[rests[0]]).max() <= 1e-12 * size
 
 
+def test_torques_asked_for_later_are_those_of_the_payload_of_the_call():
+    robot = limited(True, payload=Inertial(2.0, np.zeros(3), np.zeros((3, 3))))
+    found = time_optimal(robot, waypoints(5))
+    expected = robot.inverse_dynamics(*found.points[1:])
+    robot.parameters.payload = None
+    assert np.abs(expected - robot.inverse_dynamics(*found.points[1:])).max() > 1.0
+    assert np.array_equal(found.tau, expected)
+    assert found.uses['effort'].max() == pytest.approx(
+        np.abs(expected / robot.limits.effort).max(), rel=1e-12)
+
+
 def test_torque_along_a_path_is_that_of_inverse_dynamics():
     robot = fr3()
     rng = np.random.default_rng(5)
@@ -569,15 +581,37 @@ def test_torque_along_a_path_is_that_of_inverse_dynamics():
 def test_largest_shares_in_segments_are_those_of_the_motion():
     robot = limited()
     found = time_optimal(robot, waypoints(6, 3))
-    motion, places = found.motion, np.linspace(0.0, 0.9, 4)
+    motion, power = found.motion, np.full(7, 80.0)
+    limits = np.array([robot.limits.effort, robot.limits.velocity, power, np.full(7, math.inf)])
     points = ControllerPoints(motion.times, *motion.sample(np.append(
         motion.times[:-1], np.nextafter(motion.duration, 0.0))))
-    chosen = np.array([0, 7, 400])
-    largest, ranges = segment_peaks(robot, {'effort': robot.limits.effort, 'velocity':
-                                            robot.limits.velocity}, points, chosen, places)
-    t = motion.times[chosen, None] + places * np.diff(motion.times)[chosen, None]
-    q, u, udot = motion.sample(t.ravel())
-    shares = np.concatenate([robot.inverse_dynamics(q, u, udot) / robot.limits.effort,
-                             u / robot.limits.velocity], axis=1).reshape(3, 4, 14)
-    assert largest == pytest.approx(np.abs(shares).max(axis=1), rel=1e-6, abs=1e-6)
-    assert ranges == pytest.approx(np.ptp(shares, axis=1), rel=1e-4, abs=1e-6)
+
+    def shares(segments, places):
+        t = motion.times[segments, None] + places * np.diff(motion.times)[segments, None]
+        q, u, udot = motion.sample(t.ravel())
+        tau = robot.inverse_dynamics(q, u, udot)
+        return np.stack([tau, u, tau * u, udot], axis=1).reshape(*t.shape, 4, 7) / limits
+    peaks = SegmentPeaks(robot, limits, points)
+    chosen, counts = np.array([0, 7, 400]), np.array([8, 60, 4])
+    for row, segment, count in zip(peaks.inside(chosen, counts), chosen, counts):
+        inside = np.linspace(0.0, 1.0 - 1e-12, count + 2)
+        assert row == pytest.approx(np.abs(shares([segment], inside)[0]).max(axis=0),
+                                    rel=1e-6, abs=1e-6)
+    found = peaks.middles()
+    expected = shares(np.arange(len(points.t) - 1), np.array([0.0, 0.5, 1.0 - 1e-12]))
+    largest, ranges = np.abs(expected).max(axis=1), np.ptp(expected, axis=1)
+    assert found.shares == pytest.approx(largest, rel=1e-6, abs=1e-6)
+    assert found.largest == pytest.approx(largest.max(axis=(1, 2)), rel=1e-6)
+    assert found.change == pytest.approx(ranges.max(axis=(1, 2)), rel=1e-4, abs=1e-6)
+    estimate = (largest + np.where(ranges > CHANGING, ranges, 0.0)).max(axis=(1, 2))
+    assert found.estimate == pytest.approx(estimate, rel=1e-5)
+
+
+@pytest.mark.parametrize('count', [3, 4, 40, 2001])
+def test_uniform_splines_are_those_of_scipy(count):
+    rng = np.random.default_rng(count)
+    q, ends, s = rng.normal(size=(count, 4)), rng.normal(size=(2, 4)), np.linspace(0, 1, count)
+    spline = CubicSpline(s, q, bc_type=((1, ends[0]), (1, ends[1])))
+    for order, found in enumerate(spline_derivatives(q, s[1], *ends)):
+        expected = spline(s, order + 1)
+        assert found == pytest.approx(expected, rel=1e-10, abs=1e-11 * np.abs(expected).max())
