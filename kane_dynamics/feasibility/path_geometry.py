@@ -120,7 +120,7 @@ def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]) -
         If the motion does not move.
 
     """
-    cuts = _rests(motion)
+    cuts = rests(motion)
     parts = [_Part(motion, *cut, (k > 0, k < len(cuts) - 2)) for k, cut in enumerate(
         pairwise(cuts))]
     total = sum(part.length for part in parts)
@@ -134,7 +134,7 @@ def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]) -
             for k, part in enumerate(parts)]
 
 
-def _rests(motion: Motion) -> Array:
+def rests(motion: Motion) -> Array:
     """
     Return the times of both ends of a motion and of its rests between them.
 

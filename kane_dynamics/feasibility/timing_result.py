@@ -20,7 +20,7 @@ class ActiveLimit(NamedTuple):
     start: float
     end: float
     joint: str
-    limit: str  # 'effort', 'velocity', 'power' or 'acceleration'
+    limit: str  # a name in `TimeOptimal.uses`
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,8 @@ class TimeOptimal:
     tau : (K, n) array
         Torques at the points of the motion, N m or N.
     uses : dict of (K, n) arrays
-        Shares of the limits at the points of the motion: effort, velocity, power, acceleration.
+        Shares of the limits at the points of the motion: effort, velocity, power, acceleration,
+        jerk, torque_rate; of the last two the larger one on both sides of a point.
     demand : Demand
         Torque, speed and power along the motion, densely sampled.
 
