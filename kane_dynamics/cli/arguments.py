@@ -176,6 +176,12 @@ def _feasible(sub: ArgumentParser) -> None:
     sub.add_argument('--acceleration', type=float, nargs='+', default=[math.inf], metavar='A',
                      help='largest acceleration with --time-optimal, one value or one per joint, '
                      'rad/s^2 or m/s^2 (default: none)')
+    sub.add_argument('--jerk', type=float, nargs='+', default=[math.inf], metavar='J',
+                     help='largest jerk with --time-optimal, one value or one per joint, '
+                     'rad/s^3 or m/s^3 (default: none)')
+    sub.add_argument('--torque-rate', type=float, nargs='+', default=[math.inf], metavar='R',
+                     help='largest rate of the torque without Coulomb friction with '
+                     '--time-optimal, one value or one per joint, N m/s or N/s (default: none)')
     sub.add_argument('--payload-frame', metavar='LINK',
                      help='compute the largest payload of this link')
     sub.add_argument('--payload-com', type=float, nargs=3, default=(0.0, 0.0, 0.0),

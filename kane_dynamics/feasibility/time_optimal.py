@@ -96,6 +96,7 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     speeds = [_speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')]
     points = integer(points, 'points', 10, MOST_SAMPLES)
     motion = path_of(path, names)
+    rates = rates.along(motion)
     if rates.given:
         for what, speed in (('start_speed', start_speed), ('end_speed', end_speed)):
             if speed:

@@ -4,11 +4,11 @@ Fastest profile within limits, by a primal-dual interior-point method.
 The duration, the sum of h / sqrt(x), is convex in the coefficients of x. Each limit is a pair
 1 - v > 0, 1 + v > 0 with a logarithmic barrier (Nocedal and Wright, Numerical Optimization,
 chapter 19). Curvatures of the limits are left out of the Hessian, which so is positive definite
-and has two diagonals beside the main one. All iterates satisfy the limits.
+and has three diagonals beside the main one. All iterates satisfy the limits.
 """
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.feasibility.banded_solution import banded_solution
+from kane_dynamics.feasibility.jerk_limited.banded_system import banded_system_solution
 from kane_dynamics.feasibility.jerk_limited.profile_spline import ProfileSpline
 from kane_dynamics.feasibility.jerk_limited.third_order_limits import ThirdOrderLimits
 import numpy as np
@@ -20,9 +20,9 @@ REDUCTION = 0.15  # of the barrier parameter
 
 
 def fastest_spline(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array, gap: float,
-                   least: float = EXCESS) -> tuple[Array, float, int]:
+                   least: float = EXCESS) -> tuple[Array, float]:
     """
-    Return coefficients of the fastest profile, a bound of its excess, about, and the steps taken.
+    Return coefficients of the fastest profile, and a bound of its excess, about.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def fastest_spline(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array, ga
     def merit(x: Array, sides: Array) -> float:
         return float(weights @ x**-0.5) - mu * float(np.log(sides).sum())
 
-    for step in range(STEPS):
+    for _ in range(STEPS):
         x = profile[0]
         duration = float(weights @ x**-0.5)
         gradient = np.einsum('imp,mp->ip', uses.slopes, mu / sides[0] - mu / sides[1])
@@ -59,7 +59,7 @@ def fastest_spline(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array, ga
         blocks = _blocks(uses.slopes, (dual / sides).sum(axis=0))
         blocks[:, 0, 0] += 0.75 * weights * x**-2.5
         slope = spline.gradient(gradient)
-        change = banded_solution(spline.hessian(blocks), -slope[:, None])[:, 0]
+        change = banded_system_solution(spline.hessian(blocks), -slope)
         moved = spline.at(change)
         rate = np.einsum('imp,ip->mp', uses.slopes, moved)
         rates = np.stack([-rate, rate])
@@ -76,7 +76,7 @@ def fastest_spline(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array, ga
                     break
             length *= 0.5
         else:
-            return c, mu * count / duration, step
+            return c, mu * count / duration
         dual_change = mu / sides - dual - dual / sides * rates
         shorter = min(1.0, BOUNDARY / max(float((-dual_change / dual).max()), 1e-30))
         c = c + length * change
@@ -84,9 +84,9 @@ def fastest_spline(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array, ga
         dual = np.clip(dual + shorter * dual_change, 1e-6 * mu / sides, 1e6 * mu / sides)
         if -decrease < 0.1 * mu * np.sqrt(count) and length > 0.3:
             if mu * count <= least * duration:
-                return c, mu * count / duration, step
+                return c, mu * count / duration
             mu = max(REDUCTION * mu, 0.9 * least * duration / count)
-    return c, mu * count / duration, STEPS
+    return c, mu * count / duration
 
 
 def _sides(values: Array) -> Array:

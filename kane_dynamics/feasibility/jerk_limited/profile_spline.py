@@ -20,80 +20,80 @@ class ProfileSpline:
 
     At rest, where q(s) - q(end) begins with the third power of s, the jerk does not depend on x'
     and x''. Other splines could change much within the first interval, where no limit counts.
-    A profile has N - 1 coefficients. At a vertex its value and derivatives depend on three.
+    A profile has N - 1 coefficients. Its values in an interval depend on four.
 
     Attributes
     ----------
     s : (N + 1,) array
         The vertices.
-    rows : (P, 3, 3) array
-        Factors of the three coefficients in x, x' and x'' at each point, which is a vertex.
-    first : (P,) array of int
-        The first of the three coefficients at each point.
+    place : (P,) array
+        s of the points, increasing, except that some follow the others once more.
+    rows : (P, 3, 4) array
+        Factors of the four coefficients in x, x' and x'' at each point.
+    columns : (P, 4) array of int
+        The numbers of these coefficients.
     weights : (P,) array
         Of 1 / sqrt(x) in the duration, by the trapezoidal rule.
 
     """
 
-    def __init__(self, s: Array, vertex: Segments) -> None:
-        """Compute the factors."""
-        count = len(s) - 1
-        h = np.pad(np.diff(s), (2, 2), mode='edge')
-        a, b, c, d = (h[k:k + count + 1] for k in range(4))
-        left, right = c / ((a + b + c) * (b + c)), b / ((b + c + d) * (b + c))
-        down, up = 6.0 / ((a + b + c) * (b + c)), 6.0 / ((b + c + d) * (b + c))
-        inner = np.array([[c * left, 1.0 - c * left - b * right, b * right],
-                          [-3.0 * left, 3.0 * (left - right), 3.0 * right],
-                          [down, -down - up, up]]).transpose(2, 0, 1)
+    def __init__(self, s: Array, place: Array, count: int) -> None:
+        """Compute the factors; the first `count` places increase from 0 to 1."""
+        n = len(s) - 1
+        rows = _vertex_rows(s)
+        k = np.clip(np.searchsorted(s, place, side='right') - 1, 0, n - 1)
+        h, z = np.diff(s)[k][:, None], (place - s[k])[:, None]
+        value, slope, bend = np.pad(rows[k], ((0, 0), (0, 0), (0, 1))).transpose(1, 0, 2)
+        rise = np.pad(rows[k + 1, 2], ((0, 0), (1, 0))) - bend
+        self.rows = np.zeros((len(place), 3, 4))
+        inner = np.stack([
+            value + z * (slope + z * (0.5 * bend + z / (6.0 * h) * rise)),
+            slope + z * (bend + 0.5 * z / h * rise), bend + z / h * rise], axis=1)
         # The two coefficients before the first one are equal to it, and so at the end.
-        columns = np.clip(np.arange(-2, count - 1)[:, None] + np.arange(3), 0, count - 2)
-        first = np.clip(np.arange(-2, count - 1), 0, count - 4)
-        rows = np.zeros_like(inner)
-        places = np.arange(count + 1)
-        for k in range(3):
-            rows[places, :, columns[:, k] - first] += inner[:, :, k]
-        self.s, self.count, self.size = s, count - 1, count + 1
-        self.rows, self.first = rows[vertex], first[vertex]
-        self.weights = np.zeros(len(vertex))
-        self.weights[:count] += 0.5 * np.diff(s)
-        self.weights[1:count + 1] += 0.5 * np.diff(s)
+        self.columns = np.clip(k - 2, 0, n - 5)[:, None] + np.arange(4)
+        local = np.clip(k[:, None] + np.arange(-2, 2), 0, n - 2) - self.columns[:, :1]
+        for each in range(4):
+            self.rows[np.arange(len(place)), :, local[:, each]] += inner[:, :, each]
+        self.s, self.place, self.count, self.size = s, place, n - 1, count
+        self.weights = np.zeros(len(place))
+        self.weights[:count - 1] += 0.5 * np.diff(place[:count])
+        self.weights[1:count] += 0.5 * np.diff(place[:count])
 
     def at(self, coefficients: Array) -> Array:
         """Return x, x' and x'' at the points, (3, P)."""
-        near = coefficients[self.first[:, None] + np.arange(3)]
-        return np.ascontiguousarray(np.einsum('kij,kj->ik', self.rows, near))
+        return np.ascontiguousarray(np.einsum('kij,kj->ik', self.rows, coefficients[self.columns]))
 
     def gradient(self, slopes: Array) -> Array:
         """Return the gradient, (N - 1,), from that with respect to x, x', x'', (3, P)."""
-        parts = np.einsum('kij,ik->kj', self.rows, slopes)
-        return self._summed(self.first[:, None] + np.arange(3), parts)
+        return self._summed(self.columns, np.einsum('kij,ik->kj', self.rows, slopes))
 
     def hessian(self, blocks: Array) -> Array:
-        """Return the diagonals, (3, N - 1), of the Hessian from blocks, (P, 3, 3)."""
+        """Return the diagonals, (4, N - 1), of the Hessian from blocks, (P, 3, 3)."""
         local = self.rows.transpose(0, 2, 1) @ (blocks @ self.rows)
-        return np.array([self._summed(
-            self.first[:, None] + np.arange(below, 3),
-            np.stack([local[:, a, a - below] for a in range(below, 3)], axis=1))
-            for below in range(3)])
-
-    def resampled(self, coefficients: Array, s: Array) -> Array:
-        """Return about the coefficients of the same profile on other vertices, (N' - 1,)."""
-        x, slope, bend = self.at(coefficients)[:, :self.size]
-        k = np.clip(np.searchsorted(self.s, s[1:-1], side='right') - 1, 0, self.size - 2)
-        h, z = np.diff(self.s)[k], s[1:-1] - self.s[k]
-        return np.asarray(x[k] + z * (slope[k] + z * (
-            0.5 * bend[k] + z / (6.0 * h) * np.diff(bend)[k])))
+        return np.array([self._summed(self.columns[:, below:], np.stack(
+            [local[:, a, a - below] for a in range(below, 4)], axis=1)) for below in range(4)])
 
     def _summed(self, places: Segments, values: Array) -> Array:
         return np.asarray(np.bincount(places.ravel(), values.ravel(), minlength=self.count),
                           dtype=np.float64)
 
 
+def _vertex_rows(s: Array) -> Array:
+    """Return the factors of three coefficients in x, x' and x'' at the vertices, (N + 1, 3, 3)."""
+    h = np.pad(np.diff(s), (2, 2), mode='edge')
+    a, b, c, d = (h[k:k + len(s)] for k in range(4))
+    left, right = c / ((a + b + c) * (b + c)), b / ((b + c + d) * (b + c))
+    down, up = 6.0 / ((a + b + c) * (b + c)), 6.0 / ((b + c + d) * (b + c))
+    return np.array([[c * left, 1.0 - c * left - b * right, b * right],
+                     [-3.0 * left, 3.0 * (left - right), 3.0 * right],
+                     [down, -down - up, up]]).transpose(2, 0, 1)
+
+
 def motion_points(path: SmoothSection, spline: ProfileSpline, coefficients: Array
                   ) -> ControllerPoints:
-    """Return the points of the motion at the vertices."""
+    """Return the points of the motion at the points of the path."""
     x, slope, bend = spline.at(coefficients)[:, :spline.size]
-    h = np.diff(path.s)
+    h = np.diff(spline.place[:spline.size])
     z = 0.5 * h * (1.0 + NODES[:, None])
     inside = (x[:-1] + z * (slope[:-1] + z * (
         0.5 * bend[:-1] + z / (6.0 * h) * np.diff(bend))))

@@ -24,22 +24,26 @@ AT_REST = 1e-9  # speed, relative to the mean one
 NO_ACCELERATION = 1e-6  # relative to length / duration^2
 JUMP = 1e-6  # of an acceleration or a jerk, relative to the largest one
 DEVIATION = 1e-4  # of a smoothed path, relative to its length
+DIVISIONS = 2  # of an interval of the grid, at which limits count
 APART = 0.3  # intervals between two points of the motion that are vertices
 
 
 class SmoothSection(NamedTuple):
     """
-    A path from rest to rest on a grid of N intervals.
+    A path from rest to rest on a grid.
 
-    Derivatives are stored at P points: the N + 1 vertices, and once more, from their left side,
-    those vertices at which q_sss jumps.
+    Derivatives are stored at P points. The first ones increase from s = 0 to 1 and divide each of
+    the N intervals of the grid equally; the vertices at which q_sss jumps follow once more, with
+    the values on their left side.
 
     Attributes
     ----------
     s : (N + 1,) array
         The parameter at the vertices, from 0 to 1.
+    place : (P,) array
+        The parameter at the points.
     vertex : (P,) array of int
-        Numbers of the vertices of the points.
+        Of each point, its number or that of the point at the same place.
     section : Section
         The path and its derivatives q_s and q_ss at the points.
     third : (P, n) array
@@ -48,9 +52,15 @@ class SmoothSection(NamedTuple):
     """
 
     s: Array
+    place: Array
     vertex: Segments
     section: Section
     third: Array
+
+    @property
+    def size(self) -> int:
+        """Return the number of points at different places."""
+        return int(self.vertex.max()) + 1
 
 
 def smooth_sections(motion: Motion, points: int) -> list[SmoothSection]:
@@ -144,26 +154,30 @@ class _Part:
         # The share S of the time is s^alpha / (s^alpha + (1 - s)^beta).
         guess = _parameter(share, alpha, beta)
         measure = 0.5 * (guess + self.arc / self.length)
-        s, knots = self._grid(intervals, guess, measure)
-        t = self.t[0] + span * _share(s, alpha, beta)
-        exact = np.flatnonzero(knots >= 0)
-        t[exact] = self.t[knots[exact]]
+        s, knots = self._grid(max(8, intervals // DIVISIONS), guess, measure)
+        place, fine = _divided(s), np.full((len(s) - 1) * DIVISIONS + 1, -1)
+        fine[::DIVISIONS] = knots
+        t = self.t[0] + span * _share(place, alpha, beta)
+        exact = np.flatnonzero(fine >= 0)
+        t[exact] = self.t[fine[exact]]
         pieces = np.clip(np.searchsorted(self.t, t, side='right') - 1, 0, len(self.t) - 2)
-        inner = exact[(exact > 0) & (exact < len(s) - 1)]
-        third = self.derivatives(t[inner], knots[inner])[3] - self.derivatives(
-            t[inner], knots[inner] - 1)[3]
-        scale = np.abs(self.coefficients[:, 3]).max() * 6.0 / span**3
-        inner = inner[np.abs(third).max(axis=1) > JUMP * max(scale, np.abs(third).max(initial=0.0))
-                      ] if inner.size else inner
-        vertex = np.concatenate([np.arange(len(s)), inner])
-        pieces = np.concatenate([pieces, knots[inner] - 1])
-        rows = self.derivatives(t[vertex], pieces)
-        q, *by_s = self._by_parameter(s, vertex, rows, powers, span)
+        inner = self._jumps(t, exact[1:-1], fine)
+        vertex = np.concatenate([np.arange(len(t)), inner])
+        rows = self.derivatives(t[vertex], np.concatenate([pieces, fine[inner] - 1]))
+        q, *by_s = self._by_parameter(place[vertex], rows, powers, span)
         for each in by_s:
             each[:, self.still] = 0.0
         q[:, self.still] = q[0, self.still]
-        return SmoothSection(s, vertex, Section(
+        return SmoothSection(s, place[vertex], vertex, Section(
             q, by_s[0], by_s[1], q.min(axis=0), q.max(axis=0), span), by_s[2])
+
+    def _jumps(self, t: Array, at: Segments, knots: Segments) -> Segments:
+        """Return those points at points of the motion at which its jerk jumps."""
+        if not at.size:
+            return at
+        sides = [self.derivatives(t[at], knots[at] - k)[3] for k in (0, 1)]
+        jump = np.abs(sides[0] - sides[1]).max(axis=1)
+        return at[jump > JUMP * np.abs(sides).max()]
 
     def _grid(self, intervals: int, guess: Array, measure: Array) -> tuple[Array, Segments]:
         """Return the vertices, and the numbers of the motion's points at them or -1."""
@@ -188,23 +202,28 @@ class _Part:
         s[exact] = _parameter(share[knots[exact]], alpha, beta)
         return s, knots
 
-    def _by_parameter(self, s: Array, vertex: Segments, rows: Sequence[Array],
-                      powers: Sequence[int], span: float) -> list[Array]:
+    def _by_parameter(self, s: Array, rows: Sequence[Array], powers: Sequence[int], span: float
+                      ) -> list[Array]:
         """Return q, q_s, q_ss and q_sss from derivatives with respect to time."""
         q, u, udot, jerk = rows
         first, second, third = (np.zeros_like(q) for _ in range(3))
-        inside = (vertex > 0) & (vertex < len(s) - 1)
+        inside = (s > 0.0) & (s < 1.0)
         alpha, beta = (3.0 / power for power in powers)
-        one, two, three = (span * x[:, None] for x in _share_slopes(s[vertex[inside]], alpha,
-                                                                    beta))
+        one, two, three = (span * x[:, None] for x in _share_slopes(s[inside], alpha, beta))
         u, udot, jerk = u[inside], udot[inside], jerk[inside]
         first[inside] = u * one
         second[inside] = udot * one**2 + u * two
         third[inside] = jerk * one**3 + 3.0 * udot * one * two + u * three
-        for place, power, sign in ((0, powers[0], 1.0), (len(s) - 1, powers[1], -1.0)):
+        for place, power, sign in ((0, powers[0], 1.0), (int(s.argmax()), powers[1], -1.0)):
             factor = 6.0 / np.prod(np.arange(1, power + 1)) * (sign * span)**power
             third[place] = sign * factor * rows[power][place]
         return [q, first, second, third]
+
+
+def _divided(s: Array) -> Array:
+    """Return the vertices and equal divisions of the intervals between them."""
+    inner = s[:-1, None] + np.diff(s)[:, None] * np.arange(DIVISIONS) / DIVISIONS
+    return np.append(inner.ravel(), 1.0)
 
 
 def _share(s: Array, alpha: float, beta: float) -> Array:

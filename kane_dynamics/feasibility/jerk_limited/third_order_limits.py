@@ -19,8 +19,10 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.jerk_limited.smooth_path import SmoothSection
+from kane_dynamics.feasibility.path_geometry import STILL
 from kane_dynamics.feasibility.path_limits import Bounds, Flags, friction, MARGIN
 from kane_dynamics.feasibility.time_scale import HIGHEST
+from kane_dynamics.motion.motion import Motion
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.differentiation import forward
@@ -40,6 +42,13 @@ class RateBounds(NamedTuple):
     def given(self) -> bool:
         """Return whether there is a limit."""
         return bool(np.isfinite(self).any())
+
+    def along(self, motion: Motion) -> 'RateBounds':
+        """Return the limits without those on the jerk of joints that do not move."""
+        t = motion.times
+        q = np.concatenate([motion.positions, motion.positions_at(0.5 * (t[1:] + t[:-1]))])
+        ranges = np.ptp(q, axis=0)
+        return self._replace(jerk=np.where(ranges > STILL * ranges.max(), self.jerk, np.inf))
 
 
 LIMITS = Bounds._fields + RateBounds._fields
@@ -136,7 +145,7 @@ class ThirdOrderLimits:
             q = self.path.section.q[k].round(4).tolist()
             raise InputError(
                 f"path: joint '{self.robot.joint_names[int(j)]}': torque {abs(held[k, j]):.6g} "
-                f'at rest at {self.path.s[self.path.vertex[k]]:.3g} of the path, {q}; expected at '
+                f'at rest at {self.path.place[k]:.3g} of the path, {q}; expected at '
                 f'most its effort limit {bound[j]:.6g}')
 
     def at(self, profile: Array) -> Uses:

@@ -27,26 +27,52 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 ROUNDS = 6  # in which limits are tightened
-FINER, GRIDS = 3, 3  # factor of the intervals, and number of grids
-GOOD, WORST = 3e-3, 3e-2  # durations above the least one, relative, below which grids end; at all
+FINER, GRIDS, FINE = 2, 3, 4000  # factor of the points, number of grids, and points of the last
+CHANGE = 3e-3  # of the duration, relative, by the last grid
+GOOD, WORST = 2e-3, 3e-2  # cost of tighter limits and the slow-down on the last grid; at all
 LARGEST = 2e-3  # excess at which the interior-point method has converged
-FIRST_GAP, NEXT_GAP = 1.0, 0.01  # with which it begins, on a grid and in further rounds
+FIRST_GAP, NEXT_GAP = 1.0, 0.01  # with which it begins, from a slow and from a fast profile
 HALVINGS, INSIDE = 200, 0.9  # of the first profile, and its largest share of a limit
 FASTEST = 16.0  # x of the first profile, relative to its size
-SLOWER, STRETCHES = 0.98, 8  # x of a profile from which the next round begins; attempts
+SLOWER, STRETCHES = 0.98, 6  # x of a profile from which the next round begins; attempts
 SLOWDOWNS = 16  # of a timing that exceeds a limit
 
 
+REFUSAL = ('path: no timing satisfies the limits of effort and torque rate with a margin of '
+           f'{MARGIN:g}; expected limits that are larger than the torques at rest with friction')
+
+
 class Timing(NamedTuple):
-    """A timing that satisfies the limits, and the duration on its grid without tighter limits."""
+    """
+    A timing that satisfies the limits, and that on its grid without tighter limits.
+
+    Attributes
+    ----------
+    checked : Checked
+        The points of the timing.
+    least : float
+        Duration without tighter limits, s.
+    s : (N + 1,) array
+        Vertices of the profile without tighter limits.
+    profile : (N - 1,) array
+        Its coefficients.
+
+    """
 
     checked: Checked
     least: float
+    s: Array
+    profile: Array
+
+    @property
+    def duration(self) -> float:
+        """Return the duration, s."""
+        return float(self.checked.points.t[-1])
 
     @property
     def cost(self) -> float:
         """Return how much longer it is than without tighter limits, relative."""
-        return float(self.checked.points.t[-1]) / self.least - 1.0
+        return self.duration / self.least - 1.0
 
 
 def rate_limited(robot: Robot, motion: Motion, bounds: Bounds, rates: RateBounds, points: int,
@@ -75,19 +101,26 @@ def rate_limited(robot: Robot, motion: Motion, bounds: Bounds, rates: RateBounds
 
     """
     best: dict[int, Timing] = {}
+    done: set[int] = set()
     reason = ''
     for _ in range(GRIDS):
         parts = smooth_sections(motion, points)
         for k, path in enumerate(parts):
-            if k in best and best[k].cost <= GOOD:
+            if k in done:
                 continue
             check(path.section)
-            found = _timed(robot, path, bounds, rates)
+            found = _timed(robot, path, bounds, rates, best.get(k))
             if isinstance(found, str):
                 reason = found
-            elif k not in best or found.cost < best[k].cost:
+                continue
+            change = best[k].duration / found.duration - 1.0 if k in best else math.inf
+            if abs(change) <= CHANGE and found.cost <= GOOD:
+                done.add(k)
+            if change > 0.0:
                 best[k] = found
-        if len(best) == len(parts) and max(each.cost for each in best.values()) <= GOOD:
+        if len(done) == len(parts):
+            break
+        if points >= FINE:
             break
         points *= FINER
     if len(best) < len(parts):
@@ -95,23 +128,23 @@ def rate_limited(robot: Robot, motion: Motion, bounds: Bounds, rates: RateBounds
     cost = max(each.cost for each in best.values())
     if cost > WORST:
         raise InputError(f'path: a timing within the limits takes {cost:.2%} more time than one '
-                         f'within them at the {len(path.s)} points of a grid; expected at most '
+                         'that satisfies them at the points of the finest grid; expected at most '
                          f'{WORST:.0%}, on a path without sharp corners')
     return [best[k].checked for k in range(len(parts))]
 
 
-def _timed(robot: Robot, path: SmoothSection, bounds: Bounds, rates: RateBounds) -> Timing | str:
+def _timed(robot: Robot, path: SmoothSection, bounds: Bounds, rates: RateBounds,
+           before: Timing | None) -> Timing | str:
     """Return the fastest timing of a section, or the reason why there is none on its grid."""
     limits = ThirdOrderLimits(robot, path, bounds, rates)
-    spline = ProfileSpline(path.s, path.vertex)
-    c, gap = _slow(spline, limits), FIRST_GAP
-    if c is None:
-        return ('path: no slow motion satisfies the limits of effort and torque rate with a '
-                f'margin of {MARGIN:g}; expected limits that are larger than the torques at rest '
-                'with friction')
-    best, least, reason = None, math.inf, ''
+    spline = ProfileSpline(path.s, path.place, path.size)
+    start = _slow(spline, limits) if before is None else _below(spline, limits, ProfileSpline(
+        before.s, path.s[1:-1], spline.count).at(before.profile)[0])
+    best, least, reason = None, math.inf, REFUSAL
     for _ in range(ROUNDS):
-        c, excess, _ = fastest_spline(spline, limits, c, gap)
+        if start is None:
+            break
+        c, excess = fastest_spline(spline, limits, *start)
         if (spline.at(c)[0] >= 0.5 * limits.free).any():
             raise InputError(UNBOUNDED)
         if excess > LARGEST:
@@ -119,7 +152,8 @@ def _timed(robot: Robot, path: SmoothSection, bounds: Bounds, rates: RateBounds)
                       f'steps, on a grid of {spline.size} points; expected at most {LARGEST:g}')
             break
         found = _checked(robot, motion_points(path, spline, c), bounds, rates)
-        least = min(least, float(found.points.t[-1]))
+        if math.isinf(least):
+            least, profile = float(found.points.t[-1]), c
         slower = _slowed(robot, found, bounds, rates)
         if slower is not None and (best is None or slower.points.t[-1] < best.points.t[-1]):
             best = slower
@@ -127,13 +161,7 @@ def _timed(robot: Robot, path: SmoothSection, bounds: Bounds, rates: RateBounds)
             break
         _tighten(limits, found.largest)
         start = _below(spline, limits, c)
-        c, gap = (_slow(spline, limits), FIRST_GAP) if start is None else (start, NEXT_GAP)
-        if c is None:
-            break
-    if best is None:
-        return reason or ('path: no timing satisfies the limits between the points of a grid; '
-                          'expected limits that are larger than the torques at rest with friction')
-    return Timing(best, least)
+    return reason if best is None else Timing(best, least, path.s, profile)
 
 
 def _tighten(limits: ThirdOrderLimits, largest: Array) -> None:
@@ -143,27 +171,28 @@ def _tighten(limits: ThirdOrderLimits, largest: Array) -> None:
     limits.tight /= np.where(worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
 
 
-def _slow(spline: ProfileSpline, limits: ThirdOrderLimits) -> Array | None:
-    """Return a profile of one x that satisfies all limits with a distance, if there is one."""
+def _slow(spline: ProfileSpline, limits: ThirdOrderLimits) -> tuple[Array, float] | None:
+    """Return a profile of one x that satisfies the limits with a distance, and a gap, if any."""
     x = FASTEST * limits.size
     rest = np.abs(limits.at(spline.at(np.full(spline.count, 1e-30 * x))).values)
     allowed = INSIDE + (1.0 - INSIDE) * rest
     for _ in range(HALVINGS):
         c = np.full(spline.count, x)
         if (np.abs(limits.at(spline.at(c)).values) < allowed).all():
-            return c
+            return c, FIRST_GAP
         x *= 0.5
     return None
 
 
-def _below(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array) -> Array | None:
-    """Return a slower profile that satisfies the limits after they were tightened."""
+def _below(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array
+           ) -> tuple[Array, float] | None:
+    """Return a profile that is slower than a fast one and satisfies the limits, and its gap."""
     factor = SLOWER
     for _ in range(STRETCHES):
-        if (np.abs(limits.at(spline.at(factor * c)).values) < 1.0).all():
-            return factor * factor * c
+        if (c > 0.0).all() and (np.abs(limits.at(spline.at(factor * c)).values) < 1.0).all():
+            return factor * factor * c, max(NEXT_GAP, 0.5 / factor - 0.5)
         factor *= factor
-    return None
+    return _slow(spline, limits)
 
 
 def _checked(robot: Robot, points: ControllerPoints, bounds: Bounds, rates: RateBounds) -> Checked:
