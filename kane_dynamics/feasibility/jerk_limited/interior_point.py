@@ -19,7 +19,7 @@ BOUNDARY = 0.95  # of the way to a limit, at most
 REDUCTION = 0.15  # of the barrier parameter
 
 
-def fastest_spline(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array, gap: float,
+def fastest_spline(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array, distance: float,
                    least: float = EXCESS) -> tuple[Array, float]:
     """
     Return coefficients of the fastest profile, and a bound of its excess, about.
@@ -32,7 +32,7 @@ def fastest_spline(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array, ga
         The limits at its points.
     c : (N - 1,) array
         Coefficients of a profile that satisfies the limits.
-    gap : float
+    distance : float
         Relative difference of its duration to the least one, about, with which the barrier
         begins. The excess that is returned is such a difference, to a local optimum.
     least : float
@@ -45,7 +45,7 @@ def fastest_spline(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array, ga
     sides = _sides(uses.values)
     count = sides.size
     duration = float(weights @ profile[0]**-0.5)
-    mu = gap * duration / count
+    mu = distance * duration / count
     dual = mu / sides
 
     def merit(x: Array, sides: Array) -> float:

@@ -4,8 +4,8 @@ Paths with three derivatives with respect to their parameter s, on a grid betwee
 The jerk of a motion along q(s) contains q_sss, so the path must have a continuous q_ss. Its pieces
 are quintics, which reproduce cubics and quintics of a motion. The parameter is a smooth function
 of the motion's time: at both ends q(s) - q(end) begins with the third power of s, so that a motion
-from rest with finite jerk has a positive, finite s' there. q_sss jumps at the points of the motion.
-These are vertices of the grid, as far as they are not closer together than the grid is fine.
+from rest with finite jerk has a positive, finite s' there. q_sss jumps at points of the motion.
+These are vertices of the grid, unless they are closer together than the grid is fine.
 """
 
 from collections.abc import Sequence
@@ -177,7 +177,7 @@ class _Part:
             return at
         sides = [self.derivatives(t[at], knots[at] - k)[3] for k in (0, 1)]
         jump = np.abs(sides[0] - sides[1]).max(axis=1)
-        return at[jump > JUMP * np.abs(sides).max()]
+        return np.asarray(at[jump > JUMP * np.abs(sides).max()])
 
     def _grid(self, intervals: int, guess: Array, measure: Array) -> tuple[Array, Segments]:
         """Return the vertices, and the numbers of the motion's points at them or -1."""

@@ -95,7 +95,7 @@ class ThirdOrderLimits:
         q, first, second = (np.ascontiguousarray(rows) for rows in path.section[:3])
         self.robot, self.path = robot, path
         self.bounds = dict(zip(LIMITS, (*bounds, *rates)))
-        self._check_limits(first.any(axis=0))
+        self._check_limits(np.asarray(first.any(axis=0)))
         tau: Array = torque_rate_kernel(robot)(q, first, second, path.third)
         inertia, square, static, inertia_s, square_s, static_s = tau.transpose(1, 2, 0).copy()
         self.offset = friction(robot, np.zeros((1, robot.n)))[0]

@@ -31,7 +31,7 @@ FINER, GRIDS, FINE = 2, 3, 4000  # factor of the points, number of grids, and po
 CHANGE = 3e-3  # of the duration, relative, by the last grid
 GOOD, WORST = 2e-3, 3e-2  # cost of tighter limits and the slow-down on the last grid; at all
 LARGEST = 2e-3  # excess at which the interior-point method has converged
-FIRST_GAP, NEXT_GAP = 1.0, 0.01  # with which it begins, from a slow and from a fast profile
+FAR, NEAR = 1.0, 0.01  # with which it begins, from a slow and from a fast profile
 HALVINGS, INSIDE = 200, 0.9  # of the first profile, and its largest share of a limit
 FASTEST = 16.0  # x of the first profile, relative to its size
 SLOWER, STRETCHES = 0.98, 6  # x of a profile from which the next round begins; attempts
@@ -172,25 +172,25 @@ def _tighten(limits: ThirdOrderLimits, largest: Array) -> None:
 
 
 def _slow(spline: ProfileSpline, limits: ThirdOrderLimits) -> tuple[Array, float] | None:
-    """Return a profile of one x that satisfies the limits with a distance, and a gap, if any."""
+    """Return a profile of one x that satisfies the limits with a distance, and a distance, if any."""
     x = FASTEST * limits.size
     rest = np.abs(limits.at(spline.at(np.full(spline.count, 1e-30 * x))).values)
     allowed = INSIDE + (1.0 - INSIDE) * rest
     for _ in range(HALVINGS):
         c = np.full(spline.count, x)
         if (np.abs(limits.at(spline.at(c)).values) < allowed).all():
-            return c, FIRST_GAP
+            return c, FAR
         x *= 0.5
     return None
 
 
 def _below(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array
            ) -> tuple[Array, float] | None:
-    """Return a profile that is slower than a fast one and satisfies the limits, and its gap."""
+    """Return a profile that is slower than a fast one and satisfies the limits, and its distance."""
     factor = SLOWER
     for _ in range(STRETCHES):
         if (c > 0.0).all() and (np.abs(limits.at(spline.at(factor * c)).values) < 1.0).all():
-            return factor * factor * c, max(NEXT_GAP, 0.5 / factor - 0.5)
+            return factor * factor * c, max(NEAR, 0.5 / factor - 0.5)
         factor *= factor
     return _slow(spline, limits)
 

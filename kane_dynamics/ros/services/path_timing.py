@@ -42,8 +42,9 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
         raise InputError('time_from_start: empty; expected the times of points with velocities or '
                          'accelerations')
     path = Motion.from_points(times, q, u, udot, joint_names=joints) if len(times) else q
-    limits = {what: _per_joint(getattr(request, f'max_{what}'), what, n, order)
-              for what in ('acceleration', 'power', 'jerk', 'torque_rate')}
+    limits: dict[str, Any] = {
+        what: _per_joint(getattr(request, f'max_{what}'), what, n, order)
+        for what in ('acceleration', 'power', 'jerk', 'torque_rate')}
 
     def compute(response: Any) -> None:
         served.loads.apply(robot)

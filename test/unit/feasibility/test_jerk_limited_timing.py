@@ -41,12 +41,19 @@ def test_duration_of_a_line_is_that_of_the_double_s_profile():
     assert {active.limit for active in found.active} == {'jerk', 'acceleration', 'velocity'}
 
 
-@pytest.mark.parametrize('scale', [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize('scale', [1e-6, 1.0])
 def test_torque_rate_of_a_joint_without_gravity_is_a_limit_of_its_jerk(scale):
     found = time_optimal(one_joint(math.inf), [[0.0], [3.0]], torque_rate=scale * 20.0 / 3.0)
     least = 4.0 * (3.0 / (2.0 * scale * 20.0))**(1.0 / 3.0)  # the inertia is 1/3
-    assert least < found.duration < 1.001 * least or scale > 1.0  # then the effort is a limit too
-    assert ('torque_rate' in {active.limit for active in found.active}) == (scale <= 1.0)
+    assert least < found.duration < 1.001 * least
+    assert {active.limit for active in found.active} == {'torque_rate'}
+
+
+def test_loose_limit_of_torque_rate_leaves_the_limit_of_effort():
+    found = time_optimal(one_joint(math.inf), [[0.0], [3.0]], torque_rate=1e8)
+    least = 2.0 * math.sqrt(3.0 / 3e3)  # at the acceleration of 1000 N m
+    assert least < found.duration < 1.005 * least
+    assert 'effort' in {active.limit for active in found.active}
 
 
 @cache
@@ -95,7 +102,8 @@ def excesses(robot, motion, payload, limits, resolution=100):
     (7, 3.0, {'torque_rate': 150.0})])
 def test_no_limit_is_exceeded_by_a_thousandth_between_points(seed, payload, limits):
     robot = arm()
-    robot.parameters.payload = Inertial(payload, np.zeros(3), np.zeros((3, 3))) if payload else None
+    if payload:
+        robot.parameters.payload = Inertial(payload, np.zeros(3), np.zeros((3, 3)))
     try:
         found = time_optimal(robot, waypoints(seed), points=300, **limits)
         worst = excesses(robot, found.motion, payload, limits)
@@ -119,11 +127,7 @@ def check_random_path(seed, monkeypatch):
                         lambda *given: calls.append(1) or solve(*given))
     path = waypoints(seed, int(np.random.default_rng(seed).integers(2, 30)))
     before = time.process_time()
-    try:
-        found = time_optimal(arm(), path, **LIMITS[seed % len(LIMITS)])
-    except InputError as error:
-        assert 'position' in str(error)  # beyond its limit
-        return
+    found = time_optimal(arm(), path, **LIMITS[seed % len(LIMITS)])
     assert time.process_time() - before < 20.0  # a second or two on an idle machine
     assert len(calls) <= third_order_timing.ROUNDS * third_order_timing.GRIDS
     assert found.demand.fits
@@ -131,13 +135,13 @@ def check_random_path(seed, monkeypatch):
     assert np.linalg.norm(found.motion.positions[:, None] - path, axis=2).min(axis=0).max() < 1e-6
 
 
-@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize('seed', range(1, 5))
 def test_random_paths_are_timed_in_bounded_time(seed, monkeypatch):
     check_random_path(seed, monkeypatch)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('seed', range(4, 24))
+@pytest.mark.parametrize('seed', range(5, 25))
 def test_more_random_paths_are_timed_in_bounded_time(seed, monkeypatch):
     check_random_path(seed, monkeypatch)
 
@@ -180,7 +184,7 @@ def test_path_whose_acceleration_jumps_is_refused_with_joint_and_time():
     robot = one_joint()
     path = Motion.from_points(t, q, [[0.0], [1.5], [0.0]], joint_names=robot.joint_names)
     time_optimal(robot, path)
-    with pytest.raises(InputError, match="acceleration of joint 'joint' jumps by .* at 1 s"):
+    with pytest.raises(InputError, match=r"acceleration of joint 'joint' jumps by .* at 1 s"):
         time_optimal(robot, path, jerk=20.0)
 
 
@@ -198,7 +202,7 @@ def test_invalid_limits_of_rates_are_refused(given, message):
 
 
 def test_configuration_that_the_motors_cannot_hold_is_named():
-    with pytest.raises(InputError, match='at rest at .* expected at most its effort limit 2'):
+    with pytest.raises(InputError, match=r'at rest at .* expected at most its effort limit 2'):
         time_optimal(one_joint(axis=(0.0, 1.0, 0.0), effort=2.0), [[0.0], [1.0]], jerk=5.0)
 
 
@@ -324,15 +328,16 @@ def test_duration_of_a_pendulum_with_gravity_is_the_least_of_a_program_in_time(e
     robot = one_joint(4.0, (0.0, 1.0, 0.0), effort)
     assert robot.gravity_force([0.0]) == pytest.approx([-weight], rel=1e-3)
     found = time_optimal(robot, [[0.0], [2.0]], jerk=jerk, torque_rate=rate)
-    assert found.duration == pytest.approx(least_duration(2.0, 2.0, limit), rel=4e-3)
+    assert found.duration == pytest.approx(least_duration(2.0, 2.0, limit), rel=2e-3)
 
 
 def test_plot_has_the_limits_of_jerk_and_torque_rate():
     pytest.importorskip('matplotlib')
     from kane_dynamics.plot import plot_timing
     found = time_optimal(two_joints(), [[0.0, 0.0], [1.0, 0.5]], jerk=10.0, torque_rate=20.0)
-    titles = [axes.get_title() for axes in plot_timing(found).axes[:4]]
-    assert titles == ['effort limit', 'velocity limit', 'jerk limit', 'torque_rate limit']
+    titles = [axes.get_title() for axes in plot_timing(found).axes]
+    assert [title for title in titles if title] == [
+        'effort limit', 'velocity limit', 'jerk limit', 'torque_rate limit']
 
 
 def test_effort_limits_of_other_robots_are_kept_too():
