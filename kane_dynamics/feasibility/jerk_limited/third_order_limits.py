@@ -168,7 +168,7 @@ class ThirdOrderLimits:
         return Uses(np.concatenate(values), np.concatenate(slopes, axis=1))
 
     def _quantities(self, profile: Array) -> Sequence[tuple[str, tuple[Any, ...]]]:
-        """Return limited quantities with their derivatives by x, x' and x'', (n, P) or 0."""
+        """Return limited quantities with derivatives with respect to x, x', x'', (n, P) or 0."""
         x, change, bend = profile
         root = np.sqrt(x)
         half = 0.5 / root

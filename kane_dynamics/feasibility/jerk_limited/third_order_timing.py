@@ -172,7 +172,7 @@ def _tighten(limits: ThirdOrderLimits, largest: Array) -> None:
 
 
 def _slow(spline: ProfileSpline, limits: ThirdOrderLimits) -> tuple[Array, float] | None:
-    """Return a profile of one x that satisfies the limits with a distance, and a distance, if any."""
+    """Return a profile of one x well within the limits, and its distance to the fastest."""
     x = FASTEST * limits.size
     rest = np.abs(limits.at(spline.at(np.full(spline.count, 1e-30 * x))).values)
     allowed = INSIDE + (1.0 - INSIDE) * rest
@@ -186,7 +186,7 @@ def _slow(spline: ProfileSpline, limits: ThirdOrderLimits) -> tuple[Array, float
 
 def _below(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array
            ) -> tuple[Array, float] | None:
-    """Return a profile that is slower than a fast one and satisfies the limits, and its distance."""
+    """Return a profile within the limits, slower than c, and its distance to the fastest."""
     factor = SLOWER
     for _ in range(STRETCHES):
         if (c > 0.0).all() and (np.abs(limits.at(spline.at(factor * c)).values) < 1.0).all():
