@@ -3,7 +3,8 @@ Fastest timing of a path between rests with limits of jerk or of the rate of tor
 
 The profile satisfies the limits at the vertices of its grid. Where the motion exceeds one between
 them, that limit is tightened there, in a bounded number of rounds. The excess that remains is
-removed by a uniform slow-down, so a timing that is returned satisfies all limits.
+removed by a uniform slow-down, so a timing that is returned satisfies all limits wherever they are
+checked: at the places of `path_timing` and `rate_peaks`.
 """
 
 from collections.abc import Callable

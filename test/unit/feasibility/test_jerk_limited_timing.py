@@ -130,7 +130,7 @@ def check_random_path(seed, monkeypatch):
     found = time_optimal(arm(), path, **LIMITS[seed % len(LIMITS)])
     assert time.process_time() - before < 20.0  # a second or two on an idle machine
     assert len(calls) <= third_order_timing.ROUNDS * third_order_timing.GRIDS
-    assert found.demand.fits
+    assert max(float(use.max()) for use in found.demand.uses.values()) <= 1.001
     assert max(float(use.max()) for use in found.uses.values()) <= 1.0
     assert np.linalg.norm(found.motion.positions[:, None] - path, axis=2).min(axis=0).max() < 1e-6
 
@@ -335,7 +335,7 @@ def test_plot_has_the_limits_of_jerk_and_torque_rate():
     pytest.importorskip('matplotlib')
     from kane_dynamics.plot import plot_timing
     found = time_optimal(two_joints(), [[0.0, 0.0], [1.0, 0.5]], jerk=10.0, torque_rate=20.0)
-    titles = [axes.get_title() for axes in plot_timing(found).axes]
+    titles = [axes.get_title('left') for axes in plot_timing(found).axes]
     assert [title for title in titles if title] == [
         'effort limit', 'velocity limit', 'jerk limit', 'torque_rate limit']
 
