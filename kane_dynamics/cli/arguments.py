@@ -173,9 +173,12 @@ def _feasible(sub: ArgumentParser) -> None:
                      help='largest mechanical power, one value or one per joint (default: none)')
     sub.add_argument('--time-optimal', action='store_true',
                      help='compute the fastest timing of the path of the motion')
-    sub.add_argument('--acceleration', type=float, nargs='+', default=[math.inf], metavar='A',
-                     help='largest acceleration with --time-optimal, one value or one per joint, '
-                     'rad/s^2 or m/s^2 (default: none)')
+    for name, what, unit in (('acceleration', 'acceleration', 'rad/s^2 or m/s^2'),
+                             ('jerk', 'jerk', 'rad/s^3 or m/s^3'),
+                             ('torque-rate', 'torque rate (without Coulomb friction)', 'N m/s')):
+        sub.add_argument(f'--{name}', type=float, nargs='+', default=[math.inf], metavar='L',
+                         help=f'largest {what} with --time-optimal, one value or one per joint, '
+                         f'{unit} (default: none)')
     sub.add_argument('--payload-frame', metavar='LINK',
                      help='compute the largest payload of this link')
     sub.add_argument('--payload-com', type=float, nargs=3, default=(0.0, 0.0, 0.0),

@@ -13,6 +13,9 @@ import math
 from kane_dynamics._util.checks import instance, integer, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.feasibility.jerk_limited.rate_peaks import rate_uses_at_points
+from kane_dynamics.feasibility.jerk_limited.third_order_limits import RateBounds
+from kane_dynamics.feasibility.jerk_limited.third_order_timing import rate_limited
 from kane_dynamics.feasibility.path_geometry import path_of, Section, sections
 from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
 from kane_dynamics.feasibility.path_timing import Checked, checked, duration, joined, timed
@@ -20,7 +23,6 @@ from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit
                                                     Infeasible, Limits)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
-from kane_dynamics.feasibility.torque_demand import share
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
@@ -41,7 +43,8 @@ COARSE, FINE = 2e-3, 4000  # a grid on which tighter limits cost more time, and 
 
 
 def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = math.inf,
-                 acceleration: ArrayLike = math.inf, start_speed: float = 0.0,
+                 acceleration: ArrayLike = math.inf, jerk: ArrayLike = math.inf,
+                 torque_rate: ArrayLike = math.inf, start_speed: float = 0.0,
                  end_speed: float = 0.0, points: int = POINTS) -> TimeOptimal:
     """
     Return the fastest motion along a path within the joint limits of a robot.
@@ -60,8 +63,14 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
         Limit on the absolute mechanical power of each joint, W.
     acceleration : float or (n,) array_like
         Limit on the absolute acceleration of each joint, rad/s^2 or m/s^2.
+    jerk : float or (n,) array_like
+        Limit on the absolute jerk of each joint, rad/s^3 or m/s^3.
+    torque_rate : float or (n,) array_like
+        Limit on the absolute rate of the torque of each joint, N m/s or N/s, without Coulomb
+        friction, which changes almost at once where a joint reverses.
     start_speed, end_speed : float
-        Euclidean norm of the joint velocities at the ends of the path, rad/s or m/s.
+        Euclidean norm of the joint velocities at the ends of the path, rad/s or m/s; 0 with
+        limits of jerk or torque rate.
     points : int
         Intervals of the grid, about; more where they are needed.
 
@@ -81,9 +90,23 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     bounds = Bounds(limits.effort, limits.velocity, *(
         per_joint(value, what, names, finite=False)
         for value, what in ((power, 'power'), (acceleration, 'acceleration'))))
+    rates = RateBounds(*(per_joint(value, what, names, finite=False) for value, what in (
+        (jerk, 'jerk'), (torque_rate, 'torque_rate'))))
     speeds = [_speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')]
     points = integer(points, 'points', 10, MOST_SAMPLES)
     motion = path_of(path, names)
+    rates = rates.along(motion)
+    if rates.given:
+        for what, speed in (('start_speed', start_speed), ('end_speed', end_speed)):
+            if speed:
+                raise InputError(f'{what}: {speed:g} with a limit of jerk or torque rate; '
+                                 'expected 0')
+
+        def check(section: Section) -> None:
+            _check_positions(robot, section)
+            _check_motion(bounds, section, names)
+        return _result(robot, bounds, rates, rate_limited(
+            robot, motion, bounds, rates, points, check))
     best: list[Checked] = []
     while True:
         parts = sections(motion, points, 2, (not speeds[0], not speeds[1]))
@@ -99,7 +122,7 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
             if points >= error.finest and not best:
                 raise InputError(str(error)) from None
         if best and (slower <= COARSE or points >= FINE):
-            return _result(robot, bounds, best)
+            return _result(robot, bounds, rates, best)
         points *= 2
 
 
@@ -261,18 +284,11 @@ def _largest_end(limits: PathLimits, limited: Limits, start: float) -> float:
     return math.sqrt(x) * float(np.linalg.norm(limits.first[-1]))
 
 
-def _result(robot: Robot, bounds: Bounds, parts: Sequence[Checked]) -> TimeOptimal:
+def _result(robot: Robot, bounds: Bounds, rates: RateBounds, parts: Sequence[Checked]
+            ) -> TimeOptimal:
     """Return the motion along all sections."""
     points, coefficients = joined([part.points for part in parts])
-    kernel = robot.kernels.quantity('inverse_dynamics')
-    kernel = kernel.with_parameters(kernel.parameters.copy())  # of now: payload, gravity
-
-    def torques() -> Array:
-        return np.asarray(kernel(*points[1:]))
-
-    def uses(tau: Array) -> dict[str, Array]:
-        return {name: share(np.abs(values), bound) for name, values, bound in zip(
-            Bounds._fields, (tau, points.u, tau * points.u, points.udot), bounds)
-            if np.isfinite(bound).any()}
+    tau = np.asarray(robot.inverse_dynamics(*points[1:]))
+    uses = rate_uses_at_points(robot, [part.points for part in parts], rates)
     motion = Motion(robot.joint_names, point_times(points.t), points.q, coefficients)
-    return TimeOptimal(motion, points, torques, uses, robot, bounds.power)
+    return TimeOptimal(motion, points, tau, robot, bounds, uses)

@@ -1,13 +1,13 @@
 """Result of `time_optimal`: the motion, its torques and its use of the limits."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.feasibility.path_limits import Bounds
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, STEP
-from kane_dynamics.feasibility.torque_demand import Demand, demand
+from kane_dynamics.feasibility.torque_demand import Demand, demand, share
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
@@ -22,7 +22,7 @@ class ActiveLimit(NamedTuple):
     start: float
     end: float
     joint: str
-    limit: str  # 'effort', 'velocity', 'power' or 'acceleration'
+    limit: str  # a name in `TimeOptimal.uses`
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,25 +37,30 @@ class TimeOptimal:
     points : ControllerPoints
         Its K points for a controller that interpolates quintics: at the two points of a rest
         between sections, the accelerations before and after it.
+    tau : (K, n) array
+        Torques at the points of the motion, N m or N.
 
     """
 
     motion: Motion
     points: ControllerPoints
-    _torques: Callable[[], Array]
-    _uses: Callable[[Array], dict[str, Array]]
+    tau: Array
     _robot: Robot
-    _power: Array
-
-    @cached_property
-    def tau(self) -> Array:
-        """Return the torques at the points of the motion, (K, n), N m or N."""
-        return self._torques()
+    _bounds: Bounds
+    _rate_uses: dict[str, Array]
 
     @cached_property
     def uses(self) -> dict[str, Array]:
-        """Return the shares of the limits at the points of the motion, (K, n) arrays."""
-        return self._uses(self.tau)
+        """
+        Return the shares of the limits at the points of the motion, (K, n) arrays.
+
+        They are of effort, velocity, power, acceleration, jerk and torque_rate, where limited; of
+        the last two the larger one on both sides of a point.
+        """
+        _, _, u, udot = self.points
+        return {name: share(np.abs(values), bound) for name, values, bound in zip(
+            Bounds._fields, (self.tau, u, self.tau * u, udot), self._bounds)
+            if np.isfinite(bound).any()} | self._rate_uses
 
     @property
     def duration(self) -> float:
@@ -66,7 +71,7 @@ class TimeOptimal:
     def demand(self) -> Demand:
         """Return torque, speed and power of the motion, with the limits."""
         step = max(STEP, 4.0 * self.duration / MOST_SAMPLES)
-        return demand(self._robot, self.motion, step=step, power=self._power)
+        return demand(self._robot, self.motion, step=step, power=self._bounds.power)
 
     @property
     def active(self) -> tuple[ActiveLimit, ...]:

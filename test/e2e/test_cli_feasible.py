@@ -103,3 +103,17 @@ def test_fastest_timing_refuses_a_speed(trajectory, capsys):
     assert main(['feasible', str(URDF), '--trajectory', trajectory, '--time-optimal', '--speed',
                  '2']) != 0
     assert '--speed: given with --time-optimal; expected one of them' in capsys.readouterr().err
+
+
+def test_fastest_timing_keeps_limits_of_jerk_and_torque_rate(trajectory, capsys, tmp_path):
+    code, free = answer(capsys, '--trajectory', trajectory, '--time-optimal')
+    out = str(tmp_path / 'fastest.csv')
+    code, data = answer(capsys, '--trajectory', trajectory, '--time-optimal', '--jerk', '300',
+                        '--torque-rate', '500', '--out', out)
+    assert code == 0 and data['duration'] > free['duration']
+    assert 0.99 < max(*data['uses']['jerk'], *data['uses']['torque_rate']) <= 1.0
+    code, checked = answer(capsys, '--trajectory', out)
+    assert code == 0 and checked['fits']
+    assert main(['feasible', str(URDF), '--trajectory', trajectory, '--time-optimal', '--jerk',
+                 '-1']) != 0
+    assert 'jerk of joint' in capsys.readouterr().err

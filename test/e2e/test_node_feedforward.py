@@ -128,6 +128,24 @@ def test_the_service_times_a_path_as_the_library_does(filler, robot):
     assert not answer.success and 'expected at least 2' in answer.message
 
 
+def test_the_service_keeps_limits_of_jerk_and_torque_rate(filler, robot):
+    order = [2, 0, 1]
+    jerk, torque_rate = np.array([40.0, 60.0, 50.0]), 300.0
+    answer = filler.client.call(
+        TimeOptimal, 'time_optimal', joint_names=[JOINTS[k] for k in order],
+        positions=POINTS[:, order].ravel().tolist(), max_jerk=jerk[order].tolist(),
+        max_torque_rate=[torque_rate])
+    assert answer.success, answer.message
+    expected = time_optimal(robot, POINTS, jerk=jerk, torque_rate=torque_rate)
+    assert answer.time_from_start == pytest.approx(expected.motion.times.tolist(), rel=1e-9)
+    np.testing.assert_allclose(answer.accelerations, expected.points.udot[:, order].ravel(),
+                               rtol=0, atol=1e-9)
+    assert expected.duration > time_optimal(robot, POINTS).duration
+    answer = filler.client.call(TimeOptimal, 'time_optimal', positions=POINTS.ravel().tolist(),
+                                max_jerk=[1.0, 2.0])
+    assert not answer.success and 'max_jerk: 2 entries; expected none, 1 or 3' in answer.message
+
+
 def test_the_service_answers_the_timing_as_a_joint_trajectory_where_asked(filler):
     order = [2, 0, 1]
     answer = filler.client.call(

@@ -143,8 +143,10 @@ def time_path(options: Namespace, robot: Robot, motion: Motion, plot: Any, power
                         ('--payload-frame', options.payload_frame is not None)):
         if given:
             raise InputError(f'{name}: given with --time-optimal; expected one of them')
-    timing = time_optimal(robot, motion, power=power, acceleration=options.acceleration[0] if len(
-        options.acceleration) == 1 else options.acceleration)
+    limits = {name: given[0] if len(given) == 1 else given for name, given in (
+        ('acceleration', options.acceleration), ('jerk', options.jerk),
+        ('torque_rate', options.torque_rate))}
+    timing = time_optimal(robot, motion, power=power, **limits)
     data = timing_data(timing, motion)
     if options.out:
         write_timing(options.out, timing)

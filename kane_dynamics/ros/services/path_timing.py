@@ -42,13 +42,14 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
         raise InputError('time_from_start: empty; expected the times of points with velocities or '
                          'accelerations')
     path = Motion.from_points(times, q, u, udot, joint_names=joints) if len(times) else q
-    acceleration = _per_joint(request.max_acceleration, 'acceleration', n, order)
-    power = _per_joint(request.max_power, 'power', n, order)
+    limits: dict[str, Any] = {
+        what: _per_joint(getattr(request, f'max_{what}'), what, n, order)
+        for what in ('acceleration', 'power', 'jerk', 'torque_rate')}
 
     def compute(response: Any) -> None:
         served.loads.apply(robot)
         response.message = RIGID * (served.bending is not None)
-        found = time_optimal(robot, path, acceleration=acceleration, power=power)
+        found = time_optimal(robot, path, **limits)
         t, *states = found.points
         back = np.argsort(order)
         response.joint_names = names

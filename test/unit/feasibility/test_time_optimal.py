@@ -7,7 +7,6 @@ import math
 from kane_dynamics import (Inertial, InputError, Limits, load_urdf, ModelBuilder, Motion, Robot,
                            rod)
 from kane_dynamics.feasibility import demand, fastest, reachability, time_optimal
-from kane_dynamics.feasibility.banded_solution import banded_solution
 from kane_dynamics.feasibility.path_limits import torque_kernel
 from kane_dynamics.feasibility.segment_peaks import CHANGING, SegmentPeaks
 from kane_dynamics.motion.uniform_spline import spline_derivatives
@@ -363,17 +362,6 @@ def test_limits_of_power_on_long_paths_have_the_duration_of_a_fine_grid(count, p
     found = time_optimal(robot, path, power=power)
     assert found.duration == pytest.approx(duration, rel=0.01)  # that on 4000 intervals
     assert largest_use(robot, found, power) <= 1.001
-
-
-@pytest.mark.parametrize('count', [1, 2, 3, 40])
-def test_banded_systems_are_solved_as_dense_ones(count):
-    rng = np.random.default_rng(count)
-    rows = rng.normal(size=(3, count))
-    rows[0] += 8.0
-    A = sum((np.diag(rows[k, k:], -k) for k in range(1, min(3, count))), np.diag(0.5 * rows[0]))
-    right = rng.normal(size=(count, 4))
-    assert banded_solution(rows, right) == pytest.approx(
-        np.linalg.solve(A + A.T, right), rel=1e-12, abs=1e-13)
 
 
 def test_excess_that_no_grid_removes_is_named():
