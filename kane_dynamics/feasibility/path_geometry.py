@@ -17,9 +17,9 @@ from typing import NamedTuple
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.motion.uniform_spline import spline_derivatives
 from kane_dynamics.mechanics.algebra.spline import free_velocities
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.motion.uniform_spline import spline_derivatives
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -16,8 +16,8 @@ from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.reachability import compile_passes, Limits
 from kane_dynamics.feasibility.segment_peaks import peaks_kernel
 from kane_dynamics.feasibility.time_scale import HIGHEST
-from kane_dynamics.motion.uniform_spline import kernels as compile_spline
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
+from kane_dynamics.motion.uniform_spline import kernels as compile_spline
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program

@@ -9,9 +9,9 @@ from kane_dynamics import (Inertial, InputError, Limits, load_urdf, ModelBuilder
 from kane_dynamics.feasibility import demand, fastest, reachability, time_optimal
 from kane_dynamics.feasibility.path_limits import torque_kernel
 from kane_dynamics.feasibility.segment_peaks import CHANGING, SegmentPeaks
-from kane_dynamics.motion.uniform_spline import spline_derivatives
 from kane_dynamics.mechanics.algebra.spline import free_velocities
 from kane_dynamics.motion.controller_points import ControllerPoints
+from kane_dynamics.motion.uniform_spline import spline_derivatives
 from kane_dynamics.robot.parameters import JointLimits
 from linkages import four_bar
 import numpy as np
