@@ -55,12 +55,9 @@ class ConstrainedTorques:
         self._bending, self._source = bending, bending or robot
         self.places = list(followed_joints(robot, followed))
         self.followed = tuple(robot.coordinate_names[k] for k in self.places)
-        if bending is not None and not set(self.followed) == set(bending.speed_names) == set(
-                robot.actuated_names):
-            raise InputError(f'followed: {list(self.followed)}, with actuators at '
-                             f'{list(robot.actuated_names)}; expected '
-                             f'{list(bending.speed_names)} for both, the independent joints, '
-                             'because others load the beams through the loops')
+        if bending is not None:
+            bending.require_drives('followed', self.followed)
+            bending.require_drives('actuated', robot.actuated_names)
         self._preload = None if preload is None else self._checked(preload)
         self._tracking = False  # whether the last feedforward was of the same motion of joints
         self._functions: dict[str, Callable[..., Array]] = {}

@@ -97,11 +97,8 @@ class Controller(ControllerSettings):
         elif followed is not None or preload is not None:
             raise InputError('followed, preload: given; expected a robot with chosen speeds or '
                              'constraints')
-        if bending is not None and (bending.joint_names, bending.speed_names) != (
-                self._names, self._speeds):
-            raise InputError(f'bending: of the joints {list(bending.joint_names)} with the speeds '
-                             f'{list(bending.speed_names)}; expected {list(self._names)}, '
-                             f'{list(self._speeds)}')
+        if bending is not None:
+            bending.require_rigid_model(robot)
         self._source = bending or robot
         self._zero = np.zeros(len(self._follow))
         self._zero.flags.writeable = False

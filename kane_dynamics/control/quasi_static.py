@@ -1,5 +1,6 @@
 """Quasi-static dynamics of a flexible robot: its modes are in equilibrium with the load."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import fixed
@@ -67,6 +68,20 @@ class QuasiStatic:
                 stiffness[np.ix_(places, places)] = body.beam.stiffness
         self._flexibility = np.linalg.inv(stiffness[np.ix_(modes, modes)])
 
+    def require_rigid_model(self, robot: Robot) -> None:
+        """Raise InputError unless a rigid model has these joints and speeds, in their order."""
+        if (self.joint_names, self.speed_names) != (robot.joint_names, robot.speed_names):
+            raise InputError(f'bending: of the joints {list(self.joint_names)} with the speeds '
+                             f'{list(self.speed_names)}; expected {list(robot.joint_names)}, '
+                             f'{list(robot.speed_names)}')
+
+    def require_drives(self, name: str, joints: Sequence[str]) -> None:
+        """Raise InputError unless the joints with actuators, `name`, are the independent ones."""
+        if set(joints) != set(self.speed_names):
+            raise InputError(f'{name}: {list(joints)}; expected {list(self.speed_names)}, the '
+                             'independent joints, because others load the beams through the '
+                             'loops')
+
     def modes(self, q: Any, u: Any, udot: Any) -> Array:
         """
         Return the modal coordinates in equilibrium, (..., m).
@@ -113,6 +128,9 @@ class QuasiStatic:
         Q = self._whole('q', q, self.joint_names, self._joints, self.robot.n_q)
         U, A = (self._whole(name, x, self.speed_names, self._speeds, self.robot.n)
                 for name, x in (('u', u), ('udot', udot)))
+        if not Q.shape[:-1] == U.shape[:-1] == A.shape[:-1]:
+            raise InputError(f'u, udot: shapes {np.shape(u)} and {np.shape(udot)} with q of shape '
+                             f'{np.shape(q)}; expected as many states of each')
         if self._tracker is None or Q.ndim == 1:
             return self._balanced(Q, U, A)
         every = [x.reshape(-1, x.shape[-1]) for x in (Q, U, A)]

@@ -104,7 +104,8 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
         Positions of the robot's joints, in its order, rad or m. Joints that are not in
         `joint_names` rest there; needed if there are any. With constraints: a nearly closed
         configuration, whose assembly mode is kept on the way from there to the first point and
-        along the trajectory; default: that of the robot, or the first point if of all joints.
+        along the trajectory. Default: that of the robot, or the first point if of all joints, or
+        else the closure that is found from zeros, which may be another mode than that of the arm.
     start : (q, u, udot), optional
         State of the trajectory's joints at time 0, (m,) each; u and udot may be None (rest). If
         the first point is later, the trajectory begins with this state. Joints without limits
@@ -122,7 +123,8 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
     max_points : int
         Largest number of points of the result.
     bending : QuasiStatic, optional
-        The flexible arm of which `robot` is the rigid model.
+        The flexible arm of which `robot` is the rigid model, in the same joints and speeds; with
+        constraints, the joints with actuators are the independent ones.
     loops : LoopLimits
         With constraints: largest deviation of further joints, and the conditioning.
 
@@ -142,6 +144,7 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
     instance(compensate, Terms, 'compensate')
     if bending is not None:
         instance(bending, QuasiStatic, 'bending')
+        bending.require_rigid_model(robot)
     max_points = integer(max_points, 'max_points', 1)
     arm = _arm(robot, bending, joint_names, rest, compensate, loops)
     names, limits = arm.names, arm.limits(effort_limit)

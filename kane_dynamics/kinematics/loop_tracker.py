@@ -180,7 +180,7 @@ class LoopTracker:
         self._step.begin(rates, t)
         if self.known and self._follow(measured, others, values):
             return
-        self.figure = self._figure
+        self.figure, others = self._figure, list(others)  # a tuple would index dimensions
         if not self.known:
             if values is None or len({*self.places, *others}) < len(self.q):
                 raise LoopError(UNKNOWN, self._why)

@@ -240,15 +240,16 @@ class Simulator:
         """
         Return the exceeded limits of all trials, (N, limits), and these: '<joint> <limit>'.
 
-        Limits of velocity and effort are those of joints whose rates are the speeds; with
-        `Robot(actuated=)` torques are shared, and efforts have none.
+        Limits of velocity and effort are those of joints whose rates are the speeds. Efforts have
+        none if other joints have the actuators, which share the torques.
         """
         at, robot = self.trial.parts, self.trial.robot
         limits, speeds = robot.limits, robot.speed_names
         own = dict(zip(robot.joint_names, np.transpose([limits.velocity, limits.effort])))
         velocity, effort = np.array([own.get(name, (np.inf, np.inf)) for name in speeds]).reshape(
             -1, 2).T
-        if getattr(robot.equations, 'actuated', None) is not None:
+        if getattr(robot.equations, 'actuated', None) is not None and (
+                set(robot.actuated_names) != set(speeds)):
             effort = np.full(robot.n, np.inf)
         passed = np.concatenate([
             low[:, at.q] < limits.lower, high[:, at.q] > limits.upper,

@@ -47,6 +47,8 @@ class TrajectoryLinkage(TrajectoryArm):
         super().__init__(robot, source, joint_names, np.zeros(robot.n_q) if rest is None else rest,
                          compensate)
         self._select(_driving(robot, self.given))
+        if isinstance(source, QuasiStatic):
+            source.require_drives('joint_names', self.names)
         self._others = [k for k, name in enumerate(robot.joint_names) if name not in self.names]
         self._given_start = rest is not None
         self._path = ClosedPath(robot, self.names, limits) if robot.constraint_names else None

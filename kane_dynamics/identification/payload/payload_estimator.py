@@ -59,7 +59,7 @@ class PayloadEstimator:
             self._sigma = np.array(sigma, dtype=np.float64)
         except (TypeError, ValueError):
             self._sigma = np.empty(0)
-        if self._sigma.shape != (n,) or not (self._sigma > 0.0).all():
+        if self._sigma.shape != (n,) or not ((self._sigma > 0.0) & (self._sigma < np.inf)).all():
             raise InputError(f'sigma: {sigma!r}; expected {n} positive numbers, of '
                              f'{", ".join(self._rows.names)}')
         self._arguments = [Argument('q', (robot.n_q,), robot.coordinate_names), *(

@@ -52,7 +52,7 @@ class AppliedTorque:
         self.measured = False
         robot.compile('torque_terms', 'inverse_dynamics')
         if bending is not None:
-            bending.robot.compile('inverse_dynamics')
+            bending.robot.compile('torque_terms', 'inverse_dynamics')
         self.update(values)
 
     def update(self, values: Mapping[str, Any]) -> None:
@@ -81,15 +81,18 @@ class AppliedTorque:
         torque = state.effort if self.measured else cycle.tau
         if self._actuated is not None:
             torque = self._generalized(torque, state.q)
-        if not self.measured and self._arm_terms.any():
-            torque = torque + self._arm_terms @ self._robot.torque_terms(state.q, state.u,
-                                                                         self._zero)
-        if self._bending is not None:
-            try:
+        source = self._bending or self._robot  # whose terms the command lacks
+        try:
+            if not self.measured and self._arm_terms.any():
+                torque = torque + self._arm_terms @ source.torque_terms(state.q, state.u,
+                                                                        self._zero)
+            if self._bending is not None:
                 torque = torque - self._deflection_torque(self._bending, state.q, state.u)
-            except KaneError as error:  # no equilibrium, or loops that do not close
-                self._reject('no deflection', str(error))
-                return None
+        except KaneError as error:  # no equilibrium, or loops that do not close
+            if self._bending is None:
+                raise
+            self._reject('no deflection', str(error))
+            return None
         return torque if cycle.external is None else torque + cycle.external
 
     def _deflection_torque(self, bending: QuasiStatic, q: Array, u: Array) -> Array:

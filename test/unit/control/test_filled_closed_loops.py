@@ -3,13 +3,14 @@
 from functools import cache
 
 from kane_dynamics import fill_trajectory, InputError, Robot
+from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.feasibility import demand
 from kane_dynamics.kinematics.closed_path import LoopLimits
 from kane_dynamics.kinematics.loop_error import BRANCH, CONTRADICTORY_POINT, LoopError, SINGULAR
 from kane_dynamics.mechanics.definition import nonholonomic
 from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh
 import numpy as np
-from palletizer import DRIVEN, palletizer, positions, SINGULAR_SHOULDER
+from palletizer import bending_palletizer, DRIVEN, palletizer, positions, SINGULAR_SHOULDER
 import pytest
 
 TIMES, CRANK = [0.0, 0.5, 1.0], [[0.8], [1.4], [1.0]]
@@ -152,3 +153,20 @@ def test_driving_joints_for_which_the_loops_stay_open_are_refused():
         fill_trajectory(linkage(), [0.0, 1.0], [at[2:], at[2:] + 1.5], joint_names=['rocker'],
                         rest=at)  # no crank turns the rocker that far
     assert caught.value.reason in (SINGULAR, BRANCH)
+
+
+def test_beams_are_those_of_the_same_joints_and_speeds_with_actuators_at_these():
+    flexible, rigid = bending_palletizer()
+    bent, rows = QuasiStatic(flexible), np.array([[0.2, 0.3, -0.2, 0.5]])
+    filled = fill_trajectory(rigid, [0.0], rows, joint_names=DRIVEN, bending=bent)
+    np.testing.assert_allclose(filled.efforts[0], bent.gravity_force(positions(rigid, *rows[0])),
+                               rtol=1e-9)
+    reverse = Robot(rigid.model, **{**rigid.options, 'independent': DRIVEN[::-1]})
+    with pytest.raises(InputError, match=r"bending: .* speeds .'swivel', .*, .'turn', 'lever_d"):
+        fill_trajectory(reverse, [0.0], rows, joint_names=DRIVEN, bending=bent)
+    others = ['swivel', 'shoulder', 'elbow', 'turn']
+    for actuated in (None, others):
+        robot = Robot(rigid.model, **{**rigid.options, 'actuated': actuated})
+        with pytest.raises(InputError, match=r"joint_names: .*'elbow'.*, the independent joints"):
+            fill_trajectory(robot, [0.0], [[0.2, 0.3, -0.5, 0.5]], joint_names=others,
+                            bending=bent)

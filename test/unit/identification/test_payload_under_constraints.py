@@ -128,6 +128,8 @@ def test_what_cannot_be_estimated_is_refused_by_name():
         PayloadEstimator(shared, 'tool', [1.0])
     with pytest.raises(InputError, match=r'sigma: \[1\.0\]; expected 4 positive numbers, of swiv'):
         PayloadEstimator(robot, 'tool', [1.0])
+    with pytest.raises(InputError, match=r'sigma: .*inf.*; expected 4 positive numbers, of swiv'):
+        PayloadEstimator(robot, 'tool', [1.0, np.inf, 1.0, 1.0])
     with pytest.raises(InputError, match="constraint 'runner' is one of velocities"):
         identify_payload(rolling, Recording(np.arange(30.0), *[zero] * 4), 'tool')
     with pytest.raises(InputError, match='recording: 1 joints; expected 4: swivel, shoulder'):

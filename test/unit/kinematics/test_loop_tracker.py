@@ -233,6 +233,22 @@ def test_a_refused_measurement_leaves_the_last_configuration_and_speeds(angle):
     np.testing.assert_array_equal(tracker.before[0], q)
 
 
+@pytest.mark.parametrize('kind', [list, tuple, np.array])
+def test_indices_of_further_joints_may_be_any_sequence(kind):
+    robot, driven = palletizer(), np.array([0.2, 0.3, -0.2, 0.5])
+    whole, rest = positions(robot, *driven), np.zeros(4)
+    places = kind([k for k, name in enumerate(robot.joint_names) if name not in DRIVEN])
+    tracker = LoopTracker(robot, DRIVEN)
+    tracker.known = False
+    for turn in (0.0, 2.0 * np.pi):
+        tracker.update(driven, rest, places, whole[list(places)] + turn)
+        np.testing.assert_allclose(tracker.q, whole, atol=1e-12)
+        assert tracker.deviation < 1e-12
+    beyond = whole[list(places)]
+    beyond[1] += 1.001 * tracker.tolerance
+    assert reason(tracker, driven, rest, places, beyond) == CONTRADICTION
+
+
 def test_a_restart_from_an_open_configuration_is_refused():
     tracker = LoopTracker(four_bar_at(0.8), ['crank'])
     with pytest.raises(LoopError, match=r'start: residual .* expected a nearly closed'):

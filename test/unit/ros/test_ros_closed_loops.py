@@ -9,7 +9,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from kane_dynamics import box, Controller, Motion, Robot, simulate  # noqa: E402, I100
+from kane_dynamics import box, Controller, Motion, Robot, simulate, Terms  # noqa: E402, I100
+from kane_dynamics.control.quasi_static import QuasiStatic  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.kinematics.loop_error import (BRANCH, CONTRADICTION,  # noqa: E402
                                                  SINGULAR, UNKNOWN)
@@ -20,6 +21,7 @@ from kane_dynamics.robot.robot import TORQUE_TERMS  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.doctor.live_graph import examine_states, ReceivedState  # noqa: E402
 from kane_dynamics.ros.guard.guard_path import GuardPath  # noqa: E402
+from kane_dynamics.ros.monitors.applied_torque import AppliedTorque  # noqa: E402
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa: E402
                                                         ContactPublishers)
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics  # noqa: E402
@@ -35,7 +37,8 @@ from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # n
 from kane_dynamics.ros.torque_path.joint_state_reader import (MISSING,  # noqa: E402
                                                               NOT_FINITE, STALE, TWICE)
 from kane_dynamics.ros.torque_path.torque_path import REFUSED, TorquePath  # noqa: E402
-from palletizer import DRIVEN, palletizer, positions, SINGULAR_SHOULDER  # noqa: E402
+from palletizer import (bending_palletizer, DRIVEN, palletizer, positions,  # noqa: E402
+                        SINGULAR_SHOULDER)
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
@@ -309,6 +312,25 @@ def test_the_observer_estimates_the_external_torque_of_the_independent_joints(me
     published = deserialize_message(topics.torques.sent[-1], JointState)
     assert tuple(published.name) == rig.robot.speed_names
     assert len(topics.wrench.sent) == len(topics.torques.sent)
+
+
+@pytest.mark.parametrize('off', [None, 'friction', 'gravity', 'coriolis'])
+def test_torque_of_deflected_beams_is_that_of_the_rigid_model_whatever_the_arm_adds(off):
+    flexible, rigid = bending_palletizer()
+    bent, rest = QuasiStatic(flexible), np.zeros(4)
+    q, u = positions(rigid, *POSE), np.array([0.1, -0.2, 0.3, 0.4])
+    values = {'observer.torque': 'command',
+              **{f'compensate.{name}': name != off for name in TORQUE_TERMS}}
+    terms = Terms(**({off: False} if off else {}))
+    command = np.zeros(rigid.n_q)
+    command[[rigid.joint_names.index(name) for name in DRIVEN]] = (
+        terms.weights @ bent.torque_terms(q, u, rest))
+    state = SimpleNamespace(has_velocity=True, has_effort=False, q=q, u=u)
+    found = AppliedTorque(rigid, values, lambda *words: pytest.fail(str(words)), bent).torque(
+        SimpleNamespace(state=state, tau=command, external=None))
+    expected = rigid.inverse_dynamics(q, u, rest)
+    assert np.abs(bent.inverse_dynamics(q, u, rest) - expected).max() > 0.1
+    np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize('mode', ['inverse_dynamics', 'computed_torque'])

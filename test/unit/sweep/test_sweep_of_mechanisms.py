@@ -1,5 +1,6 @@
 """Sweeps with chosen speeds, constraints, functions of time and ball joints."""
 
+from dataclasses import replace
 from functools import cache
 
 from kane_dynamics import (ComputedTorque, ConstraintError, InputError, Motion, Prescribed, Robot,
@@ -78,6 +79,18 @@ def test_gravity_compensation_with_the_payload_known_holds_the_linkage():
         # `simulate` holds the torque of a function during each step.
         assert abs(found['u.crank'][k] - run.u[-1, 0]) < 2e-2 * abs(run.u[-1, 0]) + 1e-9
     assert abs(found['u.crank'][0] - found['u.crank'][1]) > 0.1
+
+
+def test_torques_beyond_effort_limits_are_events_where_they_are_those_of_actuators():
+    events = []
+    for actuated in (None, ('crank',), ('rocker',)):
+        robot = linkage(actuated=actuated).copy()
+        robot.limits = replace(robot.limits, effort=np.full(3, 0.1))
+        found = columns(Sweep(robot, samples=1, duration=0.01, step=STEP, q0=START,
+                              controller='gravity_compensation'))
+        assert found['peak_torque.crank'][0] > 0.1
+        events.append(found['limits'][0])
+    assert events == ['crank effort', 'crank effort', '']
 
 
 def test_random_quaternions_are_uniform_rotations_of_unit_length():
