@@ -8,6 +8,7 @@ where it exceeds them, as at the corners of the profile.
 """
 
 from collections.abc import Sequence
+from copy import copy
 import math
 
 from kane_dynamics._util.checks import instance, integer, number, per_joint
@@ -291,4 +292,4 @@ def _result(robot: Robot, bounds: Bounds, rates: RateBounds, parts: Sequence[Che
     tau = np.asarray(robot.inverse_dynamics(*points[1:]))
     uses = rate_uses_at_points(robot, [part.points for part in parts], rates)
     motion = Motion(robot.joint_names, point_times(points.t), points.q, coefficients)
-    return TimeOptimal(motion, points, tau, robot, bounds, uses)
+    return TimeOptimal(motion, points, tau, copy(robot), bounds, uses)  # has its own payload

@@ -15,6 +15,7 @@ from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel, ResultCheck
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
+from kane_dynamics.native.tracing.program_origin import origin
 from kane_dynamics.native.tracing.subroutine import call, Subroutines
 from kane_dynamics.robot.derivative_kernels import (block_of, Derivative, shapes_by_name,
                                                     SlopesOfDynamics)
@@ -168,11 +169,12 @@ class KernelSet:
 
     def extra(self, name: str, program: Callable[[], Program], arguments: Sequence[Argument],
               block: Array, shape: Shape, reason: ResultCheck | None = None) -> Kernel:
-        """Return a kernel of a program of the caller; `name` identifies it in this set."""
+        """Return a kernel of a program of the caller; name and `origin` identify it here."""
+        place = name, origin(program)
         if reason is not None:
-            self._explained.add((name, ''))
-        return self._kept((name, ''), lambda: Kernel(name, program, self.key, arguments, block,
-                                                     shape, reason))
+            self._explained.add(place)
+        return self._kept(place, lambda: Kernel(name, program, self.key, arguments, block, shape,
+                                                reason))
 
     def _quantity(self, name: str) -> Quantity:
         """Return the quantity of a name; InputError lists the valid ones."""

@@ -102,6 +102,7 @@ class ThirdOrderLimits:
         self._check_rest(static.T + self.offset)
         self.first, self.second = first.T.copy(), second.T.copy()
         self.effort = square, 0.5 * inertia, static
+        self._check_effort(inertia)
         self.jerk = path.third.T.copy(), 1.5 * self.second, 0.5 * self.first
         self.torque_rate = square_s, 0.5 * inertia_s + square, 0.5 * inertia, static_s
         self.damping = damping(robot)[:, None]
@@ -121,6 +122,15 @@ class ThirdOrderLimits:
                                  'expected a positive limit')
         if not (moves & np.isfinite([self.bounds[name] for name in BOUNDING]).any(axis=0)).any():
             raise InputError(UNBOUNDED)
+
+    def _check_effort(self, inertia: Array) -> None:
+        """Raise InputError if a joint that the motion accelerates has no torque."""
+        still = (self.bounds['effort'] == 0.0) & (
+            np.abs(inertia).max(axis=1) > STILL * np.abs(inertia).max())
+        if still.any():
+            raise InputError(
+                f"effort of joint '{self.robot.joint_names[int(still.argmax())]}': limit 0; "
+                'expected a positive limit, since the motion needs a torque of the joint')
 
     def _size(self) -> float:
         """Return x of a fast motion: the largest one that a kind of limits allows, about."""

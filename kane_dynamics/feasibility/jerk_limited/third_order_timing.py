@@ -130,7 +130,8 @@ def rate_limited(robot: Robot, motion: Motion, bounds: Bounds, rates: RateBounds
     if cost > WORST:
         raise InputError(f'path: a timing within the limits takes {cost:.2%} more time than one '
                          'that satisfies them at the points of the finest grid; expected at most '
-                         f'{WORST:.0%}, on a path without sharp corners')
+                         f'{WORST:.0%}, on a path without sharp corners that is not much '
+                         'shorter than the positions on it, which are rounded')
     return [best[k].checked for k in range(len(parts))]
 
 

@@ -19,6 +19,7 @@ from kane_dynamics.native.runtime.batch_loop import BAD_INPUT, driver, run_batch
 from kane_dynamics.native.runtime.gc_pause import gc_paused
 from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.native.tracing.program import Program, Shape, size_of
+from kane_dynamics.native.tracing.program_origin import origin
 import numpy as np
 
 SYMBOL = 'kernel'  # name of the kernel function in its object file
@@ -44,8 +45,8 @@ class Kernel:
         Traces the program; called if the cache does not hold its code for single states or
         for batches.
     key : str or None
-        Everything the program depends on, for the cache. None always traces and uses the
-        generated code as the key.
+        Everything the program depends on, for the cache, beside its inputs, its result and what
+        `origin` tells. None always traces and uses the generated code as the key.
     arguments : sequence of Argument
         In the program's order; those with a default come last.
     parameters : array
@@ -71,7 +72,10 @@ class Kernel:
         self.defaults = [a.default for a in self.arguments if a.default is not None]
         self._given = [size_of(a.shape) for a in self.arguments if a.default is None]
         self.parameters = parameters
-        self._program, self._key = program, key
+        self._program = program
+        signature = [(a.name, a.shape) for a in self.arguments]
+        self._key = key and '|'.join([key, origin(program), origin(single) if single else '',
+                                      f'{signature} {parameters.shape} {shape}'])
         self._compiling = ForkSafeLock()
         self._lanes: tuple[llvm.Code, llvm.Address] | None = None  # set once
         self.code = self._compiled('', lambda: '\n'.join([

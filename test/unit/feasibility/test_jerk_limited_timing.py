@@ -206,6 +206,31 @@ def test_configuration_that_the_motors_cannot_hold_is_named():
         time_optimal(one_joint(axis=(0.0, 1.0, 0.0), effort=2.0), [[0.0], [1.0]], jerk=5.0)
 
 
+def test_moving_joint_without_effort_is_named():
+    with pytest.raises(InputError, match=r"effort of joint 'joint': limit 0; expected a positive"):
+        time_optimal(one_joint(effort=0.0), [[0.0], [1.0]], jerk=5.0)
+
+
+def test_path_near_the_rounding_of_its_positions_is_refused_with_this_reason():
+    for start, refused in ((0.0, False), (1.0, True)):
+        path = [[start], [start + 1e-6]]
+        if refused:
+            with pytest.raises(InputError, match='positions on it, which are rounded'):
+                time_optimal(one_joint(), path, jerk=10.0)
+        else:
+            least = 4.0 * (1e-6 / 20.0)**(1.0 / 3.0)
+            assert time_optimal(one_joint(), path, jerk=10.0).duration == pytest.approx(
+                least, rel=1e-3)
+
+
+@pytest.mark.parametrize('count', [5, 40])
+def test_dense_waypoints_there_and_back_take_at_most_a_fifth_more_than_two_lines(count):
+    line = np.linspace(0.0, 1.0, count)[:, None]
+    found = time_optimal(one_joint(), np.vstack([line, line[-2::-1]]), jerk=10.0)
+    alone = time_optimal(one_joint(), line, jerk=10.0)
+    assert 2.0 * alone.duration * (1.0 - 1e-3) < found.duration < 2.4 * alone.duration
+
+
 def test_jerk_of_a_joint_that_does_not_move_is_no_limit():
     path = [[0.0, 0.5], [1.0, 0.5]]
     given = {'jerk': [10.0, 0.0]}

@@ -547,7 +547,9 @@ def test_torques_asked_for_later_are_those_of_the_payload_of_the_call():
     robot = limited(True, payload=Inertial(2.0, np.zeros(3), np.zeros((3, 3))))
     found = time_optimal(robot, waypoints(5))
     expected = robot.inverse_dynamics(*found.points[1:])
+    demanded = found.demand.tau
     robot.parameters.payload = None
+    assert np.array_equal(found.demand.tau, demanded)
     assert np.abs(expected - robot.inverse_dynamics(*found.points[1:])).max() > 1.0
     assert np.array_equal(found.tau, expected)
     assert found.uses['effort'].max() == pytest.approx(

@@ -11,7 +11,10 @@ import weakref
 
 from kane_dynamics import InputError, Robot
 from kane_dynamics.native.python_call import entry
+from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.gc_pause import gc_paused
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import trace_program
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest
@@ -293,3 +296,36 @@ def test_garbage_collection_pauses_during_compilation_and_is_restored(enabled):
         assert gc.isenabled() == enabled
     finally:
         (gc.enable if was else gc.disable)()
+
+
+def scaled(factor):
+    """Return the program of a product."""
+    return lambda: trace_program('product', lambda x, _: factor * x, [('x', (2,)), ('p', ())])
+
+
+def other_sum(factor):
+    """Return a program of the same name and shapes as that of `scaled`."""
+    return lambda: trace_program('product', lambda x, _: factor + x, [('x', (2,)), ('p', ())])
+
+
+@pytest.mark.parametrize(('program', 'expected'), [
+    (scaled(2.0), [4.0, 6.0]), (scaled(3.0), [6.0, 9.0]), (other_sum(2.0), [4.0, 5.0])])
+def test_kernels_of_one_name_and_key_have_their_own_programs(robot, program, expected):
+    arguments, none = [Argument('x', (2,))], np.zeros(())
+    x = np.array([2.0, 3.0])
+    for _ in range(2):  # the second one is from the cache
+        kernel = Kernel('product', program, 'a key of several programs', arguments, none, (2,))
+        assert np.array_equal(kernel(x), expected)
+        kept = robot.kernels.extra('product', program, arguments, none, (2,))
+        assert np.array_equal(kept(x), expected)
+        assert np.array_equal(kept(np.stack([x, x])), [expected, expected])
+    assert kept is robot.kernels.extra('product', program, arguments, none, (2,))
+
+
+def test_kernels_of_one_program_and_key_have_their_own_shapes():
+    def program(n):
+        return lambda: trace_program('copied', lambda x, _: 1.0 * x, [('x', (n[0],)), ('p', ())])
+    for n in (2, 3):
+        kernel = Kernel('copied', program([n]), 'a key of two shapes', [Argument('x', (n,))],
+                        np.zeros(()), (n,))
+        assert np.array_equal(kernel(np.arange(n)), np.arange(n))
