@@ -157,6 +157,9 @@ class Rig:
         if mujoco:  # its joint states have no fingers
             self.parameters['joints'] = f'[{",".join(arm.joints)}]'
         self.recorder = Recorder()
+        self._watches = [Process(program=[str(Path(__file__).with_name('stall_watch.py')), str(k)])
+                         for k in sorted(os.sched_getaffinity(0))]
+        self.failed_at = 0  # system time, ns
         self.plant = Process(program=[
             '-m', 'kane_dynamics.demo.mujoco_plant', 'fr3',
             str(folder / 'record.npz')]) if mujoco else Process(
@@ -224,12 +227,18 @@ class Rig:
 
     def fail(self, number):
         """Send a signal to the node, or block its main thread; return the system time, ns."""
-        began = time.time_ns()
+        self.failed_at = began = time.time_ns()
         if number is None:
             self.recorder.block.publish(Empty())
         else:
             os.kill(self.node.pid, number)
         return began
+
+    def stalled(self, seconds):
+        """Return whether a processor stalled from just before the failure until long after it."""
+        first, last = self.failed_at - 50_000_000, self.failed_at + round(seconds * 1e9)
+        stalls = [line.split() for watch in self._watches for line in watch.log.splitlines()]
+        return any(int(start) < last and int(end) > first for start, end in stalls)
 
     def logs(self):
         return '\n'.join(f'--- {name}\n{process.log}' for name, process in (
@@ -237,7 +246,7 @@ class Rig:
 
     def close(self):
         self.recorder.close()
-        for process in (self.node, self.guard, self.plant):
+        for process in (*self._watches, self.node, self.guard, self.plant):
             if process.alive():
                 os.kill(process.pid, signal.SIGCONT)
                 process.end(timeout=20.0)
