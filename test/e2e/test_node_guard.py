@@ -11,7 +11,7 @@ import pytest
 
 REACTION = 0.020  # s
 SAG = 0.5  # degrees
-STALLS = 20  # trials that a stalling machine may spoil
+STALLS = 5  # failed trials that a stall of the machine may excuse
 HELD = 0.6  # s for which the guard holds the arm
 HELPERS = str(Path(guard_rig.__file__).parent)
 # Beside real-time trials, what is tried here needs the processors to itself, too.
@@ -58,6 +58,12 @@ def trial(rig, number):
             turns([each for each in recorder.commands if each.time >= failed - PERIOD * 1e9]))
 
 
+def caught(reaction, far, step, voices):
+    """Return whether the guard took over in time, and gave the arm back without a step."""
+    return (reaction <= REACTION and far <= SAG and step <= 1.01
+            and voices[:3] == ['node', 'guard', 'node'])
+
+
 @pytest.mark.slow  # the arm, the node, the guard and the test share the processors in real time
 @pytest.mark.parametrize('number', [signal.SIGSTOP, None, signal.SIGKILL],
                          ids=['stopped', 'main thread blocked', 'killed'])
@@ -100,22 +106,21 @@ def test_an_interrupted_node_commands_zeros_and_the_guard_does_not_take_over(rig
 @pytest.mark.parametrize('mujoco', [False, True], ids=['plant_node', 'MuJoCo'])
 def test_100_of_100_failures_in_motion_are_caught(tmp_path, mujoco, number):
     rig = Rig(tmp_path, mujoco_arm() if mujoco else PLANT_ARM, mujoco=mujoco)
-    stalls = []
+    excused = []
     try:
         found = []
         while len(found) < 100:
             rig.recorder.spin(0.007 * len(found))  # at another point of motion and period
             result = trial(rig, number)
-            if rig.stalled(HELD):  # shown by a process that comes before all others
-                stalls.append(result)
-                assert len(stalls) <= STALLS, stalls
+            # A stall is shown by a process that comes before all others.
+            if not caught(*result) and rig.stalled(HELD) and len(excused) < STALLS:
+                excused.append(result)
             else:
                 found.append(result)
     finally:
         rig.close()
-    print(f'{len(stalls)} trials in which the machine stalled were repeated: {stalls}')
-    reaction, far, step, _ = map(np.array, zip(*[(*each[:3], 0) for each in found]))
-    assert (reaction <= REACTION).all(), np.sort(reaction)[-5:]
-    assert (far <= SAG).all(), np.sort(far)[-5:]
-    assert (step <= 1.01).all(), np.sort(step)[-5:]
-    assert all(each[3][:3] == ['node', 'guard', 'node'] for each in found)
+    print(f'{len(excused)} failed trials in which the machine stalled were repeated: {excused}')
+    missed = [each for each in found if not caught(*each)]
+    print(f'{len(found) - len(missed)} of {len(found)} caught; largest reaction, sag, step:',
+          *np.max([each[:3] for each in found], axis=0).round(4))
+    assert not missed
