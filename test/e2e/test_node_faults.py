@@ -274,7 +274,7 @@ def test_a_urdf_above_the_size_limit_is_refused(client, start):
 
 def test_real_time_settings_are_applied_or_refused_with_a_warning(client, start):
     node = start(realtime__priority=10, realtime__cpus='[0]', realtime__lock_memory='true',
-                 realtime__collect_rarely='true')
+                 realtime__keep_awake='true', realtime__collect_rarely='true')
     node.wait_for('active, mode')
     client.connect()
     policies = {}
@@ -291,3 +291,7 @@ def test_real_time_settings_are_applied_or_refused_with_a_warning(client, start)
         with open(f'/proc/{node.pid}/status') as file:
             locked = next(line for line in file if line.startswith('VmLck'))
         assert int(locked.split()[1]) > 10_000
+    if 'realtime.keep_awake: refused' not in node.log:
+        opened = [os.path.realpath(f'/proc/{node.pid}/fd/{file}')
+                  for file in os.listdir(f'/proc/{node.pid}/fd')]
+        assert opened.count('/dev/cpu_dma_latency') == 1

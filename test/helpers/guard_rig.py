@@ -153,7 +153,7 @@ class Rig:
         self.parameters = {
             'mode': 'computed_torque', 'guard__enabled': 'true', 'limits__rate': arm.rate,
             'gains__kp': 400.0, 'gains__kd': 40.0, 'realtime__priority': 20,
-            'guard__damping': DAMPING, **parameters}
+            'realtime__keep_awake': 'true', 'guard__damping': DAMPING, **parameters}
         if mujoco:  # its joint states have no fingers
             self.parameters['joints'] = f'[{",".join(arm.joints)}]'
         self.recorder = Recorder()

@@ -15,6 +15,7 @@ import resource
 from typing import Any
 
 TASKS = Path('/proc/self/task')
+LATENCY = '/dev/cpu_dma_latency'  # while open, processors wake within the written us
 CAP_IPC_LOCK = 14  # capability number: lock memory without limit
 MCL_CURRENT, MCL_FUTURE = 1, 2
 
@@ -69,6 +70,34 @@ def lock_memory() -> None:
         raise OSError(number, os.strerror(number))
 
 
+class Awake:
+    """A request that processors do not sleep while idle, as a sleeping one wakes late."""
+
+    def __init__(self) -> None:
+        """Request nothing yet."""
+        self._file: int | None = None
+
+    def hold(self) -> None:
+        """Make the request; raise OSError if the process lacks the rights. It ends with it."""
+        self.release()
+        file = os.open(LATENCY, os.O_WRONLY | os.O_CLOEXEC)
+        try:
+            os.write(file, bytes(4))  # int32
+        except OSError:
+            os.close(file)
+            raise
+        self._file = file
+
+    def release(self) -> None:
+        """End the request, if there is one."""
+        file, self._file = self._file, None
+        if file is not None:
+            os.close(file)
+
+
+AWAKE = Awake()  # of this process
+
+
 def _capable(number: int) -> bool:
     """Return whether the process has a capability."""
     for line in Path('/proc/self/status').read_text().splitlines():
@@ -97,8 +126,9 @@ def exclude_existing_objects() -> None:
     gc.freeze()
 
 
-def restore_collection() -> None:
-    """Collect garbage as in any process again, after cleanup."""
+def release() -> None:
+    """Let processors sleep and collect garbage as in any process again, after cleanup."""
+    AWAKE.release()
     gc.unfreeze()
     disable_automatic_collection(False)
 
@@ -122,7 +152,10 @@ def apply_realtime_settings(values: Mapping[str, Any], warn: Callable[[str], obj
         (f'realtime.cpus {list(cpus)}', bool(cpus), lambda: pin(cpus),
          f'expected processors of {sorted(os.sched_getaffinity(0))}'),
         ('realtime.lock_memory', values['realtime.lock_memory'], lock_memory,
-         'grant the user memlock unlimited in /etc/security/limits.conf, or CAP_IPC_LOCK')]
+         'grant the user memlock unlimited in /etc/security/limits.conf, or CAP_IPC_LOCK'),
+        ('realtime.keep_awake', values['realtime.keep_awake'], AWAKE.hold,
+         f'grant the user write access to {LATENCY}, or disable idle states with cpupower')]
+    AWAKE.release()
     for what, requested, setting, remedy in wanted:
         if not requested:
             continue

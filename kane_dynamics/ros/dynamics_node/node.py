@@ -183,7 +183,7 @@ class DynamicsNode(LifecycleNode):
 
     def _release(self) -> None:
         """Release the robot and close its topics."""
-        realtime.restore_collection()
+        realtime.release()
         arm, self.arm = self.arm, None
         if arm is not None:
             arm.close()

@@ -138,7 +138,7 @@ class GuardNode(Node):
 
     def close(self) -> None:
         """Close the topics; command zeros first if the guard commands."""
-        realtime.restore_collection()
+        realtime.release()
         guard, self.guard = self.guard, None
         if guard is not None:
             guard.close()

@@ -214,6 +214,8 @@ SPECS = (
          'empty: all', low=0.0),
     Spec('realtime.lock_memory', 'flag', False, 'keep the memory of the process in RAM '
          '(mlockall), so that no torque waits for the disk'),
+    Spec('realtime.keep_awake', 'flag', False, 'keep idle processors of the computer awake '
+         '(/dev/cpu_dma_latency), since a sleeping one wakes late; costs power'),
     Spec('realtime.collect_rarely', 'flag', False, 'run the garbage collector of Python only when '
          'diagnostics are published, so that it delays no torque'),
 )
