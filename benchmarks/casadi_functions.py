@@ -12,6 +12,7 @@ import time
 from typing import Any
 
 import casadi
+from gates import exit_status
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 import numpy as np
@@ -87,7 +88,7 @@ def main() -> int:
         print('LEFT OUT: Pinocchio: no pinocchio.casadi; its gate is not checked')
     elif ratios['Pinocchio'] < GATE:
         print(f'FAILED: {ratios["Pinocchio"]:.1f} times as fast as Pinocchio; expected {GATE:g}')
-        return 1
+        return exit_status(False)
     return 0
 
 

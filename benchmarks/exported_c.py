@@ -10,6 +10,7 @@ import tempfile
 import time
 import warnings
 
+from gates import exit_status
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.native.runtime.loop_support import repeat
@@ -104,7 +105,7 @@ def main() -> int:
         print(f'{robot:6} {kernel:24} native {1e9 * native:5.0f} ns, exported '
               f'{1e9 * exported:5.0f} ns: {exported / native:.2f}{"  MISSED" if late else ""}')
     print(f'{missed} of {len(found)} above {MOST}')
-    return 1 if missed else 0
+    return exit_status(not missed)
 
 
 if __name__ == '__main__':

@@ -17,6 +17,7 @@ import time
 from typing import Any
 import warnings
 
+from gates import exit_status
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 import numpy as np
@@ -133,7 +134,7 @@ def main() -> int:
                          'relative time', torch_functions(robot, str(path)), TORCH_GATE),
                 compared(f'{STATES} inverse dynamics of the FR3, JAX under jit and vmap: relative '
                          'time', jax_functions(robot, str(path)), JAX_GATE)]
-    return 0 if all(good) else 1
+    return exit_status(all(good))
 
 
 if __name__ == '__main__':

@@ -17,6 +17,7 @@ import sys
 import time
 from typing import Any
 
+from gates import exit_status
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.optimal_control import CostWeights, TrajectoryOptimizer
@@ -106,7 +107,7 @@ def main() -> int:
         good = False
     if found is None:
         print('LEFT OUT: crocoddyl: not installed in .venv-crocoddyl; its gate is not checked')
-        return 0 if good else 1
+        return exit_status(good)
     process.stdin.close()
     process.wait()
     print(f'  optimal cost {solution.cost:.10f}; crocoddyl {theirs["version"]}: '
@@ -123,7 +124,7 @@ def main() -> int:
         if same and ratio < GATE:
             print(f'FAILED: {ratio:.1f} times as fast as crocoddyl; expected {GATE:g}')
             good = False
-    return 0 if good else 1
+    return exit_status(good)
 
 
 if __name__ == '__main__':

@@ -16,11 +16,12 @@ import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
+from gates import exit_status
 from kane_dynamics.demo.demo_settings import FR3
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.cdr import PreparedMessage, write_joint_state
-from node_latency import (BEST_EFFORT, BUSY, contenders, IDLE, MOST_LOST, NAMESPACES, NO_GATES,
-                          OURS, REALTIME)
+from node_latency import (BEST_EFFORT, BUSY, contenders, IDLE, MOST_LOST, NAMESPACES, OURS,
+                          REALTIME)
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
@@ -148,7 +149,7 @@ def main(*arguments: str) -> int:
     if results[0].unanswered < MOST_LOST:
         return 0
     print(f'FAILED: {results[0].unanswered:.2%} lost at {RATES[0]} Hz, {MOST_LOST:.0%} or more')
-    return 0 if NO_GATES in arguments else 1
+    return exit_status(False)
 
 
 if __name__ == '__main__':

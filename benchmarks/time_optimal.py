@@ -5,6 +5,7 @@ import statistics
 import sys
 import time
 
+from gates import exit_status
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.feasibility import time_optimal
@@ -75,10 +76,10 @@ def main() -> int:
     print(f'  ratio {ratio:.1f}; gate {GATE:g}')
     if abs(durations['toppra'] / durations['kane_dynamics'] - 1.0) > AGREEMENT:
         print(f'FAILED: durations differ by more than {AGREEMENT:g}')
-        return 1
+        return exit_status(False)
     if ratio < GATE:
         print(f'FAILED: {ratio:.1f} times as fast as toppra; expected {GATE:g}')
-        return 1
+        return exit_status(False)
     return 0
 
 
