@@ -21,7 +21,6 @@ import subprocess
 import sys
 from typing import Any
 
-from gates import exit_status, NO_GATES
 from kane_dynamics._util.resources import package_version, resource_path
 from kane_dynamics.native.machine_code import llvm
 
@@ -228,7 +227,7 @@ def finite(value: Any) -> Any:
 def main() -> int:
     """Measure everything, write the report, and check the gates."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(NO_GATES, action='store_true', help='exit with 0 in any case')
+    parser.add_argument('--no-gates', action='store_true', help='exit with 0 in any case')
     parser.add_argument('--part', choices=PARTS, help=argparse.SUPPRESS)
     parser.add_argument('--out', type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -249,7 +248,7 @@ def main() -> int:
     print(f'{text}\nwritten to {FOLDER / "report.md"} and {FOLDER / "report.json"}')
     missed = [row['gate'] for row in report['gates'] if not row['met']]
     print(f'{len(missed)} of {len(report["gates"])} gates missed' if missed else 'all gates met')
-    return exit_status(not missed)
+    return 1 if missed and not options.no_gates else 0
 
 
 if __name__ == '__main__':
