@@ -91,7 +91,7 @@ ROWS = (
     Row('velocity and acceleration of frames', check.frames, pairs=False),
     Row('kinetic and potential energy', check.kinetic_and_potential_energy),
     Row('torque by source', check.sources),
-    Row('torque by body', check.by_body, {BEAM: MISSING}),
+    Row('torque by body', check.by_body),
     Row('regressor', check.regressor, {BEAM: NO_TEN}),
     Row('joint reactions', check.joint_reactions),
     Row('constraint forces', check.constraint_forces, {
