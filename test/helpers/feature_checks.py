@@ -411,8 +411,8 @@ def observed(case, force):
     """
     watch = MomentumObserver(case.robot, gain=60.0)
     if case.t:
-        run = simulate(case.robot, case.q, case.u, 0.3, step=1e-3, t0=case.time, torque=force,
-                       sample=1e-3)
+        run = simulate(case.robot, case.q, case.u, 0.3, step=2.5e-4, t0=case.time, torque=force,
+                       sample=2.5e-4)
         return [(t, watch.update(t, q, u, 0.0 * u)) for t, q, u in zip(run.t, run.q, run.u)]
     rest = 0.0 * case.u
     held = inverse(case, rest, rest)

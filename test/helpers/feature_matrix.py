@@ -108,7 +108,7 @@ ROWS = (
     Row('`Controller`, beams by `QuasiStatic`', check.controller, {BALL: NO_ANGLE}, {
         BEAM: f'{CONTROL}test_quasi_static.py::'
               'test_feedforward_that_knows_of_the_bending_follows_far_better'}, pairs=False),
-    Row('`MomentumObserver`', check.observer, pairs=False),
+    Row('`MomentumObserver`', check.observer),
     Row('collision detection', check.collision, pairs=False),
     Row('payload estimate', check.payload),
     Row('joint stops of `simulate`', check.stopped, pairs=False),
