@@ -23,7 +23,7 @@ from kane_dynamics.identification import PayloadEstimator
 from kane_dynamics.identification.payload.payload_rows import PayloadRegressor
 from kane_dynamics.identification.physical_consistency import parameters_of
 from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
-from kane_dynamics.mechanics.ball_joints import coordinate_rates, moved as joints_moved
+from kane_dynamics.mechanics.ball_joints import balls, coordinate_rates, moved as joints_moved
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.mechanics.integrators import INTEGRATORS
@@ -32,7 +32,7 @@ from kane_dynamics.optimal_control import TrajectoryOptimizer
 from kane_dynamics.robot.verification import without_rotors
 from kane_dynamics.sweep import Sweep
 from kane_dynamics.sweep.simulator import Simulator
-from mechanisms import with_matter_in
+from mechanisms import with_inertia_in
 import numpy as np
 
 TOLERANCE = 1e-11
@@ -231,11 +231,11 @@ def sources(case):
 
 
 def by_body(case):
-    """Compare each row with the definition's torque where only this body has matter."""
+    """Compare each row with the definition's torque where only this body has inertia."""
     model, (qdot, qddot) = case.robot.model, case.joint_motion
 
     def torque(*bodies):
-        return reduced(case, kane.inverse_dynamics(with_matter_in(model, bodies), case.q, qdot,
+        return reduced(case, kane.inverse_dynamics(with_inertia_in(model, bodies), case.q, qdot,
                                                    qddot))
     every = range(len(model.bodies))
     found = case.robot.body_torques(case.q, case.u, case.udot, **case.t)
@@ -549,21 +549,40 @@ def exported(case):
 
 def vibration(case):
     """Small motions about a held configuration follow from Kane's forces beside it."""
-    found = natural_vibration(case.robot, case.q)
     model = case.robot.model
+    case = balanced(case) if model.balls else case
+    found = natural_vibration(case.robot, case.q)
 
     def slope_of_potential(q):
         return -kane.generalized_active_force(model, q, 0.0 * q, friction=False)
     held = case.robot.joint_torques(case.T.T @ slope_of_potential(case.q), case.q)
 
     def force(direction, s):
-        q = case.q + s * direction
+        q = joints_moved(model, case.q, s * direction)
         return moved(case, q, 0.0).T @ (slope_of_potential(q) - held)
     K = np.array([slope(partial(force, direction)) for direction in case.T.T]).T
     M = nonholonomic.mass_matrix(case.mechanism, case.q)
     square = np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)
     near(np.sign(found.frequencies) * found.frequencies**2, square, CLOSED)
     near(found.shapes.T @ kane.mass_matrix(model, case.q) @ found.shapes, np.eye(len(M)), CLOSED)
+
+
+def balanced(case):
+    """Return a case whose ball joints carry no moment, by Newton's method with Kane's forces."""
+    model, q = case.robot.model, case.q
+    places = [ball.speed + k for ball in balls(model) for k in range(3)]
+    units = np.eye(model.n)[places]
+
+    def moment(q, step, s):
+        q = joints_moved(model, q, s * step)
+        return kane.generalized_active_force(model, q, 0.0 * step, friction=False)[places]
+    for _ in range(30):
+        here = moment(q, units[0], 0.0)
+        by_turn = np.array([slope(partial(moment, q, unit)) for unit in units])
+        turn = np.linalg.lstsq(by_turn.T, -here, rcond=1e-6)[0]
+        q = joints_moved(model, q, turn @ units * min(1.0, 0.5 / np.abs(turn).max()))
+    near(here, 0.0 * here)
+    return replace(case, q=q)
 
 
 def driven(case):

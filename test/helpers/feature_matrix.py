@@ -123,7 +123,7 @@ ROWS = (
         BEAM: f'{NODE}flexible.py::'
               'test_quasi_static_feedforward_is_better_than_rigid_feedforward'}, pairs=False),
     Row('`export_c`', check.exported, pairs=False),
-    Row('natural vibration', check.vibration, {TIME: NO_REST, BALL: MISSING}),
+    Row('natural vibration', check.vibration, {TIME: NO_REST}),
     Row('`demand`, `largest_payload`: motion of the driving joints', check.demanded, {
         ROLLING: NO_SHAPE,
         BEAM: BENDS,

@@ -92,7 +92,7 @@ def random_state(model, seed, count=3):
     return np.random.default_rng(seed).uniform(-2.0, 2.0, (count, model.n))
 
 
-def with_matter_in(model, kept):
+def with_inertia_in(model, kept):
     """Return a model in which bodies `kept` have inertia and elasticity, joints no force."""
     free = {'stiffness': 0.0, 'damping': 0.0, 'friction': 0.0, 'friction_offset': 0.0,
             'armature': 0.0}
