@@ -7,7 +7,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.hyperdual import lifted, seeded
-from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.mechanics.ball_joints import balls, coordinate_rates, require_unit
 from kane_dynamics.mechanics.constraints.conditioning import RANK
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.energy_form import energies
@@ -16,6 +16,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 ASYMMETRY = 1e-9  # of a symmetric stiffness: rounding
+ROUNDING = 1e-15  # relative to the terms of a stiffness, per coordinate: that of none
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,12 +27,14 @@ class Vibration:
     Attributes
     ----------
     frequencies : (k,) array
-        rad/s, ascending; 0 for modes without stiffness, negative (minus the growth rate, 1/s) for
-        unstable modes.
-    shapes : (n_q, k) array
-        Column j: mode shape of frequency j in the coordinates, with unit modal mass.
+        rad/s, ascending; 0 for modes without stiffness, such as the rigid motions of a free body,
+        negative (minus the growth rate, 1/s) for unstable modes.
+    shapes : (n, k) array
+        Column j: mode shape of frequency j in the speeds of the joints, with unit modal mass:
+        coordinates, and rotation vectors of ball joints on the axes of their bodies. Without
+        constraints and chosen speeds, `Robot.integrate` moves a configuration by it.
     names : tuple of str
-        Names of the coordinates.
+        Names of the rows, as `Robot.joint_names`.
 
     """
 
@@ -45,10 +48,13 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
     Return natural frequencies and mode shapes at rest: M y'' + K y = 0, y' = u.
 
     K is the Hessian of the potential energy V along the motions that the constraints admit. With
-    q' = T u and constraint forces J^T lambda = dV/dq - tau, it is (the torques tau of the joints
-    and lambda are constant)
+    the joints' speeds T u and constraint forces J^T lambda = V' - tau, it is (the torques tau of
+    the joints and lambda are constant)
 
-        K_ij = T_i . V'' T_j + (dV/dq - tau) . dT_i/dy_j.
+        K_ij = T_i . V'' T_j + (V' - tau) . dT_i/dy_j.
+
+    Derivatives of V are those along the motions of the joints, which for ball joints are rotations
+    about the axes of their bodies.
 
     Parameters
     ----------
@@ -58,49 +64,54 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
         An equilibrium, or a configuration held by actuators; rad, m, and modal coordinates. With
         constraints it must satisfy them; the actuators are those of `Robot.joint_torques`.
     held : sequence of str
-        Coordinates that do not move, such as braked joints.
+        Joints, or modal coordinates, that do not move, such as braked joints.
 
     Raises
     ------
     InputError
-        An unknown coordinate, speeds or constraints that depend on time, or loaded constraints
-        that are not those of positions: then K is not symmetric.
+        An unknown joint, speeds or constraints that depend on time, or loaded ball joints or
+        loaded constraints that are not those of positions: then K is not symmetric.
     ConstraintError
         The configuration is not closed.
 
     """
-    require_angles(robot.model, 'vibrations')
-    names = robot.coordinate_names
+    names = robot.joint_names
     if robot.equations.timed:
         raise InputError('vibrations: speeds or constraints that are functions; expected a robot '
                          'that does not depend on time, which alone has an equilibrium')
     for name in held:
         if name not in names:
-            raise InputError(f"held: no coordinate '{name}'; expected one of {', '.join(names)}")
-    q = np.array(q, dtype=np.float64)
-    M, (T, K) = robot.mass_matrix(q), _admitted(robot, q)
+            raise InputError(f"held: no joint '{name}'; expected one of {', '.join(names)}")
+    q = require_unit(robot.model, np.array(q, dtype=np.float64), 'q')
+    M, (T, K, size) = robot.mass_matrix(q), _admitted(robot, q)
     free = _free_motions(T[[names.index(name) for name in held]])
-    M, K = free.T @ M @ free, free.T @ K @ free
+    M, K, size = free.T @ M @ free, free.T @ K @ free, np.abs(free).T @ size @ np.abs(free)
+    if np.abs(K - K.T).max(initial=0.0) > ASYMMETRY * size.max(initial=0.0):
+        loaded = [*(ball.name for ball in balls(robot.model)), *robot.constraint_names]
+        raise InputError(f'vibrations: ball joints or constraints of velocities, of {loaded}, '
+                         'that carry a load; expected an equilibrium without load on them, where '
+                         'the stiffness is symmetric')
     root = np.linalg.inv(np.linalg.cholesky(M))
     square, vectors = np.linalg.eigh(root @ K @ root.T)
-    return Vibration(np.sign(square) * np.sqrt(np.abs(square)), T @ free @ root.T @ vectors, names)
+    shapes = root.T @ vectors
+    # The eigenvalue of no stiffness is the rounding of K along its shape and of the largest one.
+    terms = np.einsum('ij,ik,kj->j', np.abs(shapes), size, np.abs(shapes))
+    rounding = ROUNDING * len(K) * (terms + np.abs(square).max(initial=0.0))
+    square[np.abs(square) <= rounding] = 0.0
+    return Vibration(np.sign(square) * np.sqrt(np.abs(square)), T @ free @ shapes, names)
 
 
-def _admitted(robot: Robot, q: Array) -> tuple[Array, Array]:
-    """Return T, (n_q, n), and the stiffness of the admissible motions, (n, n)."""
-    slope, K = potential_derivatives(robot, q)
+def _admitted(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
+    """Return T, (n_j, n), the stiffness of the admissible motions, (n, n), and its terms' size."""
+    slope, K, size = potential_derivatives(robot, q)
     equations = robot.equations
     if not isinstance(equations, ConstrainedEquations):
-        return np.eye(robot.n), K
+        return np.eye(robot.n), K, size
     motions = [equations.mechanism.joint_motion(q, unit, 0.0 * unit) for unit in np.eye(robot.n)]
     T = motions[0].T.astype(np.float64)
     carried = slope - robot.joint_torques(T.T @ slope, q)  # by constraints
-    turning = np.array([carried @ motion.T_rate for motion in motions], dtype=np.float64)
-    size = max(np.abs(K).max(), np.abs(turning).max(), 1e-300)
-    if np.abs(turning - turning.T).max() > ASYMMETRY * size:
-        raise InputError('vibrations: constraints of velocities that carry a load; expected an '
-                         'equilibrium without load on them, where the stiffness is symmetric')
-    return T, T.T @ K @ T + turning
+    turning = np.array([carried @ motion.T_rate for motion in motions], dtype=np.float64).T
+    return T, T.T @ K @ T + turning, np.abs(T).T @ size @ np.abs(T) + np.abs(turning)
 
 
 def _free_motions(rows: Array) -> Array:
@@ -112,8 +123,15 @@ def _free_motions(rows: Array) -> Array:
     return np.asarray(basis[rank:].T)
 
 
-def potential_derivatives(robot: Robot, q: Array) -> tuple[Array, Array]:
-    """Return dV/dq, (n_q,), and its Jacobian, (n_q, n_q), exactly: gravity, springs and beams."""
+def potential_derivatives(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
+    """
+    Return the derivatives of V along the motions of the joints, (n_j,), and theirs, (n_j, n_j).
+
+    Exact, of gravity, springs and beams. Entry [r, s] is the derivative of entry r along motion s:
+    V'' in the coordinates, or with ball joints G^T V'' G + V' . dG, q' = G v, whose entries of one
+    ball joint differ from their transpose by its moment. The third result is the sum of the
+    absolute values of the terms, which states what is rounding.
+    """
     n, model = robot.n_q, robot.model
     frame, payload = robot.equations.payload_frame, robot.parameters.payload
     if frame is not None and payload is not None:
@@ -121,9 +139,18 @@ def potential_derivatives(robot: Robot, q: Array) -> tuple[Array, Array]:
     values = [lifted(energies.potential_energy(model, seeded(q, unit, 0, n),
                                                gravity=robot.parameters.gravity), n)
               for unit in np.eye(n)]
-    return values[0].gradient, np.array([value.gradient_rate for value in values])
+    slope, K = values[0].gradient, np.array([value.gradient_rate for value in values])
+    if not model.balls:
+        return slope, K, np.abs(K)
+    units = np.eye(model.n)
+    G = np.array([coordinate_rates(model, q, unit) for unit in units], dtype=np.float64).T
+    # q' is linear in q and v, except for what does not depend on q.
+    turned = np.array([[coordinate_rates(model, q + step, unit) for step in G.T]
+                       for unit in units], dtype=np.float64) - G.T[:, None]
+    size = np.abs(G).T @ np.abs(K) @ np.abs(G) + np.abs(turned) @ np.abs(slope)
+    return G.T @ slope, G.T @ K @ G + turned @ slope, size
 
 
 def stiffness_matrix(robot: Robot, q: Array) -> Array:
-    """Return d2 V / dq2, (n_q, n_q), exactly: gravity, springs and beams."""
+    """Return the Jacobian of `potential_derivatives`, (n_j, n_j)."""
     return potential_derivatives(robot, q)[1]

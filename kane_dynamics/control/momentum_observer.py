@@ -63,7 +63,7 @@ class MomentumObserver:
     Raises
     ------
     InputError
-        A number is invalid; names it. The robot has beams, and chosen speeds or constraints.
+        A number is invalid; names it.
 
     """
 
@@ -182,9 +182,6 @@ def _momentum_kernel(robot: Robot) -> Kernel:
     assert isinstance(equations, ConstrainedEquations)
     assert sets is not None
     mechanism, name = equations.mechanism, 'momentum_terms'
-    if equations.unsupported:
-        raise InputError('robot: with beams, and chosen speeds or constraints; expected the rigid '
-                         'model')
     arguments = [Argument('q', (robot.n_q,), robot.coordinate_names),
                  Argument('u', (robot.n,), robot.speed_names)]
     arguments += [Argument('t', ())] if equations.timed else []

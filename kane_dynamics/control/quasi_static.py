@@ -14,6 +14,7 @@ import numpy as np
 
 PRECISION = 1e-10  # relative tolerance of the deflection
 MOST = 100  # corrections
+LARGEST = 1e6  # m or rad, of a deflection; far larger than that of any beam
 GROWING = 2  # corrections that do not decrease: the iteration diverges
 
 
@@ -146,6 +147,8 @@ class QuasiStatic:
             load = self.robot.inverse_dynamics(Q, U, A)[..., self._modal_speeds]
             change = load @ self._flexibility
             eta = Q[..., self._modes] - change
+            if not np.abs(eta).max(initial=0.0) < LARGEST:
+                break
             if self._tracker is None:
                 Q[..., self._modes] = eta
             else:
@@ -164,9 +167,6 @@ class QuasiStatic:
         """Set the modes of a configuration and close its loops, with the independent joints."""
         tracker = self._tracker
         assert tracker is not None
-        if not np.isfinite(eta).all():
-            raise InputError(f'load on the beams of {self.robot.model.name}: not finite; expected '
-                             'a load within their stiffness')
         target = Q[tracker.places]
         target[self._modal_speeds] = eta
         rest = np.zeros(len(target))

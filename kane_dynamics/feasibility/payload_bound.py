@@ -4,8 +4,9 @@ from copy import copy
 from dataclasses import dataclass, replace
 import math
 
-from kane_dynamics._util.checks import constant
+from kane_dynamics._util.checks import constant, instance
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDS, STEP
 from kane_dynamics.feasibility.torque_demand import Demand, demand, demand_at, torque_of
@@ -17,6 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 ROUNDING_SHARE = 1e-13  # relative difference of two torques that is rounding
+SMALL = 1e-3  # kg, hardly bends a beam
+MOST, SETTLED = 50, 1e-9  # masses to try with beams, and the relative change of the last one
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +46,14 @@ class PayloadBound:
 
 def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0, 0.0),
                     inertia: ArrayLike | None = None, speed: float = 1.0, step: float = STEP,
-                    power: ArrayLike = math.inf) -> PayloadBound:
+                    power: ArrayLike = math.inf, bending: QuasiStatic | None = None
+                    ) -> PayloadBound:
     """
     Return the largest mass that a robot can carry along a motion.
 
     For a payload with a given center of mass and an inertia proportional to its mass m, the torque
-    is linear in m: tau = tau_0 + m tau_1 at each sample. So each limit bounds m exactly.
+    is linear in m: tau = tau_0 + m tau_1 at each sample. So each limit bounds m exactly. With
+    beams, which the payload bends, tau_1 is that of the mass found, by iteration.
 
     Parameters
     ----------
@@ -61,34 +66,51 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
     inertia : (3, 3) array_like, optional
         Inertia per kilogram about the center of mass, in axes of the payload frame, m^2.
         Default: a point mass.
-    speed, step, power
-        As in `demand`.
+    speed, step, power, bending
+        As in `demand`; the robot of `bending` has the payload frame, its payload is ignored too.
 
     Raises
     ------
     InputError
         If the motion exceeds a limit without a payload (the message names the joint, the limit
-        and the time), or the robot has no payload frame.
+        and the time), the robot has no payload frame, or a payload bends the beams beyond their
+        equilibrium before it exceeds a limit.
     ModelError
         If the center of mass or the inertia is invalid.
 
     """
-    unit = Inertial(1.0, constant(com, (3,), 'center of mass'),
-                    np.zeros((3, 3)) if inertia is None else constant(inertia, (3, 3), 'inertia'))
-    check_moments('payload', unit)
+    per_mass = Inertial(1.0, constant(com, (3,), 'center of mass'), np.zeros((3, 3)) if (
+        inertia is None) else constant(inertia, (3, 3), 'inertia'))
+    check_moments('payload', per_mass)
+    if bending is not None:
+        instance(bending, QuasiStatic, 'bending')
+        bending = QuasiStatic(copy(bending.robot))
     carrier = copy(robot)
-    carrier.parameters.payload = None
-    empty = demand(carrier, motion, speed=speed, step=step, power=power)
+    loaded = carrier if bending is None else bending.robot
+    loaded.parameters.payload = None
+    empty = demand(carrier, motion, speed=speed, step=step, power=power, bending=bending)
     if not empty.fits:
         raise InputError(f'motion without a payload: {empty.excesses[0]}; expected a motion '
                          'within the limits')
-    more = NONE
+
+    def asked(mass: float) -> Demand:
+        loaded.parameters.payload = Inertial(mass, per_mass.com, mass * per_mass.inertia) if (
+            mass) else None
+        return demand_at(carrier, motion, speed, step, power, more, bending)
+    more, mass = NONE, 1.0 if bending is None else SMALL
     for _ in range(ROUNDS + 1):
-        carrier.parameters.payload = None
-        empty = demand_at(carrier, motion, speed, step, power, more)
-        carrier.parameters.payload = unit
-        slope = _slope(empty, demand_at(carrier, motion, speed, step, power, more))
-        best = _bound(empty, slope)
+        empty = asked(0.0)
+        for _ in range(MOST):
+            slope = _slope(empty, asked(mass), mass)
+            best = _bound(empty, slope)
+            if bending is None or math.isinf(best.mass):
+                break
+            before, mass = mass, max(best.mass, SMALL)
+            if abs(mass - before) <= SETTLED * mass:
+                break
+        else:
+            raise InputError(f'bending: no largest payload found near {mass:.4g} kg; expected '
+                             'beams that bend less')
         if math.isinf(best.mass):
             break
         refined = replace(empty, tau=empty.tau + best.mass * slope).in_doubt
@@ -98,11 +120,11 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
     return best
 
 
-def _slope(empty: Demand, loaded: Demand) -> Array:
-    """Return the torque per kilogram of payload, (N, n)."""
+def _slope(empty: Demand, loaded: Demand, mass: float) -> Array:
+    """Return the torque per kilogram of payload, (N, n), from that of a mass, kg."""
     slope = loaded.tau - empty.tau
     slope[np.abs(slope) <= ROUNDING_SHARE * (np.abs(loaded.tau) + np.abs(empty.tau))] = 0.0
-    return np.asarray(slope)
+    return np.asarray(slope / mass)
 
 
 def _bound(empty: Demand, slope: Array) -> PayloadBound:

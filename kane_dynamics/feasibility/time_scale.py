@@ -19,16 +19,20 @@ With closed loops or chosen speeds all rates are proportional to s, too, and the
 actuators are a linear map W(q) of the forces of the joints: W_ij T_j(s) is monotonic in s.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 import math
 
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDING, ROUNDS, sampled, STEP
 from kane_dynamics.feasibility.torque_demand import (Demand, demand_at, torque_of,
                                                      whole_motion)
 from kane_dynamics.kinematics.mechanism_motion import MechanismMotion
+from kane_dynamics.mechanics.algebra.intervals import highest_free, positive_intervals
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
@@ -37,7 +41,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 LOWEST, HIGHEST = 1e-6, 1e4  # range of the search
-PRECISION = 1e-10  # relative, of the speed with friction or power limits
+PRECISION = 1e-10  # relative, of the speed with friction, power limits or beams
+MOST = 50  # speeds to try with beams
 
 Indices = NDArray[np.int_]
 
@@ -65,7 +70,8 @@ class TimeScale:
 
 
 def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float = STEP,
-            power: ArrayLike = math.inf) -> TimeScale | None:
+            power: ArrayLike = math.inf, bending: QuasiStatic | None = None
+            ) -> TimeScale | None:
     """
     Return the highest speed at which a motion satisfies all limits; None if there is none.
 
@@ -81,6 +87,8 @@ def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float
         Largest time between two samples of the motion at speed 1, s.
     power : float or (n,) array_like
         Limit on the absolute mechanical power of each joint, W.
+    bending : QuasiStatic, optional
+        As in `demand`. The speed is a limit with the deflections that it causes.
 
     Returns
     -------
@@ -97,14 +105,21 @@ def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float
     """
     if not most > 0.0:
         raise InputError(f'most: {most}; expected a positive number')
+
+    def torques(more: Array, speed: float) -> list[Array]:
+        return [demand_at(robot, motion, speed, step, power, more, arm).tau
+                for arm in (bending, None)]
     more = NONE
     for _ in range(ROUNDS + 1):
         path = SampledPath(robot, motion, step, power, more)
         top = min(most, HIGHEST, path.speed_bound)
-        speed = _highest_speed(path, LOWEST, top) if path.inside and top >= LOWEST else None
+        if not path.inside or top < LOWEST:
+            return None
+        speed = _highest_speed(path, LOWEST, top) if bending is None else (
+            _highest_bent(path, top, partial(torques, more)))
         if speed is None:
             return None
-        asked = demand_at(robot, motion, speed, step, power, more)
+        asked = demand_at(robot, motion, speed, step, power, more, bending)
         scale = TimeScale(math.inf) if speed == HIGHEST else _bound(asked, speed)
         refined = asked.in_doubt
         if not refined.size:
@@ -264,36 +279,21 @@ def _highest_speed(path: SampledPath, low: float, high: float) -> float | None:
     return None
 
 
-def positive_intervals(A: Array, B: Array, C: Array) -> Array:
+def _highest_bent(path: SampledPath, top: float,
+                  torques: Callable[[float], list[Array]]) -> float | None:
     """
-    Return the open intervals on which A s^2 + B s + C > 0, (k, 2, n, 2) for (k, n) arrays.
+    Return the highest speed with the deflections that it causes, or None.
 
-    There are at most two; the end of a missing one is not greater than its beginning.
+    What these add to the torque, as `torques` with and without them, is that of the speed before,
+    until it settles.
     """
-    inf = math.inf
-    with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
-        # The two roots without cancellation; NaN where there is none.
-        half = -0.5 * (B + np.copysign(np.sqrt(B * B - 4.0 * A * C), B))
-        roots = half / A, C / half
-    first, second = np.fmin(*roots), np.fmax(*roots)
-    none, flat = np.isnan(half) | np.isinf(C), A == 0.0
-    everywhere = np.where(C > 0.0, -inf, inf)
-    cases = [flat & (B > 0.0), flat & (B < 0.0), flat | none, A < 0.0]
-    left = np.select(cases, [roots[1], -inf, everywhere, first], -inf)
-    right = np.select(cases, [inf, roots[1], inf, second], first)
-    beyond = np.where(flat | none | (A < 0.0), inf, second)
-    return np.stack([np.stack([left, right], axis=-1),
-                     np.stack([beyond, np.full_like(beyond, inf)], axis=-1)], axis=1)
-
-
-def highest_free(intervals: Array, low: float, high: float) -> float | None:
-    """Return the highest number in [low, high] outside all open intervals (m, 2), or None."""
-    start, end = intervals[(intervals[:, 0] < np.minimum(high, intervals[:, 1]))
-                           & (intervals[:, 1] > low)].T
-    order = np.argsort(-end)
-    start, end = np.minimum.accumulate(start[order]), end[order]
-    if not len(end) or end[0] <= high:
-        return high
-    gaps = np.flatnonzero(end[1:] <= start[:-1])
-    found = float(start[gaps[0] if len(gaps) else -1])
-    return found if found >= low else None
+    speed, rigid = LOWEST, path.constant
+    for _ in range(MOST):
+        bent, stiff = torques(speed)
+        path.constant = rigid + (bent - stiff)
+        found = _highest_speed(path, LOWEST, top)
+        if found is None or abs(found - speed) <= PRECISION * found:
+            return found
+        speed = found
+    raise InputError(f'bending: no highest speed found near {speed:.4g}; expected beams that bend '
+                     'less')

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
-from kane_dynamics._util.checks import per_joint
+from kane_dynamics._util.checks import instance, per_joint
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import (NONE, ROUNDING, ROUNDS, sampled, STEP,
                                                times_to_refine)
@@ -131,7 +132,7 @@ class Demand:
 
 
 def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = STEP,
-           power: ArrayLike = math.inf) -> Demand:
+           power: ArrayLike = math.inf, bending: QuasiStatic | None = None) -> Demand:
     """
     Return torque, speed and power of a motion, including payload and friction.
 
@@ -153,34 +154,42 @@ def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = ST
         missed.
     power : float or (n,) array_like
         Limit on the absolute mechanical power of each joint, W; not part of URDF.
+    bending : QuasiStatic, optional
+        The flexible arm of which `robot` is the rigid model, in the same joints and speeds: the
+        torques are those with the deflections in equilibrium along the motion, with its gravity
+        and payload. Actuators are at the independent joints; the other joints of closed loops
+        have the positions and speeds of rigid beams.
 
     Raises
     ------
     InputError
-        If the robot, the motion or a number is invalid; the message names it.
+        If the robot, the motion or a number is invalid; the message names it. With `bending`, if
+        the load exceeds the stiffness of the beams.
 
     """
     more = NONE
     for _ in range(ROUNDS):
-        asked = demand_at(robot, motion, speed, step, power, more)
+        asked = demand_at(robot, motion, speed, step, power, more, bending)
         refined = asked.in_doubt
         if not refined.size:
             return asked
         more = np.concatenate([more, speed * refined])
-    return demand_at(robot, motion, speed, step, power, more)
+    return demand_at(robot, motion, speed, step, power, more, bending)
 
 
 def demand_at(robot: Robot, motion: Motion, speed: float, step: float, power: ArrayLike,
-              more: Array) -> Demand:
+              more: Array, bending: QuasiStatic | None = None) -> Demand:
     """Return the demand of a motion at its samples and at additional times."""
     t, q, u, udot = sampled(robot, motion, step, more)
     if not 0.0 < speed < math.inf:
         raise InputError(f'speed: {speed}; expected a positive, finite number')
     t, u, udot = t / speed, speed * u, speed**2 * udot
+    if bending is not None:
+        _require_rigid_model(robot, bending)
     if isinstance(robot.equations, ConstrainedEquations):
-        q, u, udot, tau = _of_mechanism(robot, motion, t, q, u, udot)
+        q, u, udot, tau = _of_mechanism(robot, motion, t, q, u, udot, bending)
     else:
-        tau = robot.inverse_dynamics(q, u, udot)
+        tau = (bending or robot).inverse_dynamics(q, u, udot)
     if not np.isfinite(tau).all():
         k, j = np.argwhere(~np.isfinite(tau))[0].tolist()
         raise InputError(f"joint '{robot.joint_names[j]}': torque {tau[k, j]} at "
@@ -189,11 +198,22 @@ def demand_at(robot: Robot, motion: Motion, speed: float, step: float, power: Ar
                   per_joint(power, 'power', robot.joint_names, finite=False))
 
 
+def _require_rigid_model(robot: Robot, bending: QuasiStatic) -> None:
+    """Raise InputError unless a robot is the rigid model, with actuators at its speeds."""
+    instance(bending, QuasiStatic, 'bending')
+    bending.require_rigid_model(robot)
+    equations = robot.equations
+    if isinstance(equations, ConstrainedEquations) and equations.actuated is not None:
+        bending.require_drives('robot: actuated', robot.actuated_names)
+
+
 def _of_mechanism(robot: Robot, motion: Motion, t: Array, q: Array, rates: Array,
-                  accelerations: Array) -> tuple[Array, Array, Array, Array]:
+                  accelerations: Array, bending: QuasiStatic | None
+                  ) -> tuple[Array, Array, Array, Array]:
     """Return q, rates, accelerations and torques of all joints, (N, n_q), from driving joints."""
     whole = whole_motion(robot, motion, t, q, rates, accelerations)
-    tau = robot.inverse_dynamics(*whole, t=t)
+    tau = robot.inverse_dynamics(*whole, t=t) if bending is None else (
+        bending.inverse_dynamics(*whole))
     return (whole.q, robot.joint_rates(whole.q, whole.u, t=t),
             robot.joint_accelerations(*whole, t=t), robot.joint_torques(tau, whole.q, t=t))
 

@@ -61,7 +61,7 @@ class BallEquations(TreeEquations):
         return here.regressor(x, u, self._local(u, udot), parameters, share)
 
     def body_torques(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
-        """Return the joint torques due to each body with its payload, (n_bodies, n)."""
+        """Return the torques due to each body with its payload and elasticity, (n_bodies, n)."""
         here, x = self._at(q)
         return here.body_torques(x, u, self._local(u, udot), parameters)
 

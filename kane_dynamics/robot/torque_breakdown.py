@@ -20,8 +20,9 @@ class TorqueBreakdown:
         belongs to inertia, centrifugal forces to coriolis; external is minus the generalized
         force of the wrenches.
     by_body : (n_bodies, n) or (N, n_bodies, n) array
-        Torque of each body's inertia and weight at every joint; the rows, as `bodies`, add up to
-        the sources inertia (without armature), coriolis and gravity.
+        Torque of each body's inertia and weight at every joint, and of a beam's elasticity and
+        material damping. The rows, as `bodies`, add up to the torque without what belongs to
+        joints: armature, springs, friction and external wrenches.
     sources, bodies : tuple of str
     joints : tuple of str
         Names of the columns.

@@ -7,10 +7,10 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import CompileError, ConstraintError, InputError
 from kane_dynamics.mechanics.algebra.hyperdual import seeded
-from kane_dynamics.mechanics.ball_joints import moved, neutral
+from kane_dynamics.mechanics.ball_joints import joint_positions, moved, neutral
 from kane_dynamics.mechanics.constraints.conditioning import figure, stacked
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.definition import kane, nonholonomic
+from kane_dynamics.mechanics.definition import beams, kane, nonholonomic
 from kane_dynamics.model.model import Model
 from kane_dynamics.model.with_payload import with_payload
 import numpy as np
@@ -177,7 +177,10 @@ def _regressor(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
 
 def _body_torques(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
                   udot: Array) -> Pair:
-    return robot.body_torques(q, u, udot).sum(axis=0), _rigid(model, gravity, q, u, udot)
+    elastic = sum((beams.modal_force(body.beam, joint_positions(model, q), u, robot.friction)
+                   for body in model.bodies if body.beam is not None), np.zeros(robot.n))
+    return (robot.body_torques(q, u, udot).sum(axis=0),
+            _rigid(model, gravity, q, u, udot) - elastic)
 
 
 OCCASIONAL = {'coriolis_matrix': _coriolis, 'inverse_dynamics_derivatives': _derivatives,

@@ -15,7 +15,8 @@ from tempfile import TemporaryDirectory
 
 from host_gpu import host_gpu, on_gpu, values_of
 from kane_dynamics import (box, CollisionDetector, ComputedTorque, Controller, fill_trajectory,
-                           gpu, MomentumObserver, Motion, natural_vibration, Robot, simulate)
+                           gpu, MomentumObserver, Motion, natural_vibration, QuasiStatic, Robot,
+                           simulate, stiffened)
 from kane_dynamics.analysis.power_balance import power_balance
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.feasibility import demand, fastest, time_optimal
@@ -23,7 +24,7 @@ from kane_dynamics.identification import PayloadEstimator
 from kane_dynamics.identification.payload.payload_rows import PayloadRegressor
 from kane_dynamics.identification.physical_consistency import parameters_of
 from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
-from kane_dynamics.mechanics.ball_joints import coordinate_rates, moved as joints_moved
+from kane_dynamics.mechanics.ball_joints import balls, coordinate_rates, moved as joints_moved
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.mechanics.integrators import INTEGRATORS
@@ -32,6 +33,7 @@ from kane_dynamics.optimal_control import TrajectoryOptimizer
 from kane_dynamics.robot.verification import without_rotors
 from kane_dynamics.sweep import Sweep
 from kane_dynamics.sweep.simulator import Simulator
+from mechanisms import with_inertia_in
 import numpy as np
 
 TOLERANCE = 1e-11
@@ -230,8 +232,16 @@ def sources(case):
 
 
 def by_body(case):
-    robot = case.robot
-    near(robot.body_torques(case.q, case.u, case.udot, **case.t).sum(axis=0), rigid(case))
+    """Compare each row with the definition's torque where only this body has inertia."""
+    model, (qdot, qddot) = case.robot.model, case.joint_motion
+
+    def torque(*bodies):
+        return reduced(case, kane.inverse_dynamics(with_inertia_in(model, bodies), case.q, qdot,
+                                                   qddot))
+    every = range(len(model.bodies))
+    found = case.robot.body_torques(case.q, case.u, case.udot, **case.t)
+    near(found, [torque(k) for k in every])
+    near(found.sum(axis=0), torque(*every))
 
 
 def regressor(case):
@@ -402,8 +412,8 @@ def observed(case, force):
     """
     watch = MomentumObserver(case.robot, gain=60.0)
     if case.t:
-        run = simulate(case.robot, case.q, case.u, 0.3, step=1e-3, t0=case.time, torque=force,
-                       sample=1e-3)
+        run = simulate(case.robot, case.q, case.u, 0.3, step=2.5e-4, t0=case.time, torque=force,
+                       sample=2.5e-4)
         return [(t, watch.update(t, q, u, 0.0 * u)) for t, q, u in zip(run.t, run.q, run.u)]
     rest = 0.0 * case.u
     held = inverse(case, rest, rest)
@@ -540,21 +550,40 @@ def exported(case):
 
 def vibration(case):
     """Small motions about a held configuration follow from Kane's forces beside it."""
-    found = natural_vibration(case.robot, case.q)
     model = case.robot.model
+    case = balanced(case) if model.balls else case
+    found = natural_vibration(case.robot, case.q)
 
     def slope_of_potential(q):
         return -kane.generalized_active_force(model, q, 0.0 * q, friction=False)
     held = case.robot.joint_torques(case.T.T @ slope_of_potential(case.q), case.q)
 
     def force(direction, s):
-        q = case.q + s * direction
+        q = joints_moved(model, case.q, s * direction)
         return moved(case, q, 0.0).T @ (slope_of_potential(q) - held)
     K = np.array([slope(partial(force, direction)) for direction in case.T.T]).T
     M = nonholonomic.mass_matrix(case.mechanism, case.q)
     square = np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)
     near(np.sign(found.frequencies) * found.frequencies**2, square, CLOSED)
     near(found.shapes.T @ kane.mass_matrix(model, case.q) @ found.shapes, np.eye(len(M)), CLOSED)
+
+
+def balanced(case):
+    """Return a case whose ball joints carry no moment, by Newton's method with Kane's forces."""
+    model, q = case.robot.model, case.q
+    places = [ball.speed + k for ball in balls(model) for k in range(3)]
+    units = np.eye(model.n)[places]
+
+    def moment(q, step, s):
+        q = joints_moved(model, q, s * step)
+        return kane.generalized_active_force(model, q, 0.0 * step, friction=False)[places]
+    for _ in range(30):
+        here = moment(q, units[0], 0.0)
+        by_turn = np.array([slope(partial(moment, q, unit)) for unit in units])
+        turn = np.linalg.lstsq(by_turn.T, -here, rcond=1e-6)[0]
+        q = joints_moved(model, q, turn @ units * min(1.0, 0.5 / np.abs(turn).max()))
+    near(here, 0.0 * here)
+    return replace(case, q=q)
 
 
 def driven(case):
@@ -583,15 +612,50 @@ def actuators(case, q, needed):
     return np.linalg.inv(parts.W)[case.mechanism.free].T @ (moved(case, q, 0.0).T @ needed)
 
 
+def rigid_model(case):
+    """Return a case's robot and None, or the rigid model and the arm with beams in equilibrium."""
+    robot = case.robot
+    if not robot.model.flexible:
+        return robot, None
+    model, choice = robot.model, {}
+    if robot.constraint_names:
+        choice = {'constraints': case.mechanism.constraints, 'independent': ['crank']}
+        modes = [model.coordinate_names[k] for k in model.modal_coordinates]
+        robot = Robot(model, **choice | {'independent': ['crank', *modes]})
+    return Robot(stiffened(model), **choice), QuasiStatic(robot)
+
+
+def held_by_actuators(case, bending, q, u, udot):
+    """Return the torques of the joints for motions of all, by Kane's definition."""
+    if bending is None:
+        return actuators(case, q, kane.inverse_dynamics(case.robot.model, q, u, udot))
+    robot = bending.robot
+    joints = list(bending.joint_names)
+    own = [joints.index(name) for name in bending.speed_names]
+    whole = np.zeros(robot.n_q)
+    whole[[robot.coordinate_names.index(name) for name in joints]] = q
+    whole[list(robot.model.modal_coordinates)] = bending.modes(q, u[own], udot[own])
+    if robot.constraint_names:
+        whole = robot.closed_posture(whole, fixed=robot.speed_names)
+    places = [robot.speed_names.index(name) for name in bending.speed_names]
+    speeds = np.zeros((2, robot.n))
+    speeds[:, places] = u[own], udot[own]
+    mechanism = replace(case, robot=robot).mechanism
+    tau = nonholonomic.inverse_dynamics(mechanism, whole, *speeds, 0.0)
+    near(np.delete(tau, places), np.zeros(robot.n - len(places)), 1e-7)  # modes
+    result = np.zeros(len(joints))
+    result[own] = tau[places]
+    return result
+
+
 def scaled(case):
     """At the highest speed, a limit is reached and none is exceeded, by Kane's definition."""
-    robot, (motion, _, _) = case.robot, driven(case)
-    found = fastest(robot, motion, step=0.05)
+    (robot, bending), (motion, _, _) = rigid_model(case), driven(case)
+    found = fastest(robot, motion, step=0.05, bending=bending)
     states = motion.sample(np.array([0.13, found.t * found.speed]))
     uses = []
     for q, u, udot in zip(*all_joints(robot, motion, *states)):
-        tau = actuators(case, q, kane.inverse_dynamics(
-            robot.model, q, found.speed * u, found.speed**2 * udot))
+        tau = held_by_actuators(case, bending, q, found.speed * u, found.speed**2 * udot)
         uses.append(max((np.abs(tau) / robot.limits.effort).max(),
                         np.abs(found.speed * u / robot.limits.velocity).max()))
     near(uses[1], 1.0, 1e-6)
@@ -621,10 +685,16 @@ def optimized(case):
 
 
 def filled(case):
-    robot, (motion, moment, places) = case.robot, driven(case)
+    (robot, bending), (motion, moment, places) = rigid_model(case), driven(case)
     q, u, udot = motion.sample(moment)
-    done = fill_trajectory(robot, [0.0], [q], [u], [udot], joint_names=motion.joint_names)
+    done = fill_trajectory(robot, [0.0], [q], [u], [udot], joint_names=motion.joint_names,
+                           bending=bending)
     (q,), (u,), (udot,) = all_joints(robot, motion, *(x[None] for x in (q, u, udot)))
+    if bending is not None:
+        tau = held_by_actuators(case, bending, q, u, udot)
+        near(done.efforts[0], tau[[robot.joint_names.index(name) for name in motion.joint_names]],
+             CLOSED)
+        return
     T = moved(case, q, 0.0)  # each of the trajectory's joints has an actuator
     near(done.efforts[0], np.linalg.solve(T[places].T, T.T @ kane.inverse_dynamics(
         robot.model, q, u, udot)), CLOSED if robot.constraint_names else TOLERANCE)
@@ -632,12 +702,16 @@ def filled(case):
 
 def demanded(case):
     """Move the other joints with the driving ones, with the torques of Kane's definition."""
-    robot, (motion, moment, places) = case.robot, driven(case)
-    asked = demand(robot, motion, step=0.05)
+    (robot, bending), (motion, moment, _) = rigid_model(case), driven(case)
+    places = [robot.coordinate_names.index(name) for name in motion.joint_names]
+    asked = demand(robot, motion, step=0.05, bending=bending)
     k = int(np.argmin(np.abs(asked.t - moment)))
     t, q, qdot, qddot = asked.t[k], asked.q[k], asked.u[k], asked.udot[k]
     for mine, given in zip((q, qdot, qddot), motion.sample(t)):
         near(mine[places], given)
+    if bending is not None:
+        near(asked.tau[k], held_by_actuators(case, bending, q, qdot, qddot), CLOSED)
+        return
 
     def missed(s):
         rows = case.mechanism.rows(case.mechanism.state(q + s * qdot, t + s))

@@ -23,7 +23,9 @@ NO_TEN = ("A beam's inertia is a set of modal integrals, not the ten inertial pa
 NO_SHAPE = ('The positions of some joints do not determine those of a nonholonomic mechanism, '
             'which depend on the path.')
 BENDS = ('The deflections of beams follow from the load, and the motion of the joints does not '
-         'state them; `QuasiStatic` and `fill_trajectory(bending=)` compute those in equilibrium.')
+         'state them; `QuasiStatic` computes those in equilibrium.')
+NO_SPLIT = ('Chosen speeds may mix the rates of joints and modes, and modes are in equilibrium '
+            'alone.')
 NO_ACTUATOR = ('No actuator moves the coordinates of bending; `Controller(bending=)` commands the '
                'joints of an arm with beams.')
 NO_SCALE = 'What follows a function of time cannot be moved faster or slower.'
@@ -91,7 +93,7 @@ ROWS = (
     Row('velocity and acceleration of frames', check.frames, pairs=False),
     Row('kinetic and potential energy', check.kinetic_and_potential_energy),
     Row('torque by source', check.sources),
-    Row('torque by body', check.by_body, {BEAM: MISSING}),
+    Row('torque by body', check.by_body),
     Row('regressor', check.regressor, {BEAM: NO_TEN}),
     Row('joint reactions', check.joint_reactions),
     Row('constraint forces', check.constraint_forces, {
@@ -108,7 +110,7 @@ ROWS = (
     Row('`Controller`, beams by `QuasiStatic`', check.controller, {BALL: NO_ANGLE}, {
         BEAM: f'{CONTROL}test_quasi_static.py::'
               'test_feedforward_that_knows_of_the_bending_follows_far_better'}, pairs=False),
-    Row('`MomentumObserver`', check.observer, pairs=False),
+    Row('`MomentumObserver`', check.observer),
     Row('collision detection', check.collision, pairs=False),
     Row('payload estimate', check.payload),
     Row('joint stops of `simulate`', check.stopped, pairs=False),
@@ -123,15 +125,13 @@ ROWS = (
         BEAM: f'{NODE}flexible.py::'
               'test_quasi_static_feedforward_is_better_than_rigid_feedforward'}, pairs=False),
     Row('`export_c`', check.exported, pairs=False),
-    Row('natural vibration', check.vibration, {TIME: NO_REST, BALL: MISSING}),
-    Row('`demand`, `largest_payload`: motion of the driving joints', check.demanded, {
-        ROLLING: NO_SHAPE,
-        BEAM: BENDS,
-        BALL: NO_ANGLE}, pairs=False),
-    Row('`fastest`', check.scaled, {
+    Row('natural vibration', check.vibration, {TIME: NO_REST}),
+    Row('`demand`, `largest_payload`: motion of the driving joints, beams by `QuasiStatic`',
+        check.demanded, {ROLLING: NO_SHAPE, BALL: NO_ANGLE}, pairs=False),
+    Row('`fastest`, beams by `QuasiStatic`', check.scaled, {
         ROLLING: NO_SHAPE,
         TIME: NO_SCALE,
-        BEAM: BENDS,
+        (SPEEDS, BEAM): NO_SPLIT,
         BALL: NO_ANGLE}),
     Row('`time_optimal`', check.timed, {
         SPEEDS: MISSING,
@@ -147,10 +147,10 @@ ROWS = (
         TIME: MISSING,
         BEAM: MISSING,
         BALL: MISSING}),
-    Row('`fill_trajectory`', check.filled, {
+    Row('`fill_trajectory`, beams by `QuasiStatic`', check.filled, {
         ROLLING: NO_SHAPE,
         TIME: NO_START,
-        BEAM: BENDS,
+        (SPEEDS, BEAM): NO_SPLIT,
         BALL: NO_ANGLE}),
 )
 

@@ -1,5 +1,7 @@
 """Random mechanisms for tests: trees with every kind of joint that a Model can hold."""
 
+from dataclasses import replace
+
 from kane_dynamics import ModelBuilder, Robot, rod
 from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model, WORLD
 import numpy as np
@@ -88,3 +90,17 @@ def wheel(**joint):
 def random_state(model, seed, count=3):
     """Return `count` vectors of length n, and no small ones."""
     return np.random.default_rng(seed).uniform(-2.0, 2.0, (count, model.n))
+
+
+def with_inertia_in(model, kept):
+    """Return a model in which bodies `kept` have inertia and elasticity, joints no force."""
+    free = {'stiffness': 0.0, 'damping': 0.0, 'friction': 0.0, 'friction_offset': 0.0,
+            'armature': 0.0}
+
+    def empty(beam):
+        return beam and replace(beam, **{name: 0.0 * getattr(beam, name) for name in (
+            'weights', 'spins', 'stiffness', 'damping')})
+    return replace(model, bodies=tuple(replace(
+        body, joint=replace(body.joint, **free), **{} if k in kept else {
+            'inertial': Inertial(), 'beam': empty(body.beam)})
+        for k, body in enumerate(model.bodies)))

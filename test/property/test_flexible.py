@@ -13,6 +13,7 @@ from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.mechanics.energy_form.lagrange_constrained import EnergyForm, PasserelloHuston
 from kane_dynamics.model.with_payload import with_payload
+from mechanisms import with_inertia_in
 import numpy as np
 import pytest
 
@@ -70,6 +71,24 @@ def test_three_formulations_give_one_torque(seed, twists):
     assert robot.kinetic_energy(q, u) == pytest.approx(energies.kinetic_energy(model, q, u))
     assert robot.potential_energy(q) == pytest.approx(energies.potential_energy(model, q))
     np.testing.assert_allclose(robot.forward_dynamics(q, u, tau, wrench=push), udot, atol=1e-8)
+
+
+def test_the_torque_by_body_is_that_of_the_arm_in_which_only_this_body_has_inertia():
+    robot = arm_robot(1)
+    q, u, udot = states(robot.model, 6)
+    parts = robot.explain(q, u, udot)
+    near = {'rtol': 0.0, 'atol': 1e-12 * np.abs(parts.by_body).max()}
+    for k, name in enumerate(parts.bodies):  # elasticity and damping of a beam are its own
+        alone = with_inertia_in(robot.model, [k])
+        by_energy = -(energies.generalized_inertia_force(alone, q, u, udot)
+                      + energies.conservative_force(alone, q) + energies.friction_force(alone, u))
+        np.testing.assert_allclose(parts.by_body[k], by_energy, err_msg=name, **near)
+    of_joints = {'upper': 0.01 * udot[1] + 0.1 * u[1], 'fore': 2.0 * q[6]}
+    total = parts.by_body.sum(axis=0)
+    for joint, force in of_joints.items():
+        total[robot.joint_names.index(joint)] += force
+    np.testing.assert_allclose(total, parts.torque, **near)
+    assert robot.verify(2) < 1e-11
 
 
 def test_frames_on_a_beam_move_as_finite_differences_of_their_poses():

@@ -52,6 +52,12 @@ class JointForces:
                                       * (position(j, q) - j.rest))
         return self._of_beams(springs, lambda beam: beam.stiffness @ q[list(beam.coordinates)])
 
+    def elastic_force(self, beam: Beam, q: Any, u: Any) -> Any:
+        """Return the force on a beam's modes that balances elasticity and damping, (m,)."""
+        modes = list(beam.coordinates)
+        force = beam.stiffness @ q[modes]
+        return force + beam.damping @ u[modes] if self.friction else force
+
     def _of_beams(self, total: Any, force: Callable[[Beam], Any]) -> Any:
         """Return a force, (n,), plus the force of all beams on their modes."""
         result = list(total)

@@ -40,7 +40,7 @@ def joint_reactions(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: A
     """
     links = bent(links, q)
     steps = [JointStep(link, q) for link in links]
-    wrenches = _inertia_wrenches(links, steps, q, u, udot, gravity)
+    wrenches = [(force, moment) for force, moment, _ in _forces(links, steps, q, u, udot, gravity)]
     for k in reversed(range(len(links))):
         if links[k].parent != WORLD:
             wrenches[links[k].parent] = _add_to_parent(steps[k], wrenches[k],
@@ -62,16 +62,18 @@ def joint_reactions(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: A
 
 def body_torques(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any) -> Any:
     """Return the joint torques due to each body's inertia and weight, (n_bodies, n)."""
+    links = bent(links, q)
     steps = [JointStep(link, q) for link in links]
-    wrenches = _inertia_wrenches(links, steps, q, u, udot, gravity)
     result: list[list[Any]] = [[0.0] * len(q) for _ in links]
-    for k, (force, moment) in enumerate(wrenches):
+    for k, (force, moment, modal) in enumerate(_forces(links, steps, q, u, udot, gravity)):
+        for coordinate, along in modal:
+            result[k][coordinate] = result[k][coordinate] + along
         j = k
         while True:
             link = links[j]
             along = moment[2] if link.kind == 'revolute' else force[2]
-            result[k][link.coordinate] = (result[k][link.coordinate]
-                                          + link.multiplier * along)
+            for coordinate, weight in steps[j].partials:
+                result[k][coordinate] = result[k][coordinate] + weight * along
             if link.parent == WORLD:
                 break
             force, moment = steps[j].inward(force), steps[j].inward(moment)
@@ -80,13 +82,13 @@ def body_torques(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any)
     return np.array(result).reshape(len(links), len(q))
 
 
-def _inertia_wrenches(links: Sequence[Link], steps: Sequence[JointStep], q: Any, u: Any, udot: Any,
-                      gravity: Any) -> list[tuple[Any, Any]]:
-    """Return the force and moment of each link's inertia and weight, link axes."""
+def _forces(links: Sequence[Link], steps: Sequence[JointStep], q: Any, u: Any, udot: Any,
+            gravity: Any) -> list[tuple[Any, Any, list[tuple[int, Any]]]]:
+    """Return `link_forces` of inertia and weight of all links, which are bent; link axes."""
     motion: list[LinkMotion] = []
     for link, step in zip(links, steps):
         motion.append(link_motion(link, step, motion, q, u, udot, gravity))
-    return [link_forces(link, m, u, udot)[:2] for link, m in zip(links, motion)]
+    return [link_forces(link, m, u, udot) for link, m in zip(links, motion)]
 
 
 def _add_to_parent(step: JointStep, wrench: tuple[Any, Any],

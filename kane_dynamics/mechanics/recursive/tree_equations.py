@@ -25,8 +25,7 @@ from kane_dynamics.mechanics.recursive.subroutines import directly, Share
 from kane_dynamics.model.model import Frame, Model, WORLD
 import numpy as np
 
-RIGID_ONLY = ('inverse_dynamics_derivatives', 'forward_dynamics_derivatives', 'regressor',
-              'body_torques')
+RIGID_ONLY = ('inverse_dynamics_derivatives', 'forward_dynamics_derivatives', 'regressor')
 TORQUE_TERMS = ('inertia', 'coriolis', 'gravity', 'friction', 'spring')
 
 
@@ -184,8 +183,13 @@ class TreeEquations(JointForces):
         return regressor.regressor(self._raw_links, q, u, udot, parameters[:3], share)
 
     def body_torques(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
-        """Return the joint torques due to each body with its payload, (n_bodies, n)."""
-        return joint_reactions.body_torques(self.links(parameters), q, u, udot, parameters[:3])
+        """Return the torques due to each body with its payload and elasticity, (n_bodies, n)."""
+        found = joint_reactions.body_torques(self.links(parameters), q, u, udot, parameters[:3])
+        for row, body in zip(found, self.model.bodies):
+            if body.beam is not None:
+                modes = list(body.beam.coordinates)
+                row[modes] = row[modes] + self.elastic_force(body.beam, q, u)
+        return found
 
     def joint_reactions(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
         """Return the reactions of parent on child at all joints, (n_bodies, 6), world axes."""

@@ -127,7 +127,11 @@ class DynamicsMethods(Dispatch):
     @compiled
     def body_torques(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *, t: ArrayLike = 0.0,
                      out: Array | None = None) -> Array:
-        """Return the torque of each body's inertia and weight at every joint, (n_bodies, n)."""
+        """
+        Return the torque of each body at every joint, (n_bodies, n).
+
+        Of its inertia and weight, and of a beam's elasticity and material damping.
+        """
         return self._call('body_torques', (q, u, udot), out, t)
 
     @compiled

@@ -1,8 +1,9 @@
-"""Vibrations of constrained mechanisms, and what has none."""
+"""Vibrations of constrained mechanisms, of free and ball joints, and what has none."""
 
 from functools import cache
 
-from kane_dynamics import absolute_rates, InputError, natural_vibration, Robot, simulate
+from kane_dynamics import (absolute_rates, box, Inertial, InputError, ModelBuilder,
+                           natural_vibration, Robot, simulate)
 from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh
 import numpy as np
 import pytest
@@ -53,5 +54,82 @@ def test_a_brake_on_a_dependent_joint_holds_the_linkage():
 
 
 def test_loaded_velocity_constraints_are_refused():
-    with pytest.raises(InputError, match='constraints of velocities that carry a load; expected'):
+    with pytest.raises(InputError, match=r"velocities, of \['runner'\], that carry a load; exp"):
         natural_vibration(sleigh(), np.zeros(3))
+
+
+@cache
+def pendulum(height=-0.4):
+    """Return a body on a ball joint whose center of mass is above it, by its own axis."""
+    b = ModelBuilder('pendulum')
+    b.body('bob', kind='ball', matter=Inertial(2.0, [0.0, 0.0, height],
+                                               np.diag([0.02, 0.03, 0.015])))
+    return Robot(b.model())
+
+
+@pytest.mark.parametrize('turn', [0.0, 0.7, -2.0])
+def test_a_pendulum_on_a_ball_joint_swings_about_two_axes_and_turns_freely_about_the_third(turn):
+    q = np.array([0.0, 0.0, np.sin(0.5 * turn), np.cos(0.5 * turn)])
+    found = natural_vibration(pendulum(), q)
+    swing = [np.sqrt(2.0 * 9.81 * 0.4 / (moment + 2.0 * 0.4**2)) for moment in (0.03, 0.02)]
+    assert found.frequencies[0] == 0.0
+    np.testing.assert_allclose(found.frequencies[1:], swing, rtol=1e-12)
+    assert found.names == ('bob/wx', 'bob/wy', 'bob/wz')
+    size = [0.015, 0.03 + 0.32, 0.02 + 0.32]
+    np.testing.assert_allclose(found.shapes**2, np.eye(3)[::-1] / size, atol=1e-12)
+    beside = pendulum().integrate(q, 1e-4 * found.shapes[:, 1])
+    run = simulate(pendulum(), beside, np.zeros(3), np.pi / swing[0],
+                   step=np.pi / swing[0] / 500)
+    back = pendulum().difference(q, run.q[-1])
+    np.testing.assert_allclose(back, -1e-4 * found.shapes[:, 1], atol=1e-9)
+
+
+def test_a_pendulum_on_its_head_falls_and_a_turned_one_is_refused():
+    over = natural_vibration(pendulum(0.4), [0.0, 0.0, 0.0, 1.0]).frequencies
+    np.testing.assert_allclose(over, [-np.sqrt(2.0 * 9.81 * 0.4 / (0.02 + 0.32)),
+                                      -np.sqrt(2.0 * 9.81 * 0.4 / (0.03 + 0.32)), 0.0], rtol=1e-12)
+    turned = pendulum().integrate(np.array([0.0, 0.0, 0.0, 1.0]), [0.3, 0.0, 0.0])
+    with pytest.raises(InputError, match=r"ball joints .* of \['bob'\], that carry a load"):
+        natural_vibration(pendulum(), turned)
+    held = natural_vibration(pendulum(), turned, ['bob/wx', 'bob/wy', 'bob/wz'])
+    assert held.frequencies.size == 0
+
+
+def test_two_free_bodies_on_a_spring_vibrate_by_their_reduced_mass():
+    b = ModelBuilder('pair', gravity=(0.0, 0.0, 0.0))
+    b.body('first', kind='free', matter=box(3.0, (0.2, 0.3, 0.4)))
+    b.body('second', 'first', 'prismatic', axis=(0.6, 0.8, 0.0), stiffness=50.0,
+           matter=box(5.0, (0.1, 0.2, 0.1)))
+    robot = Robot(b.model())
+    q = robot.random_configuration(3)
+    q[-1] = 0.0
+    found = natural_vibration(robot, q)
+    assert (found.frequencies[:6] == 0.0).all()
+    assert found.frequencies[6] == pytest.approx(np.sqrt(50.0 * (3.0 + 5.0) / 15.0), rel=1e-12)
+
+
+def test_vibrations_of_a_free_flying_arm_are_eigenvalues_of_its_forward_dynamics():
+    b = ModelBuilder('satellite', gravity=(0.0, 0.0, 0.0))
+    b.body('bus', kind='free', matter=box(60.0, (1.2, 1.0, 1.4), at=(0.03, 0.02, 0.03)))
+    on, at = 'bus', (0.6, 0.0, 0.0)
+    for k, axis in enumerate(((0, 0, 1), (0, 1, 0), (1, 0, 0)), 1):
+        b.body(f'joint{k}', on, axis=axis, at=at, stiffness=10.0 * k, rest=0.2 * k,
+               matter=box(8.0 - k, (0.4, 0.1, 0.1), at=(0.2, 0, 0.02)))
+        on, at = f'joint{k}', (0.4, 0.0, 0.0)
+    b.body('panel', 'bus', 'ball', at=(-0.6, 0, 0), matter=box(4.0, (1.0, 0.5, 0.02),
+                                                               at=(-0.5, 0.0, 0.0)))
+    robot, h = Robot(b.model()), 1e-4
+    q = robot.random_configuration(5)
+    q[7:10] = 0.2, 0.4, 0.6  # the springs are at rest
+
+    def acceleration(step):
+        return robot.forward_dynamics(robot.integrate(q, step), 0.0 * step, 0.0 * step)
+    A = np.array([(8.0 * (acceleration(h * e) - acceleration(-h * e))
+                   - acceleration(2.0 * h * e) + acceleration(-2.0 * h * e)) / (12.0 * h)
+                  for e in np.eye(robot.n)]).T
+    expected = np.sqrt(np.sort(-np.linalg.eigvals(A).real)[-3:])
+    found = natural_vibration(robot, q)
+    assert (found.frequencies[:9] == 0.0).all()
+    np.testing.assert_allclose(found.frequencies[9:], expected, rtol=1e-9)
+    np.testing.assert_allclose(A @ found.shapes, -found.shapes * found.frequencies**2,
+                               atol=1e-8 * expected[-1]**2)

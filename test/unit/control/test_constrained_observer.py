@@ -4,8 +4,10 @@ from functools import cache
 from itertools import pairwise
 import math
 
+from examples.flexible_four_bar import flexible_four_bar
 from kane_dynamics import (absolute_rates, CollisionDetector, ConstraintError, InputError,
                            MomentumObserver, Motion, Robot)
+from kane_dynamics.mechanics.definition import kane, nonholonomic
 from linkages import (ARM, five_bar, five_bar_at, five_bar_partial_rates, four_bar, four_bar_model,
                       PIN, sleigh)
 from mechanisms import random_model
@@ -101,7 +103,30 @@ def chosen_case(t):
         Y.T, tree.external_force(q, wrench=WRENCH))
 
 
-CASES = {'four-bar': (four_bar_under_wrench, four_bar_case),
+@cache
+def flexible_under_wrench():
+    linkage = flexible_four_bar()
+    return Robot(linkage.model, constraints=linkage.mechanism.constraints,
+                 independent=linkage.speed_names, wrench_frames=('coupler/tip',))
+
+
+@cache
+def flexible_case(t):
+    """Return state, acceleration and the wrench on a bending coupler, by Kane's definition."""
+    robot = flexible_under_wrench()
+    size, rate = np.array([0.5, 0.02, -0.01]), np.array([2.0, 5.0, 4.0])
+    crank, *modes = np.array([1.2, 0.0, 0.0]) + size * np.sin(rate * t)
+    q = robot.closed_posture((crank, 0.0, *modes, -1.5), fixed=robot.speed_names)
+    parts = nonholonomic.reduction(robot.mechanism, q, 0.0)
+    T = parts.W[:, robot.mechanism.free] + parts.W[
+        :, nonholonomic.dependent_places(robot.mechanism)] @ parts.A
+    partials = kane.partial_velocities(robot.model, q, 'coupler/tip') @ T
+    return (q, size * rate * np.cos(rate * t), -size * rate**2 * np.sin(rate * t),
+            partials.T @ WRENCH[0])
+
+
+CASES = {'flexible four-bar': (flexible_under_wrench, flexible_case),
+         'four-bar': (four_bar_under_wrench, four_bar_case),
          'five-bar': (lambda: five_bar(wrench_frames=('left_tip',)), five_bar_case),
          'body on a runner': (sleigh_under_wrench, sleigh_case),
          'chosen speeds': (chosen, chosen_case)}

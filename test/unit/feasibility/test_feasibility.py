@@ -8,7 +8,7 @@ from kane_dynamics import (Inertial, InputError, Limits, ModelBuilder, ModelErro
                            point_mass, Robot, simulate)
 from kane_dynamics.feasibility import demand, Excess, fastest, largest_payload
 from kane_dynamics.feasibility.samples import sampled, STEP
-from kane_dynamics.feasibility.time_scale import highest_free, positive_intervals
+from kane_dynamics.mechanics.algebra.intervals import highest_free, positive_intervals
 from kane_dynamics.robot.parameters import JointLimits
 from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh
 from mechanisms import random_model

@@ -1,0 +1,92 @@
+"""Demand, largest payload and highest speed of arms with beams, bent in equilibrium."""
+
+from functools import cache
+import math
+
+from kane_dynamics import (Inertial, InputError, load_urdf, Motion, QuasiStatic, Robot,
+                           stiffened)
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.feasibility import demand, fastest, largest_payload
+import numpy as np
+from palletizer import bending_palletizer, DRIVEN, positions
+import pytest
+
+URDF = resource_path('urdf', 'two_link.urdf')
+BENDING = resource_path('urdf', 'two_link.bending.yaml')
+REACH = Motion.from_points([0.0, 0.8, 1.5], [[0.3, -0.4], [0.9, 0.3], [0.5, 0.6]],
+                           joint_names=['joint1', 'joint2'])
+STEP = 0.02
+COM = (0.02, 0.0, 0.01)
+
+
+@cache
+def arm():
+    """Return an arm with beams that carry a payload, and its rigid model."""
+    model = load_urdf(URDF, supplement=BENDING)
+    return (QuasiStatic(Robot(model, payload_frame='tip')),
+            Robot(stiffened(model), payload_frame='tip'))
+
+
+def test_the_torque_is_that_of_the_arm_in_equilibrium_at_every_sample():
+    bending, rigid = arm()
+    asked = demand(rigid, REACH, speed=1.3, step=STEP, bending=bending)
+    np.testing.assert_array_equal(asked.tau, bending.inverse_dynamics(
+        asked.q, asked.u, asked.udot))
+    assert np.abs(asked.tau - demand(rigid, REACH, speed=1.3, step=STEP).tau).max() > 1e-3
+
+
+@pytest.mark.parametrize('power', [math.inf, 20.0])
+def test_no_higher_speed_keeps_the_limits_and_the_one_found_does(power):
+    bending, rigid = arm()
+    given = {'step': STEP, 'power': power, 'bending': bending}
+    found = fastest(rigid, REACH, **given)
+    assert demand(rigid, REACH, speed=found.speed, **given).fits
+    for above in (1.00001, 1.01, 1.1, 1.5):
+        assert not demand(rigid, REACH, speed=above * found.speed, **given).fits
+    assert abs(found.speed / fastest(rigid, REACH, step=STEP, power=power).speed - 1.0) > 1e-4
+
+
+def test_the_largest_payload_fits_and_any_more_does_not():
+    bending, rigid = arm()
+    found = largest_payload(rigid, REACH, com=COM, step=STEP, bending=bending)
+    stiff = largest_payload(rigid, REACH, com=COM, step=STEP)
+    assert abs(found.mass / stiff.mass - 1.0) > 1e-4
+    for mass, fits in ((found.mass, True), (1.00001 * found.mass, False),
+                       (1.1 * found.mass, False)):
+        robot = bending.robot.copy()
+        robot.parameters.payload = Inertial(mass, COM, np.zeros((3, 3)))
+        asked = demand(rigid, REACH, step=STEP, bending=QuasiStatic(robot))
+        assert asked.fits == fits
+    worst = max(asked.excesses, key=lambda excess: abs(excess.value / excess.bound))
+    assert (worst.joint, worst.limit) == (found.joint, found.limit)
+    assert bending.robot.parameters.payload is None
+
+
+def test_the_highest_speed_of_closed_loops_is_that_of_the_demand():
+    flexible, rigid = bending_palletizer()
+    bending = QuasiStatic(flexible)
+    course = Motion.from_points([0.0, 1.0], [[0.0, 0.1, -0.3, 0.0], [0.4, 0.3, 0.0, 0.5]],
+                                [[0.0] * 4] * 2, [[0.0] * 4] * 2, joint_names=DRIVEN)
+    given = {'step': 0.1, 'bending': bending}
+    found = fastest(rigid, course, **given)
+    assert demand(rigid, course, speed=found.speed, **given).fits
+    assert not demand(rigid, course, speed=1.0001 * found.speed, **given).fits
+    q = np.array([positions(rigid, *row) for row in course.positions])
+    still = np.zeros((2, 4))
+    asked = demand(rigid, course, speed=1e-6, **given)
+    driven = [rigid.joint_names.index(name) for name in bending.speed_names]
+    np.testing.assert_allclose(asked.tau[[0, -1]][:, driven], bending.inverse_dynamics(
+        q, still, still), atol=1e-6)
+
+
+def test_other_models_and_weak_beams_are_refused():
+    bending, rigid = arm()
+    ur = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')))
+    other = Motion.from_points([0.0, 1.0], [[0.0] * 6, [0.1] * 6], joint_names=ur.joint_names)
+    for call in (demand, fastest):
+        with pytest.raises(InputError, match=r"bending: of the joints .'joint1', 'joint2'. with"):
+            call(ur, other, bending=bending)
+        with pytest.raises(InputError, match='bending: a Robot; expected a QuasiStatic'):
+            call(rigid, REACH, bending=rigid)
+    with pytest.raises(InputError, match='load on the beams of two_link: no equilibrium found'):
+        demand(rigid, REACH, speed=1000.0, bending=bending)
