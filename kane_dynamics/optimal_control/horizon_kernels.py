@@ -52,7 +52,8 @@ class HorizonKernels:
     def __init__(self, robot: Robot, horizon: TreeHorizon | MechanismHorizon,
                  nodes: int) -> None:
         """Trace and compile the kernels, or load them from the cache."""
-        self._horizon, self.nodes = horizon, nodes
+        self._horizon: Any = horizon
+        self.nodes = nodes
         sizes = self.sizes = horizon.sizes
         self.path, self.trial = np.zeros((2, nodes + 1, sizes.row))
         self.targets = np.zeros((nodes, sizes.target))

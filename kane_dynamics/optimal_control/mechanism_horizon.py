@@ -48,7 +48,8 @@ class MechanismHorizon:
         self._slope_ends = np.cumsum([x * (x + m), x, m, x * (x + 1) // 2])
         self.sizes = Sizes(
             state=n_q + n + 1, directions=x, torques=m, joints=n_j,
-            multipliers=self._step.held, target=n_q + n_j + m, slopes=int(self._slope_ends[-1]) + m)
+            multipliers=self._step.held, target=n_q + n_j + m,
+            slopes=int(self._slope_ends[-1]) + m)
 
     def _parts(self, state: Any) -> tuple[Any, Any, Any]:
         """Return q, u and t."""

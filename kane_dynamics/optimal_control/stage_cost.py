@@ -1,8 +1,8 @@
 """
 The cost of one interval of a horizon, over any scalar.
 
-    1/2 sum of weight (value - target)^2 over the torques of the interval, and the
-    positions and rates of the n joints at its end, plus 1/2 `speed_weight` excess^2 of every joint.
+    1/2 sum of weight (value - target)^2 over the m torques of the interval, and the n joints'
+    positions and rates at its end, plus 1/2 `speed_weight` excess^2 of every joint.
 
 The excess of a speed beyond a limit by v (negative within it) is the smooth
 (v + sqrt(v^2 + w^2)) / 2, with the width w `WIDTH` times the limit; a kink there costs many
@@ -19,7 +19,7 @@ NONE = 1e9  # rad/s or m/s: a limit beyond is none
 
 
 class Limits(NamedTuple):
-    """Limits: torques (m,), speeds of joints (n,); `speed_weight` is that of an excess of speed."""
+    """Limits of torques, (m,), and of joint rates, with the weights of their excess, (n,) each."""
 
     torque: Any
     speed: Any
@@ -52,6 +52,7 @@ def stage_cost(away: Any, rates: Any, weight: Any, limits: Limits) -> Any:
     weight : (2 n + m,) array
         Of `away`.
     limits : Limits
+        Limits of torques and speeds.
 
     """
     above, below = speed_excess(rates, limits)[0]
@@ -63,8 +64,8 @@ def cost_slopes(away: Any, rates: Any, weight: Any, limits: Limits) -> tuple[Any
     """
     Return the gradient of `stage_cost`, (2 n + m,), and the diagonal of its Hessian.
 
-    They are by the positions and rates of the joints, and the torques. The Hessian is that of Gauss
-    and Newton, never negative.
+    They are by the positions and rates of the joints, and the torques. The Hessian is that of
+    Gauss and Newton, never negative.
     """
     n = len(rates)
     excess, slope = speed_excess(rates, limits)

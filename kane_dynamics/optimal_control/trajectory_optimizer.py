@@ -32,9 +32,10 @@ class CostWeights:
     """
     Weights of the cost ``1/2 sum w (value - target)^2``, one number or one per joint.
 
-    Positions and speeds are those of all n_j joints (`robot.joint_names`), dependent ones included,
-    whatever the generalized speeds; torques are those of the m actuators. Of a ball joint, the
-    distance from the target is 2 sin(angle / 2) about each axis of the body, rad for small angles.
+    Positions and speeds are those of all n_j joints (`robot.joint_names`), dependent ones
+    included, whatever the generalized speeds; torques are those of the m actuators. Of a ball
+    joint, the distance from the target is the rotation vector on the axes of the body, with
+    2 sin(angle / 2) for its angle.
 
     Attributes
     ----------
@@ -149,7 +150,7 @@ class TrajectoryOptimizer:
             robot.limits.velocity if speed_limits is None else speed_limits, 'speed_limits',
             names, finite=False)
         self.weights = weights or CostWeights()
-        by_joint = {name: names for name in CostWeights.__dataclass_fields__}
+        by_joint = dict.fromkeys(CostWeights.__dataclass_fields__, names)
         position, speed, torque, end_position, end_speed, excess = (
             per_joint(getattr(self.weights, name), f'weights.{name}', of)
             for name, of in (by_joint | {'torque': self.actuator_names}).items())
@@ -166,7 +167,8 @@ class TrajectoryOptimizer:
         arrays.constants[NUMBERS:NUMBERS + arrays.sizes.limits] = np.concatenate(
             [self.torque_limits, self.speed_limits, excess])
         arrays.constants[0] = self.interval
-        self._regularization, self._t, self._aimed = 0.0, 0.0, False
+        self._regularization, self._t = 0.0, 0.0
+        self._aimed = self._begun = False
         if plain:
             self.set_target(np.zeros(n))
 
@@ -244,6 +246,9 @@ class TrajectoryOptimizer:
             raise InputError('target: none; expected a call of set_target before')
         arrays.constants[NUMBERS + arrays.sizes.limits:] = robot.parameters.block
         start, n_q, n = self._start(q, u), robot.n_q, robot.n
+        if not self._begun:  # changes from the nominal path must be finite
+            arrays.path[:, :len(start)] = start
+            self._begun = True
         for path in (arrays.path, arrays.trial):
             path[0, :len(start)] = start
         cost = self._followed(0.0)

@@ -66,7 +66,7 @@ class MechanismStep:
 
     def step(self, q: Any, u: Any, torques: Any, t: Any, h: Any,
              parameters: Any) -> tuple[Any, Any, Any]:
-        """Return q, u and lambda after a step of length h, s, with torques (m,) from the time t."""
+        """Return q, u and lambda at t + h, s, after a step with torques of the actuators, (m,)."""
         equations, tree = self.equations, self.equations.tree
         motion = equations.joint_motion(q, u, equations.zeros, t)
         T, still = motion.T, equations.joint_speeds(q, equations.zeros, t)
