@@ -2,28 +2,43 @@
 
 from functools import cache
 
-from kane_dynamics import (absolute_rates, box, InputError, load_urdf, ModelBuilder, Robot, rod,
-                           simulate)
+from kane_dynamics import (absolute_rates, box, disc, InputError, load_urdf, ModelBuilder, Motion,
+                           Robot, rod, Rolling, simulate)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, difference, moved
 from kane_dynamics.optimal_control import CostWeights, PredictiveController, TrajectoryOptimizer
-from kinds_of_mechanism import case, KINDS
-from linkages import four_bar_model, PIN, sleigh
+from kinds_of_mechanism import Case, case, KINDS
+from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh
 import numpy as np
 from palletizer import palletizer, positions
 import pytest
 
 H = 0.01
 SEVERAL = [*((kind,) for kind in KINDS[1:]), ('chosen speeds', 'closed loop'),
-           ('closed loop', 'free and ball joints'), ('closed loop', 'flexible')]
+           ('closed loop', 'free and ball joints'), ('closed loop', 'flexible'),
+           ('rolling disc',)]
 each_kind = pytest.mark.parametrize('kinds', SEVERAL, ids=' and '.join)
+
+
+@cache
+def mechanism(*kinds):
+    """Return a case; of the rolling disc too, whose height and not whose path constraints hold."""
+    if kinds != ('rolling disc',):
+        return case(*kinds)
+    b = ModelBuilder('disc')
+    b.body('disc', kind='floating', turns='zxy', matter=disc(1.0, 0.3, axis=(0, 1, 0)))
+    robot = Robot(b.model(), constraints=[Rolling('disc', 0.3, axis=(0, 1, 0))])
+    lean = 0.2
+    q = np.array([0.1, -0.2, 0.3 * np.cos(lean), 0.4, lean, 0.3])
+    rates = np.array([0.5, -0.8, 1.2])
+    return Case('rolling disc', robot, q, rates, 0.0 * rates, {})
 
 
 @cache
 def short(kinds):
     """Return an optimizer with one interval, and torques of moderate size."""
-    this = case(*kinds)
+    this = mechanism(*kinds)
     problem = TrajectoryOptimizer(this.robot, nodes=1, interval=H, weights=CostWeights(
         excess_speed=2.0), speed_limits=0.5)
     problem.set_target(this.q, this.time)
@@ -51,7 +66,7 @@ def directions(kinds, q, t):
 
 @each_kind
 def test_directions_of_the_configuration_keep_what_constraints_hold(kinds):
-    this = case(*kinds)
+    this = mechanism(*kinds)
     tangent, along = directions(kinds, this.q, this.time)
     np.testing.assert_allclose(along @ tangent, np.eye(len(along)), atol=1e-12)
     step, eps = step_of(kinds), 1e-6
@@ -64,7 +79,7 @@ def test_directions_of_the_configuration_keep_what_constraints_hold(kinds):
 
 @each_kind
 def test_a_step_follows_its_equation(kinds):
-    this = case(*kinds)
+    this = mechanism(*kinds)
     problem, tau = short(kinds)
     robot, model = this.robot, this.robot.model
     q, u, _ = ended(kinds, this.q, this.u, tau)
@@ -87,7 +102,7 @@ def test_a_step_follows_its_equation(kinds):
 
 @each_kind
 def test_derivatives_of_a_step_are_those_of_central_differences(kinds):
-    this = case(*kinds)
+    this = mechanism(*kinds)
     problem, tau = short(kinds)
     model, arrays, eps = this.robot.model, problem._arrays, 1e-5
     q1, _, _ = ended(kinds, this.q, this.u, tau)
@@ -146,7 +161,7 @@ def require_optimum(problem, q, u, solution):
 
 @each_kind
 def test_the_optimum_is_stationary_off_the_limits_and_pushes_into_them(kinds):
-    this = case(*kinds)
+    this = mechanism(*kinds)
     robot = this.robot
     goal = robot.integrate(this.q, 0.5 * np.abs(this.u), **this.t)
     held, largest = 0, np.inf
@@ -206,9 +221,8 @@ def replayed(robot, problem, q, goal):
 
 
 def test_a_four_bar_swings_to_its_target_within_limits_as_a_simulation_does():
-    robot = Robot(four_bar_model(), constraints=[PIN], independent=['crank'])
-    start, goal = (robot.closed_posture((angle, 0.0, -1.5), fixed=['crank'])
-                   for angle in (0.6, 1.6))
+    robot = four_bar('crank')
+    start, goal = at_angle(0.6), at_angle(1.6)
     problem = TrajectoryOptimizer(robot, nodes=400, interval=0.002, torque_limits=12.0,
                                   weights=CostWeights(torque=1e-4, end_position=1000.0))
     plan, path = replayed(robot, problem, start, goal)
@@ -274,9 +288,8 @@ def test_a_sleigh_goes_to_its_target_and_never_across_its_runner():
 
 
 def test_a_predictive_controller_moves_a_four_bar_to_its_target():
-    robot = Robot(four_bar_model(), constraints=[PIN], independent=['crank'])
-    start, goal = (robot.closed_posture((angle, 0.0, -1.5), fixed=['crank'])
-                   for angle in (0.6, 1.4))
+    robot = four_bar('crank')
+    start, goal = at_angle(0.6), at_angle(1.4)
     controller = PredictiveController(TrajectoryOptimizer(
         robot, nodes=20, interval=0.02, torque_limits=60.0))
     controller.set_target(goal)
@@ -286,9 +299,46 @@ def test_a_predictive_controller_moves_a_four_bar_to_its_target():
     assert (np.abs(path.tau) <= 60.0).all()
 
 
+def test_a_motion_of_the_crank_is_tracked_with_all_joints_and_its_torques():
+    start = at_angle(0.6)
+    motion = Motion.from_points([0.0, 0.4, 0.8], [[0.6], [1.0], [0.7]], joint_names=('crank',))
+    robot = Robot(four_bar_model(), constraints=[PIN], independent=['crank'], configuration=start)
+    problem = TrajectoryOptimizer(robot, nodes=400, interval=0.002, weights=CostWeights(
+        position=1e4, torque=1e-3))
+    problem.set_target(motion)
+    q, u, udot = motion.sample(np.array([0.0, 0.3]))
+    problem.start([0.0])
+    plan = problem.solve(start, u[0], iterations=100)
+    assert np.abs(plan.q[150, 0] - q[1, 0]) < 2e-3
+    closed = robot.closed_posture([q[1, 0], *plan.q[150, 1:]], fixed=['crank'])
+    needed = robot.inverse_dynamics(closed, u[1], udot[1])
+    assert plan.tau[149] == pytest.approx(needed, rel=0.05)
+    later = TrajectoryOptimizer(robot, nodes=2, interval=0.002)
+    later.set_target(motion, 0.298)
+    np.testing.assert_allclose(later._arrays.targets[0, :3], closed, atol=1e-9)
+
+
+def test_a_predictive_controller_keeps_the_time_of_functions_of_time():
+    this = case('time-dependent')
+    robot, t = this.robot, this.time
+    problem = TrajectoryOptimizer(robot, nodes=10, interval=0.02)
+    controller = PredictiveController(problem)
+    controller.set_target(this.q, t)
+    q, u = this.q, 0.0 * this.u
+    for _ in range(150):
+        tau = np.zeros(robot.model.n)
+        tau[[robot.joint_names.index(name) for name in problem.actuator_names]] = (
+            controller.torque(q, u, 0.01))
+        path = simulate(robot, q, u, 0.01, step=0.005, t0=t,
+                        torque=robot.generalized_force(tau, q, t=t))
+        q, u, t = path.q[-1], path.u[-1], t + 0.01
+    free = robot.joint_names.index('upper')
+    assert abs(q[free] - this.q[free]) < 0.02
+    assert abs(q[1 - free] - 0.3 * np.sin(2.0 * t)) < 1e-9
+
+
 def test_bad_arguments_of_mechanisms_are_named():
-    robot = Robot(four_bar_model(), constraints=[PIN], independent=['crank'])
-    q = robot.closed_posture((0.6, 0.0, -1.5), fixed=['crank'])
+    robot, q = four_bar('crank'), at_angle(0.6)
     with pytest.raises(InputError, match=r'torque_limits.*expected one number, or 1'):
         TrajectoryOptimizer(robot, torque_limits=[1.0, 2.0, 3.0])
     with pytest.raises(InputError, match='robot: a str; expected a Robot'):
