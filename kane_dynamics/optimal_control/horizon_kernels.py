@@ -53,7 +53,7 @@ class HorizonKernels:
                  nodes: int) -> None:
         """Trace and compile the kernels, or load them from the cache."""
         self._horizon: Any = horizon
-        self.nodes = nodes
+        self.nodes, self._begun = nodes, False
         sizes = self.sizes = horizon.sizes
         self.path, self.trial = np.zeros((2, nodes + 1, sizes.row))
         self.targets = np.zeros((nodes, sizes.target))
@@ -113,6 +113,14 @@ class HorizonKernels:
                         for x, most in zip(wanted, constants.limits.torque)])
         end, multipliers, cost = self._horizon.step(state, tau, target, weight, constants)
         return np.concatenate([end, tau, multipliers, [row[-1] + cost]])
+
+    def begin(self, state: Any) -> None:
+        """Set the state at the beginning."""
+        if not self._begun:  # changes from the nominal path must be finite
+            self.path[:, :self.sizes.state] = state
+            self._begun = True
+        for path in (self.path, self.trial):
+            path[0, :self.sizes.state] = state
 
     def linearize(self) -> None:
         """Write `slopes` of `path`."""

@@ -167,8 +167,7 @@ class TrajectoryOptimizer:
         arrays.constants[NUMBERS:NUMBERS + arrays.sizes.limits] = np.concatenate(
             [self.torque_limits, self.speed_limits, excess])
         arrays.constants[0] = self.interval
-        self._regularization, self._t = 0.0, 0.0
-        self._aimed = self._begun = False
+        self._regularization, self._t, self._aimed = 0.0, 0.0, False
         if plain:
             self.set_target(np.zeros(n))
 
@@ -246,11 +245,7 @@ class TrajectoryOptimizer:
             raise InputError('target: none; expected a call of set_target before')
         arrays.constants[NUMBERS + arrays.sizes.limits:] = robot.parameters.block
         start, n_q, n = self._start(q, u), robot.n_q, robot.n
-        if not self._begun:  # changes from the nominal path must be finite
-            arrays.path[:, :len(start)] = start
-            self._begun = True
-        for path in (arrays.path, arrays.trial):
-            path[0, :len(start)] = start
+        arrays.begin(start)
         cost = self._followed(0.0)
         if not np.isfinite(cost):
             raise InputError('torques: their motion is not finite, or passes a singularity; '

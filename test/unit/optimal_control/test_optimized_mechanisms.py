@@ -3,7 +3,7 @@
 from functools import cache
 
 from kane_dynamics import (absolute_rates, box, disc, InputError, load_urdf, ModelBuilder, Motion,
-                           Robot, rod, Rolling, simulate)
+                           momenta, Robot, rod, Rolling, simulate)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, difference, moved
@@ -14,16 +14,26 @@ import numpy as np
 from palletizer import palletizer, positions
 import pytest
 
-H = 0.01
+H = 0.03  # long, so that what closes the loops counts
 SEVERAL = [*((kind,) for kind in KINDS[1:]), ('chosen speeds', 'closed loop'),
            ('closed loop', 'free and ball joints'), ('closed loop', 'flexible'),
            ('rolling disc',)]
 each_kind = pytest.mark.parametrize('kinds', SEVERAL, ids=' and '.join)
+and_momenta = pytest.mark.parametrize('kinds', [*SEVERAL, ('momenta of a loop',)],
+                                      ids=' and '.join)
 
 
 @cache
 def mechanism(*kinds):
-    """Return a case; of the rolling disc too, whose height and not whose path constraints hold."""
+    """
+    Return a case, also of two others.
+
+    Constraints hold the height of the rolling disc and not its path, and speeds that are momenta
+    change where the closing of loops moves joints.
+    """
+    if kinds == ('momenta of a loop',):
+        robot = Robot(four_bar_model(), constraints=[PIN], speeds=momenta)
+        return Case('momenta', robot, at_angle(0.6), np.array([0.1]), np.zeros(1), {})
     if kinds != ('rolling disc',):
         return case(*kinds)
     b = ModelBuilder('disc')
@@ -64,7 +74,7 @@ def directions(kinds, q, t):
     return (np.array(step.tangent(q, t), dtype=float), np.array(step.along(q, t), dtype=float))
 
 
-@each_kind
+@and_momenta
 def test_directions_of_the_configuration_keep_what_constraints_hold(kinds):
     this = mechanism(*kinds)
     tangent, along = directions(kinds, this.q, this.time)
@@ -100,7 +110,7 @@ def test_a_step_follows_its_equation(kinds):
         np.testing.assert_allclose(q, went, atol=1e-12)
 
 
-@each_kind
+@and_momenta
 def test_derivatives_of_a_step_are_those_of_central_differences(kinds):
     this = mechanism(*kinds)
     problem, tau = short(kinds)
@@ -146,7 +156,7 @@ def gradient(problem, q, u, tau, where, inwards=False):
 
 
 def require_optimum(problem, q, u, solution):
-    """Fail unless the gradient is 0 off the limits and pushes into them; return how many do."""
+    """Fail unless the gradient is 0 off the limits and points beyond them; return how many do."""
     limits, first = problem.torque_limits, np.tile(problem.holding_torques(q), (problem.nodes, 1))
     scale = np.abs(gradient(problem, q, u, 0.5 * np.clip(first, -limits, limits),
                             np.ones(first.shape))).max()
@@ -160,7 +170,7 @@ def require_optimum(problem, q, u, solution):
 
 
 @each_kind
-def test_the_optimum_is_stationary_off_the_limits_and_pushes_into_them(kinds):
+def test_the_optimum_is_stationary_off_the_limits_and_held_by_them(kinds):
     this = mechanism(*kinds)
     robot = this.robot
     goal = robot.integrate(this.q, 0.5 * np.abs(this.u), **this.t)
