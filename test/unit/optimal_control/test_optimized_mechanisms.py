@@ -2,8 +2,8 @@
 
 from functools import cache
 
-from kane_dynamics import (absolute_rates, box, disc, InputError, load_urdf, ModelBuilder, Motion,
-                           momenta, Robot, rod, Rolling, simulate)
+from kane_dynamics import (absolute_rates, box, disc, InputError, load_urdf, ModelBuilder,
+                           momenta, Motion, Robot, rod, Rolling, simulate)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, difference, moved
