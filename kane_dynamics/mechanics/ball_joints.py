@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.quaternion import (conjugate, exponential, logarithm,
                                                         normalized, product, quaternion_rate,
                                                         rotation_matrix)
@@ -86,11 +87,11 @@ def coordinate_rates(model: Model, q: Any, v: Any) -> Any:
                                 for ball in balls(model)})
 
 
-def joint_speeds(model: Model, q: Array, qdot: Array) -> Array:
+def joint_speeds(model: Model, q: Any, qdot: Any) -> Any:
     """Return the speeds of the joints, (..., n), for q', (..., n_q): `coordinate_rates` undone."""
     if not model.balls:
         return qdot
-    result = np.empty((*qdot.shape[:-1], model.n))
+    result = np.empty((*qdot.shape[:-1], model.n), dtype=np.result_type(q, qdot))
     result[..., angles(model)] = qdot[..., angle_places(model)]
     for ball in balls(model):
         p = ball.quaternion(q)
@@ -160,6 +161,22 @@ def difference(model: Model, q0: Array, q1: Array) -> Array:
         result[..., ball.speed:ball.speed + 3] = logarithm(
             product(conjugate(ball.quaternion(q0)), ball.quaternion(q1)))
     return result
+
+
+def chord(model: Model, q0: Any, q1: Any) -> Any:
+    """
+    Return the step, (n,), from q0 to q1, with 2 sin(angle / 2) for the angle of a ball joint.
+
+    Of first order that is `difference`, but smooth, over any scalar, and not of batches.
+    """
+    if not model.balls:
+        return q1 - q0
+    result = [0.0 if place is None else q1[place] - q0[place] for place in model.places]
+    for ball in balls(model):
+        p = product(conjugate(ball.quaternion(q0)), ball.quaternion(q1))
+        side = select(p[3] < 0.0, -2.0, 2.0)  # p and -p are one rotation
+        result[ball.speed:ball.speed + 3] = [side * x for x in p[:3]]
+    return np.array(result)
 
 
 def require_unit(model: Model, q: Array, what: str) -> Array:

@@ -1,8 +1,9 @@
 """
 One step of the backward pass of differential dynamic programming with torque limits.
 
-The cost-to-go at the end of an interval is v . dx + 1/2 dx . V dx in the change dx = (dq, du) of
-the state. The change of torque that minimises it, plus the cost of the interval, is
+The cost-to-go at the end of an interval is v . dx + 1/2 dx . V dx in the change dx of the state,
+of n_x entries: of the configuration, then of the speeds. The change of the m torques that
+minimises it, plus the cost of the interval, is
 ``k + K dx``, within the limits (Tassa, Mansard, Todorov, Control-limited differential dynamic
 programming, ICRA 2014), with Gauss-Newton Hessians (iLQR): second derivatives of the dynamics are
 left out. Within the limits, the quadratic is minimised by Seidel sweeps and projected Newton steps
@@ -10,7 +11,7 @@ left out. Within the limits, the quadratic is minimised by Seidel sweeps and pro
 Their number is fixed, since programs do not branch. The result costs less than no change, unless
 no change is the minimum.
 
-The step of the horizon is q+ = q + h w, w = u+ = u + h udot, so the cost-to-go is a function of q
+The step of a tree is q+ = q + h w, w = u+ = u + h udot, so the cost-to-go is a function of q
 and w, and only w depends on the dynamics: this halves the arithmetic.
 
 All functions run over any scalar.
@@ -20,7 +21,6 @@ from typing import Any, NamedTuple
 
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
-from kane_dynamics.optimal_control.stage_cost import Limits
 import numpy as np
 
 ROUNDS = 3  # sweeps and projected Newton steps
@@ -28,63 +28,82 @@ SCALES = (1.0, 0.3, 0.1)  # lengths of each
 Matrix = list[list[Any]]
 
 
+class Expansion(NamedTuple):
+    """Hessian, rows of its lower triangle, and gradient of a cost by the state and the torques."""
+
+    H: Matrix
+    g: Any
+
+
+class TorqueCost(NamedTuple):
+    """Torques of an interval, slopes and curvatures of their cost, and their limits, (m,) each."""
+
+    tau: Any
+    gradient: Any
+    hessian: Any
+    limits: Any
+
+
 class Policy(NamedTuple):
     """Change of torque k + K dx, its expected change of cost, and the cost-to-go before it."""
 
-    k: Any  # (n,)
-    K: Any  # (n, 2 n)
+    k: Any  # (m,)
+    K: Any  # (m, n_x)
     first: Any  # change of cost of `alpha` k: alpha first + alpha^2 second
     second: Any
-    v: Any  # (2 n,)
-    V: Any  # lower triangle by rows, (n (2 n + 1),)
+    v: Any  # (n_x,)
+    V: Any  # lower triangle by rows, (n_x (n_x + 1) / 2,)
 
 
-def backward_step(slopes: Any, tau: Any, h: Any, gradient: Any, hessian: Any, regular: Any,
-                  limits: Limits, v: Any, V: Any) -> Policy:
+def backward_step(cost_to_go: Expansion, torques: TorqueCost, regular: Any) -> Policy:
     """
     Return the policy of an interval.
 
     Parameters
     ----------
-    slopes : (3, n, n) array
-        Derivatives of udot by q, u and tau.
-    tau : (n,) array
+    cost_to_go : Expansion
+        By the state and the torque at the beginning; with the cost of the state at the end.
+    torques : TorqueCost
         Torque of the interval.
-    h : scalar
-        Length of the interval, s.
-    gradient, hessian : (3 n,) arrays
-        `stage_cost.cost_slopes`.
-    regular : (n,) array
+    regular : (m,) array
         Weights of the change of torque, which shorten it.
-    limits : Limits
-        Limits of the joints.
-    v, V
-        The cost-to-go at the end of the interval, as in `Policy`.
 
     """
-    n = len(tau)
-    H, g = _expanded(slopes, h, v + gradient[:2 * n], _symmetric(V, 2 * n)
-                     + np.diag(hessian[:2 * n]), n)
-    Q = np.array([[H[2 * n + max(i, j)][2 * n + min(i, j)] for j in range(n)] for i in range(n)])
-    Q = Q + np.diag(hessian[2 * n:] + regular)
-    Q_x = np.array([row[:2 * n] for row in H[2 * n:]])
-    g_tau = g[2 * n:] + gradient[2 * n:]
-    k, K = limited_minimum(Q, g_tau, Q_x, -limits.torque - tau, limits.torque - tau)
+    (H, g), (tau, gradient, hessian, most) = cost_to_go, torques
+    m = len(tau)
+    n_x = len(g) - m
+    Q = np.array([[H[n_x + max(i, j)][n_x + min(i, j)] for j in range(m)] for i in range(m)])
+    Q = Q + np.diag(hessian + regular)
+    Q_x = np.array([row[:n_x] for row in H[n_x:]])
+    g_tau = g[n_x:] + gradient
+    k, K = limited_minimum(Q, g_tau, Q_x, -most - tau, most - tau)
     Q_k = Q @ k
     return Policy(k, K, g_tau @ k, 0.5 * (k @ Q_k),
-                  g[:2 * n] + k @ Q_x + (Q_k + g_tau) @ K,
+                  g[:n_x] + k @ Q_x + (Q_k + g_tau) @ K,
                   np.array([H[a][b] + Q_x[:, a] @ K[:, b]
-                            for a in range(2 * n) for b in range(a + 1)]))
+                            for a in range(n_x) for b in range(a + 1)]))
 
 
-def _symmetric(packed: Any, size: int) -> Any:
+def symmetric(packed: Any, size: int) -> Any:
     """Return a symmetric matrix from the rows of its lower triangle."""
     return np.array([[packed[max(a, b) * (max(a, b) + 1) // 2 + min(a, b)] for b in range(size)]
                      for a in range(size)])
 
 
-def _expanded(slopes: Any, h: Any, v: Any, V: Any, n: int) -> tuple[Matrix, Any]:
-    """Return Hessian (lower triangle) and gradient of the cost-to-go by q, u and tau."""
+def expansion(F: Any, v: Any, V: Any) -> Expansion:
+    """Return the cost-to-go before a step with dx+ = F (dx, dtau), (n_x, n_x + m)."""
+    T = V @ F
+    return Expansion([[F[:, a] @ T[:, b] for b in range(a + 1)] for a in range(F.shape[1])],
+                     v @ F)
+
+
+def expansion_of_tree(slopes: Any, h: Any, v: Any, V: Any) -> Expansion:
+    """
+    Return the cost-to-go before the step of a tree.
+
+    `slopes` are the derivatives of udot by q, u and tau, (3, n, n).
+    """
+    n = len(slopes[0])
     by_w = V[n:, n:] + h * (V[:n, n:] + V[n:, :n] + h * V[:n, :n])
     mixed = V[:n, n:] + h * V[:n, :n]  # by q and w
     D = np.concatenate([h * slopes[0], np.eye(n) + h * slopes[1], h * slopes[2]], axis=1)
@@ -96,12 +115,12 @@ def _expanded(slopes: Any, h: Any, v: Any, V: Any, n: int) -> tuple[Matrix, Any]
         for b in range(a + 1):
             H[a][b] = H[a][b] + across[a, b] + V[a, b]
     g = (v[n:] + h * v[:n]) @ D
-    return H, np.concatenate([g[:n] + v[:n], g[n:]])
+    return Expansion(H, np.concatenate([g[:n] + v[:n], g[n:]]))
 
 
 def limited_minimum(Q: Any, g: Any, Q_x: Any, lower: Any, upper: Any) -> tuple[Any, Any]:
     """
-    Return k that minimises g . k + 1/2 k . Q k within bounds, (n,), and its feedback, (n, 2 n).
+    Return k that minimises g . k + 1/2 k . Q k within bounds, (m,), and its feedback, (m, n_x).
 
     By projected Newton steps from 0, each after a sweep over the torques. The feedback solves
     Q K = -Q_x for the free torques, and is 0 for those at a bound.

@@ -36,23 +36,24 @@ class PredictiveController:
         self.optimizer = optimizer
         self.iterations = integer(iterations, 'iterations', 1)
         self.solution: Solution | None = None
-        self._motion: Motion | None = None
+        self._target: ArrayLike | Motion | None = None
         self._t = 0.0
 
     def set_target(self, target: ArrayLike | Motion, t: float = 0.0) -> None:
         """Set a configuration to rest at, or a motion whose time is t at the next cycle."""
         self.optimizer.set_target(target, t)
-        self._motion = target if isinstance(target, Motion) else None
+        moves = isinstance(target, Motion) or self.optimizer.robot.equations.timed
+        self._target = target if moves else None
         self._t = t
 
     def torque(self, q: ArrayLike, u: ArrayLike, elapsed: float) -> Array:
         """
-        Return the torque for a measured state, (n,), N m or N, never beyond its limits.
+        Return the torques of the actuators, (m,), N m or N, never beyond their limits.
 
         Parameters
         ----------
-        q, u : (n,) array_like
-            The state.
+        q, u : (n_q,), (n,) array_like
+            The measured state.
         elapsed : float
             Time since the state of the last call, s; ignored in the first.
 
@@ -64,13 +65,13 @@ class PredictiveController:
         """
         optimizer = self.optimizer
         if self.solution is None:
-            optimizer.start(optimizer.robot.gravity_force(q))
+            optimizer.start(optimizer.holding_torques(q))
             self.solution = optimizer.solve(q, u, iterations=FIRST)
         else:
             optimizer.shift(elapsed)
             self._t += elapsed
-            if self._motion is not None:
-                optimizer.set_target(self._motion, self._t)
+            if self._target is not None:
+                optimizer.set_target(self._target, self._t)
             self.solution = optimizer.solve(q, u, iterations=self.iterations)
         tau: Array = self.solution.tau[0]
         return tau

@@ -1,8 +1,8 @@
 """
 The cost of one interval of a horizon, over any scalar.
 
-    1/2 sum of weight (value - target)^2 over the n torques of the interval, and the n
-    positions and n speeds at its end, plus 1/2 `speed_weight` excess^2 of every joint.
+    1/2 sum of weight (value - target)^2 over the m torques of the interval, and the n joints'
+    positions and rates at its end, plus 1/2 `speed_weight` excess^2 of every joint.
 
 The excess of a speed beyond a limit by v (negative within it) is the smooth
 (v + sqrt(v^2 + w^2)) / 2, with the width w `WIDTH` times the limit; a kink there costs many
@@ -19,7 +19,7 @@ NONE = 1e9  # rad/s or m/s: a limit beyond is none
 
 
 class Limits(NamedTuple):
-    """Limits of the joints, (n,) each; `speed_weight` is that of an excess of speed."""
+    """Limits of torques, (m,), and of joint rates, with the weights of their excess, (n,) each."""
 
     torque: Any
     speed: Any
@@ -39,24 +39,38 @@ def speed_excess(u: Any, limits: Limits) -> tuple[Any, Any]:
     return np.reshape(excess, (2, -1)), np.reshape(slope, (2, -1))
 
 
-def stage_cost(x: Any, tau: Any, target: Any, weight: Any, limits: Limits) -> Any:
-    """Return the cost; x is the state at the end, (2 n,); target and weight of x, then tau."""
-    away = np.concatenate([x, tau]) - target
-    above, below = speed_excess(x[len(tau):], limits)[0]
+def stage_cost(away: Any, rates: Any, weight: Any, limits: Limits) -> Any:
+    """
+    Return the cost.
+
+    Parameters
+    ----------
+    away : (2 n + m,) array
+        Positions and rates of the joints at the end, and torques, minus their targets.
+    rates : (n,) array
+        Of the joints at the end.
+    weight : (2 n + m,) array
+        Of `away`.
+    limits : Limits
+        Limits of torques and speeds.
+
+    """
+    above, below = speed_excess(rates, limits)[0]
     return 0.5 * (weight @ (away * away)
                   + limits.speed_weight @ (above * above + below * below))
 
 
-def cost_slopes(x: Any, tau: Any, target: Any, weight: Any, limits: Limits) -> tuple[Any, Any]:
+def cost_slopes(away: Any, rates: Any, weight: Any, limits: Limits) -> tuple[Any, Any]:
     """
-    Return the gradient of `stage_cost` by x and tau, (3 n,), and the diagonal of its Hessian.
+    Return the gradient of `stage_cost`, (2 n + m,), and the diagonal of its Hessian.
 
-    The Hessian is that of Gauss and Newton, never negative.
+    They are by the positions and rates of the joints, and the torques. The Hessian is that of
+    Gauss and Newton, never negative.
     """
-    n = len(tau)
-    excess, slope = speed_excess(x[n:], limits)
-    none = np.zeros(n)
+    n = len(rates)
+    excess, slope = speed_excess(rates, limits)
     by_u = limits.speed_weight * (excess * slope).sum(axis=0)
     bend = limits.speed_weight * (slope * slope).sum(axis=0)
-    return (weight * (np.concatenate([x, tau]) - target) + np.concatenate([none, by_u, none]),
-            weight + np.concatenate([none, bend, none]))
+    before, behind = np.zeros(n), np.zeros(len(away) - 2 * n)
+    return (weight * away + np.concatenate([before, by_u, behind]),
+            weight + np.concatenate([before, bend, behind]))

@@ -4,12 +4,18 @@ from dataclasses import dataclass
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import finite_row, integer, per_joint, positive_time
+from kane_dynamics._util.checks import (constant, finite_row, instance, integer, per_joint,
+                                        positive_time)
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.motion.motion import Motion
-from kane_dynamics.optimal_control.horizon_kernels import HorizonKernels, NUMBERS
+from kane_dynamics.optimal_control.horizon_kernels import HorizonKernels
+from kane_dynamics.optimal_control.horizon_layout import NUMBERS
+from kane_dynamics.optimal_control.mechanism_horizon import MechanismHorizon
+from kane_dynamics.optimal_control.target import Target
+from kane_dynamics.optimal_control.tree_horizon import TreeHorizon
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,14 +32,20 @@ class CostWeights:
     """
     Weights of the cost ``1/2 sum w (value - target)^2``, one number or one per joint.
 
+    Positions and speeds are those of all n_j joints (`robot.joint_names`), dependent ones
+    included, whatever the generalized speeds; torques are those of the m actuators. Of a ball
+    joint, the distance from the target is the rotation vector on the axes of the body, with
+    2 sin(angle / 2) for its angle.
+
     Attributes
     ----------
-    position, speed, torque : float or (n,) array_like
-        Integrated over the horizon: per s and rad^2, (rad/s)^2, (N m)^2 (m for prismatic joints).
-        That of torque is positive.
-    end_position, end_speed : float or (n,) array_like
+    position, speed : float or (n_j,) array_like
+        Integrated over the horizon: per s and rad^2, (rad/s)^2 (m for prismatic joints).
+    torque : float or (m,) array_like
+        Integrated: per s and (N m)^2 (N for prismatic joints). Positive.
+    end_position, end_speed : float or (n_j,) array_like
         At the end of the horizon, not integrated.
-    excess_speed : float or (n,) array_like
+    excess_speed : float or (n_j,) array_like
         Of speed beyond its limit, at the end of each interval.
 
     """
@@ -54,13 +66,15 @@ class Solution:
 
     Attributes
     ----------
-    q, u : (N + 1, n) arrays
+    q, u : (N + 1, n_q), (N + 1, n) arrays
         At the ends of the intervals, the measured state first; rad or m, s.
-    tau : (N, n) array
-        Torque of each interval, N m or N.
-    gains : (N, n, 2 n) array
+    tau : (N, m) array
+        Torques of the actuators in each interval, N m or N.
+    gains : (N, m, n_x) array
         Feedback K of the last iteration: ``tau + K (measured (q, u) - planned (q, u))``; its rows
-        are zero for torques at their limits.
+        are zero for torques at their limits. The difference of configurations is
+        `robot.difference` from the planned one, if constraints are on positions; n_x is 2 n. Under
+        constraints of velocities, it has an entry more for each of their rows.
     cost : float
         Without the state at the beginning, which no torque changes.
     iterations : int
@@ -86,60 +100,76 @@ class TrajectoryOptimizer:
 
     Torques are constant in an interval and never beyond their limits. Speeds beyond their limits
     are penalised (`CostWeights.excess_speed`). The dynamics include friction
-    (`mechanics.integrators.implicit_friction`). The method is iLQR, that is
+    (`mechanics.integrators.implicit_friction`, `mechanism_step`). The method is iLQR, that is
     differential dynamic programming with Gauss-Newton Hessians, with torque limits in the backward
     pass (see `backward_step`) and a search along the step; all passes run in native code.
 
     Parameters
     ----------
     robot : Robot
-        A tree of rigid bodies whose speeds are the joint rates. Gravity and payload
-        (`robot.parameters`) are those at each call of `solve`.
+        Of any kind. The torques are those of its m actuators (`actuator_names`). Gravity and
+        payload (`robot.parameters`) are those at each call of `solve`. The independent speeds stay
+        those of the robot: a motion that would need others is not found.
     nodes : int
         Number of intervals.
     interval : float
         Length of an interval, s.
     weights : CostWeights, optional
-    torque_limits, speed_limits : float or (n,) array_like, optional
-        Default: `robot.limits`.
+    torque_limits : float or (m,) array_like, optional
+        0 for an actuator that is not there, as of a floating base. Default: `robot.limits.effort`.
+    speed_limits : float or (n_j,) array_like, optional
+        Of all joints. Default: `robot.limits.velocity`.
+
+    Attributes
+    ----------
+    actuator_names : tuple of str
+        `robot.actuated_names`, but no modes of beams.
 
     Raises
     ------
     InputError
-        Names the argument, or the property of the robot that is not supported.
+        Names the argument.
 
     """
 
     def __init__(self, robot: Robot, *, nodes: int = 50, interval: float = 0.01,
                  weights: CostWeights | None = None, torque_limits: ArrayLike | None = None,
                  speed_limits: ArrayLike | None = None) -> None:
-        """Compile the kernels; the target is the configuration zero until `set_target`."""
-        if not isinstance(robot.equations, TreeEquations) or robot.model.flexible:
-            raise InputError(f"robot '{robot.model.name}': has chosen speeds, constraints, ball "
-                             'joints or beams; expected a tree of rigid bodies with joint rates')
-        names = robot.joint_names
+        """Compile the kernels; the target of a tree is 0 until `set_target`, others have none."""
+        instance(robot, Robot, 'robot')
+        model, names = robot.model, robot.joint_names
         self.robot = robot
         self.interval = positive_time(interval, 'interval')
+        modes = {names[k] for k in model.modal_coordinates}
+        self.actuator_names = tuple(name for name in robot.actuated_names if name not in modes)
+        actuators = [names.index(name) for name in self.actuator_names]
         self.torque_limits = per_joint(
-            robot.limits.effort if torque_limits is None else torque_limits, 'torque_limits',
-            names, finite=False)
+            robot.limits.effort[actuators] if torque_limits is None else torque_limits,
+            'torque_limits', self.actuator_names, finite=False)
         self.speed_limits = per_joint(
             robot.limits.velocity if speed_limits is None else speed_limits, 'speed_limits',
             names, finite=False)
-        self._arrays = HorizonKernels(robot, integer(nodes, 'nodes', 1))
         self.weights = weights or CostWeights()
+        by_joint = dict.fromkeys(CostWeights.__dataclass_fields__, names)
         position, speed, torque, end_position, end_speed, excess = (
-            per_joint(getattr(self.weights, name), f'weights.{name}', names)
-            for name in CostWeights.__dataclass_fields__)
+            per_joint(getattr(self.weights, name), f'weights.{name}', of)
+            for name, of in (by_joint | {'torque': self.actuator_names}).items())
         if not torque.all():
             raise InputError(f'weights.torque: {self.weights.torque!r}; expected positive numbers')
-        self._arrays.weights[:] = self.interval * np.concatenate([position, speed, torque])
-        self._arrays.weights[-1, :2 * robot.n] = np.concatenate([end_position, end_speed])
-        self._arrays.constants[NUMBERS:NUMBERS + 3 * robot.n] = np.concatenate(
+        plain = type(robot.equations) is TreeEquations and not model.flexible
+        self._arrays = HorizonKernels(
+            robot, TreeHorizon(robot) if plain else MechanismHorizon(robot, actuators),
+            integer(nodes, 'nodes', 1))
+        self._target = Target(robot, actuators)
+        arrays, n = self._arrays, len(names)
+        arrays.weights[:] = self.interval * np.concatenate([position, speed, torque])
+        arrays.weights[-1, :2 * n] = np.concatenate([end_position, end_speed])
+        arrays.constants[NUMBERS:NUMBERS + arrays.sizes.limits] = np.concatenate(
             [self.torque_limits, self.speed_limits, excess])
-        self._arrays.constants[0] = self.interval
-        self._regularization = 0.0
-        self.set_target(np.zeros(robot.n))
+        arrays.constants[0] = self.interval
+        self._regularization, self._t, self._aimed = 0.0, 0.0, False
+        if plain:
+            self.set_target(np.zeros(n))
 
     @property
     def nodes(self) -> int:
@@ -150,27 +180,28 @@ class TrajectoryOptimizer:
         """
         Set the target: a configuration to rest at, or a motion whose time is t at the beginning.
 
-        The target of the torque is what the target needs: that of gravity, or inverse dynamics.
+        A configuration has n_q entries, and its loops are closed. A motion is one of all joints,
+        or of as many driving joints as a mechanism has independent speeds. t, s, is also the time
+        at the beginning for constraints and speeds that depend on it. The target of the torques is
+        what the target needs: those of gravity, or of inverse dynamics.
         """
-        n, targets = self.robot.n, self._arrays.targets
-        if isinstance(target, Motion):
-            if target.joint_names != self.robot.joint_names:
-                raise InputError(f'target: a motion of {", ".join(target.joint_names)}; expected '
-                                 f'{", ".join(self.robot.joint_names)}')
-            q, u, udot = target.sample(t + self.interval * np.arange(1, self.nodes + 1))
-            targets[:, :n], targets[:, n:2 * n] = q, u
-            targets[:, 2 * n:] = self.robot.inverse_dynamics(q, u, udot)
-        else:
-            q = finite_row(target, 'target', self.robot.joint_names)
-            targets[:] = np.concatenate([q, np.zeros(n), self.robot.gravity_force(q)])
+        moments = constant(t, (), 't (s)', InputError) + self.interval * np.arange(
+            1, self.nodes + 1)
+        self._arrays.targets[:] = self._target.rows(target, moments)
+        self._t = float(t)
+        self._aimed = True
+
+    def holding_torques(self, q: ArrayLike) -> Array:
+        """Return the torques of the actuators that hold gravity at a configuration, (m,)."""
+        return self._target.holding(self._target.configuration(q, 'q'), self._t)
 
     def start(self, tau: ArrayLike) -> None:
-        """Begin the next `solve` with these torques: (n,) for every interval, or (N, n)."""
-        n, names = self.robot.n, self.robot.joint_names
+        """Begin the next `solve` with these torques: (m,) for every interval, or (N, m)."""
+        names = self.actuator_names
         rows = [finite_row(row, 'tau', names) for row in np.reshape(tau, (-1, np.shape(tau)[-1]))]
         if len(rows) not in (1, self.nodes):
             raise InputError(f'tau: {len(rows)} rows; expected 1 or {self.nodes}')
-        self._arrays.path[1:, 2 * n:3 * n] = rows
+        self._arrays.tau[:] = rows
         self._arrays.policy[:] = 0.0
         self._regularization = 0.0
 
@@ -178,7 +209,8 @@ class TrajectoryOptimizer:
         """
         Move the torques in time, so that the next `solve` begins `elapsed` s later, at least 0.
 
-        Parts of an interval interpolate, which keeps the limits; the last torque is repeated.
+        Parts of an interval interpolate, which keeps the limits; the last torque is repeated. The
+        target stays.
         """
         if not 0.0 <= elapsed < np.inf:
             raise InputError(f'elapsed: {elapsed!r}; expected a finite time >= 0, s')
@@ -191,7 +223,7 @@ class TrajectoryOptimizer:
 
         Parameters
         ----------
-        q, u : (n,) array_like
+        q, u : (n_q,), (n,) array_like
             The state at the beginning.
         iterations : int
             The most to do. None: only simulate.
@@ -201,20 +233,24 @@ class TrajectoryOptimizer:
         Raises
         ------
         InputError
-            The state is not finite, or so are the states that the torques lead to.
+            The state is not finite, or so are the states that the torques lead to; or a robot
+            other than a tree has no target yet.
+        ConstraintError
+            The loops of the configuration do not close, or are singular.
 
         """
-        arrays, names = self._arrays, self.robot.joint_names
+        arrays, robot = self._arrays, self.robot
         integer(iterations, 'iterations', 0)
-        n = self.robot.n
-        arrays.constants[NUMBERS + 3 * n:] = self.robot.parameters.block
-        row = np.concatenate([finite_row(q, 'q', names), finite_row(u, 'u', names)])
-        for path in (arrays.path, arrays.trial):
-            path[0, :2 * n] = row
+        if not self._aimed:
+            raise InputError('target: none; expected a call of set_target before')
+        arrays.constants[NUMBERS + arrays.sizes.limits:] = robot.parameters.block
+        start, n_q, n = self._start(q, u), robot.n_q, robot.n
+        arrays.begin(start)
         cost = self._followed(0.0)
         if not np.isfinite(cost):
-            raise InputError('torques: their motion is not finite; expected torques near those '
-                             'that hold the arm (see start), or shorter intervals')
+            raise InputError('torques: their motion is not finite, or passes a singularity; '
+                             'expected torques near those that hold the arm (see start), or '
+                             'shorter intervals')
         arrays.swap()
         self._regularization = min(self._regularization, STALLED / RAISED**2)
         done, converged = 0, False
@@ -224,10 +260,17 @@ class TrajectoryOptimizer:
             cost = self._iterate(cost)
             converged = (before - cost <= tolerance * abs(cost)
                          and not shortened and self._regularization == 0.0)
-        q_u, tau = arrays.path[:, :2 * n], arrays.path[1:, 2 * n:3 * n]
-        gains = arrays.policy[:-1, n:n + 2 * n * n].reshape(-1, n, 2 * n)
-        return Solution(q_u[:, :n].copy(), q_u[:, n:].copy(), tau.copy(), gains.copy(), cost,
-                        done, converged)
+        q_u = arrays.path[:, :n_q + n].copy()
+        return Solution(q_u[:, :n_q], q_u[:, n_q:], arrays.tau.copy(), arrays.gains, cost, done,
+                        converged)
+
+    def _start(self, q: ArrayLike, u: ArrayLike) -> Array:
+        """Return the state at the beginning; raise the errors of `solve`."""
+        robot, speeds = self.robot, finite_row(u, 'u', self.robot.speed_names)
+        here = self._target.configuration(q, 'q')
+        if isinstance(robot.equations, ConstrainedEquations):  # closed, and not singular
+            robot.joint_rates(here, speeds, **self._target.at(self._t))
+        return np.concatenate([here, speeds, [self._t]])[:self._arrays.sizes.state]
 
     def _followed(self, scale: float) -> float:
         """Simulate with a scale of the policy's k; return the cost."""

@@ -678,10 +678,14 @@ def timed(case):
 
 def optimized(case):
     """Plan a motion of three short intervals, whose torques are those of Kane's definition."""
-    problem = TrajectoryOptimizer(case.robot, nodes=3, interval=1e-6)
+    robot = case.robot
+    problem = TrajectoryOptimizer(robot, nodes=3, interval=1e-8)
+    problem.set_target(case.q, case.time)
     plan = problem.solve(case.q, case.u, iterations=2)
-    udot = np.diff(plan.u, axis=0) / problem.interval
-    near(plan.tau[1], kane.inverse_dynamics(case.robot.model, plan.q[1], plan.u[1], udot[1]), 1e-4)
+    udot, at = np.diff(plan.u, axis=0) / problem.interval, case.time + problem.interval
+    places = [robot.joint_names.index(name) for name in problem.actuator_names]
+    near(moved(case, plan.q[1], at)[places].T @ plan.tau[1], nonholonomic.inverse_dynamics(
+        case.mechanism, plan.q[1], plan.u[1], udot[1], at), 1e-4)
 
 
 def filled(case):

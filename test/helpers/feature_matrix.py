@@ -140,13 +140,7 @@ ROWS = (
         TIME: NO_SCALE,
         BEAM: BENDS,
         BALL: NO_ANGLE}),
-    Row('`TrajectoryOptimizer`', check.optimized, {
-        SPEEDS: MISSING,
-        LOOP: MISSING,
-        ROLLING: MISSING,
-        TIME: MISSING,
-        BEAM: MISSING,
-        BALL: MISSING}),
+    Row('`TrajectoryOptimizer`', check.optimized),
     Row('`fill_trajectory`, beams by `QuasiStatic`', check.filled, {
         ROLLING: NO_SHAPE,
         TIME: NO_START,
