@@ -19,6 +19,7 @@ With closed loops or chosen speeds all rates are proportional to s, too, and the
 actuators are a linear map W(q) of the forces of the joints: W_ij T_j(s) is monotonic in s.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
@@ -174,17 +175,12 @@ class SampledPath:
                       ) -> MechanismMotion:
         """Return the motion of all joints, and store how their forces reach the actuators."""
         whole = whole_motion(robot, motion, t, q, self.u, udot)
-        if robot.equations.timed or np.abs(robot.joint_rates(
-                whole.q, 0.0 * whole.u, t=t)).max(initial=0.0) > 0.0:
-            raise InputError('robot: speeds or constraints that prescribe velocities or are '
-                             'functions of time; expected those of a motion that can be scaled')
+        require_scalable(robot, whole.q)
         self.u = robot.joint_rates(whole.q, whole.u)
         self.friction = Robot(robot.model, friction=robot.friction).friction_force
         self.rough = sorted({body.joint.coordinate for body in robot.model.bodies
                              if robot.friction and body.joint.friction})
-        self.shared = np.empty((*whole.q.shape, len(self.rough)))
-        for k, j in enumerate(self.rough):
-            self.shared[..., k] = _at_actuators(robot, whole.q, np.eye(robot.n_q)[[j] * len(t)])
+        self.shared = unit_torques(robot, whole.q, self.rough)
         return whole
 
     def coulomb(self, rows: Indices, speed: float) -> Array:
@@ -222,6 +218,22 @@ class SampledPath:
                       for under, over, bound in ((least, largest, wide),
                                                  (largest, least, narrow)))
         return some, more
+
+
+def require_scalable(robot: Robot, q: Array) -> None:
+    """Raise InputError if speeds or constraints prescribe velocities in configurations."""
+    if robot.equations.timed or (len(q) and np.abs(robot.joint_rates(
+            q, np.zeros((len(q), robot.n)))).max() > 0.0):
+        raise InputError('robot: speeds or constraints that prescribe velocities or are '
+                         'functions of time; expected those of a motion that can be scaled')
+
+
+def unit_torques(robot: Robot, q: Array, joints: Sequence[int]) -> Array:
+    """Return the torques of actuators for unit forces of some joints, (N, n_q, k)."""
+    found = np.empty((*q.shape, len(joints)))
+    for k, j in enumerate(joints):
+        found[..., k] = _at_actuators(robot, q, np.eye(robot.n_q)[[j] * len(q)])
+    return found
 
 
 def _at_actuators(robot: Robot, q: Array, forces: Array) -> Array:
