@@ -9,7 +9,6 @@ where it exceeds them, as at the corners of the profile. What depends on the kin
 """
 
 from collections.abc import Sequence
-from copy import copy
 from functools import partial
 import math
 
@@ -273,5 +272,5 @@ def _result(along: PathRobot, bounds: Bounds, rates: RateBounds, parts: Sequence
     points, coefficients = joined([part.points for part in parts])
     tau, motion = along.torques(points), along.motion_of(points, coefficients)
     uses = rate_uses_at_points(along.robot, [part.points for part in parts], rates)
-    robot = copy(along.robot)  # has its own payload
+    robot = along.robot.copy()  # has its own payload
     return TimeOptimal(motion, points, tau, robot, bounds, uses)

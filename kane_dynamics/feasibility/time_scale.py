@@ -19,7 +19,6 @@ With closed loops or chosen speeds all rates are proportional to s, too, and the
 actuators are a linear map W(q) of the forces of the joints: W_ij T_j(s) is monotonic in s.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
@@ -27,7 +26,8 @@ from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDING, ROUNDS, sampled, STEP
-from kane_dynamics.feasibility.torque_demand import (Demand, demand_at, torque_of,
+from kane_dynamics.feasibility.torque_demand import (at_actuators, Demand, demand_at,
+                                                     require_scalable, torque_of, unit_torques,
                                                      whole_motion)
 from kane_dynamics.kinematics.mechanism_motion import MechanismMotion
 from kane_dynamics.mechanics.ball_joints import require_angles
@@ -160,8 +160,8 @@ class SampledPath:
         self.damping = _damping(robot)
         self.square = inertia + coriolis
         rest = np.broadcast_to(self.offset, self.u.shape)
-        self.constant = gravity + spring + _at_actuators(robot, q, rest)
-        self.linear = _at_actuators(robot, q, self.u * self.damping)
+        self.constant = gravity + spring + at_actuators(robot, q, rest)
+        self.linear = at_actuators(robot, q, self.u * self.damping)
         self.effort = limits.effort
         self.power = per_joint(power, 'power', robot.joint_names, finite=False)
         slack = [ROUNDING * np.maximum(1.0, np.abs(b)) for b in (limits.lower, limits.upper)]
@@ -218,29 +218,6 @@ class SampledPath:
                       for under, over, bound in ((least, largest, wide),
                                                  (largest, least, narrow)))
         return some, more
-
-
-def require_scalable(robot: Robot, q: Array) -> None:
-    """Raise InputError if speeds or constraints prescribe velocities in configurations."""
-    if robot.equations.timed or (len(q) and np.abs(robot.joint_rates(
-            q, np.zeros((len(q), robot.n)))).max() > 0.0):
-        raise InputError('robot: speeds or constraints that prescribe velocities or are '
-                         'functions of time; expected those of a motion that can be scaled')
-
-
-def unit_torques(robot: Robot, q: Array, joints: Sequence[int]) -> Array:
-    """Return the torques of actuators for unit forces of some joints, (N, n_q, k)."""
-    found = np.empty((*q.shape, len(joints)))
-    for k, j in enumerate(joints):
-        found[..., k] = _at_actuators(robot, q, np.eye(robot.n_q)[[j] * len(q)])
-    return found
-
-
-def _at_actuators(robot: Robot, q: Array, forces: Array) -> Array:
-    """Return the torques of actuators that balance forces of joints, (N, n) each."""
-    if isinstance(robot.equations, ConstrainedEquations):
-        return robot.joint_torques(robot.generalized_force(np.ascontiguousarray(forces), q), q)
-    return forces
 
 
 def _damping(robot: Robot) -> Array:

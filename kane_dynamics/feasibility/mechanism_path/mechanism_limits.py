@@ -9,7 +9,7 @@ speeds, which are linear in the rates and accelerations of the driving joints.
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.path_limits import Bounds, friction, PathLimits
-from kane_dynamics.feasibility.time_scale import unit_torques
+from kane_dynamics.feasibility.torque_demand import at_actuators, unit_torques
 from kane_dynamics.kinematics.mechanism_motion import motion_of_closed
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -34,10 +34,10 @@ class MechanismLimits(PathLimits):
                                  second[:, stated])
         inertia, *_ = np.moveaxis(robot.torque_terms(q, 0.0 * whole.u, whole.u), 1, 0)
         change, coriolis, gravity, _, spring = np.moveaxis(robot.torque_terms(*whole), 1, 0)
-        offset = np.broadcast_to(friction(robot, np.zeros((1, robot.n_q)))[0], q.shape)
-        rest = gravity + spring + robot.generalized_force(np.ascontiguousarray(offset), q)
-        for k, force in enumerate((inertia, change + coriolis, rest)):
+        for k, force in enumerate((inertia, change + coriolis, gravity + spring)):
             tau[:, k] = robot.joint_torques(np.ascontiguousarray(force), q)
+        offset = friction(robot, np.zeros((1, robot.n_q)))[0]
+        tau[:, 2] += at_actuators(robot, q, np.broadcast_to(offset, q.shape))
         self._map = unit_torques(robot, q, self._rough)
         self.acts = tau.any(axis=(0, 1)) | self._map.any(axis=(0, 2))
 

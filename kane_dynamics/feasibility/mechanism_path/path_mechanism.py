@@ -18,7 +18,7 @@ from kane_dynamics.feasibility.path_geometry import path_of, Section
 from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
 from kane_dynamics.feasibility.path_robot import PathRobot
 from kane_dynamics.feasibility.path_timing import Checked, checked
-from kane_dynamics.feasibility.time_scale import require_scalable
+from kane_dynamics.feasibility.torque_demand import require_scalable
 from kane_dynamics.kinematics.closed_path import LoopLimits
 from kane_dynamics.kinematics.loop_error import BRANCH, LoopError, SINGULAR
 from kane_dynamics.kinematics.loop_kernel import FIGURES, tracking_kernel
