@@ -48,7 +48,8 @@ COARSE, FINE = 2e-3, 4000  # a grid on which tighter limits cost more time, and 
 def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = math.inf,
                  acceleration: ArrayLike = math.inf, jerk: ArrayLike = math.inf,
                  torque_rate: ArrayLike = math.inf, start_speed: float = 0.0,
-                 end_speed: float = 0.0, points: int = POINTS) -> TimeOptimal:
+                 end_speed: float = 0.0, points: int = POINTS,
+                 rest: ArrayLike | None = None) -> TimeOptimal:
     """
     Return the fastest motion along a path within the joint limits of a robot.
 
@@ -79,6 +80,10 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
         limits of jerk or torque rate.
     points : int
         Intervals of the grid, about; more where they are needed.
+    rest : (n_q,) array_like, optional
+        With constraints: a nearly closed configuration, whose assembly mode is kept on the way
+        from there to the start of the path and along it. Default: that of the robot, or else the
+        closure that is found from zeros, as in `demand`.
 
     Raises
     ------
@@ -103,7 +108,7 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     speeds = [_speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')]
     points = integer(points, 'points', 10, MOST_SAMPLES)
     tree = not isinstance(robot.equations, ConstrainedEquations)
-    along = (PathRobot if tree else PathMechanism)(robot, path)
+    along = PathRobot(robot, path) if tree else PathMechanism(robot, path, rest)
     if rates.given and not tree:
         raise InputError('robot: chosen speeds or constraints with a limit of jerk or torque '
                          'rate; expected a robot in joint rates, or none of these limits')

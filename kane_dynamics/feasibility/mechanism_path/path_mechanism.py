@@ -9,6 +9,7 @@ quintics, and the loops are closed at every place at which the limits are checke
 from collections.abc import Callable
 from functools import partial
 
+from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.constrained_law import followed_joints
 from kane_dynamics.errors import InputError
@@ -24,7 +25,7 @@ from kane_dynamics.kinematics.loop_error import BRANCH, LoopError, SINGULAR
 from kane_dynamics.kinematics.loop_kernel import FIGURES, tracking_kernel
 from kane_dynamics.kinematics.loop_step import SHARE
 from kane_dynamics.kinematics.loop_tracker import LoopTracker
-from kane_dynamics.kinematics.mechanism_motion import motion_of_closed
+from kane_dynamics.kinematics.mechanism_motion import motion_of_closed, velocity_rows
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.points import point_times
@@ -47,6 +48,8 @@ class PathMechanism(PathRobot):
         Its constraints are those of positions.
     path : Motion or (K, n) array_like
         As in `time_optimal`.
+    rest : (n_q,) array_like, optional
+        As in `time_optimal`.
 
     Raises
     ------
@@ -56,8 +59,13 @@ class PathMechanism(PathRobot):
 
     """
 
-    def __init__(self, robot: Robot, path: Motion | ArrayLike) -> None:
+    def __init__(self, robot: Robot, path: Motion | ArrayLike,
+                 rest: ArrayLike | None = None) -> None:
         require_scalable(robot, np.zeros((0, robot.n_q)))
+        if rows := velocity_rows(robot):
+            raise InputError(f"path: constraint '{rows[0]}' is one of velocities, and the "
+                             'positions of driving joints do not determine the configuration; '
+                             'expected constraints of positions')
         every = robot.coordinate_names
         names = path.joint_names if isinstance(path, Motion) else tuple(
             every[k] for k in followed_joints(robot))
@@ -68,14 +76,11 @@ class PathMechanism(PathRobot):
         self.driving = [every.index(name) for name in names]
         self._order = sorted(range(robot.n), key=lambda k: self.driving[k])
         self._tracker: LoopTracker | None = None
+        self._rest = None if rest is None else finite_row(rest, 'rest', every)
         self._start: Array | None = None
         if robot.constraint_names:
             self._tracker = LoopTracker(robot, [names[k] for k in self._order],
                                         max_figure=LoopLimits().max_figure)
-            if rows := self._tracker.path_rows:
-                raise InputError(f"path: constraint '{rows[0]}' is one of velocities, and the "
-                                 'positions of driving joints do not determine the '
-                                 'configuration; expected constraints of positions')
 
     def sections(self, points: int, ends: tuple[bool, bool]) -> list[Section]:
         """Return the sections of the path, of all joints; arguments as of the function."""
@@ -85,10 +90,13 @@ class PathMechanism(PathRobot):
         return [self._whole(part) for part in parts]
 
     def _begin(self, tracker: LoopTracker, driving: Array) -> None:
-        """Close the loops at the start of the path, in the assembly mode of the robot."""
-        if self._start is None:
-            robot, given = self.robot, self.robot.configuration
-            guess = np.zeros(robot.n_q) if given is None else np.array(given)
+        """Close the loops near the start of the path, in the assembly mode of the robot."""
+        robot = self.robot
+        if self._start is None and self._rest is not None:
+            self._start = robot.closed_posture(self._rest)
+        elif self._start is None:
+            guess = np.zeros(robot.n_q) if robot.configuration is None else np.array(
+                robot.configuration)
             guess[self.driving] = driving
             self._start = robot.closed_posture(guess, fixed=self.motion.joint_names)
         tracker.restart(self._start)

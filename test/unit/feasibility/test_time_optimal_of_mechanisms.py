@@ -7,7 +7,9 @@ import math
 from kane_dynamics import (absolute_rates, ConstraintError, FlexibleLink, Inertial, InputError,
                            Limits, load_constraints, load_urdf, ModelBuilder, Motion, Prescribed,
                            Robot, rod, Speeds)
-from kane_dynamics.feasibility import demand, time_optimal
+from kane_dynamics.feasibility import time_optimal
+from kane_dynamics.feasibility.samples import NONE
+from kane_dynamics.feasibility.torque_demand import demand_at
 from kane_dynamics.kinematics.loop_error import LoopError, SINGULAR
 from kane_dynamics.mechanics.definition import nonholonomic
 from kane_dynamics.robot.parameters import JointLimits
@@ -230,7 +232,7 @@ def test_no_limit_of_a_four_bar_is_exceeded_by_a_thousandth_between_points(veloc
 def test_points_and_uses_are_of_all_joints_as_in_the_demand_of_the_motion():
     robot = linkage(shared=True)
     found = time_optimal(robot, CRANK, power=40.0)
-    needed = demand(robot, found.motion, power=40.0)
+    needed = demand_at(robot, found.motion, 1.0, 1e-3, 40.0, NONE)
     assert found.joint_names == needed.joint_names == ('crank', 'coupler', 'rocker')
     assert not found.tau[:, 1].any() and found.tau[:, [0, 2]].any(axis=0).all()
     for t, q, u, tau in list(zip(found.points.t, found.points.q, found.points.u, found.tau))[5::97]:
@@ -241,8 +243,8 @@ def test_points_and_uses_are_of_all_joints_as_in_the_demand_of_the_motion():
         assert needed.tau[k] == pytest.approx(tau, abs=1e-5)
     assert set(found.uses) == {'effort', 'velocity', 'power'}
     assert {active.joint for active in found.active} <= {'crank', 'rocker'}
-    assert found.demand.uses['effort'].max() <= 1.001
-    assert found.demand.uses['power'].max() <= 1.001
+    uses = found.demand.uses
+    assert uses['effort'].max() <= 1.001 and uses['power'].max() <= 1.001
 
 
 def test_torques_shared_by_two_motors_are_those_of_the_definition():
@@ -298,6 +300,20 @@ def test_rests_of_a_path_separate_sections_in_one_assembly_mode():
     assert found.duration == pytest.approx(sum(parts), rel=1e-3)
     expected = np.array([positions(robot, *row) for row in found.motion.positions])
     assert found.points.q == pytest.approx(expected, abs=1e-9)
+
+
+def test_assembly_mode_of_a_path_is_that_of_the_configuration_at_which_it_begins():
+    robot, low = Robot(linkage().model, constraints=[PIN], independent=['crank']), at_angle(0.8)
+    high = robot.closed_posture([0.8, 1.2, 2.0], fixed=['crank'])
+    assert np.abs(high - low).max() > 1.0
+    for rest in (low, high):
+        found = time_optimal(robot, CRANK, rest=rest + [0.0, 1e-4, 0.0])
+        assert found.points.q[0] == pytest.approx(rest, abs=1e-9)
+        moved = time_optimal(robot, [[1.4], [2.0]], rest=rest)
+        near = found.points.q[int(np.abs(found.points.q[:500, 0] - 1.4).argmin())]
+        assert moved.points.q[0] == pytest.approx(near, abs=0.02)
+    with pytest.raises(InputError, match=r'rest: shape \(2,\)'):
+        time_optimal(robot, CRANK, rest=[0.0, 1.0])
 
 
 def test_motion_of_other_driving_joints_has_their_path_and_the_torques_of_the_motors():
