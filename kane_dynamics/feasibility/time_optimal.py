@@ -27,6 +27,7 @@ from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit
                                                     Infeasible, Limits)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
+from kane_dynamics.kinematics.loop_error import LoopError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
@@ -133,7 +134,7 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
                 best = found
         except _Coarse as error:
             if points >= error.finest and not best:
-                raise InputError(str(error)) from None
+                raise error.reason from None
         if best and (slower <= COARSE or points >= FINE):
             return _result(along, bounds, rates, best)
         points *= 2
@@ -142,9 +143,9 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
 class _Coarse(Exception):  # noqa: N818 - raised only inside this module
     """No timing was found on a grid; one may exist on a finer grid of at most `finest`."""
 
-    def __init__(self, message: str, finest: int = FINE) -> None:
+    def __init__(self, message: str, finest: int = FINE, reason: Exception | None = None) -> None:
         super().__init__(message)
-        self.finest = finest
+        self.finest, self.reason = finest, reason or InputError(message)
 
 
 def _speed(value: float, what: str) -> float:
@@ -156,9 +157,12 @@ def _all_solved(along: PathRobot, parts: Sequence[Section], bounds: Bounds,
                 speeds: Sequence[float], most: float) -> tuple[list[Checked], float]:
     """Return all sections with their fastest timings, and how much tighter limits slow them."""
     last = len(parts) - 1
-    found, times = zip(*(_solve(along, part, bounds, speeds[0] if k == 0 else 0.0,
-                                speeds[1] if k == last else 0.0, most)
-                         for k, part in enumerate(parts)))
+    try:
+        found, times = zip(*(_solve(along, part, bounds, speeds[0] if k == 0 else 0.0,
+                                    speeds[1] if k == last else 0.0, most)
+                             for k, part in enumerate(parts)))
+    except LoopError as error:  # between points too far apart next to a singular configuration
+        raise _Coarse(str(error), FINE, error) from None
     return list(found), _time(found) / sum(times) - 1.0
 
 

@@ -21,15 +21,14 @@ class MechanismLimits(PathLimits):
     def __init__(self, robot: Robot, section: Section, bounds: Bounds,
                  driving: list[int]) -> None:
         """Compute the coefficients of the torque."""
-        self.stated = driving
-        self._rough = sorted({body.joint.coordinate for body in robot.model.bodies
-                              if robot.friction and (body.joint.damping
-                                                          or body.joint.friction)})
+        self.stated = self._driving = driving
+        self._rough = sorted({body.joint.coordinate for body in robot.model.bodies if (
+            robot.friction and (body.joint.damping or body.joint.friction))})
         super().__init__(robot, section, bounds)
 
     def _compute_torques(self, q: Array, first: Array, second: Array, tau: Array) -> None:
         """Write the coefficients of the torques, (N + 1, 3, n_q), with the offset of friction."""
-        robot, stated, q = self.robot, list(self.stated), np.ascontiguousarray(q)
+        robot, stated, q = self.robot, self._driving, np.ascontiguousarray(q)
         whole = motion_of_closed(robot, stated, np.zeros(len(q)), q, first[:, stated],
                                  second[:, stated])
         inertia, *_ = np.moveaxis(robot.torque_terms(q, 0.0 * whole.u, whole.u), 1, 0)
@@ -39,8 +38,8 @@ class MechanismLimits(PathLimits):
         offset = friction(robot, np.zeros((1, robot.n_q)))[0]
         tau[:, 2] += at_actuators(robot, q, np.broadcast_to(offset, q.shape))
         self._map = unit_torques(robot, q, self._rough)
-        self.acts = tau.any(axis=(0, 1)) | self._map.any(axis=(0, 2))
+        self.acts = np.asarray(tau.any(axis=(0, 1)) | self._map.any(axis=(0, 2)))
 
     def _at_actuators(self, forces: Array) -> Array:
         """Return the torques of the actuators for friction of the joints, (N + 1, n_q) each."""
-        return np.einsum('kij,kj->ki', self._map, forces[:, self._rough])
+        return np.asarray(np.einsum('kij,kj->ki', self._map, forces[:, self._rough]))

@@ -7,19 +7,21 @@ quintics, and the loops are closed at every place at which the limits are checke
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.constrained_law import followed_joints
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.feasibility.mechanism_path.mechanism_limits import MechanismLimits
 from kane_dynamics.feasibility.mechanism_path.mechanism_peaks import MechanismPeaks
 from kane_dynamics.feasibility.path_geometry import path_of, Section
 from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
 from kane_dynamics.feasibility.path_robot import PathRobot
 from kane_dynamics.feasibility.path_timing import Checked, checked
-from kane_dynamics.feasibility.torque_demand import require_scalable
+from kane_dynamics.feasibility.reachability import compile_passes
+from kane_dynamics.feasibility.torque_demand import require_scalable, unit_torques
 from kane_dynamics.kinematics.closed_path import LoopLimits
 from kane_dynamics.kinematics.loop_error import BRANCH, LoopError, SINGULAR
 from kane_dynamics.kinematics.loop_kernel import FIGURES, tracking_kernel
@@ -29,6 +31,7 @@ from kane_dynamics.kinematics.mechanism_motion import motion_of_closed, velocity
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.points import point_times
+from kane_dynamics.motion.uniform_spline import kernels as compile_spline
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -135,30 +138,35 @@ class PathMechanism(PathRobot):
         """
         Return configurations, (K, n_q), near those with nearly closed loops.
 
-        The driving joints keep their positions. A step is shorter than a part of the distance
-        from a singular configuration, so that none is beyond one.
+        The driving joints keep their positions. LoopError if the others move by more than a part
+        of the distance from a singular configuration, beyond which they might not return.
         """
-        robot, tracker = self.robot, self._tracker
+        tracker = self._tracker
         if tracker is None:
             return q
-        kernel, places = tracking_kernel(robot, tracker.places), tracker.places
-        n, n_q, target = robot.n, robot.n_q, np.ascontiguousarray(q[:, tracker.places])
-        shared = [np.zeros(shape) for shape in ((n_q, n), (n,), (n_q,), (n_q,))]
+        robot, places = self.robot, tracker.places
+        kernel, n, n_q = tracking_kernel(robot, places), robot.n, robot.n_q
+        # Without a motion of the driving joints the kernel does not need their rates.
+        unused = [np.zeros(shape) for shape in ((n_q, n), (n,), (n_q,), (n_q,))]
         rows = np.empty((len(q), *kernel.shape))
         for _ in range(CALLS):
-            kernel.run([np.ascontiguousarray(q), shared[0], target, *shared[1:]], rows, len(q))
+            target = np.ascontiguousarray(q[:, places])
+            kernel.run([np.ascontiguousarray(q), unused[0], target, *unused[1:]], rows, len(q))
             moved, missed, _, figure, *_ = np.sqrt(rows[:, -FIGURES:].T)
-            k = int(np.argmax(~(figure <= np.minimum(tracker.max_figure, SHARE / np.maximum(
-                moved, 1e-300)))))
-            if not figure[k] * moved[k] <= SHARE or not figure[k] <= tracker.max_figure:
+            far = ~((figure <= tracker.max_figure) & (figure * moved <= SHARE))
+            if far.any():
+                k = int(far.argmax())
                 raise LoopError(SINGULAR, f'path: {self._stated(q[k])}: conditioning figure '
-                                f'{figure[k]:.3g}; expected at most {tracker.max_figure:g}')
+                                f'{figure[k]:.3g}; expected at most {tracker.max_figure:g}, and '
+                                f'less between points next to which the joints move by '
+                                f'{moved[k]:.3g} rad or lengths')
             q = rows[:, :n_q].copy()
             q[:, places] = target
             if missed.max() <= CLOSED:
                 return q
-        raise LoopError(BRANCH, f'path: {self._stated(q[int(missed.argmax())])}: residual '
-                        f'{missed.max():.3g} m or rad; expected joints for which the loops close')
+        k = int(missed.argmax())
+        raise LoopError(BRANCH, f'path: {self._stated(q[k])}: residual {missed[k]:.3g} m or rad; '
+                        'expected joints for which the loops close')
 
     def states(self, q: Array, rates: Array, accelerations: Array, *, torques: bool = True
                ) -> tuple[Array, Array, Array, Array]:
@@ -202,3 +210,18 @@ class PathMechanism(PathRobot):
 
 def _columns(coefficients: Callable[[], Array], joints: list[int]) -> Array:
     return np.asarray(coefficients()[:, :, joints])
+
+
+def compile_mechanism_timing(robot: Robot) -> None:
+    """Compile what `time_optimal` needs for paths of the joints with actuators of closed loops."""
+    joints = robot.actuated_names
+    if len(joints) != robot.n or velocity_rows(robot):
+        return
+    places = sorted(robot.coordinate_names.index(name) for name in joints)
+    compile_passes(int(np.isfinite(robot.limits.effort[places]).sum()) or 1)
+    compile_spline(robot.n)
+    robot.compile('inverse_dynamics', 'torque_terms', 'joint_rates', 'joint_accelerations',
+                  'joint_torques', batches=True)
+    tracking_kernel(robot, places).compile_lanes()
+    with suppress(KaneError):  # zeros are no closed configuration, but compile the kernels
+        unit_torques(robot, np.zeros((1, robot.n_q)), [0])
