@@ -152,7 +152,7 @@ def least_duration(robot, begin, end):
     effort, velocity = robot.limits.effort[0], robot.limits.velocity
 
     def rates(sign, t, state):
-        """Return the rates of angle and speed while the motor pushes; sign -1 in reverse time."""
+        """Return the rates of angle and speed at full torque; sign -1 in reverse time."""
         q, u, ones = state[:1], sign * state[1:], np.ones(1)
         held = four_bar_torques(robot, q, u, 0.0 * ones)[1]
         inertia = four_bar_torques(robot, q, u, ones)[1] - held
@@ -338,7 +338,7 @@ def test_path_that_ends_next_to_a_dead_point_keeps_the_limits(distance):
     needed = demand_at(robot, found.motion, 1.0, 1e-4, math.inf, NONE)
     moving = np.abs(needed.u[:, 0]) > 1e-3
     crank, rate, change = (rows[moving, 0] for rows in (needed.q, needed.u, needed.udot))
-    u, tau = four_bar_torques(robot, crank, rate, change)
+    _, tau = four_bar_torques(robot, crank, rate, change)
     assert np.abs(tau).max() <= 1.001 * 14.0
     assert np.median(np.abs(tau)) == pytest.approx(14.0, rel=1e-3)
     assert four_bar_angles(crank)[:, 2] == pytest.approx(needed.q[moving, 2], abs=1e-9)
