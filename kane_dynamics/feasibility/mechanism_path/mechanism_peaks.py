@@ -9,6 +9,8 @@ from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
+BLOCK = 1024  # places that are computed together, for arrays that fit the caches
+
 States = Callable[[Array, Array, Array], tuple[Array, Array, Array, Array]]
 
 
@@ -39,12 +41,20 @@ class MechanismPeaks(SegmentPeaks):
 
     def _peaks(self, ends: Sequence[Array], x: Array) -> Peaks:
         """Return the shares for the numbers of segments, and one place in all or in each."""
-        begin, end = ([each[:len(ends[-1])] for each in part] for part in (ends[:4], ends[4:8]))
-        near, u, udot = quintic(begin, end, ends[-1][:, None], x[..., None])
+        count = len(ends[-1])
+        given = [*(each[:count] for each in ends), np.broadcast_to(x, (count,))]
+        blocks = [self._block([each[k:k + BLOCK] for each in given])
+                  for k in range(0, count, BLOCK)]
+        return Peaks(*(np.concatenate(rows) for rows in zip(*blocks)))
+
+    def _block(self, given: Sequence[Array]) -> Peaks:
+        """Return the shares for a part of the segments."""
+        begin, end, (h, x) = given[:4], given[4:8], given[8:]
+        near, u, udot = quintic(begin, end, h[:, None], x[:, None])
         inside = self._states(near, u[:, self._driving], udot[:, self._driving])
-        shares = np.array([np.stack([tau, u, tau * u, udot], axis=1) for _, u, udot, tau in (
-            begin, end, inside)]) * self.factors
-        high, low = shares.max(axis=0), shares.min(axis=0)
+        shares = [np.stack([tau, u, tau * u, udot], axis=1) * self.factors
+                  for _, u, udot, tau in (begin, end, inside)]
+        high, low = np.maximum.reduce(shares), np.minimum.reduce(shares)
         peaks, ranges = np.maximum(high, -low), high - low
         estimates = peaks + np.where(ranges > CHANGING, ranges, 0.0)
         return Peaks(peaks, *(each.max(axis=(1, 2)) for each in (peaks, ranges, estimates)))

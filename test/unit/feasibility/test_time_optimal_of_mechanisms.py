@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache, partial
 import math
+from runpy import run_path
 
 from kane_dynamics import (absolute_rates, FlexibleLink, Inertial, InputError, Limits,
                            load_constraints, load_urdf, ModelBuilder, Motion, Prescribed, Robot,
@@ -390,3 +391,23 @@ def test_mechanisms_that_cannot_be_timed_are_refused_by_their_reason():
     builder.beam('mast', 'world', FlexibleLink(1.0, 2.0, 80.0, (1, 0)), axis=(0, 1, 0))
     with pytest.raises(InputError, match='robot: with beams; expected a rigid robot'):
         time_optimal(Robot(builder.model()), np.zeros((2, 3)))
+
+
+def test_a_delta_robot_keeps_the_torques_of_its_arms_by_the_definition():
+    given = run_path('examples/delta_robot.py')
+    robot, arms = given['robot'], given['driven']
+    robot.limits = replace(robot.limits, effort=np.full(robot.n_q, 200.0))
+    found = time_optimal(robot, [given['path'](t)[0] for t in np.linspace(0.0, 0.35, 9)])
+    assert found.motion.joint_names == ('x', 'y', 'z')
+    middles = 0.5 * (found.motion.times[1:] + found.motion.times[:-1])[7:-7:40]
+    largest = []
+    for t, p, u, udot in zip(middles, *found.motion.sample(middles)):
+        q = found.points.q[np.abs(found.points.t - t).argmin()].copy()
+        q[:3] = p
+        q = robot.closed_posture(q, fixed=('x', 'y', 'z'))
+        needed = nonholonomic.inverse_dynamics(robot.mechanism, q, u, udot)
+        T = np.array([nonholonomic.joint_motion(robot.mechanism, q, unit, 0.0 * unit, 0.0)[0]
+                      for unit in np.eye(3)])
+        largest.append(np.abs(np.linalg.solve(T[:, arms], needed)).max() / 200.0)
+    assert max(largest) <= 1.001
+    assert np.median(largest) == pytest.approx(1.0, abs=2e-3)
