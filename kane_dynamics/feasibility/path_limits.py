@@ -42,7 +42,20 @@ class Bounds(NamedTuple):
 
 
 class PathLimits:
-    """The limits of a robot at the vertices of a section of a path."""
+    """
+    The limits of a robot at the vertices of a section of a path.
+
+    Attributes
+    ----------
+    stated : indices
+        The joints that the path states; the others follow from them.
+    acts : bool or (n,) array of bool
+        Whether joints have torques.
+
+    """
+
+    stated: slice | Sequence[int] = slice(None)
+    acts: Flags | bool = True
 
     def __init__(self, robot: Robot, section: Section, bounds: Bounds) -> None:
         """Compute the coefficients of the torque."""
@@ -50,10 +63,9 @@ class PathLimits:
         self.robot, self.section, self.bounds, self.first = robot, section, bounds, first
         self.second, count = second, len(q)
         # The limits on the torque as lines of the passes, without friction and width.
-        self.lines = np.empty((count, 4, robot.n))
-        kernel, tau = torque_kernel(robot), self.lines[:, :3]
-        if kernel.run([q, first, second], tau, count):
-            kernel(q, first, second)  # raises an error that names the state
+        self.lines = np.empty((count, 4, robot.n_q))
+        tau = self.lines[:, :3]
+        self._compute_torques(q, first, second, tau)
         with np.errstate(divide='ignore', invalid='ignore'):
             rates = [np.fmin.reduce(bound / np.abs(size), axis=None, initial=np.inf)
                      for bound, size in ((bounds.effort, tau[:, 0]), (bounds.acceleration, first))
@@ -73,7 +85,22 @@ class PathLimits:
         self.most[1:] = np.minimum(self.most[1:], middle)
         self.most[:-1] = np.minimum(self.most[:-1], middle)
         # Factors of the limits of `Bounds`, smaller where a motion exceeds them between points.
-        self.tight = np.full((len(bounds), 1, robot.n), 1.0 - MARGIN)
+        self.tight = np.full((len(bounds), 1, robot.n_q), 1.0 - MARGIN)
+
+    def _compute_torques(self, q: Array, first: Array, second: Array, tau: Array) -> None:
+        """Write the coefficients of the torques of `torque_kernel`, (N + 1, 3, n)."""
+        kernel = torque_kernel(self.robot)
+        if kernel.run([q, first, second], tau, len(q)):
+            kernel(q, first, second)  # raises an error that names the state
+
+    def _at_actuators(self, forces: Array) -> Array:
+        """Return the torques of the actuators for forces of the joints, (N + 1, n) each."""
+        return forces
+
+    def speed_squared(self, vertex: int) -> float:
+        """Return the squared speed of the joints that the path states, per unit of x."""
+        first = self.first[vertex][self.stated]
+        return float(first @ first)
 
     @property
     def constant(self) -> Array:
@@ -112,9 +139,8 @@ class PathLimits:
         middles: list[Array] = []
         for name in ('effort', 'power', 'acceleration'):
             limit = getattr(self.bounds, name)
-            used = np.isfinite(limit)
-            if name == 'acceleration':
-                used &= self.first.any(axis=0)
+            used = np.isfinite(limit) & (
+                self.first.any(axis=0) if name == 'acceleration' else self.acts)
             if not used.any():
                 continue
             width = self.tight[Bounds._fields.index(name)] * limit
@@ -144,10 +170,10 @@ class PathLimits:
         x, lines = self._from_rest(x), self.lines.copy()
         root = np.sqrt(x)
         force, slope = friction(self.robot, root * self.first)
-        offset, _ = friction(self.robot, np.zeros((1, self.robot.n)))
+        offset, _ = friction(self.robot, np.zeros((1, self.robot.n_q)))
         change = slope * self.first / (2.0 * root)
-        lines[:, 1] += change
-        lines[:, 2] += force - offset - change * x
+        lines[:, 1] += self._at_actuators(change)
+        lines[:, 2] += self._at_actuators(force - offset - change * x)
         return lines
 
     def _power_lines(self, torque: Array, width: Array, x: Array | None

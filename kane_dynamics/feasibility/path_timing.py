@@ -92,9 +92,10 @@ def _durations(steps: Array, total: Array, square: Array) -> Array:
     return np.asarray(2.0 * steps / total * np.where(ratio < 1e-9, 1.0, curved))
 
 
-def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
+def checked(robot: Robot, points: ControllerPoints, bounds: Bounds,
+            peaks_of: Callable[..., SegmentPeaks] = SegmentPeaks) -> Checked:
     """Return the uses of the limits along the quintics between points."""
-    peaks = SegmentPeaks(robot, np.array(bounds), points)
+    peaks = peaks_of(robot, np.array(bounds), points)
     found, turning = peaks.middles(), _turning(robot, points.u)
     segments = np.flatnonzero((found.estimate > 1.0) | turning)
     if not segments.size:

@@ -57,7 +57,7 @@ def peaks_kernel(robot: Robot) -> Kernel:
 
     def values(*given: Any) -> Any:
         begin, end, (h, x, factors, parameters) = given[:4], given[4:8], given[8:]
-        q, u, udot = _quintic(begin[:3], end[:3], h[()], x[()])
+        q, u, udot = quintic(begin[:3], end[:3], h[()], x[()])
         tau = robot.equations.inverse_dynamics(q, u, udot, None, parameters)
         shares = [np.ravel([state[3], state[1], state[3] * state[1], state[2]])
                   * np.ravel(factors) for state in (begin, end, (q, u, udot, tau))]
@@ -82,7 +82,7 @@ def _largest(values: Sequence[Any]) -> Any:
     return select(a < b, b, a)
 
 
-def _quintic(begin: Sequence[Any], end: Sequence[Any], h: Any, x: Any) -> tuple[Any, Any, Any]:
+def quintic(begin: Sequence[Any], end: Sequence[Any], h: Any, x: Any) -> tuple[Any, Any, Any]:
     """Return q, u and udot at a place of the quintic between two states."""
     u, udot = h * begin[1], h * h * begin[2]
     rise = end[0] - begin[0] - u - 0.5 * udot

@@ -4,11 +4,12 @@ Fastest motion along a path within limits of torque, power, speed and accelerati
 The path is timed on a grid by reachability analysis (`reachability`), for limits that are linear
 in the squared path velocity (`path_limits`); friction and power limits are made linear at the
 previous profile. The motion between the grid points is then checked, and limits are tightened
-where it exceeds them, as at the corners of the profile.
+where it exceeds them, as at the corners of the profile. What depends on the kind of robot is in
+`path_robot` and, with chosen speeds or constraints, in `mechanism_path`.
 """
 
 from collections.abc import Sequence
-from copy import copy
+from functools import partial
 import math
 
 from kane_dynamics._util.checks import instance, integer, number, per_joint
@@ -17,17 +18,19 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.jerk_limited.rate_peaks import rate_uses_at_points
 from kane_dynamics.feasibility.jerk_limited.third_order_limits import RateBounds
 from kane_dynamics.feasibility.jerk_limited.third_order_timing import rate_limited
-from kane_dynamics.feasibility.path_geometry import path_of, Section, sections
+from kane_dynamics.feasibility.mechanism_path.path_mechanism import PathMechanism
+from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
-from kane_dynamics.feasibility.path_timing import Checked, checked, duration, joined, timed
+from kane_dynamics.feasibility.path_robot import check_section, PathRobot
+from kane_dynamics.feasibility.path_timing import Checked, duration, joined, timed
 from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit, fastest_profile,
                                                     Infeasible, Limits)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
+from kane_dynamics.kinematics.loop_error import LoopError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
-from kane_dynamics.motion.points import point_times
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,7 +49,8 @@ COARSE, FINE = 2e-3, 4000  # a grid on which tighter limits cost more time, and 
 def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = math.inf,
                  acceleration: ArrayLike = math.inf, jerk: ArrayLike = math.inf,
                  torque_rate: ArrayLike = math.inf, start_speed: float = 0.0,
-                 end_speed: float = 0.0, points: int = POINTS) -> TimeOptimal:
+                 end_speed: float = 0.0, points: int = POINTS,
+                 rest: ArrayLike | None = None) -> TimeOptimal:
     """
     Return the fastest motion along a path within the joint limits of a robot.
 
@@ -56,10 +60,13 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     Parameters
     ----------
     robot : Robot
-        A robot with joint rates as speeds, without beams.
+        Without beams. With chosen speeds or constraints, the limits of all joints count, those of
+        effort and power where joints have actuators (`Robot.joint_torques`).
     path : Motion or (K, n) array_like
         A motion, whose timing is ignored, or waypoints, rad or m, through which a cubic spline
-        is drawn. The result rests where the motion rests between its ends, without dwells.
+        is drawn. The result rests where the motion rests between its ends, without dwells. With
+        constraints, of as many joints as there are independent speeds, which determine the others
+        as in `demand`; waypoints are of the joints that follow motions (`ComputedTorque`).
     power : float or (n,) array_like
         Limit on the absolute mechanical power of each joint, W.
     acceleration : float or (n,) array_like
@@ -70,23 +77,29 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
         Limit on the absolute rate of the torque of each joint, N m/s or N/s, without Coulomb
         friction, which changes almost at once where a joint reverses.
     start_speed, end_speed : float
-        Euclidean norm of the joint velocities at the ends of the path, rad/s or m/s; 0 with
+        Euclidean norm of the velocities of the path's joints at its ends, rad/s or m/s; 0 with
         limits of jerk or torque rate.
     points : int
         Intervals of the grid, about; more where they are needed.
+    rest : (n_q,) array_like, optional
+        With constraints: a nearly closed configuration, whose assembly mode is kept on the way
+        from there to the start of the path and along it. Default: that of the robot, or else the
+        closure that is found from zeros, as in `demand`.
 
     Raises
     ------
     InputError
         If an argument is invalid, the path exceeds a position limit, the motors cannot hold the
         robot on the path, or nothing bounds the motion; the message names joint and place.
+    ConstraintError
+        Loops do not close, or come near a singular configuration; names the place.
 
     """
     instance(robot, Robot, 'robot')
     require_angles(robot.model, 'time_optimal')
-    if isinstance(robot.equations, ConstrainedEquations) or robot.model.flexible:
-        raise InputError('robot: chosen speeds, constraints or beams; expected a rigid robot with '
-                         'joint rates as speeds and no constraints')
+    if robot.model.flexible:
+        raise InputError('robot: with beams; expected a rigid robot, as a path does not state '
+                         'their deflections')
     names, limits = robot.joint_names, robot.limits
     bounds = Bounds(limits.effort, limits.velocity, *(
         per_joint(value, what, names, finite=False)
@@ -95,44 +108,44 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
         (jerk, 'jerk'), (torque_rate, 'torque_rate'))))
     speeds = [_speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')]
     points = integer(points, 'points', 10, MOST_SAMPLES)
-    motion = path_of(path, names)
-    rates = rates.along(motion)
+    tree = not isinstance(robot.equations, ConstrainedEquations)
+    along = PathRobot(robot, path) if tree else PathMechanism(robot, path, rest)
+    if rates.given and not tree:
+        raise InputError('robot: chosen speeds or constraints with a limit of jerk or torque '
+                         'rate; expected a robot in joint rates, or none of these limits')
+    rates = rates.along(along.motion) if rates.given else rates
     if rates.given:
         for what, speed in (('start_speed', start_speed), ('end_speed', end_speed)):
             if speed:
                 raise InputError(f'{what}: {speed:g} with a limit of jerk or torque rate; '
                                  'expected 0')
 
-        def check(section: Section) -> None:
-            _check_positions(robot, section)
-            _check_motion(bounds, section, names)
-        return _result(robot, bounds, rates, rate_limited(
-            robot, motion, bounds, rates, points, check))
+        return _result(along, bounds, rates, rate_limited(
+            robot, along.motion, bounds, rates, points, partial(check_section, robot, bounds)))
     best: list[Checked] = []
     while True:
-        parts = sections(motion, points, 2, (not speeds[0], not speeds[1]))
+        parts = along.sections(points, (not speeds[0], not speeds[1]))
         for part in parts:
-            _check_positions(robot, part)
-            _check_motion(bounds, part, names)
+            check_section(robot, bounds, part)
         most, slower = SMALL if points < FINEST else LARGEST, math.inf
         try:
-            found, slower = _all_solved(robot, parts, bounds, speeds, most)
+            found, slower = _all_solved(along, parts, bounds, speeds, most)
             if not best or _time(found) < _time(best):
                 best = found
         except _Coarse as error:
             if points >= error.finest and not best:
-                raise InputError(str(error)) from None
+                raise error.reason from None
         if best and (slower <= COARSE or points >= FINE):
-            return _result(robot, bounds, rates, best)
+            return _result(along, bounds, rates, best)
         points *= 2
 
 
 class _Coarse(Exception):  # noqa: N818 - raised only inside this module
     """No timing was found on a grid; one may exist on a finer grid of at most `finest`."""
 
-    def __init__(self, message: str, finest: int = FINE) -> None:
+    def __init__(self, message: str, finest: int = FINE, reason: Exception | None = None) -> None:
         super().__init__(message)
-        self.finest = finest
+        self.finest, self.reason = finest, reason or InputError(message)
 
 
 def _speed(value: float, what: str) -> float:
@@ -140,39 +153,16 @@ def _speed(value: float, what: str) -> float:
         0.0 <= found <= FASTEST and not isinstance(value, bool | np.bool_)))
 
 
-def _check_positions(robot: Robot, section: Section) -> None:
-    """Raise InputError if a path exceeds a position limit."""
-    for what, bound, sign in (('lower', robot.limits.lower, -1.0),
-                              ('upper', robot.limits.upper, 1.0)):
-        ends = section.highest if sign > 0.0 else section.lowest
-        if (sign * ends <= sign * bound).all():
-            continue
-        excess = sign * (section.q - bound) - ROUNDING * np.maximum(1.0, np.abs(bound))
-        k, j = np.unravel_index(int(excess.argmax()), excess.shape)
-        if excess[k, j] > 0.0:
-            raise InputError(f"path: joint '{robot.joint_names[int(j)]}': position "
-                             f'{section.q[k, j]:.6g}; expected within its {what} limit '
-                             f'{bound[j]:.6g}')
-
-
-def _check_motion(bounds: Bounds, section: Section, names: Sequence[str]) -> None:
-    """Raise InputError if a joint moves that has no speed, power or acceleration."""
-    for what in ('velocity', 'power', 'acceleration'):
-        still = getattr(bounds, what) == 0.0
-        if still.any():
-            still &= section.first.any(axis=0)
-        if still.any():
-            raise InputError(f"{what} of joint '{names[int(still.argmax())]}': limit 0; expected "
-                             'a positive limit, since the joint moves along the path')
-
-
-def _all_solved(robot: Robot, parts: Sequence[Section], bounds: Bounds, speeds: Sequence[float],
-                most: float) -> tuple[list[Checked], float]:
+def _all_solved(along: PathRobot, parts: Sequence[Section], bounds: Bounds,
+                speeds: Sequence[float], most: float) -> tuple[list[Checked], float]:
     """Return all sections with their fastest timings, and how much tighter limits slow them."""
     last = len(parts) - 1
-    found, times = zip(*(_solve(robot, part, bounds, speeds[0] if k == 0 else 0.0,
-                                speeds[1] if k == last else 0.0, most)
-                         for k, part in enumerate(parts)))
+    try:
+        found, times = zip(*(_solve(along, part, bounds, speeds[0] if k == 0 else 0.0,
+                                    speeds[1] if k == last else 0.0, most)
+                             for k, part in enumerate(parts)))
+    except LoopError as error:  # between points too far apart next to a singular configuration
+        raise _Coarse(str(error), FINE, error) from None
     return list(found), _time(found) / sum(times) - 1.0
 
 
@@ -180,17 +170,17 @@ def _time(parts: Sequence[Checked]) -> float:
     return float(sum(part.points.t[-1] for part in parts))
 
 
-def _solve(robot: Robot, section: Section, bounds: Bounds, start: float, end: float,
+def _solve(along: PathRobot, section: Section, bounds: Bounds, start: float, end: float,
            most: float) -> tuple[Checked, float]:
     """
     Return a section with its fastest timing, and the duration before limits were tightened.
 
     The limits are exceeded at most by `most`.
     """
-    limits, x, first = PathLimits(robot, section, bounds), None, math.inf
+    limits, x, first = along.limits(section, bounds), None, math.inf
     for _ in range(ROUNDS):
         x = _profile(limits, start, end, x)
-        found = checked(robot, timed(section, x), bounds)
+        found = along.checked(timed(section, x), bounds)
         first = min(first, found.points.t[-1])
         if found.largest.max() <= 1.0:
             return found, first
@@ -201,7 +191,7 @@ def _solve(robot: Robot, section: Section, bounds: Bounds, start: float, end: fl
         return found, first
     limit, k, j = np.unravel_index(int(found.largest.argmax()), found.largest.shape)
     raise _Coarse(
-        f"path: joint '{robot.joint_names[int(j)]}': {found.largest.max():.6g} times its "
+        f"path: joint '{along.robot.joint_names[int(j)]}': {found.largest.max():.6g} times its "
         f'{Bounds._fields[int(limit)]} limit at {k / (len(worst[0]) - 1):.3g} of the path, '
         f'{found.points.q[k].round(4).tolist()}, on a grid of {len(limits.most) - 1} intervals; '
         'expected a path without sharp corners', FINEST)
@@ -209,7 +199,7 @@ def _solve(robot: Robot, section: Section, bounds: Bounds, start: float, end: fl
 
 def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> Array:
     """Return the fastest profile, from a first guess x; None for that without friction."""
-    ends = [speed**2 / float(limits.first[k] @ limits.first[k]) if speed else None
+    ends = [speed**2 / limits.speed_squared(k) if speed else None
             for speed, k in ((start, 0), (end, -1))]
     slower = 0
     for _ in range(PROGRAMS):
@@ -278,18 +268,18 @@ def _largest_end(limits: PathLimits, limited: Limits, start: float) -> float:
         sets = controllable_sets(limited, (0.0, end_limit(limited)))
     except Infeasible:
         return math.inf
-    first = start**2 / float(limits.first[0] @ limits.first[0]) if start else sets[0, 1]
+    first = start**2 / limits.speed_squared(0) if start else sets[0, 1]
     if not sets[0, 0] <= first <= sets[0, 1]:
         return math.inf
     x = fastest_profile(sets, float(first))[-1]
-    return math.sqrt(x) * float(np.linalg.norm(limits.first[-1]))
+    return math.sqrt(x * limits.speed_squared(-1))
 
 
-def _result(robot: Robot, bounds: Bounds, rates: RateBounds, parts: Sequence[Checked]
+def _result(along: PathRobot, bounds: Bounds, rates: RateBounds, parts: Sequence[Checked]
             ) -> TimeOptimal:
     """Return the motion along all sections."""
     points, coefficients = joined([part.points for part in parts])
-    tau = np.asarray(robot.inverse_dynamics(*points[1:]))
-    uses = rate_uses_at_points(robot, [part.points for part in parts], rates)
-    motion = Motion(robot.joint_names, point_times(points.t), points.q, coefficients)
-    return TimeOptimal(motion, points, tau, copy(robot), bounds, uses)  # has its own payload
+    tau, motion = along.torques(points), along.motion_of(points, coefficients)
+    uses = rate_uses_at_points(along.robot, [part.points for part in parts], rates)
+    robot = along.robot.copy()  # has its own payload
+    return TimeOptimal(motion, points, tau, robot, bounds, uses)

@@ -29,7 +29,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDING, ROUNDS, sampled, STEP
-from kane_dynamics.feasibility.torque_demand import (Demand, demand_at, torque_of,
+from kane_dynamics.feasibility.torque_demand import (at_actuators, Demand, demand_at,
+                                                     require_scalable, torque_of, unit_torques,
                                                      whole_motion)
 from kane_dynamics.kinematics.mechanism_motion import MechanismMotion
 from kane_dynamics.mechanics.algebra.intervals import highest_free, positive_intervals
@@ -174,8 +175,8 @@ class SampledPath:
         self.damping = _damping(robot)
         self.square = inertia + coriolis
         rest = np.broadcast_to(self.offset, self.u.shape)
-        self.constant = gravity + spring + _at_actuators(robot, q, rest)
-        self.linear = _at_actuators(robot, q, self.u * self.damping)
+        self.constant = gravity + spring + at_actuators(robot, q, rest)
+        self.linear = at_actuators(robot, q, self.u * self.damping)
         self.effort = limits.effort
         self.power = per_joint(power, 'power', robot.joint_names, finite=False)
         slack = [ROUNDING * np.maximum(1.0, np.abs(b)) for b in (limits.lower, limits.upper)]
@@ -189,17 +190,12 @@ class SampledPath:
                       ) -> MechanismMotion:
         """Return the motion of all joints, and store how their forces reach the actuators."""
         whole = whole_motion(robot, motion, t, q, self.u, udot)
-        if robot.equations.timed or np.abs(robot.joint_rates(
-                whole.q, 0.0 * whole.u, t=t)).max(initial=0.0) > 0.0:
-            raise InputError('robot: speeds or constraints that prescribe velocities or are '
-                             'functions of time; expected those of a motion that can be scaled')
+        require_scalable(robot, whole.q)
         self.u = robot.joint_rates(whole.q, whole.u)
         self.friction = Robot(robot.model, friction=robot.friction).friction_force
         self.rough = sorted({body.joint.coordinate for body in robot.model.bodies
                              if robot.friction and body.joint.friction})
-        self.shared = np.empty((*whole.q.shape, len(self.rough)))
-        for k, j in enumerate(self.rough):
-            self.shared[..., k] = _at_actuators(robot, whole.q, np.eye(robot.n_q)[[j] * len(t)])
+        self.shared = unit_torques(robot, whole.q, self.rough)
         return whole
 
     def coulomb(self, rows: Indices, speed: float) -> Array:
@@ -237,13 +233,6 @@ class SampledPath:
                       for under, over, bound in ((least, largest, wide),
                                                  (largest, least, narrow)))
         return some, more
-
-
-def _at_actuators(robot: Robot, q: Array, forces: Array) -> Array:
-    """Return the torques of actuators that balance forces of joints, (N, n) each."""
-    if isinstance(robot.equations, ConstrainedEquations):
-        return robot.joint_torques(robot.generalized_force(np.ascontiguousarray(forces), q), q)
-    return forces
 
 
 def _damping(robot: Robot) -> Array:

@@ -30,6 +30,10 @@ class TimeOptimal:
     """
     Fastest motion along a path.
 
+    With chosen speeds or constraints, `motion` is of the driving joints. Everything else is of
+    all joints, in the order of `joint_names`, as in `Demand`; torques are those of
+    `Robot.joint_torques`, zero at joints without actuators.
+
     Attributes
     ----------
     motion : Motion
@@ -63,6 +67,11 @@ class TimeOptimal:
             if np.isfinite(bound).any()} | self._rate_uses
 
     @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Return the names of the columns of points, torques and uses: all joints."""
+        return self._robot.joint_names
+
+    @property
     def duration(self) -> float:
         """Return the duration, s."""
         return self.motion.duration
@@ -76,7 +85,7 @@ class TimeOptimal:
     @property
     def active(self) -> tuple[ActiveLimit, ...]:
         """Return the limits that bound the motion, in order of time."""
-        names, limits = self.motion.joint_names, tuple(self.uses)
+        names, limits = self.joint_names, tuple(self.uses)
         uses = np.stack([self.uses[name] for name in limits], axis=1).reshape(
             len(self.tau), -1)
         found = np.where(uses.max(axis=1) >= ACTIVE, uses.argmax(axis=1), -1)

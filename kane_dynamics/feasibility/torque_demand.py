@@ -1,6 +1,6 @@
 """Torque, speed and power along a motion, compared with the joint limits."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 import math
 from typing import NamedTuple
@@ -225,6 +225,29 @@ def whole_motion(robot: Robot, motion: Motion, t: Array, q: Array, rates: Array,
         raise InputError('robot: flexible, with chosen speeds or constraints; expected one '
                          'without beams, as a motion of joints does not state their deflections')
     return mechanism_motion(robot, motion.joint_names, t, q, rates, accelerations)
+
+
+def require_scalable(robot: Robot, q: Array) -> None:
+    """Raise InputError if speeds or constraints prescribe velocities in configurations."""
+    if robot.equations.timed or (len(q) and np.abs(robot.joint_rates(
+            q, np.zeros((len(q), robot.n)))).max() > 0.0):
+        raise InputError('robot: speeds or constraints that prescribe velocities or are '
+                         'functions of time; expected those of a motion that can be scaled')
+
+
+def unit_torques(robot: Robot, q: Array, joints: Sequence[int]) -> Array:
+    """Return the torques of actuators for unit forces of some joints, (N, n_q, k)."""
+    found = np.empty((*q.shape, len(joints)))
+    for k, j in enumerate(joints):
+        found[..., k] = at_actuators(robot, q, np.eye(robot.n_q)[[j] * len(q)])
+    return found
+
+
+def at_actuators(robot: Robot, q: Array, forces: Array) -> Array:
+    """Return the torques of actuators that balance forces of joints, (N, n) each."""
+    if isinstance(robot.equations, ConstrainedEquations):
+        return robot.joint_torques(robot.generalized_force(np.ascontiguousarray(forces), q), q)
+    return forces
 
 
 def torque_of(power: Array, u: Array) -> Array:

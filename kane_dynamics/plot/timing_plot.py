@@ -23,7 +23,7 @@ def plot_timing(timing: 'TimeOptimal', path: Path | None = None, *,
 
     """
     motion = timing.motion
-    names, limits = motion.joint_names, list(timing.uses)
+    names, limits = timing.joint_names, list(timing.uses)
     with styled(12.0, 1.3 + 1.2 * len(names), title, path) as figure:
         panels = figure.subplots(len(names), len(limits), sharex=True, sharey=True, squeeze=False)
         for row, j in zip(panels, range(len(names)), strict=True):

@@ -5,6 +5,8 @@ import json
 
 from command import command
 from kane_dynamics import load_constraints, load_urdf, Robot
+from kane_dynamics.cli.tables import read_motion
+from kane_dynamics.feasibility import time_optimal
 from kane_dynamics.mechanics.definition import nonholonomic
 from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
@@ -118,6 +120,21 @@ def test_feasible_has_the_torques_of_the_motors_only(motion):
     peaks = dict(zip(found['joint_names'], found['torque']['peak']))
     assert {name for name, peak in peaks.items() if peak > 0.0} == set(DRIVEN)
     assert found['fastest'] is None or found['fastest']['joint'] in palletizer().joint_names
+
+
+def test_fastest_timing_has_all_joints_and_is_that_of_the_library(motion, tmp_path):
+    out = tmp_path / 'fastest.csv'
+    found = answer('feasible', *ARM, '--motion', motion, '--time-optimal', '--out', str(out))
+    expected_timing = time_optimal(palletizer(), read_motion(motion, DRIVEN))
+    assert found['joint_names'] == list(palletizer().joint_names)
+    assert found['duration'] == pytest.approx(expected_timing.duration, rel=1e-9)
+    again = read_motion(out, DRIVEN)
+    assert again.duration == pytest.approx(found['duration'], rel=1e-9)
+    at = again.times[::101][:-1]
+    for one, other in zip(again.sample(at), expected_timing.motion.sample(at)):
+        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-4)
+    done = command('feasible', *ARM, '--motion', motion, '--time-optimal', '--jerk', '9')
+    assert done.returncode != 0 and 'with a limit of jerk or torque rate' in done.stderr
 
 
 def test_filled_efforts_are_those_of_the_motors(motion):

@@ -664,12 +664,14 @@ def scaled(case):
 
 def timed(case):
     """Reach some limit at most times, and exceed none, by Kane's definition."""
-    motion, _, _ = driven(case)
-    found = time_optimal(case.robot, motion, acceleration=2.0, points=100)
+    robot, (motion, _, _) = case.robot, driven(case)
+    found = time_optimal(robot, motion, acceleration=2.0, points=100)
     times = found.motion.times
-    states = found.motion.sample(0.5 * (times[10:-10:7] + times[11:-9:7]))
-    tau = np.array([kane.inverse_dynamics(case.robot.model, *row) for row in zip(*states)])
-    limits = case.robot.limits
+    states = all_joints(robot, found.motion, *found.motion.sample(
+        0.5 * (times[10:-10:7] + times[11:-9:7])))
+    tau = np.array([actuators(case, row[0], kane.inverse_dynamics(robot.model, *row))
+                    for row in zip(*states)])
+    limits = robot.limits
     uses = [np.abs(values / bound).max(axis=1) for values, bound in (
         (tau, limits.effort), (states[1], limits.velocity), (states[2], 2.0))]
     near(np.median(np.max(uses, axis=0)), 1.0, 1e-2)

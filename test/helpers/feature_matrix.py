@@ -134,8 +134,6 @@ ROWS = (
         (SPEEDS, BEAM): NO_SPLIT,
         BALL: NO_ANGLE}),
     Row('`time_optimal`', check.timed, {
-        SPEEDS: MISSING,
-        LOOP: MISSING,
         ROLLING: NO_SHAPE,
         TIME: NO_SCALE,
         BEAM: BENDS,

@@ -164,12 +164,12 @@ def write_timing(path: str, timing: TimeOptimal) -> None:
     t, *states = timing.points
     with open(path, 'w', encoding='utf-8', newline='') as stream:
         write_states(stream, t, dict(zip(QUANTITIES, (*states, timing.tau))),
-                     timing.motion.joint_names)
+                     timing.joint_names)
 
 
 def timing_data(timing: TimeOptimal, motion: Motion) -> dict[str, Any]:
     """Return a timing as plain data."""
-    return {'joint_names': list(timing.motion.joint_names), 'duration': timing.duration,
+    return {'joint_names': list(timing.joint_names), 'duration': timing.duration,
             'points': len(timing.motion.times), 'given_duration': motion.duration,
             'uses': {name: use.max(axis=0) for name, use in timing.uses.items()},
             'active': [active._asdict() for active in timing.active], 'files': []}

@@ -12,6 +12,7 @@ from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.trajectories.linkage import compile_linkage
 from kane_dynamics.errors import InputError
+from kane_dynamics.feasibility.mechanism_path.path_mechanism import compile_mechanism_timing
 from kane_dynamics.feasibility.path_limits import compile_timing
 from kane_dynamics.model.model import Model
 from kane_dynamics.ros.common.commanders import CommanderCount
@@ -109,6 +110,7 @@ class ConfiguredRobot:
         if self.robot.constraint_names:
             step_kernel(self.robot, True, values['simulation.integrator'], None, follow)
             compile_linkage(self.robot)  # for filled trajectories
+            compile_mechanism_timing(self.robot)
         else:
             compile_timing(self.robot)
             for robot in (self.robot, *([bending.robot] if bending else [])):

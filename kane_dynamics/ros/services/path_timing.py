@@ -7,10 +7,11 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility import time_optimal
+from kane_dynamics.feasibility.path_geometry import path_of
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.conversion import check_points, doubles, message_of_points
 from kane_dynamics.ros.services.served_robot import RIGID, ServedRobot
-from kane_dynamics.ros.services.trajectory_filling import FIELDS, table
+from kane_dynamics.ros.services.trajectory_filling import assembly_mode, FIELDS, table
 import numpy as np
 
 
@@ -18,7 +19,8 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
     """
     Return the computation of a TimeOptimal request, which fills in a response, for a worker.
 
-    It uses the robot of the simulations, with the gravity and the payload of now.
+    It uses the robot of the simulations, with the gravity and the payload of now. The path is of
+    the joints with actuators: all joints without closed loops.
 
     Raises
     ------
@@ -27,7 +29,12 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
 
     """
     robot = served.simulated
-    joints = list(robot.joint_names)
+    every, joints = robot.joint_names, list(robot.actuated_names)
+    if len(joints) != robot.n:
+        raise InputError(f'joints with actuators: {", ".join(joints)}; expected {robot.n}, as '
+                         'many as independent speeds, for a path of these joints')
+    places = [every.index(joint) for joint in joints]
+    rest = assembly_mode(served) if robot.constraint_names else None
     names = list(request.joint_names) or joints
     if sorted(names) != sorted(joints):
         raise InputError(f'joint_names: {names}; expected each of {", ".join(joints)} once')
@@ -41,17 +48,22 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
     if not len(times) and (u is not None or udot is not None):
         raise InputError('time_from_start: empty; expected the times of points with velocities or '
                          'accelerations')
-    path = Motion.from_points(times, q, u, udot, joint_names=joints) if len(times) else q
-    limits: dict[str, Any] = {
-        what: _per_joint(getattr(request, f'max_{what}'), what, n, order)
-        for what in ('acceleration', 'power', 'jerk', 'torque_rate')}
+    limits: dict[str, Any] = {}
+    for what in ('acceleration', 'power', 'jerk', 'torque_rate'):
+        limit = _per_joint(getattr(request, f'max_{what}'), what, n, order)
+        limits[what] = limit
+        if np.ndim(limit):  # of the joints of the request; others have none
+            limits[what] = np.full(len(every), math.inf)
+            limits[what][places] = limit
 
     def compute(response: Any) -> None:
         served.loads.apply(robot)
         response.message = RIGID * (served.bending is not None)
-        found = time_optimal(robot, path, **limits)
+        path = (Motion.from_points(times, q, u, udot, joint_names=joints) if len(times)
+                else path_of(q, joints))
+        found = time_optimal(robot, path, rest=rest, **limits)
         t, *states = found.points
-        back = np.argsort(order)
+        back = np.array(places)[np.argsort(order)]
         response.joint_names = names
         response.time_from_start = doubles(t)
         columns = {field: rows[:, back] for field, rows in zip(

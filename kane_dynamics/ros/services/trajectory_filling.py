@@ -145,6 +145,12 @@ def _assembly_mode(robot: Robot, measured: Array | None, rest: Array | None,
     return known
 
 
+def assembly_mode(served: ServedRobot) -> Array | None:
+    """Return a configuration in the assembly mode of a path of the joints with actuators."""
+    rest = FillSettings.from_values(served.values, served.robot.joint_names).rest
+    return _assembly_mode(served.robot, served.measured(), rest, lacking=True)
+
+
 def table(request: Any, field: str, points: int, joints: int) -> Array | None:
     """Return a table of a request, (K, m); None if it is empty."""
     values = np.array(getattr(request, field))

@@ -13,7 +13,6 @@ from kane_dynamics.mechanics.algebra.spline import free_velocities
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.uniform_spline import spline_derivatives
 from kane_dynamics.robot.parameters import JointLimits
-from linkages import four_bar
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -469,14 +468,12 @@ def test_position_beyond_its_limit_is_named():
         time_optimal(robot, bent_path(robot))
 
 
-def test_robots_without_bounds_or_with_constraints_are_refused():
+def test_robots_without_bounds_are_refused():
     robot = two_link(effort=(math.inf, math.inf))
     with pytest.raises(InputError, match='no limit bounds the motion; expected limits of effort'):
         time_optimal(robot, bent_path(robot))
     found = time_optimal(robot, bent_path(robot), acceleration=5.0)
     assert found.uses['acceleration'].max() > 0.99
-    with pytest.raises(InputError, match='robot: chosen speeds, constraints or beams; expected'):
-        time_optimal(four_bar(), np.zeros((2, 1)))
 
 
 def test_waypoints_that_are_all_but_equal_are_one_or_refused():

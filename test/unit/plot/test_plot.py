@@ -46,7 +46,7 @@ DEMAND = SimpleNamespace(t=T, u=Q, tau=3.0 * Q, power=3.0 * Q * Q, joint_names=N
                                                 velocity=np.full(3, 2.0)),
                          power_limit=np.full(3, np.inf))
 TIMING = SimpleNamespace(
-    motion=SimpleNamespace(times=T, joint_names=NAMES), uses={'effort': np.abs(np.sin(Q))},
+    motion=SimpleNamespace(times=T), joint_names=NAMES, uses={'effort': np.abs(np.sin(Q))},
     active=(SimpleNamespace(joint=NAMES[0], limit='effort', start=T[1], end=T[4]),))
 DRAWINGS = {
     'timing': lambda path=None: plot_timing(TIMING, path),

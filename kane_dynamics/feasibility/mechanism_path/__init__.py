@@ -1,0 +1,1 @@
+"""Fastest timing of a path of the driving joints of a mechanism."""
