@@ -34,7 +34,6 @@ NO_REST = ('A mechanism that follows a function of time has no equilibrium about
 NO_ANGLE = ('The position of a ball joint is a rotation, which the points and splines of a motion '
             'do not state.')
 NO_START = ('A trajectory does not state at which time of a function of time it starts.')
-MISSING = 'Not available; the call raises an error that says so.'
 NO_ROTATION = 'The position of a ball joint is a rotation, which joint states do not state.'
 SAME = ('Joint states and efforts are those of joints: chosen speeds would not change a message.')
 NO_FUNCTION = 'A function of time is Python code, which no parameter file states.'
