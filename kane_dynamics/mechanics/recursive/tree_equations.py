@@ -239,11 +239,15 @@ class TreeEquations(JointForces):
 
     def frame_velocity(self, frame: Frame, q: Any, u: Any) -> Any:
         """Return the linear, then angular velocity of a frame, (6,)."""
-        return frame_kinematics.frame_motion(self._links, frame, q, u, self.zeros)[0]
+        return self._frame_motion(frame, q, u, self.zeros)[0]
 
     def frame_acceleration(self, frame: Frame, q: Any, u: Any, udot: Any) -> Any:
         """Return the linear, then angular acceleration of a frame, (6,)."""
-        return frame_kinematics.frame_motion(self._links, frame, q, u, udot)[1]
+        return self._frame_motion(frame, q, u, udot)[1]
+
+    def _frame_motion(self, frame: Frame, q: Any, u: Any, udot: Any) -> Any:
+        poses = frame_kinematics.LinkPoses(self._links, q)
+        return frame_kinematics.frame_motion(frame, poses, u, udot)
 
     def partial_velocities(self, frame: Frame, q: Any) -> Any:
         """Return the Jacobian (partial velocities) of a frame, (6, n): linear, then angular."""
