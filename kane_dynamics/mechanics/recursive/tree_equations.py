@@ -141,10 +141,10 @@ class TreeEquations(JointForces):
         held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
         return solve(self.factors(q, parameters), self.order, tau - held)
 
-    def factors(self, q: Any, parameters: Any) -> Any:
+    def factors(self, q: Any, parameters: Any, factorized: Any = factorize) -> Any:
         """Return the LTDL factorization of M; raise ModelError if M is structurally singular."""
         try:
-            return factorize(self.mass_matrix(q, parameters), self.order)
+            return factorized(self.mass_matrix(q, parameters), self.order)
         except ZeroDivisionError as error:
             name = self.model.joint_names[error.args[0]]
             raise ModelError(f"the mass matrix is singular: joint '{name}' moves no mass; "
