@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.conditioning import squared_figure
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.argument import Argument
@@ -44,7 +45,9 @@ def tracking_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
                 *rest: Any) -> Any:
         t = rest[0][()] if equations.timed else 0.0
         change = target - q[places]
-        near = q + T @ change
+        structure = mechanism.solved(system(q, t)[1], np.eye(n_q))[:, :n]
+        near = q + np.array([[0.0 if is_zero(x) else y for x, y in zip(*rows)]
+                             for rows in zip(structure, T)]).reshape(n_q, n) @ change
         near[places] = target
         _, S, _, missed = system(near, t)
         inverse = mechanism.solved(S, np.eye(n_q))
@@ -67,8 +70,9 @@ def tracking_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
 
 
 def largest(values: Iterable[Any]) -> Any:
-    """Return the largest square of some scalars."""
-    result: Any = 0.0
-    for x in values:
-        result = select(x * x > result, x * x, result)
-    return result
+    """Return the largest square of some scalars, by pairs: a short chain of comparisons."""
+    squares = [x * x for x in values]
+    while len(squares) > 1:
+        pairs = list(zip(squares[::2], squares[1::2]))
+        squares = [select(a > b, a, b) for a, b in pairs] + squares[2 * len(pairs):]
+    return squares[0] if squares else 0.0

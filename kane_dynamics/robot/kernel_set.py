@@ -55,6 +55,7 @@ class KernelSet:
                  parameters: Array, instead: Instead | None = None) -> None:
         """Store the equations; kernels compile on first use."""
         self.equations = equations
+        self._in_order = isinstance(equations, ConstrainedEquations)  # spills fewer values
         self._instead = instead
         self._at_time_zero = np.zeros(())
         self.no_wrench = np.zeros((len(equations.wrench_frames), 6))
@@ -137,7 +138,7 @@ class KernelSet:
             return Kernel(label, lambda: self.program(name, at, derivative),
                           self.key and self.key + at, arguments, self._parameters, shape,
                           partial(self._another, (label, at)),
-                          lambda: self.program(name, at, derivative, single=True))
+                          lambda: self.program(name, at, derivative, single=True), self._in_order)
         return self._kept((label, at), make)
 
     def signature(self, name: str, at: str = '',
@@ -174,7 +175,7 @@ class KernelSet:
         if reason is not None:
             self._explained.add(place)
         return self._kept(place, lambda: Kernel(name, program, self.key, arguments, block, shape,
-                                                reason))
+                                                reason, in_order=self._in_order))
 
     def _quantity(self, name: str) -> Quantity:
         """Return the quantity of a name; InputError lists the valid ones."""

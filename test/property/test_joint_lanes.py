@@ -9,6 +9,7 @@ from kane_dynamics.mechanics.algebra.hyperdual import seeded
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.model.with_payload import with_payload
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot import single_state
@@ -141,3 +142,24 @@ def test_one_state_in_lanes_is_a_state_of_a_batch(name):
         assert np.array_equal(found, found.T)
     if name == 'inverse_dynamics_derivatives':
         assert np.array_equal(found[2], found[2].T)
+
+
+@pytest.mark.parametrize('order', ['of the bodies', 'shuffled'])
+def test_inverse_mass_matrix_of_a_serial_chain_in_rows_is_that_of_the_definition(order):
+    model = random_model(8, LARGER, branching=0.0)
+    model = shuffled(model, 8) if order == 'shuffled' else model
+    robot, q = Robot(model, payload_frame='frame3'), random_state(model, 5)[0]
+    payload = Inertial(2.0, np.array([0.1, 0.0, 0.2]), 0.01 * np.eye(3))
+    robot.parameters.payload = payload
+    found = robot.inverse_mass_matrix(q)
+    M = kane.mass_matrix(with_payload(model, 'frame3', payload), q)
+    assert relative_error(found, np.linalg.inv(M)) < 1e-15 * np.linalg.cond(M)
+    assert np.array_equal(found, found.T)
+
+
+def test_inverse_mass_matrix_of_a_serial_chain_takes_a_third_of_the_instructions():
+    equations = TreeEquations(random_model(8, LARGER, branching=0.0))
+    plain, rows = (trace_program('inverse', function, [('q', (LARGER,)), ('g', (3,))]
+                                 ).instruction_count(8) for function in (
+        equations.inverse_mass_matrix, in_lanes(equations, 'inverse_mass_matrix')))
+    assert 3 * rows < plain

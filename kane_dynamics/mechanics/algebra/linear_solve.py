@@ -62,14 +62,11 @@ def solution(A: Any, B: Any) -> Any:
                 left[r][column] = 0.0
     rest: Matrix = [[] for _ in range(n)]  # rows of X that the blocks determine
     for rows, columns in _triangular_blocks(left, solved):
-        known = [right[r] for r in rows]
-        for k, r in enumerate(rows):
-            for c in range(n):
-                if rest[c] and not is_zero(left[r][c]):
-                    known[k] = [_minus_product(x, left[r][c], y)
-                                for x, y in zip(known[k], rest[c])]
-        found = _block_solution([[left[r][c] for c in columns] for r in rows], known)
-        for c, unknown in zip(columns, found):
+        block = [[left[r][c] for c in columns] for r in rows]
+        before = [c for c in range(n) if rest[c] and not all(is_zero(left[r][c]) for r in rows)]
+        given, factors = [right[r] for r in rows], [[left[r][c] for c in before] for r in rows]
+        known = [rest[c] for c in before]
+        for c, unknown in zip(columns, _block_unknowns(block, given, factors, known)):
             rest[c] = unknown
     answer: Matrix = []
     for c in range(n):
@@ -164,6 +161,28 @@ def _components(needs: dict[int, list[int]]) -> list[list[int]]:
         if node not in number:
             visit(node)
     return found
+
+
+def _block_unknowns(A: Matrix, B: Matrix, C: Matrix, X: Matrix) -> Matrix:
+    """Return A^-1 (B - C X) or A^-1 B - (A^-1 C) X, whichever takes fewer multiplications."""
+    m = len(A)
+    b, c, x = ([[not is_zero(entry) for entry in row] for row in part] for part in (B, C, X))
+    products = [[c[r][k] and x[k][s] for k in range(len(X))] for r in range(m)
+                for s in range(len(B[0]))]
+    filled = sum(any(row) or b[r][s] for row, (r, s) in zip(products, np.ndindex(m, len(B[0]))))
+    apart = m * (np.sum(b) + np.sum(c) + np.sum(x))
+    if apart < np.sum(products) + m * filled:
+        both = _block_solution(A, [[*row, *factors] for row, factors in zip(B, C)])
+        k = len(B[0])
+        return [_minus_combination(row[:k], row[k:], X) for row in both]
+    return _block_solution(A, [_minus_combination(*row, X) for row in zip(B, C)])
+
+
+def _minus_combination(row: list[Any], factors: list[Any], X: Matrix) -> list[Any]:
+    """Return row - factors @ X."""
+    for factor, known in zip(factors, X):
+        row = [_minus_product(x, factor, y) for x, y in zip(row, known)]
+    return row
 
 
 def _block_solution(A: Matrix, B: Matrix) -> Matrix:

@@ -21,8 +21,9 @@ from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra import linear_solve
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
-from kane_dynamics.mechanics.constraints import (Constraint, ConstraintRows, DependentSpeeds,
-                                                 PointVelocity, Prescribed, Rolling)
+from kane_dynamics.mechanics.constraints import (Closure, Constraint, ConstraintRows,
+                                                 DependentSpeeds, PointVelocity, Prescribed,
+                                                 Rolling)
 from kane_dynamics.mechanics.constraints.mechanism_state import MechanismState
 from kane_dynamics.mechanics.constraints.row_units import length_of, turning_rows
 from kane_dynamics.mechanics.constraints.speeds import chosen
@@ -226,10 +227,26 @@ class Mechanism:
         S_moving, s_moving = self.system(
             self.state(moving(q, coordinate_rates(self.model, q, qdot)), moving(t, 1.0), links))
         S_rate = rates(S_moving)
-        qddot = inverse @ (np.concatenate([udot, none]) + rates(s_moving) - S_rate @ qdot)
+        given = rates(s_moving) - S_rate @ qdot
+        if links is not None:
+            given = self._with_closures(given, here, qdot)
+        qddot = inverse @ (np.concatenate([udot, none]) + given)
         T = inverse[:, :self.n]
         return JointMotion(qdot, qddot, T, self._of_rows(here, inverse[:, self.n:]),
                            -(inverse @ (S_rate @ T)))
+
+    def _with_closures(self, given: Any, here: MechanismState, qdot: Any) -> Any:
+        """
+        Return s' - S' q' with the rows of closed loops by accelerations.
+
+        Velocities and accelerations from joint to joint take less arithmetic than the time
+        derivative of every entry of S.
+        """
+        found = {label: x for constraint in self.constraints if isinstance(constraint, Closure)
+                 for label, x in zip(constraint.labels, constraint.accelerations(here, qdot))}
+        labels = (*self.speed_names, *(self.labels[k] for k in self.kept))
+        return np.array([x if r < self.n or label not in found else -found[label]
+                         for r, (label, x) in enumerate(zip(labels, given))])
 
     def solved(self, S: Any, right: Any) -> Any:
         """Return S^-1 times a vector or a matrix; ConstraintError if S is always singular."""

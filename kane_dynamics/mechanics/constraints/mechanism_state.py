@@ -7,7 +7,7 @@ from typing import Any
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.vector import cross
-from kane_dynamics.mechanics.ball_joints import joint_positions
+from kane_dynamics.mechanics.ball_joints import axis_acceleration, joint_positions
 from kane_dynamics.mechanics.constraints.speeds import speed_places, Speeds
 from kane_dynamics.mechanics.definition import kinematics
 from kane_dynamics.mechanics.recursive import frame_kinematics
@@ -82,6 +82,15 @@ class MechanismState:
             return kinematics.frame_partial_velocities(self.model, of, self.q, at, self._bodies)
         return frame_kinematics.partial_velocities(self._links, of, self._positions, at,
                                                    self._link_poses)
+
+    def motion(self, frame: str | Frame, qdot: Any) -> Any:
+        """
+        Return velocity and acceleration of a frame at constant joint rates, (2, 6).
+
+        Linear, then angular; relative to the axes of `in_axes_of`, of the compiled links only.
+        """
+        return frame_kinematics.frame_motion(self._frame(frame), self._link_poses, qdot,
+                                             -axis_acceleration(self.model, qdot))
 
     def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
         """Return a coordinate's row, (n,), and its value; ConstraintError for no such name."""

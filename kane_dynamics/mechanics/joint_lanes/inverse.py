@@ -15,6 +15,34 @@ import numpy as np
 Row = dict[int, Any]  # lanes by the number of their block; blocks of zeros are left out
 
 
+def factorize(M: Any, order: Sequence[int], lanes: Any = Lanes, rows: Any = None
+              ) -> tuple[list[list[Any]], list[Any]]:
+    """
+    Return `ltdl.factorize` of M, computed a block of each row at a time.
+
+    `rows`, (n, n), has the values of M, if they are values of rows of lanes already.
+    """
+    n = len(order)
+    nonzero = np.array([[not is_zero(M[r, s]) for s in order] for r in order])
+    rows = M if rows is None else rows
+    A: list[Row] = [{g: lanes.pack([rows[r, s] for s in order[g * LANES:(g + 1) * LANES]])
+                     for g in range(k // LANES + 1)} for k, r in enumerate(order)]
+    L: list[list[Any]] = [[0.0] * n for _ in range(n)]
+    reciprocal: list[Any] = [None] * n
+    for k in reversed(range(n)):
+        if not nonzero[k, k]:
+            raise ZeroDivisionError(order[k])
+        reciprocal[k] = 1.0 / lanes.lane(A[k][k // LANES], k % LANES)
+        left = np.flatnonzero(nonzero[k, :k]).tolist()
+        scaled = {g: A[k][g] * reciprocal[k] for g in {i // LANES for i in left}}
+        for i in reversed(left):
+            L[k][i] = lanes.lane(scaled[i // LANES], i % LANES)
+            nonzero[i, left] = True
+            for g in sorted({j // LANES for j in left if j <= i}):
+                A[i][g] = A[i][g] - A[k][g] * L[k][i]
+    return L, reciprocal
+
+
 def inverse_mass_matrix(factors: tuple[list[list[Any]], list[Any]], order: Sequence[int],
                         lanes: Any = Lanes) -> Any:
     """

@@ -1,13 +1,15 @@
 """Quantities of trees, computed for several joints at once in lanes."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+from kane_dynamics.mechanics.algebra import ltdl
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
-from kane_dynamics.mechanics.algebra.ltdl import solve
 from kane_dynamics.mechanics.joint_lanes.derivatives import inverse_dynamics_derivatives
-from kane_dynamics.mechanics.joint_lanes.inverse import inverse_mass_matrix
+from kane_dynamics.mechanics.joint_lanes.inverse import factorize, inverse_mass_matrix
 from kane_dynamics.mechanics.joint_lanes.regressor import regressor
+from kane_dynamics.mechanics.joint_lanes.tree_sums import TreeSums
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
 
@@ -38,8 +40,25 @@ class TreeInLanes:
 
     def inverse_mass_matrix(self, q: Any, parameters: Any) -> Any:
         """Return the inverse mass matrix, (n, n)."""
-        return inverse_mass_matrix(self.equations.factors(q, parameters), self.equations.order,
-                                   self._lanes(q[0]))
+        lanes, equations = self._lanes(q[0]), self.equations
+        factors = equations.factors(q, parameters, partial(
+            factorize, lanes=lanes, rows=self._mass_matrix(q, parameters))
+            if self._long_branches() else ltdl.factorize)
+        return inverse_mass_matrix(factors, equations.order, lanes)
+
+    def _mass_matrix(self, q: Any, parameters: Any) -> Any:
+        """Return the mass matrix, (n, n), from the rows of the derivatives."""
+        none = self.equations.zeros
+        return self._matrix(self._derivative_rows(q, none, none, parameters)[2], q)
+
+    def _long_branches(self) -> bool:
+        """Return whether more than half of the lanes are used if L is computed in rows."""
+        rank = {r: k for k, r in enumerate(self.equations.order)}
+        paths = [[rank[r] for r in path]
+                 for path in TreeSums(self.equations.geometry, Lanes).paths]
+        entries = sum(len(path) * (len(path) - 1) / 2 for path in paths)
+        blocks = {path[0]: len({k // LANES for k in path}) for path in paths}
+        return entries > LANES / 2 * sum(blocks[k] for path in paths for k in path[1:])
 
     def coriolis_matrix(self, q: Any, u: Any, parameters: Any) -> Any:
         """Return the Coriolis matrix, (n, n)."""
@@ -60,7 +79,7 @@ class TreeInLanes:
         by_q, by_u, _ = self._derivative_rows(q, u, udot, parameters)
         L, reciprocal = equations.factors(q, parameters)
         negated = L, [-x for x in reciprocal]  # factors of -M
-        return np.array([*(self._matrix(solve(negated, equations.order, rows), q)
+        return np.array([*(self._matrix(ltdl.solve(negated, equations.order, rows), q)
                            for rows in (by_q, by_u)), self.inverse_mass_matrix(q, parameters)])
 
     def _derivative_rows(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:

@@ -1,9 +1,9 @@
 """Forward kinematics of frames: poses, Jacobians and their rates, velocities; world axes."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
-from kane_dynamics.mechanics.algebra.vector import cross
+from kane_dynamics.mechanics.algebra.vector import cross, rate_tensor
 from kane_dynamics.mechanics.recursive.inverse_dynamics import JointStep
 from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.mechanics.recursive.link_frames import Z
@@ -34,33 +34,33 @@ class LinkPoses:
 
     def __init__(self, links: Sequence[Link], q: Any, axes: int = WORLD) -> None:
         """Store the links and the coordinates."""
-        self._links, self._q = links, q
+        self.links, self.q, self.axes = links, q, axes
         self._found: dict[int, tuple[Any, Any]] = {axes: (np.eye(3), np.zeros(3))}
-        self._inward: dict[int, int] = {}  # of links and the world: the next link towards `axes`
+        self.inward: dict[int, int] = {}  # of links and the world: the next link towards `axes`
         while axes != WORLD:
-            self._inward[links[axes].parent] = axes
+            self.inward[links[axes].parent] = axes
             axes = links[axes].parent
 
     def __getitem__(self, k: int) -> tuple[Any, Any]:
         """Return the axes (3, 3, columns) and the origin (3,) of a link or of the world, m."""
         if k not in self._found:
-            if k in self._inward:
-                self._found[k] = self._of_parent(self._inward[k])
+            if k in self.inward:
+                self._found[k] = self._of_parent(self.inward[k])
             else:
                 self._found[k] = self._of_child(k)
         return self._found[k]
 
     def _of_child(self, k: int) -> tuple[Any, Any]:
         """Return the pose of link k from that of its parent."""
-        step = JointStep(self._links[k], self._q)
-        R, p = self[self._links[k].parent]
+        step = JointStep(self.links[k], self.q)
+        R, p = self[self.links[k].parent]
         x, y, z = (R @ step.rotation).T
         turned = np.stack([step.c * x + step.s * y, step.c * y - step.s * x, z], axis=1)
         return turned, R @ step.offset + p
 
     def _of_parent(self, k: int) -> tuple[Any, Any]:
         """Return the pose of the parent of link k from that of link k."""
-        step = JointStep(self._links[k], self._q)
+        step = JointStep(self.links[k], self.q)
         R, p = self[k]
         x, y, z = R.T
         R = np.stack([step.c * x - step.s * y, step.s * x + step.c * y, z],
@@ -130,20 +130,18 @@ def partial_velocity_rates(links: Sequence[Link], frame: Frame, q: Any, u: Any) 
     and that of the column s x r of a revolute joint is s' x r + s x r'.
     """
     columns: list[Any] = [np.zeros(6)] * len(q)
-    if frame.body == WORLD:
-        return np.stack(columns, axis=1)
-    poses = link_poses(links, q)
-    motion = _motions(links, poses, q, u, np.zeros(len(q)).astype(object))
+    poses = LinkPoses(links, q)
+    motions = LinkMotions(poses, u, np.zeros(len(q)).astype(object))
     r_f = poses[frame.body][0] @ frame_in_link(links, frame)[1]
     p_f = poses[frame.body][1] + r_f
-    v_f = motion[frame.body][2] + cross(motion[frame.body][0], r_f)
+    v_f = motions[frame.body].of_point(r_f)[0]
     k = frame.body
     while k != WORLD:
-        link, (R, p), (omega, _, v, _) = links[k], poses[k], motion[k]
+        link, (R, p), motion = links[k], poses[k], motions[k]
         s = R @ Z
-        turning = cross(omega, s)
+        turning = cross(motion.omega, s)
         if link.kind == 'revolute':
-            column = np.concatenate([cross(turning, p_f - p) + cross(s, v_f - v), turning])
+            column = np.concatenate([cross(turning, p_f - p) + cross(s, v_f - motion.v), turning])
         else:
             column = np.concatenate([turning, np.zeros(3)])
         for r, weight in link.partials(q):
@@ -155,40 +153,89 @@ def partial_velocity_rates(links: Sequence[Link], frame: Frame, q: Any, u: Any) 
     return np.stack(columns, axis=1)
 
 
-def frame_motion(links: Sequence[Link], frame: Frame, q: Any, u: Any, udot: Any) -> Any:
+def frame_motion(frame: Frame, poses: LinkPoses, u: Any, udot: Any) -> Any:
     """
-    Return velocity and classical acceleration of a frame, (2, 6), linear then angular.
+    Return velocity and classical acceleration of a frame's origin, (2, 6), linear then angular.
 
-    World axes, at the frame's origin; gravity is not included.
+    They are relative to the axes of `poses` and in these; gravity is not included.
     """
-    if frame.body == WORLD:
-        return np.zeros((2, 6))
-    poses = link_poses(links, q)
-    omega, alpha, v, a = _motions(links, poses, q, u, udot)[frame.body]
-    v, a = _point_motion(omega, alpha, v, a, poses[frame.body][0] @ frame_in_link(links, frame)[1])
-    return np.stack([np.concatenate([v, omega]), np.concatenate([a, alpha])])
+    motion = LinkMotions(poses, u, udot)[frame.body]
+    v, a = motion.of_point(poses[frame.body][0] @ frame_in_link(poses.links, frame)[1])
+    return np.stack([np.concatenate([v, motion.omega]), np.concatenate([a, motion.alpha])])
 
 
-def _motions(links: Sequence[Link], poses: Sequence[tuple[Any, Any]], q: Any, u: Any,
-             udot: Any) -> list[tuple[Any, Any, Any, Any]]:
-    """Return omega, alpha, v and a of all links' origins, world axes, without gravity."""
-    motion: list[tuple[Any, Any, Any, Any]] = []
-    zero = np.zeros(3)
-    for link, (R, p) in zip(links, poses):
-        omega, alpha, v, a, origin = zero, zero, zero, zero, zero
-        if link.parent != WORLD:
-            omega, alpha, v, a = motion[link.parent]
-            origin = poses[link.parent][1]
-        v, a = _point_motion(omega, alpha, v, a, p - origin)
-        rate, acceleration = link.rate(q, u) * (R @ Z), link.acceleration(q, u, udot) * (R @ Z)
-        if link.kind == 'revolute':
-            motion.append((omega + rate, alpha + acceleration + cross(omega, rate), v, a))
+class LinkMotion(NamedTuple):
+    """
+    Motion of a link: angular velocity and acceleration, and those of its origin, (3,) each.
+
+    `U` is the acceleration gradient of `rate_tensor`.
+    """
+
+    omega: Any
+    alpha: Any
+    v: Any
+    a: Any
+    U: Any
+
+    def of_point(self, r: Any) -> tuple[Any, Any]:
+        """Return velocity and acceleration of the link's point at r, (3,), from its origin."""
+        return self.v + cross(self.omega, r), self.a + self.U @ r
+
+
+class LinkMotions:
+    """
+    Motions of links relative to the axes of `poses`, in these, each computed at its first use.
+
+    Parameters
+    ----------
+    poses : LinkPoses
+    u, udot : (n,) arrays
+        Rates and accelerations of the coordinates; rad or m, s.
+
+    """
+
+    def __init__(self, poses: LinkPoses, u: Any, udot: Any) -> None:
+        """Store the poses and the motion of the coordinates."""
+        self._poses, self._u, self._udot = poses, u, udot
+        rest = np.zeros(3)
+        self._found = {poses.axes: LinkMotion(rest, rest, rest, rest, np.zeros((3, 3)))}
+
+    def __getitem__(self, k: int) -> LinkMotion:
+        """Return the motion of a link or of the world."""
+        if k not in self._found:
+            inward = self._poses.inward
+            self._found[k] = self._of_parent(inward[k]) if k in inward else self._of_child(k)
+        return self._found[k]
+
+    def _of_child(self, k: int) -> LinkMotion:
+        """Return the motion of link k from that of its parent."""
+        parent = self._poses.links[k].parent
+        before, (rate, acceleration) = self[parent], self._of_joint(k)
+        v, a = before.of_point(self._poses[k][1] - self._poses[parent][1])
+        across = cross(before.omega, rate)
+        if self._poses.links[k].kind == 'revolute':
+            return _motion(before.omega + rate, before.alpha + acceleration + across, v, a)
+        return _motion(before.omega, before.alpha, v + rate, a + acceleration + 2.0 * across)
+
+    def _of_parent(self, k: int) -> LinkMotion:
+        """Return the motion of the parent of link k from that of link k."""
+        parent = self._poses.links[k].parent
+        after, (rate, acceleration) = self[k], self._of_joint(k)
+        across = cross(after.omega, rate)
+        if self._poses.links[k].kind == 'revolute':
+            at = _motion(after.omega - rate, after.alpha - acceleration - across, after.v, after.a)
         else:
-            motion.append((omega, alpha, v + rate, a + acceleration + 2.0 * cross(omega, rate)))
-    return motion
+            at = _motion(after.omega, after.alpha, after.v - rate,
+                         after.a - acceleration - 2.0 * across)
+        v, a = at.of_point(self._poses[parent][1] - self._poses[k][1])
+        return at._replace(v=v, a=a)
+
+    def _of_joint(self, k: int) -> tuple[Any, Any]:
+        """Return rate and acceleration of a joint along its axis, (3,) each."""
+        link, s = self._poses.links[k], self._poses[k][0] @ Z
+        q, u, udot = self._poses.q, self._u, self._udot
+        return link.rate(q, u) * s, link.acceleration(q, u, udot) * s
 
 
-def _point_motion(omega: Any, alpha: Any, v: Any, a: Any, r: Any) -> tuple[Any, Any]:
-    """Return velocity and acceleration of a body's point at r from its origin."""
-    across = cross(omega, r)
-    return v + across, a + cross(alpha, r) + cross(omega, across)
+def _motion(omega: Any, alpha: Any, v: Any, a: Any) -> LinkMotion:
+    return LinkMotion(omega, alpha, v, a, rate_tensor(omega, alpha))

@@ -140,10 +140,10 @@ class TreeEquations(JointForces):
         held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
         return solve(self.factors(q, parameters), self.order, tau - held)
 
-    def factors(self, q: Any, parameters: Any) -> Any:
+    def factors(self, q: Any, parameters: Any, factorized: Any = factorize) -> Any:
         """Return the LTDL factorization of M; raise ModelError if M is structurally singular."""
         try:
-            return factorize(self.mass_matrix(q, parameters), self.order)
+            return factorized(self.mass_matrix(q, parameters), self.order)
         except ZeroDivisionError as error:
             name = self.model.joint_names[error.args[0]]
             raise ModelError(f"the mass matrix is singular: joint '{name}' moves no mass; "
@@ -243,11 +243,15 @@ class TreeEquations(JointForces):
 
     def frame_velocity(self, frame: Frame, q: Any, u: Any) -> Any:
         """Return the linear, then angular velocity of a frame, (6,)."""
-        return frame_kinematics.frame_motion(self._links, frame, q, u, self.zeros)[0]
+        return self._frame_motion(frame, q, u, self.zeros)[0]
 
     def frame_acceleration(self, frame: Frame, q: Any, u: Any, udot: Any) -> Any:
         """Return the linear, then angular acceleration of a frame, (6,)."""
-        return frame_kinematics.frame_motion(self._links, frame, q, u, udot)[1]
+        return self._frame_motion(frame, q, u, udot)[1]
+
+    def _frame_motion(self, frame: Frame, q: Any, u: Any, udot: Any) -> Any:
+        poses = frame_kinematics.LinkPoses(self._links, q)
+        return frame_kinematics.frame_motion(frame, poses, u, udot)
 
     def partial_velocities(self, frame: Frame, q: Any) -> Any:
         """Return the Jacobian (partial velocities) of a frame, (6, n): linear, then angular."""

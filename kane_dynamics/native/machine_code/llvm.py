@@ -66,7 +66,7 @@ def fingerprint() -> str:
 
 
 def assemble(text: str, level: int = 1, optimise: bool = False,
-             shared: bool = False) -> bytes:
+             shared: bool = False, in_order: bool = False) -> bytes:
     """
     Compile LLVM IR to an object file in memory.
 
@@ -82,6 +82,8 @@ def assemble(text: str, level: int = 1, optimise: bool = False,
         hand-written loops profit.
     shared : bool
         Position-independent code, to be linked into a shared library.
+    in_order : bool
+        Keep the order of instructions, as for long programs.
 
     Raises
     ------
@@ -92,7 +94,7 @@ def assemble(text: str, level: int = 1, optimise: bool = False,
     machines = vars(_own).setdefault('machines', {})
     if (level, shared) not in machines:
         machines[level, shared] = _target_machine(level, shared)
-    return _assembled(text, machines[level, shared], optimise)
+    return _assembled(text, machines[level, shared], optimise, in_order)
 
 
 def code_size(text: str) -> int:
@@ -150,14 +152,15 @@ def _parsed(text: str, machine: Any) -> Any:
     return module
 
 
-def _assembled(text: str, machine: Any, optimise: bool = False) -> bytes:
+def _assembled(text: str, machine: Any, optimise: bool = False,
+               in_order: bool = False) -> bytes:
     """Compile LLVM IR for a target machine."""
     module = _parsed(text, machine)
     if optimise:
         options = llvm.create_pipeline_tuning_options(speed_level=2)
         builder = llvm.create_pass_builder(machine, options)
         builder.getModulePassManager().run(module, builder)
-    with _in_program_order() if text.count('\n') > LONG else nullcontext():
+    with _in_program_order() if in_order or text.count('\n') > LONG else nullcontext():
         return bytes(machine.emit_object(module))
 
 

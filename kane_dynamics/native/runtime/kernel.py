@@ -58,13 +58,16 @@ class Kernel:
         explains it, or returns another kernel that answers in its place, or None.
     single : callable, optional
         Traces the program for single states, if it is another one of the same function.
+    in_order : bool
+        Keep the order of the program in the machine code of single states. LLVM's scheduler
+        would move uses of constraint rows and of their inverse apart, and spill more of them.
 
     """
 
     def __init__(self, name: str, program: Callable[[], Program], key: str | None,
                  arguments: Sequence[Argument], parameters: Array, shape: Shape,
                  reason: ResultCheck | None = None,
-                 single: Callable[[], Program] | None = None) -> None:
+                 single: Callable[[], Program] | None = None, in_order: bool = False) -> None:
         """Compile the program or load it from the cache."""
         self._reason = reason
         self.name, self.shape = name, shape
@@ -79,10 +82,11 @@ class Kernel:
         self._compiling = ForkSafeLock()
         self._lanes: tuple[llvm.Code, llvm.Address] | None = None  # set once
         self.code = self._compiled('', lambda: '\n'.join([
-            module_text((single or program)(), SYMBOL), self._entry_points()]))
+            module_text((single or program)(), SYMBOL), self._entry_points()]), in_order)
         self.address = self.code.address(SYMBOL)
 
-    def _compiled(self, kind: str, text: Callable[[], str]) -> llvm.Code:
+    def _compiled(self, kind: str, text: Callable[[], str],
+                  in_order: bool = False) -> llvm.Code:
         def traced() -> str:
             with _TRACING.held():
                 return text()
@@ -92,7 +96,8 @@ class Kernel:
                 key = traced()
                 source = partial(str, key)
             return llvm.Code(object_cache.fetch(object_cache.key(self.name, key, kind),
-                                                lambda: llvm.assemble(source())))
+                                                lambda: llvm.assemble(source(),
+                                                                      in_order=in_order)))
 
     def with_parameters(self, parameters: Array,
                         reason: ResultCheck | None = None) -> 'Kernel':

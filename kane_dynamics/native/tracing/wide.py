@@ -29,6 +29,10 @@ class WideLanes:
         first = row[0]
         if all(x is first or (isinstance(x, float) and x == first) for x in row):
             return first
+        if isinstance(first, Expr) and first.op == 'lane' and all(
+                isinstance(x, Expr) and x.op == 'lane' and x.args == (first.args[0], k)
+                for k, x in enumerate(row)):
+            return Wide(first.args[0])  # the values of one row in their places
         return Wide(self.trace.node('pack', *row))
 
     def lane(self, row: Any, k: int) -> Any:

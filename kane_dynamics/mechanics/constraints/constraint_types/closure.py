@@ -11,6 +11,7 @@ from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import
                                                                                   Geometry,
                                                                                   positive, triad,
                                                                                   unit)
+from kane_dynamics.model.model import Frame
 import numpy as np
 
 FLOOR = 1e-16  # smallest 1 + cos(angle), its rounding; the angle is then a half turn
@@ -120,12 +121,8 @@ class Closure:
 
     def rows(self, here: Geometry) -> ConstraintRows:
         """Return the rows of the constrained relative translations, then rotations."""
-        moves, turns = ROWS[self.kind]
-        side, up, axis = triad(self.axis)
-        constant = {'side': side, 'up': up, 'axis': axis}
-        seen_from = (here.carrier(self.first, self.second)
-                     if moves in (CARRIED, ('distance',)) else self.second)
-        here = here.in_axes_of(seen_from)
+        turns = ROWS[self.kind][1]
+        here, seen_from = self._within(here)
         (R1, p1), (R2, p2) = here.pose(self.first), here.pose(self.second)
         d = p2 - p1
         # Relative to a body, joints that move both frames alike have zero columns.
@@ -134,23 +131,63 @@ class Closure:
         if self.kind == 'distance':
             far = np.sqrt(d @ d)
             return ConstraintRows(np.array([(d / far) @ J[:3]]), np.zeros(1), (far - self.length,))
-        rows, residual = [], []
-        fixed = dict(zip(CARRIED, here.pose(seen_from)[0].T))
-        for move in moves:
-            direction = fixed[move] if move in fixed else R2 @ constant[move]
-            rows.append(direction @ J[:3])
-            residual.append(direction @ d)
+        along, about = self._directions(here, seen_from)
+        residual = [direction @ d for direction in along]
         if turns == ('between',):
-            a, b = R1 @ self.axis, R2 @ self.second_axis
-            rows.append(cross(b, a) @ J[3:])
-            residual.append(a @ b)
+            residual.append((R1 @ self.axis) @ (R2 @ self.second_axis))
         elif turns:
             missing = (_turn(R2.T @ R1) if len(turns) == 3 else
-                       _tilt(R2.T @ (R1 @ axis), axis))
-            for turn in turns:
-                rows.append((R2 @ constant[turn]) @ J[3:])
-                residual.append(constant[turn] @ missing)
-        return ConstraintRows(np.array(rows), np.zeros(len(rows)), tuple(residual))
+                       _tilt(R2.T @ (R1 @ self.axis), self.axis))
+            residual += [self._triad[turn] @ missing for turn in turns]
+        return ConstraintRows(
+            np.array([*(n @ J[:3] for n in along), *(n @ J[3:] for n in about)]),
+            np.zeros(len(residual)), tuple(residual))
+
+    def accelerations(self, here: Geometry, qdot: Any) -> list[Any]:
+        """
+        Return the time derivatives of the rows times q' at constant joint rates q', m of them.
+
+        A row is the component of a relative velocity along a direction n; its derivative is the
+        component of the relative acceleration and, where n turns, n' times the velocity.
+        """
+        turns = ROWS[self.kind][1]
+        here, seen_from = self._within(here)
+        (v1, a1), (v2, a2) = here.motion(self.first, qdot), here.motion(self.second, qdot)
+        v, a = v2 - v1, a2 - a1
+        if self.kind == 'distance':
+            d = here.pose(self.second)[1] - here.pose(self.first)[1]
+            far = np.sqrt(d @ d)
+            n = d / far
+            return [n @ a[:3] + (v[:3] @ v[:3] - (n @ v[:3]) * (n @ v[:3])) / far]
+        along, about = self._directions(here, seen_from)
+        if turns == ('between',):
+            a_1, a_2 = (here.pose(self.first)[0] @ self.axis,
+                        here.pose(self.second)[0] @ self.second_axis)
+            turned = [cross(cross(v2[3:], a_2), a_1) + cross(a_2, cross(v1[3:], a_1))]
+        else:
+            turned = [cross(v2[3:], n) for n in about]
+        return [*(n @ a[:3] for n in along),
+                *(n @ a[3:] + rate @ v[3:] for n, rate in zip(about, turned))]
+
+    @property
+    def _triad(self) -> dict[str, Any]:
+        return dict(zip(('side', 'up', 'axis'), triad(self.axis)))
+
+    def _within(self, here: Geometry) -> tuple[Geometry, str | Frame]:
+        """Return the geometry in the axes of the body to which the position rows are relative."""
+        seen_from = (here.carrier(self.first, self.second)
+                     if ROWS[self.kind][0] in (CARRIED, ('distance',)) else self.second)
+        return here.in_axes_of(seen_from), seen_from
+
+    def _directions(self, here: Geometry, seen_from: str | Frame) -> tuple[list[Any], list[Any]]:
+        """Return the directions of position rows, at rest in `seen_from`, and of orientation."""
+        moves, turns = ROWS[self.kind]
+        R1, R2 = here.pose(self.first)[0], here.pose(self.second)[0]
+        fixed = dict(zip(CARRIED, here.pose(seen_from)[0].T))
+        carried = {name: R2 @ direction for name, direction in self._triad.items()}
+        if self.kind == 'universal':
+            carried['between'] = cross(R2 @ self.second_axis, R1 @ self.axis)
+        return ([(fixed | carried)[move] for move in moves], [carried[turn] for turn in turns])
 
 
 def _turn(Q: Any) -> Any:

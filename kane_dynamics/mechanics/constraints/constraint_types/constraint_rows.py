@@ -43,6 +43,13 @@ class Geometry(Protocol):
         the frame's origin.
         """
 
+    def motion(self, frame: str, qdot: Any) -> Any:
+        """
+        Return velocity and acceleration of a frame at constant joint rates, (2, 6).
+
+        Linear, then angular; relative to the axes of `in_axes_of`.
+        """
+
     def coordinate(self, name: str, asking: str) -> tuple[Any, Any]:
         """Return a coordinate's row, (n_q,), and its value; `asking` is the constraint's name."""
 
