@@ -10,16 +10,22 @@ with finite acceleration has a positive, finite s' there, and with the third one
 Between the samples the path is a cubic spline in s, through positions of the motion.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 from itertools import pairwise
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.spline import free_velocities
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.uniform_spline import spline_derivatives
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import Shape, trace_program
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -28,14 +34,17 @@ AT_REST = 1e-9  # speed relative to the mean one of the motion
 INSIDE = np.arange(8) / 8  # places of a segment between which all joints may reverse at once
 REVERSAL = 1e-4  # least speed in a reversal of all joints, relative to that around it
 BISECTIONS = 60
-MESH, FINER = 200, 4  # intervals on which the parameter is computed, and least per segment
+MESH, FINER = 200, 4  # intervals on which the parameter is computed, about, and least per segment
+STEP = 0.25  # of s between samples
 STILL = 1e-13  # range of a joint that does not move, relative to the largest range
 FEWEST = 50  # intervals of a section
 
 
 class Section(NamedTuple):
     """
-    A path q(s) from s = 0 to 1, at 2 N + 1 samples: the N + 1 vertices and the middles between.
+    A path q(s) from s = 0 to N / 2, at 2 N + 1 samples: N + 1 vertices and the middles between.
+
+    Between vertices, at a distance of 1/2, a squared path velocity x = s'^2 increases by s''.
 
     Attributes
     ----------
@@ -54,11 +63,6 @@ class Section(NamedTuple):
     lowest: Array
     highest: Array
     span: float
-
-    @property
-    def step(self) -> float:
-        """Return the difference of s between vertices."""
-        return 2.0 / (len(self.q) - 1)
 
 
 def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
@@ -93,14 +97,14 @@ def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
                          f'expected equal ones, or at least {CLOSE:g} of the length of the path, '
                          'since a spline turns far away between close waypoints')
     times = np.concatenate([[0.0], np.cumsum(steps)])
-    return Motion.from_points(times, q, free_velocities(times, q), joint_names=names)
+    return Motion.through(tuple(names), times, q, free_velocities(times, q))
 
 
 def _waypoints(path: ArrayLike, names: Sequence[str]) -> Array:
     """Return checked waypoints, (K, n)."""
     if isinstance(path, np.ndarray) and path.dtype == np.float64 and (
             path.shape[1:] == (len(names),) and np.isfinite(path).all()):
-        return path  # thousands of rows would take milliseconds one by one
+        return path.copy()  # thousands of rows would take milliseconds one by one
     try:
         rows = list(path)  # type: ignore[arg-type]
     except TypeError:
@@ -190,17 +194,29 @@ class _Part:
 
     def __init__(self, motion: Motion, begin: float, end: float, rests: tuple[bool, bool]) -> None:
         self.motion, self.begin, self.end, self.rests = motion, begin, end, rests
-        inside = np.searchsorted(motion.times, (begin, end))
-        count = max(MESH, FINER * int(inside[1] - inside[0]))
-        self.mesh = begin + (end - begin) * np.linspace(0.0, 1.0, 2 * count + 1)
-        self.mesh[-1] = np.nextafter(end, -np.inf)
-        u = motion.velocities_at(self.mesh)
-        speed = np.sqrt(np.einsum('ij,ij->i', u, u))
-        step = (end - begin) / count
-        pieces = step / 6.0 * (speed[:-2:2] + 4.0 * speed[1:-1:2] + speed[2::2])
-        self.length = float(pieces.sum())
-        self.mesh, self.speed = self.mesh[::2], speed[::2]
-        self.arc = np.concatenate([[0.0], np.cumsum(pieces)])
+        knots, span = motion.times, end - begin
+        first, last = int(np.searchsorted(knots, begin, 'right')) - 1, int(np.searchsorted(
+            knots, end))
+        ends, rate = knots[first:last + 1].copy(), 1.0 / np.diff(knots[first:last + 1])
+        ends[0], ends[-1] = begin, end
+        lengths = np.diff(ends)
+        counts = FINER + (MESH / span * lengths).astype(np.intp)
+        # Intervals on which the parameter is computed, none of them across a point of the motion.
+        self.segment = np.repeat(np.arange(first, last), counts)
+        at, step, number, rate, knot = np.repeat(np.array([
+            ends[:-1], lengths / counts, np.cumsum(counts) - counts, rate,
+            knots[first:last]]), counts, axis=1)
+        t = at + step * (np.arange(len(at)) - number)
+        self.mesh, self.step, self.place = np.append(t, end), step, np.empty((len(t), 2))
+        self.place[:, 0], self.place[:, 1] = (t - knot) * rate, step * rate
+        self.coefficients = np.ascontiguousarray(motion.coefficients)
+        found = np.empty((len(t), 3))
+        kernels(motion.n)[0].run([self.place, self.coefficients], found, len(t), {
+            'coefficients': self.segment})
+        self.speeds = found[:, :2].T * rate
+        self.arc = np.zeros(len(self.mesh))
+        np.cumsum(found[:, 2], out=self.arc[1:])
+        self.length = float(self.arc[-1])
 
     def _power(self, t: float, rest: bool) -> int:
         """Return the power of the time with which the path leaves an end."""
@@ -213,15 +229,10 @@ class _Part:
     def sampled(self, intervals: int, first: int, last: int) -> Section:
         """Return the section with orders `first` and `last` at its ends."""
         span, s = self.end - self.begin, np.linspace(0.0, 1.0, 2 * intervals + 1)
-        alpha, beta = (order / self._power(float(t), rest) for order, t, rest in zip(
-            (first, last), self.mesh[[0, -1]], self.rests))
+        alpha, beta = (order / self._power(t, rest) for order, t, rest in zip(
+            (first, last), (self.begin, math.nextafter(self.end, -math.inf)), self.rests))
         left, right = s**alpha, (1.0 - s)**beta
-        share = left / (left + right)
-        mean = 0.5 * ((self.mesh - self.begin) / span + self.arc / self.length)
-        rate = 0.5 * (1.0 / span + self.speed / self.length)
-        t = _hermite(share, mean, self.mesh, 1.0 / rate)
-        t = np.clip(t, self.begin, np.nextafter(self.end, -np.inf))
-        q = self.motion.positions_at(t)
+        q = self._positions(left / (left + right))
         columns = q.T.copy()  # whose rows are reduced ten times as fast
         lowest, highest = columns.min(axis=1), columns.max(axis=1)
         ranges = highest - lowest
@@ -230,25 +241,68 @@ class _Part:
         slopes = [np.zeros(q.shape[1])] * 2
         for place, order in ((0, first), (-1, last)):
             if order == 1:
-                slopes[place] = np.where(still, 0.0, self._slope(q, t, place, s))
-        derivatives = spline_derivatives(q, 0.5 / intervals, slopes[0], slopes[-1])
-        return Section(q, *derivatives, lowest, highest, span)
+                slopes[place] = np.where(still, 0.0, _slope(q, place))
+        return Section(q, *spline_derivatives(q, STEP, slopes[0], slopes[-1]), lowest, highest,
+                       span)
 
-    def _slope(self, q: Array, t: Array, place: int, s: Array) -> Array:
-        """Return dq/ds at an end at which the path moves, by differences of third order."""
-        k = np.array([0, 1, 2, 3]) if place == 0 else np.array([-1, -2, -3, -4])
-        weights = np.array([-11.0, 18.0, -9.0, 2.0]) / 6.0
-        return np.asarray(weights @ q[k] / (s[k[1]] - s[k[0]]))
+    def _positions(self, share: Array) -> Array:
+        """Return q at increasing shares, from 0 to 1, of the mean of time and length."""
+        mean = 0.5 * ((self.mesh - self.begin) / (self.end - self.begin) + self.arc / self.length)
+        rates = 0.5 * (1.0 / (self.end - self.begin) + self.speeds / self.length)
+        rise = np.diff(mean)
+        table = np.empty((len(rise), 6))
+        table[:, 0], table[:, 1], table[:, 4:] = mean[:-1], 1.0 / rise, self.place
+        table[:, 2:4] = (rise / (rates * self.step)).T
+        counts = np.diff(np.searchsorted(share, mean[1:-1]), prepend=0, append=len(share))
+        own = np.repeat(np.arange(len(rise)), counts)
+        q = np.empty((len(share), self.motion.n))
+        kernels(self.motion.n)[1].run([share, table, self.coefficients], q, len(q), {
+            'interval': own, 'coefficients': self.segment[own]})
+        return q
 
 
-def _hermite(x: Array, at: Array, values: Array, slopes: Array) -> Array:
-    """Return the piecewise cubic with values and slopes at increasing places, at increasing x."""
-    h = at[1:] - at[:-1]
-    rise, a, b = values[1:] - values[:-1], h * slopes[:-1], h * slopes[1:]
-    table = np.array([at[:-1], 1.0 / h, values[:-1], a, 3.0 * rise - 2.0 * a - b,
-                      a + b - 2.0 * rise])
-    ends = np.searchsorted(x, at[1:-1])
-    counts = np.diff(ends, prepend=0, append=len(x))
-    begin, rate, value, linear, square, cube = np.repeat(table, counts, axis=1)
-    z = (x - begin) * rate
-    return np.asarray(value + z * (linear + z * (square + z * cube)))
+def _slope(q: Array, place: int) -> Array:
+    """Return dq/ds at an end at which the path moves, by differences of third order."""
+    k, sign = (np.array([0, 1, 2, 3]), 1.0) if place == 0 else (np.array([-1, -2, -3, -4]), -1.0)
+    weights = np.array([-11.0, 18.0, -9.0, 2.0]) / 6.0
+    return np.asarray(weights @ q[k] / (sign * STEP))
+
+
+@cache
+def kernels(n: int) -> tuple[Kernel, Kernel]:
+    """
+    Return the kernels of speeds and length in an interval of a segment, and of positions.
+
+    The speeds are those at both ends, in a segment of duration 1.
+    """
+    place, coefficients = ('place', (2,)), ('coefficients', (6, n))
+
+    def lengths(place: Any, coefficients: Any, _: Any) -> Any:
+        speeds = []
+        for part in (0.0, 0.5, 1.0):
+            x, u = place[0] + part * place[1], 0.0
+            for k in reversed(range(1, 6)):
+                u = k * coefficients[k] + x * u
+            speeds.append(np.sqrt(u @ u))
+        return np.array([speeds[0], speeds[2],
+                         place[1] / 6.0 * (speeds[0] + 4.0 * speeds[1] + speeds[2])])
+
+    def positions(share: Any, interval: Any, coefficients: Any, _: Any) -> Any:
+        mean, rate, a, b, begin, width = interval
+        z = (share[()] - mean) * rate
+        part = z * (a + z * (3.0 - 2.0 * a - b + z * (a + b - 2.0)))
+        part = select(part < 0.0, 0.0, select(part > 1.0, 1.0, part))
+        x, q = begin + width * part, 0.0
+        for row in coefficients[::-1]:
+            q = row + x * q
+        return q
+    return (_kernel('path_lengths', lengths, [place, coefficients], (3,)),
+            _kernel('path_positions', positions, [('share', ()), ('interval', (6,)), coefficients],
+                    (n,)))
+
+
+def _kernel(name: str, function: Callable[..., Any], inputs: Sequence[tuple[str, Shape]],
+            shape: Shape) -> Kernel:
+    """Return a kernel without parameters."""
+    return Kernel(name, lambda: trace_program(name, function, [*inputs, ('shared', (0,))]),
+                  f'{name} {shape}', [Argument(*each) for each in inputs], np.zeros(0), shape)

@@ -9,12 +9,13 @@ A limit P of the power bounds the torque by P / |q_s s'|, which is replaced like
 """
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.reachability import compile_passes, Limits
-from kane_dynamics.feasibility.segment_peaks import peaks_kernel
+from kane_dynamics.feasibility.segment_peaks import largest, peaks_kernel
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.motion.uniform_spline import kernels as compile_spline
@@ -55,16 +56,15 @@ class PathLimits:
         if kernel.run([q, first, second], tau, count):
             kernel(q, first, second)  # raises an error that names the state
         with np.errstate(divide='ignore', invalid='ignore'):
-            rates = [np.fmin.reduce(bound / np.abs(size), axis=None, initial=np.inf)
+            rates = [np.fmin.reduce(bound / np.abs(size).max(axis=0), initial=np.inf)
                      for bound, size in ((bounds.effort, tau[:, 0]), (bounds.acceleration, first))
                      if np.isfinite(bound).any()]
-            tau[:, 0] *= 1.0 / (2.0 * section.step)
-            needs = (section.first * (1.0 / np.where(
-                bounds.velocity > 0.0, bounds.velocity, 1.0))).T.copy()
-            speed = 1.0 / np.square(needs, out=needs).max(axis=0)
+        speed = np.empty(len(section.first))
+        speed_kernel(robot.n).run([section.first, 1.0 / np.where(
+            bounds.velocity > 0.0, bounds.velocity, 1.0)], speed, len(speed))
         # Sizes of x: at the fastest, and with an acceleration along the whole path.
-        sizes = [x for x in (2.0 * min(rates, default=np.inf), speed.min())
-                 if 0.0 < x < np.inf] or [section.span**-2]
+        sizes = [x for x in ((count - 1) * min(rates, default=np.inf), speed.min())
+                 if 0.0 < x < np.inf] or [(0.5 * (count - 1) / section.span)**2]
         self.free = HIGHEST**2 * float(sizes[0])  # x beyond which nothing bounds the path
         self.size = float(min(sizes))
         # In the middle between vertices x is the mean of theirs.
@@ -113,7 +113,7 @@ class PathLimits:
         for name in ('effort', 'power', 'acceleration'):
             limit = getattr(self.bounds, name)
             used = np.isfinite(limit)
-            if name == 'acceleration':
+            if used.any() and name == 'acceleration':
                 used &= self.first.any(axis=0)
             if not used.any():
                 continue
@@ -123,7 +123,7 @@ class PathLimits:
                     found += [block[:, :, used] for block in blocks]
                 continue
             block = torque if name == 'effort' else np.stack(np.broadcast_arrays(
-                self.first / (2.0 * self.section.step), self.second, 0.0, 0.0), axis=1)
+                self.first, self.second, 0.0, 0.0), axis=1)
             block[:, 3] = width
             rows.append(block if used.all() else block[:, :, used])
         tight = self.tight[1].min(axis=1)
@@ -206,11 +206,28 @@ def torque_kernel(robot: Robot) -> Kernel:
         [Argument(*each) for each in inputs], block, (3, robot.n))
 
 
+@cache
+def speed_kernel(n: int) -> Kernel:
+    """
+    Return the kernel of the largest x within the speed limits; infinite where no joint moves.
+
+    Its arguments are the derivatives of q and the reciprocal limits, (n,).
+    """
+    inputs: list[tuple[str, tuple[int, ...]]] = [('first', (n,)), ('reciprocals', (n,))]
+
+    def values(first: Any, reciprocals: Any, _: Any) -> Any:
+        needs = first * reciprocals
+        return 1.0 / largest(needs * needs)
+    return Kernel('path_speed', lambda: trace_program('path_speed', values, [
+        *inputs, ('shared', (0,))]), f'path_speed {n}', [Argument(*each) for each in inputs],
+        np.zeros(0), ())
+
+
 def compile_timing(robot: Robot) -> None:
     """Compile what `time_optimal` needs for limits of effort and velocity."""
     compile_passes(int(np.isfinite(robot.limits.effort).sum()) or 1)
     compile_spline(robot.n)
-    for kernel in (torque_kernel(robot), peaks_kernel(robot),
+    for kernel in (torque_kernel(robot), peaks_kernel(robot), speed_kernel(robot.n),
                    robot.kernels.quantity('inverse_dynamics')):
         kernel.compile_lanes()
 

@@ -63,22 +63,22 @@ def peaks_kernel(robot: Robot) -> Kernel:
                   * np.ravel(factors) for state in (begin, end, (q, u, udot, tau))]
         peaks, ranges, estimates = [], [], []
         for row in zip(*shares):
-            high, low = _largest(row), -_largest([-share for share in row])
-            peaks.append(_largest([high, -low]))
+            high, low = largest(row), -largest([-share for share in row])
+            peaks.append(largest([high, -low]))
             ranges.append(high - low)
             estimates.append(peaks[-1] + select(ranges[-1] > CHANGING, ranges[-1], 0.0))
-        return np.array([*peaks, _largest(peaks), _largest(ranges), _largest(estimates)])
+        return np.array([*peaks, largest(peaks), largest(ranges), largest(estimates)])
     size = len(QUANTITIES) * n + 3
     return robot.kernels.extra(
         'shares', lambda: trace_program('shares', values, [*inputs, ('parameters', block.shape)]),
         [Argument(*each) for each in inputs], block, (size,))
 
 
-def _largest(values: Sequence[Any]) -> Any:
+def largest(values: Sequence[Any]) -> Any:
     """Return the largest of traced values."""
     if len(values) == 1:
         return values[0]
-    a, b = (_largest(part) for part in (values[::2], values[1::2]))
+    a, b = (largest(part) for part in (values[::2], values[1::2]))
     return select(a < b, b, a)
 
 
@@ -118,9 +118,9 @@ class SegmentPeaks:
         self.factors = 1.0 / np.maximum(limits, SMALLEST)
         torque = robot.kernels.quantity('inverse_dynamics')
         states = [points.q, points.u, points.udot]
-        tau = np.empty_like(points.q)
-        _require_finite(torque.run([*states, *torque.defaults], tau, len(tau)))
-        self.rows, self.durations = [*states, tau], points.t[1:] - points.t[:-1]
+        self.tau = np.empty(points.q.shape)
+        _require_finite(torque.run([*states, *torque.defaults], self.tau, len(self.tau)))
+        self.rows, self.durations = [*states, self.tau], points.t[1:] - points.t[:-1]
 
     def middles(self) -> Peaks:
         """Return the shares at both ends and the middle of all segments."""

@@ -8,7 +8,6 @@ where it exceeds them, as at the corners of the profile.
 """
 
 from collections.abc import Sequence
-from copy import copy
 import math
 
 from kane_dynamics._util.checks import instance, integer, number, per_joint
@@ -96,8 +95,8 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     speeds = [_speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')]
     points = integer(points, 'points', 10, MOST_SAMPLES)
     motion = path_of(path, names)
-    rates = rates.along(motion)
     if rates.given:
+        rates = rates.along(motion)
         for what, speed in (('start_speed', start_speed), ('end_speed', end_speed)):
             if speed:
                 raise InputError(f'{what}: {speed:g} with a limit of jerk or torque rate; '
@@ -289,7 +288,7 @@ def _result(robot: Robot, bounds: Bounds, rates: RateBounds, parts: Sequence[Che
             ) -> TimeOptimal:
     """Return the motion along all sections."""
     points, coefficients = joined([part.points for part in parts])
-    tau = np.asarray(robot.inverse_dynamics(*points[1:]))
+    tau = np.concatenate([part.tau for part in parts])
     uses = rate_uses_at_points(robot, [part.points for part in parts], rates)
     motion = Motion(robot.joint_names, point_times(points.t), points.q, coefficients)
-    return TimeOptimal(motion, points, tau, copy(robot), bounds, uses)  # has its own payload
+    return TimeOptimal(motion, points, tau, robot.copy(), bounds, uses)  # has its own payload

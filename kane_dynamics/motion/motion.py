@@ -79,6 +79,11 @@ class Motion:
         self._coefficients = table[:, :, :n]
         return table
 
+    @property
+    def coefficients(self) -> Array:
+        """Return the coefficients of q in x from 0 to 1 of all segments, (K - 1, 6, n)."""
+        return self._table[:, :, :self._n]
+
     @cached_property
     def _knots(self) -> list[float]:
         return self.times.tolist()  # type: ignore[no-any-return]
@@ -152,7 +157,14 @@ class Motion:
             udot = None if udot is None else np.vstack([first[2], udot])
             rest = first[1]
         with np.errstate(over='ignore', invalid='ignore'):
-            u = spline_velocities(t, q, rest) if u is None else u
+            return cls.through(names, t, q, spline_velocities(t, q, rest) if u is None else u,
+                               udot)
+
+    @classmethod
+    def through(cls, names: tuple[str, ...], t: Array, q: Array, u: Array,
+                udot: Array | None = None) -> 'Motion':
+        """Return the motion through checked states; raise InputError if it is not finite."""
+        with np.errstate(over='ignore', invalid='ignore'):
             motion = cls(names, t, q, segment_coefficients(t, q, u, udot))
             finite = np.isfinite(motion._table).all()
         if finite:

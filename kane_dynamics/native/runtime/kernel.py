@@ -1,6 +1,6 @@
 """Kernel: one compiled program with its input checks, parameters and entry points."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from functools import partial
 from typing import Any
@@ -21,10 +21,12 @@ from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.native.tracing.program import Program, Shape, size_of
 from kane_dynamics.native.tracing.program_origin import origin
 import numpy as np
+from numpy.typing import NDArray
 
 SYMBOL = 'kernel'  # name of the kernel function in its object file
 _TRACING = ForkSafeLock()  # concurrent tracing would only contend for the GIL
 ResultCheck = Callable[[dict[str, Array]], 'Kernel | None']
+NO_NUMBERS: Mapping[str, NDArray[np.intp]] = {}
 MAX_RESULTS = 2**31  # entries of one batch's result; a larger number is likely a mistake
 
 
@@ -198,7 +200,8 @@ class Kernel:
         if flags:
             self._check(result, arrays, count)
 
-    def run(self, arrays: Sequence[Array], result: Array, count: int) -> int:
+    def run(self, arrays: Sequence[Array], result: Array, count: int,
+            numbers: Mapping[str, NDArray[np.intp]] = NO_NUMBERS) -> int:
         """
         Compute the results of a batch, without checks.
 
@@ -211,6 +214,8 @@ class Kernel:
             Of `count` results, each C-contiguous.
         count : int
             At least 1.
+        numbers : mapping
+            By name of an argument, the number of the row of each of the states, (count,).
 
         Returns
         -------
@@ -219,7 +224,8 @@ class Kernel:
 
         """
         parameters = self.parameters.copy()  # other threads may change them meanwhile
-        rows = [Strided(array.ctypes.data, array.strides[0] if array.ndim > len(a.shape) else 0)
+        rows = [Strided(array.ctypes.data, array.strides[0] if array.ndim > len(a.shape) else 0, 0,
+                        numbers[a.name].ctypes.data if a.name in numbers else 0)
                 for array, a in zip(arrays, self.arguments)]
         rows += [Strided(parameters.ctypes.data),
                  Strided(result.ctypes.data, result.strides[0])]

@@ -4,12 +4,12 @@ Native loop that calls a kernel repeatedly.
 A kernel is ``void kernel(double **pointers)``: arguments first, result last.
 """
 
+from array import array
 from collections.abc import Callable, Sequence
 import ctypes
 from functools import cache
 
 from kane_dynamics.native.machine_code import llvm, object_cache
-import numpy as np
 
 POINTER_SLOTS = 32  # limit on the arguments, defaults and result of one kernel together
 
@@ -74,6 +74,5 @@ def repeat(kernel: llvm.Address, pointers: Sequence[int], strides: Sequence[int]
     More than one call releases the GIL. A single call keeps it, because reacquiring it beside a
     busy Python thread takes milliseconds. The caller provides memory that is large enough.
     """
-    own = np.array(pointers, dtype=np.uint64)
-    steps = np.array(strides, dtype=np.int64)
-    _repeat(count > 1)(kernel, own.ctypes.data, steps.ctypes.data, len(own), count)
+    own, steps = array('Q', pointers), array('q', strides)
+    _repeat(count > 1)(kernel, own.buffer_info()[0], steps.buffer_info()[0], len(own), count)
