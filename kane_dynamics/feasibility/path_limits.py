@@ -55,23 +55,21 @@ class PathLimits:
         kernel, tau = torque_kernel(robot), self.lines[:, :3]
         if kernel.run([q, first, second], tau, count):
             kernel(q, first, second)  # raises an error that names the state
-        with np.errstate(divide='ignore', invalid='ignore'):
-            rates = [np.fmin.reduce(bound / np.abs(size).max(axis=0), initial=np.inf)
-                     for bound, size in ((bounds.effort, tau[:, 0]), (bounds.acceleration, first))
-                     if np.isfinite(bound).any()]
-        speed = np.empty(len(section.first))
-        speed_kernel(robot.n).run([section.first, 1.0 / np.where(
-            bounds.velocity > 0.0, bounds.velocity, 1.0)], speed, len(speed))
+        # Factors that make the largest of |a|, |q_s| and |q_s| its share of the limits.
+        factors = [np.where(bound > 0.0, 1.0 / np.where(bound > 0.0, bound, 1.0), 0.0)
+                   for bound in (bounds.effort, bounds.acceleration, bounds.velocity)]
+        vertices, found = 2 * np.arange(count), np.empty((count, 2))
+        bounds_kernel(robot.n).run(
+            [tau[:, 0], first, section.first, section.first, np.array(factors)], found, count, {
+                'before': np.maximum(vertices - 1, 1),
+                'after': np.minimum(vertices + 1, 2 * count - 3)})
         # Sizes of x: at the fastest, and with an acceleration along the whole path.
-        sizes = [x for x in ((count - 1) * min(rates, default=np.inf), speed.min())
+        speed, need = found[:, 0].copy(), found[:, 1].max()
+        sizes = [x for x in ((count - 1) / need if need else np.inf, speed.min())
                  if 0.0 < x < np.inf] or [(0.5 * (count - 1) / section.span)**2]
         self.free = HIGHEST**2 * float(sizes[0])  # x beyond which nothing bounds the path
         self.size = float(min(sizes))
-        # In the middle between vertices x is the mean of theirs.
-        middle = 2.0 * speed[1::2]
-        self.most = np.minimum(speed[::2], self.free)
-        self.most[1:] = np.minimum(self.most[1:], middle)
-        self.most[:-1] = np.minimum(self.most[:-1], middle)
+        self.most = np.minimum(speed, self.free)
         # Factors of the limits of `Bounds`, smaller where a motion exceeds them between points.
         self.tight = np.full((len(bounds), 1, robot.n), 1.0 - MARGIN)
 
@@ -207,27 +205,33 @@ def torque_kernel(robot: Robot) -> Kernel:
 
 
 @cache
-def speed_kernel(n: int) -> Kernel:
+def bounds_kernel(n: int) -> Kernel:
     """
-    Return the kernel of the largest x within the speed limits; infinite where no joint moves.
+    Return the kernel of the largest x within the speed limits, and of a share of other limits.
 
-    Its arguments are the derivatives of q and the reciprocal limits, (n,).
+    Its arguments are the coefficients of s'' in the torque and q_s at a vertex, q_s at the middles
+    before and after it, (n,), and the reciprocal limits of torque, acceleration and speed. There
+    x is the mean of both vertices'. The share is the largest for s'' = 1.
     """
-    inputs: list[tuple[str, tuple[int, ...]]] = [('first', (n,)), ('reciprocals', (n,))]
+    inputs: list[tuple[str, tuple[int, ...]]] = [
+        *((name, (n,)) for name in ('inertia', 'first', 'before', 'after')), ('factors', (3, n))]
 
-    def values(first: Any, reciprocals: Any, _: Any) -> Any:
-        needs = first * reciprocals
-        return 1.0 / largest(needs * needs)
-    return Kernel('path_speed', lambda: trace_program('path_speed', values, [
-        *inputs, ('shared', (0,))]), f'path_speed {n}', [Argument(*each) for each in inputs],
-        np.zeros(0), ())
+    def values(inertia: Any, first: Any, before: Any, after: Any, factors: Any, _: Any) -> Any:
+        effort, acceleration, speed = factors
+        needs = [largest((speed * each) * (speed * each)) for each in (first, before, after)]
+        uses = np.concatenate([inertia * effort, first * acceleration])
+        return np.array([1.0 / largest([needs[0], 0.5 * largest(needs[1:])]),
+                         np.sqrt(largest(uses * uses))])
+    return Kernel('path_bounds', lambda: trace_program('path_bounds', values, [
+        *inputs, ('shared', (0,))]), f'path_bounds {n}', [Argument(*each) for each in inputs],
+        np.zeros(0), (2,))
 
 
 def compile_timing(robot: Robot) -> None:
     """Compile what `time_optimal` needs for limits of effort and velocity."""
     compile_passes(int(np.isfinite(robot.limits.effort).sum()) or 1)
     compile_spline(robot.n)
-    for kernel in (torque_kernel(robot), peaks_kernel(robot), speed_kernel(robot.n),
+    for kernel in (torque_kernel(robot), peaks_kernel(robot), bounds_kernel(robot.n),
                    robot.kernels.quantity('inverse_dynamics')):
         kernel.compile_lanes()
 

@@ -1,6 +1,6 @@
 """Largest shares of torque, speed, power and acceleration limits in quintic segments."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
@@ -120,12 +120,12 @@ class SegmentPeaks:
         states = [points.q, points.u, points.udot]
         self.tau = np.empty(points.q.shape)
         _require_finite(torque.run([*states, *torque.defaults], self.tau, len(self.tau)))
-        self.rows, self.durations = [*states, self.tau], points.t[1:] - points.t[:-1]
+        rows = [*states, self.tau]
+        self.ends = [*rows, *(each[1:] for each in rows), points.t[1:] - points.t[:-1]]
 
     def middles(self) -> Peaks:
         """Return the shares at both ends and the middle of all segments."""
-        return self._peaks([*self.rows, *(each[1:] for each in self.rows), self.durations],
-                           np.array(0.5))
+        return self._peaks(np.array(0.5), len(self.tau) - 1, {})
 
     def inside(self, segments: Segments, places: NDArray[np.intp]) -> Array:
         """
@@ -142,15 +142,15 @@ class SegmentPeaks:
         begins = np.cumsum(places) - places
         own = np.repeat(np.arange(len(segments)), places)
         x = (1.0 + np.arange(len(own)) - begins[own]) / (1.0 + places[own])
-        begin = segments[own]
-        found = self._peaks([*(each[k] for k in (begin, begin + 1) for each in self.rows),
-                             self.durations[begin]], x)
+        numbers = dict.fromkeys((each.name for each in self.kernel.arguments[:len(self.ends)]),
+                                segments[own])
+        found = self._peaks(x, len(own), numbers)
         return np.asarray(np.maximum.reduceat(found.shares, begins))
 
-    def _peaks(self, ends: Sequence[Array], x: Array) -> Peaks:
-        """Return the shares for the numbers of segments, and one place in all or in each."""
-        rows = np.empty((len(ends[-1]), *self.kernel.shape))
-        _require_finite(self.kernel.run([*ends, x, self.factors], rows, len(rows)))
+    def _peaks(self, x: Array, count: int, numbers: Mapping[str, Segments]) -> Peaks:
+        """Return the shares at one place, or a place each, in all segments or in numbered ones."""
+        rows = np.empty((count, *self.kernel.shape))
+        _require_finite(self.kernel.run([*self.ends, x, self.factors], rows, count, numbers))
         return Peaks(rows[:, :-3].reshape(len(rows), -1, self.n), *rows[:, -3:].T)
 
 
