@@ -20,7 +20,7 @@ from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.spline import free_velocities
+from kane_dynamics.mechanics.algebra.spline import free_velocities, segment_coefficients
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.uniform_spline import spline_derivatives
 from kane_dynamics.native.runtime.argument import Argument
@@ -97,7 +97,8 @@ def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
                          f'expected equal ones, or at least {CLOSE:g} of the length of the path, '
                          'since a spline turns far away between close waypoints')
     times = np.concatenate([[0.0], np.cumsum(steps)])
-    return Motion.through(tuple(names), times, q, free_velocities(times, q))
+    return Motion(tuple(names), times, q, segment_coefficients(
+        times, q, free_velocities(times, q), None))
 
 
 def _waypoints(path: ArrayLike, names: Sequence[str]) -> Array:
@@ -165,8 +166,7 @@ def rests(motion: Motion) -> Array:
     knots = motion.times
     if len(knots) < 2:
         return knots
-    t = np.append((knots[:-1, None] + np.diff(knots)[:, None] * INSIDE).ravel(), knots[-1])
-    u = np.zeros((len(t), motion.n))
+    u = np.zeros(((len(knots) - 1) * len(INSIDE) + 1, motion.n))
     u[:-1] = motion.velocities_inside(INSIDE).reshape(-1, motion.n)
     speed = np.sqrt(np.einsum('ij,ij->i', u, u))
     points = speed[::len(INSIDE)]
@@ -179,6 +179,7 @@ def rests(motion: Motion) -> Array:
                            & (np.einsum('ij,ij->i', u[:-2], u[2:]) < 0.0))
     if not k.size:
         return np.asarray(knots[still])
+    t = np.append((knots[:-1, None] + np.diff(knots)[:, None] * INSIDE).ravel(), knots[-1])
     low, high = t[k - 1], t[k + 1]
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
@@ -218,26 +219,28 @@ class _Part:
         np.cumsum(found[:, 2], out=self.arc[1:])
         self.length = float(self.arc[-1])
 
-    def _power(self, t: float, rest: bool) -> int:
+    def _power(self, t: float, speed: float, rest: bool) -> int:
         """Return the power of the time with which the path leaves an end."""
         span = self.end - self.begin
-        _, u, udot = self.motion.sample(t)
-        if not rest and np.abs(u).max() * span > AT_REST * self.length:
+        if not rest and speed * span > AT_REST * self.length:
             return 1
+        udot = self.motion.sample(t)[2]
         return 2 if np.abs(udot).max() * span**2 > 1e-6 * self.length else 3
 
     def sampled(self, intervals: int, first: int, last: int) -> Section:
         """Return the section with orders `first` and `last` at its ends."""
         span, s = self.end - self.begin, np.linspace(0.0, 1.0, 2 * intervals + 1)
-        alpha, beta = (order / self._power(t, rest) for order, t, rest in zip(
-            (first, last), (self.begin, math.nextafter(self.end, -math.inf)), self.rests))
+        alpha, beta = (order / self._power(t, speed, rest) for order, t, speed, rest in zip(
+            (first, last), (self.begin, math.nextafter(self.end, -math.inf)),
+            (self.speeds[0, 0], self.speeds[1, -1]), self.rests))
         left, right = s**alpha, (1.0 - s)**beta
         q = self._positions(left / (left + right))
         columns = q.T.copy()  # whose rows are reduced ten times as fast
         lowest, highest = columns.min(axis=1), columns.max(axis=1)
         ranges = highest - lowest
         still = ranges <= STILL * ranges.max()
-        q[:, still] = q[0, still]
+        if still.any():
+            q[:, still] = q[0, still]
         slopes = [np.zeros(q.shape[1])] * 2
         for place, order in ((0, first), (-1, last)):
             if order == 1:

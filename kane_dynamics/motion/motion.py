@@ -67,8 +67,7 @@ class Motion:
     @cached_property
     def _table(self) -> Array:
         """One (6, 3 n) matrix per segment for q, u and udot, which is fast for a single time."""
-        given = self._coefficients
-        coefficients = given() if callable(given) else given
+        coefficients = self.coefficients
         n, rate = self._n, (1.0 / np.diff(self.times))[:, None, None]
         power = np.arange(1.0, 6.0)[:, None]
         table = np.zeros((len(rate), 6, 3 * n))
@@ -82,7 +81,9 @@ class Motion:
     @property
     def coefficients(self) -> Array:
         """Return the coefficients of q in x from 0 to 1 of all segments, (K - 1, 6, n)."""
-        return self._table[:, :, :self._n]
+        if callable(self._coefficients):
+            self._coefficients = self._coefficients()
+        return self._coefficients
 
     @cached_property
     def _knots(self) -> list[float]:
@@ -157,14 +158,7 @@ class Motion:
             udot = None if udot is None else np.vstack([first[2], udot])
             rest = first[1]
         with np.errstate(over='ignore', invalid='ignore'):
-            return cls.through(names, t, q, spline_velocities(t, q, rest) if u is None else u,
-                               udot)
-
-    @classmethod
-    def through(cls, names: tuple[str, ...], t: Array, q: Array, u: Array,
-                udot: Array | None = None) -> 'Motion':
-        """Return the motion through checked states; raise InputError if it is not finite."""
-        with np.errstate(over='ignore', invalid='ignore'):
+            u = spline_velocities(t, q, rest) if u is None else u
             motion = cls(names, t, q, segment_coefficients(t, q, u, udot))
             finite = np.isfinite(motion._table).all()
         if finite:
@@ -245,7 +239,9 @@ class Motion:
 
     def velocities_inside(self, x: Array) -> Array:
         """Return u, (K - 1, m, n), at the fractions x, (m,), of each segment."""
-        return np.asarray(x[:, None] ** np.arange(6) @ self._table[:, :, self._n:2 * self._n])
+        rate = (1.0 / np.diff(self.times))[:, None, None]
+        powers = np.arange(1.0, 6.0) * x[:, None] ** np.arange(5)
+        return np.asarray(powers @ self.coefficients[:, 1:] * rate)
 
     def _sample_many(self, t: Array) -> State:
         """Return (K, n) arrays for a (K,) array of times."""
