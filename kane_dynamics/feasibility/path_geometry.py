@@ -198,25 +198,22 @@ class _Part:
         knots, span = motion.times, end - begin
         first, last = int(np.searchsorted(knots, begin, 'right')) - 1, int(np.searchsorted(
             knots, end))
-        ends, rate = knots[first:last + 1].copy(), 1.0 / np.diff(knots[first:last + 1])
+        knots = knots[first:last + 1]
+        ends = knots.copy()
         ends[0], ends[-1] = begin, end
-        lengths = np.diff(ends)
+        lengths, rates = np.diff(ends), 1.0 / np.diff(knots)
         counts = FINER + (MESH / span * lengths).astype(np.intp)
         # Intervals on which the parameter is computed, none of them across a point of the motion.
-        self.segment = np.repeat(np.arange(first, last), counts)
-        at, step, number, rate, knot = np.repeat(np.array([
-            ends[:-1], lengths / counts, np.cumsum(counts) - counts, rate,
-            knots[first:last]]), counts, axis=1)
-        t = at + step * (np.arange(len(at)) - number)
-        self.mesh, self.step, self.place = np.append(t, end), step, np.empty((len(t), 2))
-        self.place[:, 0], self.place[:, 1] = (t - knot) * rate, step * rate
-        self.coefficients = np.ascontiguousarray(motion.coefficients)
-        found = np.empty((len(t), 3))
-        kernels(motion.n)[0].run([self.place, self.coefficients], found, len(t), {
-            'coefficients': self.segment})
-        self.speeds = found[:, :2].T * rate
-        self.arc = np.zeros(len(self.mesh))
-        np.cumsum(found[:, 2], out=self.arc[1:])
+        own = np.repeat(np.arange(len(counts)), counts)
+        segments = np.stack([ends[:-1], lengths / counts, np.cumsum(counts) - counts, knots[:-1],
+                             rates], axis=1)
+        self.segment, self.coefficients = own + first, np.ascontiguousarray(motion.coefficients)
+        self.intervals = np.empty((len(own), 7))
+        kernels(motion.n)[0].run(
+            [np.arange(float(len(own))), segments, self.coefficients], self.intervals, len(own),
+            {'segment': own, 'coefficients': self.segment})
+        self.arc = np.zeros(len(own) + 1)
+        np.cumsum(self.intervals[:, -1], out=self.arc[1:])
         self.length = float(self.arc[-1])
 
     def _power(self, t: float, speed: float, rest: bool) -> int:
@@ -232,7 +229,7 @@ class _Part:
         span, s = self.end - self.begin, np.linspace(0.0, 1.0, 2 * intervals + 1)
         alpha, beta = (order / self._power(t, speed, rest) for order, t, speed, rest in zip(
             (first, last), (self.begin, math.nextafter(self.end, -math.inf)),
-            (self.speeds[0, 0], self.speeds[1, -1]), self.rests))
+            (self.intervals[0, 4], self.intervals[-1, 5]), self.rests))
         left, right = s**alpha, (1.0 - s)**beta
         q = self._positions(left / (left + right))
         columns = q.T.copy()  # whose rows are reduced ten times as fast
@@ -250,17 +247,17 @@ class _Part:
 
     def _positions(self, share: Array) -> Array:
         """Return q at increasing shares, from 0 to 1, of the mean of time and length."""
-        mean = 0.5 * ((self.mesh - self.begin) / (self.end - self.begin) + self.arc / self.length)
-        rates = 0.5 * (1.0 / (self.end - self.begin) + self.speeds / self.length)
-        rise = np.diff(mean)
-        table = np.empty((len(rise), 6))
-        table[:, 0], table[:, 1], table[:, 4:] = mean[:-1], 1.0 / rise, self.place
-        table[:, 2:4] = (rise / (rates * self.step)).T
+        span = self.end - self.begin
+        t = np.append(self.intervals[:, 0], self.end)
+        mean = (0.5 / span) * (t - self.begin) + (0.5 / self.length) * self.arc
         counts = np.diff(np.searchsorted(share, mean[1:-1]), prepend=0, append=len(share))
-        own = np.repeat(np.arange(len(rise)), counts)
+        own = np.repeat(np.arange(len(counts)), counts)
         q = np.empty((len(share), self.motion.n))
-        kernels(self.motion.n)[1].run([share, table, self.coefficients], q, len(q), {
-            'interval': own, 'coefficients': self.segment[own]})
+        kernels(self.motion.n)[1].run(
+            [share, mean, mean[1:], self.intervals, self.coefficients,
+             np.array([0.5 / span, 0.5 / self.length])], q, len(q),
+            {**dict.fromkeys(('before', 'after', 'interval'), own),
+             'coefficients': self.segment[own]})
         return q
 
 
@@ -274,34 +271,41 @@ def _slope(q: Array, place: int) -> Array:
 @cache
 def kernels(n: int) -> tuple[Kernel, Kernel]:
     """
-    Return the kernels of speeds and length in an interval of a segment, and of positions.
+    Return the kernels of the intervals of a part, and of positions in them.
 
-    The speeds are those at both ends, in a segment of duration 1.
+    The numbers of an interval are the time at its start, the fraction of the segment there, the
+    interval's share of the segment, its duration, the speeds at both ends, and its length.
     """
-    place, coefficients = ('place', (2,)), ('coefficients', (6, n))
-
-    def lengths(place: Any, coefficients: Any, _: Any) -> Any:
-        speeds = []
+    def intervals(number: Any, segment: Any, coefficients: Any, _: Any) -> Any:
+        begin, step, first, knot, rate = segment
+        t, width, speeds = begin + step * (number[()] - first), step * rate, []
+        place = (t - knot) * rate
         for part in (0.0, 0.5, 1.0):
-            x, u = place[0] + part * place[1], 0.0
+            x, u = place + part * width, 0.0
             for k in reversed(range(1, 6)):
                 u = k * coefficients[k] + x * u
-            speeds.append(np.sqrt(u @ u))
-        return np.array([speeds[0], speeds[2],
-                         place[1] / 6.0 * (speeds[0] + 4.0 * speeds[1] + speeds[2])])
+            speeds.append(np.sqrt(u @ u) * rate)
+        return np.array([t, place, width, step, speeds[0], speeds[2],
+                         step / 6.0 * (speeds[0] + 4.0 * speeds[1] + speeds[2])])
 
-    def positions(share: Any, interval: Any, coefficients: Any, _: Any) -> Any:
-        mean, rate, a, b, begin, width = interval
-        z = (share[()] - mean) * rate
+    def positions(share: Any, before: Any, after: Any, interval: Any, coefficients: Any,
+                  scales: Any, _: Any) -> Any:
+        _, begin, width, step, *speeds, _ = interval
+        rise = after[()] - before[()]
+        z = (share[()] - before[()]) / rise
+        a, b = (rise / (step * (scales[0] + scales[1] * speed)) for speed in speeds)
         part = z * (a + z * (3.0 - 2.0 * a - b + z * (a + b - 2.0)))
         part = select(part < 0.0, 0.0, select(part > 1.0, 1.0, part))
         x, q = begin + width * part, 0.0
         for row in coefficients[::-1]:
             q = row + x * q
         return q
-    return (_kernel('path_lengths', lengths, [place, coefficients], (3,)),
-            _kernel('path_positions', positions, [('share', ()), ('interval', (6,)), coefficients],
-                    (n,)))
+    coefficients = ('coefficients', (6, n))
+    return (_kernel('path_intervals', intervals, [
+        ('number', ()), ('segment', (5,)), coefficients], (7,)),
+            _kernel('path_positions', positions, [
+                ('share', ()), ('before', ()), ('after', ()), ('interval', (7,)), coefficients,
+                ('scales', (2,))], (n,)))
 
 
 def _kernel(name: str, function: Callable[..., Any], inputs: Sequence[tuple[str, Shape]],
