@@ -201,7 +201,7 @@ class _Part:
         knots = knots[first:last + 1]
         ends = knots.copy()
         ends[0], ends[-1] = begin, end
-        lengths, rates = np.diff(ends), 1.0 / np.diff(knots)
+        lengths, rates = ends[1:] - ends[:-1], 1.0 / (knots[1:] - knots[:-1])
         counts = FINER + (MESH / span * lengths).astype(np.intp)
         # Intervals on which the parameter is computed, none of them across a point of the motion.
         own = np.repeat(np.arange(len(counts)), counts)
@@ -250,8 +250,9 @@ class _Part:
         span = self.end - self.begin
         t = np.append(self.intervals[:, 0], self.end)
         mean = (0.5 / span) * (t - self.begin) + (0.5 / self.length) * self.arc
-        counts = np.diff(np.searchsorted(share, mean[1:-1]), prepend=0, append=len(share))
-        own = np.repeat(np.arange(len(counts)), counts)
+        first = np.zeros(len(mean), dtype=np.intp)
+        first[1:-1], first[-1] = np.searchsorted(share, mean[1:-1]), len(share)
+        own = np.repeat(np.arange(len(mean) - 1), first[1:] - first[:-1])
         q = np.empty((len(share), self.motion.n))
         kernels(self.motion.n)[1].run(
             [share, mean, mean[1:], self.intervals, self.coefficients,

@@ -50,6 +50,10 @@ class PathLimits:
         q, first, second = (x[::2] for x in section[:3])
         self.robot, self.section, self.bounds, self.first = robot, section, bounds, first
         self.second, count = second, len(q)
+        self.powered = bool(np.isfinite(bounds.power).any())
+        self.rough = robot.friction and any(
+            body.joint.damping or body.joint.friction for body in robot.model.bodies)
+        self.linear = not self.powered and not self.rough  # in x
         # The limits on the torque as lines of the passes, without friction and width.
         self.lines = np.empty((count, 4, robot.n))
         kernel, tau = torque_kernel(robot), self.lines[:, :3]
@@ -82,22 +86,6 @@ class PathLimits:
         """Make limits smaller where a motion uses more than them, (4, N + 1, n)."""
         self.tight = self.tight / np.where(
             worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
-
-    @property
-    def rough(self) -> bool:
-        """Return whether there is friction."""
-        return self.robot.friction and any(
-            body.joint.damping or body.joint.friction for body in self.robot.model.bodies)
-
-    @property
-    def powered(self) -> bool:
-        """Return whether there is a limit of power."""
-        return bool(np.isfinite(self.bounds.power).any())
-
-    @property
-    def linear(self) -> bool:
-        """Return whether the limits are linear in x: no friction, and no limit of power."""
-        return not self.powered and not self.rough
 
     def at(self, x: Array | None) -> Limits:
         """

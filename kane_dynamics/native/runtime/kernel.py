@@ -16,7 +16,7 @@ from kane_dynamics.native.python_call.entry_table import bound_table, EntryTable
 from kane_dynamics.native.runtime.argument import Argument, converted, require_finite
 from kane_dynamics.native.runtime.batch_loop import BAD_INPUT, driver, run_batch, Strided
 from kane_dynamics.native.runtime.gc_pause import gc_paused
-from kane_dynamics.native.runtime.loop_support import repeat
+from kane_dynamics.native.runtime.loop_support import address, repeat
 from kane_dynamics.native.tracing.program import Program, Shape, size_of
 from kane_dynamics.native.tracing.program_origin import origin
 import numpy as np
@@ -31,7 +31,7 @@ MAX_RESULTS = 2**31  # entries of one batch's result; a larger number is likely 
 
 def _same_rows(a: Array, b: Array) -> bool:
     """Return whether the rows of two arrays share the same memory."""
-    return a.ctypes.data == b.ctypes.data and a.strides[:1] == b.strides[:1]
+    return address(a) == address(b) and a.strides[:1] == b.strides[:1]
 
 
 class Kernel:
@@ -188,7 +188,7 @@ class Kernel:
         for argument, array in zip(self.arguments, arrays):
             require_finite(argument, array)
         blocks = [*arrays, self.parameters, result]
-        repeat(self.address, [block.ctypes.data for block in blocks], [0] * len(blocks), 1)
+        repeat(self.address, [address(block) for block in blocks], [0] * len(blocks), 1)
         self._check(result, arrays, None)
 
     def _batch(self, arrays: Sequence[Array], result: Array, count: int) -> None:
@@ -224,11 +224,11 @@ class Kernel:
 
         """
         parameters = self.parameters.copy()  # other threads may change them meanwhile
-        rows = [Strided(array.ctypes.data, array.strides[0] if array.ndim > len(a.shape) else 0, 0,
-                        numbers[a.name].ctypes.data if a.name in numbers else 0)
+        rows = [Strided(address(array), array.strides[0] if array.ndim > len(a.shape) else 0, 0,
+                        address(numbers[a.name]) if a.name in numbers else 0)
                 for array, a in zip(arrays, self.arguments)]
-        rows += [Strided(parameters.ctypes.data),
-                 Strided(result.ctypes.data, result.strides[0])]
+        rows += [Strided(address(parameters)),
+                 Strided(address(result), result.strides[0])]
         return run_batch(self.lane_address, rows, count)
 
     def _check(self, result: Array, arrays: Sequence[Array], count: int | None) -> None:
