@@ -10,7 +10,7 @@ with finite acceleration has a positive, finite s' there, and with the third one
 Between the samples the path is a cubic spline in s, through positions of the motion.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
 import math
@@ -23,9 +23,8 @@ from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.spline import free_velocities, segment_coefficients
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.uniform_spline import spline_derivatives
-from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import Shape, trace_program
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -36,6 +35,7 @@ REVERSAL = 1e-4  # least speed in a reversal of all joints, relative to that aro
 BISECTIONS = 60
 MESH, FINER = 200, 4  # intervals on which the parameter is computed, about, and least per segment
 STEP = 0.25  # of s between samples
+TINY = 1e-300  # length of an interval between equal times
 STILL = 1e-13  # range of a joint that does not move, relative to the largest range
 FEWEST = 50  # intervals of a section
 
@@ -170,7 +170,7 @@ def rests(motion: Motion) -> Array:
     u[:-1] = motion.velocities_inside(INSIDE).reshape(-1, motion.n)
     speed = np.sqrt(np.einsum('ij,ij->i', u, u))
     points = speed[::len(INSIDE)]
-    still = points <= AT_REST * np.abs(np.diff(motion.positions, axis=0)).sum() / (
+    still = points <= AT_REST * np.abs(motion.positions[1:] - motion.positions[:-1]).sum() / (
         knots[-1] - knots[0])
     still[[0, -1]] = True
     speed[::len(INSIDE)][still] = 0.0
@@ -195,14 +195,14 @@ class _Part:
 
     def __init__(self, motion: Motion, begin: float, end: float, rests: tuple[bool, bool]) -> None:
         self.motion, self.begin, self.end, self.rests = motion, begin, end, rests
-        knots, span = motion.times, end - begin
+        self.span, knots = end - begin, motion.times
         first, last = int(np.searchsorted(knots, begin, 'right')) - 1, int(np.searchsorted(
             knots, end))
         knots = knots[first:last + 1]
         ends = knots.copy()
         ends[0], ends[-1] = begin, end
         lengths, rates = ends[1:] - ends[:-1], 1.0 / (knots[1:] - knots[:-1])
-        counts = FINER + (MESH / span * lengths).astype(np.intp)
+        counts = FINER + (MESH / self.span * lengths).astype(np.intp)
         # Intervals on which the parameter is computed, none of them across a point of the motion.
         own = np.repeat(np.arange(len(counts)), counts)
         segments = np.stack([ends[:-1], lengths / counts, np.cumsum(counts) - counts, knots[:-1],
@@ -218,15 +218,14 @@ class _Part:
 
     def _power(self, t: float, speed: float, rest: bool) -> int:
         """Return the power of the time with which the path leaves an end."""
-        span = self.end - self.begin
-        if not rest and speed * span > AT_REST * self.length:
+        if not rest and speed * self.span > AT_REST * self.length:
             return 1
         udot = self.motion.sample(t)[2]
-        return 2 if np.abs(udot).max() * span**2 > 1e-6 * self.length else 3
+        return 2 if np.abs(udot).max() * self.span**2 > 1e-6 * self.length else 3
 
     def sampled(self, intervals: int, first: int, last: int) -> Section:
         """Return the section with orders `first` and `last` at its ends."""
-        span, s = self.end - self.begin, np.linspace(0.0, 1.0, 2 * intervals + 1)
+        s = np.arange(2 * intervals + 1) / (2 * intervals)
         alpha, beta = (order / self._power(t, speed, rest) for order, t, speed, rest in zip(
             (first, last), (self.begin, math.nextafter(self.end, -math.inf)),
             (self.intervals[0, 4], self.intervals[-1, 5]), self.rests))
@@ -238,35 +237,28 @@ class _Part:
         still = ranges <= STILL * ranges.max()
         if still.any():
             q[:, still] = q[0, still]
-        slopes = [np.zeros(q.shape[1])] * 2
-        for place, order in ((0, first), (-1, last)):
-            if order == 1:
-                slopes[place] = np.where(still, 0.0, _slope(q, place))
-        return Section(q, *spline_derivatives(q, STEP, slopes[0], slopes[-1]), lowest, highest,
-                       span)
+        slopes = [np.where(still, 0.0, _slope(rows, step)) if order == 1 else np.zeros(len(still))
+                  for rows, step, order in ((q[:4], STEP, first), (q[:-5:-1], -STEP, last))]
+        return Section(q, *spline_derivatives(q, STEP, *slopes), lowest, highest, self.span)
 
     def _positions(self, share: Array) -> Array:
         """Return q at increasing shares, from 0 to 1, of the mean of time and length."""
-        span = self.end - self.begin
-        t = np.append(self.intervals[:, 0], self.end)
-        mean = (0.5 / span) * (t - self.begin) + (0.5 / self.length) * self.arc
+        t, scales = np.append(self.intervals[:, 0], self.end), (0.5 / self.span, 0.5 / self.length)
+        mean = scales[0] * (t - self.begin) + scales[1] * self.arc
         first = np.zeros(len(mean), dtype=np.intp)
         first[1:-1], first[-1] = np.searchsorted(share, mean[1:-1]), len(share)
         own = np.repeat(np.arange(len(mean) - 1), first[1:] - first[:-1])
         q = np.empty((len(share), self.motion.n))
         kernels(self.motion.n)[1].run(
-            [share, mean, mean[1:], self.intervals, self.coefficients,
-             np.array([0.5 / span, 0.5 / self.length])], q, len(q),
+            [share, mean, mean[1:], self.intervals, self.coefficients, np.array(scales)], q, len(q),
             {**dict.fromkeys(('before', 'after', 'interval'), own),
              'coefficients': self.segment[own]})
         return q
 
 
-def _slope(q: Array, place: int) -> Array:
-    """Return dq/ds at an end at which the path moves, by differences of third order."""
-    k, sign = (np.array([0, 1, 2, 3]), 1.0) if place == 0 else (np.array([-1, -2, -3, -4]), -1.0)
-    weights = np.array([-11.0, 18.0, -9.0, 2.0]) / 6.0
-    return np.asarray(weights @ q[k] / (sign * STEP))
+def _slope(q: Array, step: float) -> Array:
+    """Return dq/ds at the first of four rows, by differences of third order."""
+    return np.asarray(np.array([-11.0, 18.0, -9.0, 2.0]) / (6.0 * step) @ q)
 
 
 @cache
@@ -277,7 +269,7 @@ def kernels(n: int) -> tuple[Kernel, Kernel]:
     The numbers of an interval are the time at its start, the fraction of the segment there, the
     interval's share of the segment, its duration, the speeds at both ends, and its length.
     """
-    def intervals(number: Any, segment: Any, coefficients: Any, _: Any) -> Any:
+    def intervals(number: Any, segment: Any, coefficients: Any) -> Any:
         begin, step, first, knot, rate = segment
         t, width, speeds = begin + step * (number[()] - first), step * rate, []
         place = (t - knot) * rate
@@ -290,10 +282,11 @@ def kernels(n: int) -> tuple[Kernel, Kernel]:
                          step / 6.0 * (speeds[0] + 4.0 * speeds[1] + speeds[2])])
 
     def positions(share: Any, before: Any, after: Any, interval: Any, coefficients: Any,
-                  scales: Any, _: Any) -> Any:
+                  scales: Any) -> Any:
         _, begin, width, step, *speeds, _ = interval
-        rise = after[()] - before[()]
+        rise = after[()] - before[()] + TINY
         z = (share[()] - before[()]) / rise
+        z = select(z < 1.0, z, 1.0)
         a, b = (rise / (step * (scales[0] + scales[1] * speed)) for speed in speeds)
         part = z * (a + z * (3.0 - 2.0 * a - b + z * (a + b - 2.0)))
         part = select(part < 0.0, 0.0, select(part > 1.0, 1.0, part))
@@ -302,15 +295,8 @@ def kernels(n: int) -> tuple[Kernel, Kernel]:
             q = row + x * q
         return q
     coefficients = ('coefficients', (6, n))
-    return (_kernel('path_intervals', intervals, [
+    return (batch_kernel('path_intervals', intervals, [
         ('number', ()), ('segment', (5,)), coefficients], (7,)),
-            _kernel('path_positions', positions, [
+            batch_kernel('path_positions', positions, [
                 ('share', ()), ('before', ()), ('after', ()), ('interval', (7,)), coefficients,
                 ('scales', (2,))], (n,)))
-
-
-def _kernel(name: str, function: Callable[..., Any], inputs: Sequence[tuple[str, Shape]],
-            shape: Shape) -> Kernel:
-    """Return a kernel without parameters."""
-    return Kernel(name, lambda: trace_program(name, function, [*inputs, ('shared', (0,))]),
-                  f'{name} {shape}', [Argument(*each) for each in inputs], np.zeros(0), shape)

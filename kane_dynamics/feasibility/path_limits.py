@@ -20,6 +20,7 @@ from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.motion.uniform_spline import kernels as compile_spline
 from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
@@ -201,18 +202,15 @@ def bounds_kernel(n: int) -> Kernel:
     before and after it, (n,), and the reciprocal limits of torque, acceleration and speed. There
     x is the mean of both vertices'. The share is the largest for s'' = 1.
     """
-    inputs: list[tuple[str, tuple[int, ...]]] = [
-        *((name, (n,)) for name in ('inertia', 'first', 'before', 'after')), ('factors', (3, n))]
-
-    def values(inertia: Any, first: Any, before: Any, after: Any, factors: Any, _: Any) -> Any:
+    def values(inertia: Any, first: Any, before: Any, after: Any, factors: Any) -> Any:
         effort, acceleration, speed = factors
         needs = [largest((speed * each) * (speed * each)) for each in (first, before, after)]
         uses = np.concatenate([inertia * effort, first * acceleration])
         return np.array([1.0 / largest([needs[0], 0.5 * largest(needs[1:])]),
                          np.sqrt(largest(uses * uses))])
-    return Kernel('path_bounds', lambda: trace_program('path_bounds', values, [
-        *inputs, ('shared', (0,))]), f'path_bounds {n}', [Argument(*each) for each in inputs],
-        np.zeros(0), (2,))
+    return batch_kernel('path_bounds', values, [
+        *((name, (n,)) for name in ('inertia', 'first', 'before', 'after')), ('factors', (3, n))],
+        (2,))
 
 
 def compile_timing(robot: Robot) -> None:

@@ -10,9 +10,8 @@ from kane_dynamics.feasibility.path_limits import Bounds, Flags
 from kane_dynamics.feasibility.segment_peaks import SegmentPeaks
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.motion.controller_points import ControllerPoints
-from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -55,7 +54,8 @@ def timed(section: Section, x: Array) -> ControllerPoints:
     """
     count, n = len(x) + 1, section.q.shape[1]
     profile = np.empty((count + 1, 3))  # x, s'' and the step to the next point, one in addition
-    profile[1:-2, 0], profile[1:-2, 1], profile[:, 2] = 0.5 * (x[1:] + x[:-1]), np.diff(x), STEP
+    profile[1:-2, 0], profile[1:-2, 1], profile[:, 2] = 0.5 * (x[1:] + x[:-1]), (
+        x[1:] - x[:-1]), STEP
     profile[0] = x[0], profile[1, 1], 0.5 * STEP
     profile[-2:] = x[-1], profile[-3, 1], 0.0
     profile[-3, 2] = 0.5 * STEP
@@ -72,18 +72,15 @@ def timed(section: Section, x: Array) -> ControllerPoints:
 @cache
 def point_kernel(n: int) -> Kernel:
     """Return the kernel of the state at a point and the time to the next, (3 n + 1,)."""
-    inputs: list[tuple[str, tuple[int, ...]]] = [
-        *((name, (n,)) for name in Section._fields[:3]), ('here', (3,)), ('following', (3,))]
-
-    def values(q: Any, first: Any, second: Any, here: Any, following: Any, _: Any) -> Any:
+    def values(q: Any, first: Any, second: Any, here: Any, following: Any) -> Any:
         x, slope, step = here
         root = np.sqrt(x)
         total = root + np.sqrt(following[0])
         time = 2.0 * step / total * _lengthening(step * (following[1] - slope) / (total * total))
         return np.array([*q, *(root * first), *(x * second + slope * first), time])
-    return Kernel('path_point', lambda: trace_program('path_point', values, [
-        *inputs, ('shared', (0,))]), f'path_point {n}', [Argument(*each) for each in inputs],
-        np.zeros(0), (3 * n + 1,))
+    return batch_kernel('path_point', values, [
+        *((name, (n,)) for name in Section._fields[:3]), ('here', (3,)), ('following', (3,))],
+        (3 * n + 1,))
 
 
 def _lengthening(z: Any) -> Any:

@@ -27,6 +27,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.interval_limits import allowed, extreme, NEWTON_STEPS, steady
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loop_support import address, repeat
@@ -94,12 +95,12 @@ def reached(x: Any, following: Any, row: Any) -> Any:
     return select(end < following[0], following[0], end)
 
 
-def _kernel(name: str, function: Callable[..., Any], inputs: Sequence[Input], shape: Shape,
-            steps: int = 0) -> Kernel:
+def _kernel(name: str, function: Callable[..., Any], inputs: Sequence[Input], shape: Shape
+            ) -> Kernel:
     """Return a kernel of one interval."""
     def program() -> Program:
         return trace_program(name, function, inputs)
-    return Kernel(name, program, f'{name} {inputs} {steps}', [
+    return Kernel(name, program, f'{name} {inputs}', [
         Argument(*each) for each in inputs[:-1]], np.zeros(inputs[-1][1]), shape)
 
 
@@ -107,10 +108,9 @@ def _kernel(name: str, function: Callable[..., Any], inputs: Sequence[Input], sh
 def _allowed_kernel(m: int, middles: int, steps: int) -> Kernel:
     """Return the kernel of `allowed`, for m limits at vertices and some within an interval."""
     within = [('middles', (GROUPS, middles))] if middles else []
-    return _kernel('allowed', partial(allowed, steps), [
-        ('rows', (GROUPS, m)), ('after', (GROUPS, m)), *within, ('most', ()),
-        ('shared', (0,))],
-        (RANGE + GROUPS * (2 * m + middles),), steps)
+    return batch_kernel('allowed', partial(allowed, steps), [
+        ('rows', (GROUPS, m)), ('after', (GROUPS, m)), *within, ('most', ())],
+        (RANGE + GROUPS * (2 * m + middles),))
 
 
 @cache

@@ -239,7 +239,7 @@ class Motion:
 
     def velocities_inside(self, x: Array) -> Array:
         """Return u, (K - 1, m, n), at the fractions x, (m,), of each segment."""
-        rate = (1.0 / np.diff(self.times))[:, None, None]
+        rate = 1.0 / (self.times[1:] - self.times[:-1])[:, None, None]
         powers = np.arange(1.0, 6.0) * x[:, None] ** np.arange(5)
         return np.asarray(powers @ self.coefficients[:, 1:] * rate)
 
