@@ -118,8 +118,8 @@ def allowed(steps: int, rows: Any, after: Any, *rest: Any) -> Any:
 
     It is the least and the largest x for which some v satisfies the limits, with their error, and
     the bounds of the x at the end, x + v, as lines over x: the upper and the lower ones at x = 0,
-    their slopes and reciprocal slopes. `rest` is the limits in the middle, if there are any, and the
-    largest x at the start.
+    their slopes and reciprocal slopes. `rest` is the limits in the middle, if there are any, and
+    the largest x at the start.
     """
     *middles, most = rest
     lines = _bounds([*_in_interval(rows, after), *(

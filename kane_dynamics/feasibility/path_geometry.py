@@ -33,9 +33,8 @@ AT_REST = 1e-9  # speed relative to the mean one of the motion
 INSIDE = np.arange(8) / 8  # places of a segment between which all joints may reverse at once
 REVERSAL = 1e-4  # least speed in a reversal of all joints, relative to that around it
 BISECTIONS = 60
-MESH, FINER = 200, 4  # intervals on which the parameter is computed, about, and least per segment
+MESH, FINER = 200, 4  # intervals on which the parameter is computed, and more per segment
 STEP = 0.25  # of s between samples
-TINY = 1e-300  # length of an interval between equal times
 STILL = 1e-13  # range of a joint that does not move, relative to the largest range
 FEWEST = 50  # intervals of a section
 
@@ -143,7 +142,7 @@ def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]) -
 
     """
     cuts = rests(motion)
-    parts = [_Part(motion, *cut, (k > 0, k < len(cuts) - 2)) for k, cut in enumerate(
+    parts = [Part(motion, *cut, (k > 0, k < len(cuts) - 2)) for k, cut in enumerate(
         pairwise(cuts))]
     total = sum(part.length for part in parts)
     parts = [part for part in parts if part.length > 1e-12 * total]
@@ -190,7 +189,7 @@ def rests(motion: Motion) -> Array:
     return np.unique(np.concatenate([knots[still], low[turned]]))
 
 
-class _Part:
+class Part:
     """The part of a motion between two rests, the first and the last of which may be none."""
 
     def __init__(self, motion: Motion, begin: float, end: float, rests: tuple[bool, bool]) -> None:
@@ -199,8 +198,7 @@ class _Part:
         first, last = int(np.searchsorted(knots, begin, 'right')) - 1, int(np.searchsorted(
             knots, end))
         knots = knots[first:last + 1]
-        ends = knots.copy()
-        ends[0], ends[-1] = begin, end
+        ends = np.concatenate([[begin], knots[1:-1], [end]])
         lengths, rates = ends[1:] - ends[:-1], 1.0 / (knots[1:] - knots[:-1])
         counts = FINER + (MESH / self.span * lengths).astype(np.intp)
         # Intervals on which the parameter is computed, none of them across a point of the motion.
@@ -250,9 +248,9 @@ class _Part:
         own = np.repeat(np.arange(len(mean) - 1), first[1:] - first[:-1])
         q = np.empty((len(share), self.motion.n))
         kernels(self.motion.n)[1].run(
-            [share, mean, mean[1:], self.intervals, self.coefficients, np.array(scales)], q, len(q),
-            {**dict.fromkeys(('before', 'after', 'interval'), own),
-             'coefficients': self.segment[own]})
+            [share, mean, mean[1:], self.intervals, self.coefficients, np.array(scales)], q,
+            len(q), {**dict.fromkeys(('before', 'after', 'interval'), own),
+                     'coefficients': self.segment[own]})
         return q
 
 
@@ -274,8 +272,8 @@ def kernels(n: int) -> tuple[Kernel, Kernel]:
         t, width, speeds = begin + step * (number[()] - first), step * rate, []
         place = (t - knot) * rate
         for part in (0.0, 0.5, 1.0):
-            x, u = place + part * width, 0.0
-            for k in reversed(range(1, 6)):
+            x, u = place + part * width, 5.0 * coefficients[5]
+            for k in (4, 3, 2, 1):
                 u = k * coefficients[k] + x * u
             speeds.append(np.sqrt(u @ u) * rate)
         return np.array([t, place, width, step, speeds[0], speeds[2],
@@ -284,9 +282,9 @@ def kernels(n: int) -> tuple[Kernel, Kernel]:
     def positions(share: Any, before: Any, after: Any, interval: Any, coefficients: Any,
                   scales: Any) -> Any:
         _, begin, width, step, *speeds, _ = interval
-        rise = after[()] - before[()] + TINY
+        rise = after[()] - before[()]
         z = (share[()] - before[()]) / rise
-        z = select(z < 1.0, z, 1.0)
+        z = select(z < 1.0, z, 1.0)  # also of an interval of no length
         a, b = (rise / (step * (scales[0] + scales[1] * speed)) for speed in speeds)
         part = z * (a + z * (3.0 - 2.0 * a - b + z * (a + b - 2.0)))
         part = select(part < 0.0, 0.0, select(part > 1.0, 1.0, part))

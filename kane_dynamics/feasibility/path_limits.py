@@ -14,11 +14,10 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_geometry import Section
-from kane_dynamics.feasibility.reachability import compile_passes, Limits
-from kane_dynamics.feasibility.segment_peaks import largest, peaks_kernel
+from kane_dynamics.feasibility.reachability import Limits
+from kane_dynamics.feasibility.segment_peaks import largest
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
-from kane_dynamics.motion.uniform_spline import kernels as compile_spline
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -211,15 +210,6 @@ def bounds_kernel(n: int) -> Kernel:
     return batch_kernel('path_bounds', values, [
         *((name, (n,)) for name in ('inertia', 'first', 'before', 'after')), ('factors', (3, n))],
         (2,))
-
-
-def compile_timing(robot: Robot) -> None:
-    """Compile what `time_optimal` needs for limits of effort and velocity."""
-    compile_passes(int(np.isfinite(robot.limits.effort).sum()) or 1)
-    compile_spline(robot.n)
-    for kernel in (torque_kernel(robot), peaks_kernel(robot), bounds_kernel(robot.n),
-                   robot.kernels.quantity('inverse_dynamics')):
-        kernel.compile_lanes()
 
 
 def _side_by_side(blocks: Sequence[Array]) -> Array:

@@ -5,11 +5,13 @@ from functools import cache, partial
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.feasibility.path_geometry import Section
-from kane_dynamics.feasibility.path_limits import Bounds, Flags
-from kane_dynamics.feasibility.segment_peaks import SegmentPeaks
+from kane_dynamics.feasibility.path_geometry import kernels as path_kernels, Section
+from kane_dynamics.feasibility.path_limits import Bounds, bounds_kernel, Flags, torque_kernel
+from kane_dynamics.feasibility.reachability import compile_passes
+from kane_dynamics.feasibility.segment_peaks import peaks_kernel, SegmentPeaks
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.motion.controller_points import ControllerPoints
+from kane_dynamics.motion.uniform_spline import kernels as compile_spline
 from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
@@ -146,3 +148,13 @@ def _coefficients(parts: Sequence[ControllerPoints]) -> Array:
         rest[0, 0] = part.q[0]
         found += [rest, part.coefficients]
     return np.concatenate(found[1:])
+
+
+def compile_timing(robot: Robot) -> None:
+    """Compile what `time_optimal` needs for limits of effort and velocity."""
+    n = robot.n
+    compile_passes(int(np.isfinite(robot.limits.effort).sum()) or 1)
+    compile_spline(n)
+    for kernel in (*path_kernels(n), torque_kernel(robot), bounds_kernel(n), point_kernel(n),
+                   peaks_kernel(robot), robot.kernels.quantity('inverse_dynamics')):
+        kernel.compile_lanes()

@@ -84,8 +84,8 @@ def tridiagonal_solution(a: Array, b: Array, c: Array, d: Array) -> Array:
     Return x, (m, n), with ``a[i] x[i-1] + b[i] x[i] + c[i] x[i+1] = d[i]``, diagonally dominant.
 
     Cyclic reduction: the equations with even numbers eliminate their unknowns from the others,
-    which are half as many, until there are few. It needs a few operations on arrays where Thomas' elimination needs
-    one for each row.
+    which are half as many, until there are few. It needs a few operations on arrays where Thomas'
+    elimination needs one for each row.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def tridiagonal_solution(a: Array, b: Array, c: Array, d: Array) -> Array:
         matrix = np.zeros((count, count))
         for begin, diagonal in ((0, b), (1, c[:-1]), (count, a[1:])):
             matrix.flat[begin::count + 1] = diagonal[:, 0]
-        return np.linalg.solve(matrix, d)
+        return np.asarray(np.linalg.solve(matrix, d), dtype=np.float64)
     odd, after = slice(1, None, 2), slice(2, None, 2)
     before = slice(0, count - 1, 2)
     down = a[odd] / b[before]

@@ -9,10 +9,11 @@ from collections.abc import Callable, Sequence
 import ctypes
 from functools import cache
 import sys
+from typing import Any
 
-from kane_dynamics._util.typing import Array
 from kane_dynamics.native.machine_code import llvm, object_cache
 import numpy as np
+from numpy.typing import NDArray
 
 POINTER_SLOTS = 32  # limit on the arguments, defaults and result of one kernel together
 
@@ -69,7 +70,7 @@ def _repeat(release_gil: bool) -> Callable[..., None]:
     return function
 
 
-def _address_reader() -> Callable[[Array], int]:
+def _address_reader() -> Callable[[NDArray[Any]], int]:
     """Return `address`; `ctypes.data`, which takes ten times as long, where objects differ."""
     word, offset, probe = ctypes.c_size_t.from_address, object.__basicsize__, np.zeros(1)
     if sys.implementation.name == 'cpython' and word(id(probe) + offset).value == (
