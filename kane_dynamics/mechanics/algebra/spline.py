@@ -9,7 +9,6 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.user_functions import Unknown
 import numpy as np
 
-DENSE = 8  # equations from which a tridiagonal system is reduced
 MOST_PIECES = 5000  # of a traced polynomial: each call compares the argument with every piece
 
 # Coefficients in x = (t - t0) / h of the quintic with given q, h u, h^2 udot at x = 0 and x = 1.
@@ -84,8 +83,8 @@ def tridiagonal_solution(a: Array, b: Array, c: Array, d: Array) -> Array:
     Return x, (m, n), with ``a[i] x[i-1] + b[i] x[i] + c[i] x[i+1] = d[i]``, diagonally dominant.
 
     Cyclic reduction: the equations with even numbers eliminate their unknowns from the others,
-    which are half as many, until there are few. It needs a few operations on arrays where Thomas'
-    elimination needs one for each row.
+    which are half as many. It needs a few operations on arrays where Thomas' elimination needs
+    one for each row.
 
     Parameters
     ----------
@@ -97,11 +96,8 @@ def tridiagonal_solution(a: Array, b: Array, c: Array, d: Array) -> Array:
 
     """
     count = len(b)
-    if count <= DENSE:
-        matrix = np.zeros((count, count))
-        for begin, diagonal in ((0, b), (1, c[:-1]), (count, a[1:])):
-            matrix.flat[begin::count + 1] = diagonal[:, 0]
-        return np.asarray(np.linalg.solve(matrix, d), dtype=np.float64)
+    if count == 1:
+        return np.asarray(d / b)
     odd, after = slice(1, None, 2), slice(2, None, 2)
     before = slice(0, count - 1, 2)
     down = a[odd] / b[before]
