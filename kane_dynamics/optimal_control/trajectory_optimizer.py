@@ -184,7 +184,7 @@ class TrajectoryOptimizer:
         A configuration has n_q entries, and its loops are closed. A motion is one of all joints,
         or of as many driving joints as a mechanism has independent speeds. t, s, is also the time
         at the beginning for constraints and speeds that depend on it. The target of the torques is
-        what the target needs: those of gravity, or of inverse dynamics.
+        what the target needs: those of gravity, or of inverse dynamics, with the present payload.
         """
         moments = constant(t, (), 't (s)', InputError) + self.interval * np.arange(
             1, self.nodes + 1)
