@@ -65,6 +65,8 @@ class PredictiveController:
         ------
         InputError
             The state or the time is not finite; names it.
+        ConstraintError
+            The loops of the measured configuration are open beyond `closure_tolerance`.
 
         """
         optimizer = self.optimizer
