@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.hyperdual import lifted, seeded
@@ -69,8 +70,9 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
     Raises
     ------
     InputError
-        An unknown joint, speeds or constraints that depend on time, or loaded ball joints or
-        loaded constraints that are not those of positions: then K is not symmetric.
+        An unknown joint, an invalid q, a singular mass matrix, speeds or constraints that depend
+        on time, or loaded ball joints or loaded constraints that are not those of positions: then
+        K is not symmetric.
     ConstraintError
         The configuration is not closed.
 
@@ -82,7 +84,7 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
     for name in held:
         if name not in names:
             raise InputError(f"held: no joint '{name}'; expected one of {', '.join(names)}")
-    q = require_unit(robot.model, np.array(q, dtype=np.float64), 'q')
+    q = require_unit(robot.model, finite_row(q, 'q', robot.coordinate_names), 'q')
     M, (T, K, size) = robot.mass_matrix(q), _admitted(robot, q)
     free = _free_motions(T[[names.index(name) for name in held]])
     M, K, size = free.T @ M @ free, free.T @ K @ free, np.abs(free).T @ size @ np.abs(free)
@@ -91,7 +93,11 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
         raise InputError(f'vibrations: ball joints or constraints of velocities, of {loaded}, '
                          'that carry a load; expected an equilibrium without load on them, where '
                          'the stiffness is symmetric')
-    root = np.linalg.inv(np.linalg.cholesky(M))
+    try:
+        root = np.linalg.inv(np.linalg.cholesky(M))
+    except np.linalg.LinAlgError:
+        raise InputError('vibrations: the mass matrix is singular (a massless moving body); '
+                         'expected mass in every motion that is not held') from None
     square, vectors = np.linalg.eigh(root @ K @ root.T)
     shapes = root.T @ vectors
     # The eigenvalue of no stiffness is the rounding of K along its shape and of the largest one.

@@ -15,7 +15,7 @@ import numpy as np
 PRECISION = 1e-10  # relative tolerance of the deflection
 MOST = 100  # corrections
 LARGEST = 1e6  # m or rad, of a deflection; far larger than that of any beam
-GROWING = 2  # corrections that do not decrease: the iteration diverges
+GROWING = 5  # corrections in a row, none smaller than the smallest: the iteration diverges
 
 
 @fixed
@@ -142,7 +142,7 @@ class QuasiStatic:
         """Return the state with the modes in equilibrium; with closed loops a single one."""
         if self._tracker is not None:
             self._tracker.restart(Q)
-        before, grown = np.inf, 0
+        least, grown = np.inf, 0
         for _ in range(MOST):
             load = self.robot.inverse_dynamics(Q, U, A)[..., self._modal_speeds]
             change = load @ self._flexibility
@@ -156,10 +156,9 @@ class QuasiStatic:
             size = float(np.vdot(change, change))
             if size <= PRECISION**2 * float(np.vdot(eta, eta)):
                 return Q, U, A
-            grown += size >= before
+            least, grown = (size, 0) if size < least else (least, grown + 1)
             if grown == GROWING:
                 break
-            before = size
         raise InputError(f'load on the beams of {self.robot.model.name}: no equilibrium found; '
                          'expected a load within their stiffness')
 

@@ -10,6 +10,7 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDS, STEP
 from kane_dynamics.feasibility.torque_demand import Demand, demand, demand_at, torque_of
+from kane_dynamics.mechanics.algebra.fixed_point import upper_fixed_point
 from kane_dynamics.model.builder_checks import check_moments
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.motion.motion import Motion
@@ -19,7 +20,7 @@ from numpy.typing import ArrayLike
 
 ROUNDING_SHARE = 1e-13  # relative difference of two torques that is rounding
 SMALL = 1e-3  # kg, hardly bends a beam
-MOST, SETTLED = 50, 1e-9  # masses to try with beams, and the relative change of the last one
+SETTLED = 1e-9  # relative change of the last mass tried with beams
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,20 +98,16 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
         loaded.parameters.payload = Inertial(mass, per_mass.com, mass * per_mass.inertia) if (
             mass) else None
         return demand_at(carrier, motion, speed, step, power, more, bending)
-    more, mass = NONE, 1.0 if bending is None else SMALL
+
+    def limited(mass: float) -> tuple[PayloadBound, Array]:
+        slope = _slope(empty, asked(mass), mass)
+        return _bound(empty, slope), slope
+    more = NONE
     for _ in range(ROUNDS + 1):
         empty = asked(0.0)
-        for _ in range(MOST):
-            slope = _slope(empty, asked(mass), mass)
-            best = _bound(empty, slope)
-            if bending is None or math.isinf(best.mass):
-                break
-            before, mass = mass, max(best.mass, SMALL)
-            if abs(mass - before) <= SETTLED * mass:
-                break
-        else:
-            raise InputError(f'bending: no largest payload found near {mass:.4g} kg; expected '
-                             'beams that bend less')
+        mass = 1.0 if bending is None else upper_fixed_point(
+            lambda mass: limited(mass)[0].mass, SMALL, SETTLED, 'bending: largest payload, kg')
+        best, slope = limited(SMALL if mass is None or math.isinf(mass) else max(mass, SMALL))
         if math.isinf(best.mass):
             break
         refined = replace(empty, tau=empty.tau + best.mass * slope).in_doubt

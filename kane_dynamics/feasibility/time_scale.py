@@ -33,6 +33,7 @@ from kane_dynamics.feasibility.torque_demand import (at_actuators, Demand, deman
                                                      require_scalable, torque_of, unit_torques,
                                                      whole_motion)
 from kane_dynamics.kinematics.mechanism_motion import MechanismMotion
+from kane_dynamics.mechanics.algebra.fixed_point import upper_fixed_point
 from kane_dynamics.mechanics.algebra.intervals import highest_free, positive_intervals
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
@@ -43,7 +44,6 @@ from numpy.typing import ArrayLike, NDArray
 
 LOWEST, HIGHEST = 1e-6, 1e4  # range of the search
 PRECISION = 1e-10  # relative, of the speed with friction, power limits or beams
-MOST = 50  # speeds to try with beams
 
 Indices = NDArray[np.int_]
 
@@ -273,16 +273,17 @@ def _highest_bent(path: SampledPath, top: float,
     """
     Return the highest speed with the deflections that it causes, or None.
 
-    What these add to the torque, as `torques` with and without them, is that of the speed before,
-    until it settles.
+    What these add to the torque, as `torques` with and without them, is a constant and a multiple
+    of the squared speed, as inertial forces are, which follows from the speed before.
     """
-    speed, rigid = LOWEST, path.constant
-    for _ in range(MOST):
+    def added(speed: float) -> Array:
         bent, stiff = torques(speed)
-        path.constant = rigid + (bent - stiff)
-        found = _highest_speed(path, LOWEST, top)
-        if found is None or abs(found - speed) <= PRECISION * found:
-            return found
-        speed = found
-    raise InputError(f'bending: no highest speed found near {speed:.4g}; expected beams that bend '
-                     'less')
+        return bent - stiff
+    at_rest, square = added(LOWEST), path.square
+    path.constant = path.constant + at_rest
+
+    def highest(before: float) -> float | None:
+        if before > LOWEST:
+            path.square = square + (added(before) - at_rest) / before**2
+        return _highest_speed(path, LOWEST, top)
+    return upper_fixed_point(highest, LOWEST, PRECISION, 'bending: highest speed')

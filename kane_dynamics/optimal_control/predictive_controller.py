@@ -4,6 +4,7 @@ from kane_dynamics._util.checks import integer
 from kane_dynamics._util.typing import Array
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.optimal_control.trajectory_optimizer import Solution, TrajectoryOptimizer
+import numpy as np
 from numpy.typing import ArrayLike
 
 FIRST = 100  # iterations from the first state
@@ -42,9 +43,12 @@ class PredictiveController:
     def set_target(self, target: ArrayLike | Motion, t: float = 0.0) -> None:
         """Set a configuration to rest at, or a motion whose time is t at the next cycle."""
         self.optimizer.set_target(target, t)
-        moves = isinstance(target, Motion) or self.optimizer.robot.equations.timed
-        self._target = target if moves else None
-        self._t = t
+        self._target = None
+        if isinstance(target, Motion):
+            self._target = target
+        elif self.optimizer.robot.equations.timed:
+            self._target = np.array(target)
+        self._t = float(t)
 
     def torque(self, q: ArrayLike, u: ArrayLike, elapsed: float) -> Array:
         """
@@ -61,6 +65,8 @@ class PredictiveController:
         ------
         InputError
             The state or the time is not finite; names it.
+        ConstraintError
+            The loops of the measured configuration are open beyond `closure_tolerance`.
 
         """
         optimizer = self.optimizer

@@ -15,6 +15,7 @@ from kane_dynamics.mechanics.algebra.dual import select
 import numpy as np
 
 WIDTH = 0.05
+LEAST = 1e-9  # rad/s or m/s, of the width: that of a limit of 0
 NONE = 1e9  # rad/s or m/s: a limit beyond is none
 
 
@@ -32,7 +33,7 @@ def speed_excess(u: Any, limits: Limits) -> tuple[Any, Any]:
     for side in (1.0, -1.0):
         for x, most in zip(u, limits.speed):
             v, width = side * x - most, WIDTH * most
-            root = np.sqrt(v * v + width * width)
+            root = np.sqrt(v * v + width * width + LEAST**2)
             given = most < NONE
             excess.append(select(given, side * 0.5 * (v + root), 0.0))
             slope.append(select(given, 0.5 * (1.0 + v / root), 0.0))

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import (constant, finite_row, instance, integer, per_joint,
-                                        positive_time)
+from kane_dynamics._util.checks import (constant, finite_row, instance, integer, number,
+                                        per_joint, positive_time)
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
@@ -98,11 +98,11 @@ class TrajectoryOptimizer:
     """
     Torques that minimise a cost over a horizon of equal intervals, within their limits.
 
-    Torques are constant in an interval and never beyond their limits. Speeds beyond their limits
-    are penalised (`CostWeights.excess_speed`). The dynamics include friction
-    (`mechanics.integrators.implicit_friction`, `mechanism_step`). The method is iLQR, that is
-    differential dynamic programming with Gauss-Newton Hessians, with torque limits in the backward
-    pass (see `backward_step`) and a search along the step; all passes run in native code.
+    Torques are constant in an interval and never beyond their limits. Speeds beyond theirs are
+    penalised (`CostWeights.excess_speed`). The steps (`mechanics.integrators.implicit_friction`,
+    `mechanism_step`) include friction. The method is iLQR: differential dynamic programming with
+    Gauss-Newton Hessians, torque limits in the backward pass (see `backward_step`) and a search
+    along the step, all in native code.
 
     Parameters
     ----------
@@ -149,7 +149,8 @@ class TrajectoryOptimizer:
         self.speed_limits = per_joint(
             robot.limits.velocity if speed_limits is None else speed_limits, 'speed_limits',
             names, finite=False)
-        self.weights = weights or CostWeights()
+        self.weights = CostWeights() if weights is None else weights
+        instance(self.weights, CostWeights, 'weights')
         by_joint = dict.fromkeys(CostWeights.__dataclass_fields__, names)
         position, speed, torque, end_position, end_speed, excess = (
             per_joint(getattr(self.weights, name), f'weights.{name}', of)
@@ -183,13 +184,12 @@ class TrajectoryOptimizer:
         A configuration has n_q entries, and its loops are closed. A motion is one of all joints,
         or of as many driving joints as a mechanism has independent speeds. t, s, is also the time
         at the beginning for constraints and speeds that depend on it. The target of the torques is
-        what the target needs: those of gravity, or of inverse dynamics.
+        what the target needs: those of gravity, or of inverse dynamics, with the present payload.
         """
         moments = constant(t, (), 't (s)', InputError) + self.interval * np.arange(
             1, self.nodes + 1)
         self._arrays.targets[:] = self._target.rows(target, moments)
-        self._t = float(t)
-        self._aimed = True
+        self._t, self._aimed = float(t), True
 
     def holding_torques(self, q: ArrayLike) -> Array:
         """Return the torques of the actuators that hold gravity at a configuration, (m,)."""
@@ -197,8 +197,8 @@ class TrajectoryOptimizer:
 
     def start(self, tau: ArrayLike) -> None:
         """Begin the next `solve` with these torques: (m,) for every interval, or (N, m)."""
-        names = self.actuator_names
-        rows = [finite_row(row, 'tau', names) for row in np.reshape(tau, (-1, np.shape(tau)[-1]))]
+        rows = [finite_row(row, 'tau', self.actuator_names)
+                for row in (np.asarray(tau) if np.ndim(tau) == 2 else [tau])]
         if len(rows) not in (1, self.nodes):
             raise InputError(f'tau: {len(rows)} rows; expected 1 or {self.nodes}')
         self._arrays.tau[:] = rows
@@ -212,9 +212,8 @@ class TrajectoryOptimizer:
         Parts of an interval interpolate, which keeps the limits; the last torque is repeated. The
         target stays.
         """
-        if not 0.0 <= elapsed < np.inf:
-            raise InputError(f'elapsed: {elapsed!r}; expected a finite time >= 0, s')
-        self._arrays.shift(elapsed / self.interval)
+        time = number(elapsed, 'elapsed', 'a finite time >= 0, s', lambda t: 0.0 <= t < np.inf)
+        self._arrays.shift(time / self.interval)
 
     def solve(self, q: ArrayLike, u: ArrayLike, *, iterations: int = 100,
               tolerance: float = 1e-9) -> Solution:
@@ -226,7 +225,7 @@ class TrajectoryOptimizer:
         q, u : (n_q,), (n,) array_like
             The state at the beginning.
         iterations : int
-            The most to do. None: only simulate.
+            The most to do; 0 to simulate only.
         tolerance : float
             Decrease of the cost, relative to it, at which to stop.
 
@@ -241,6 +240,7 @@ class TrajectoryOptimizer:
         """
         arrays, robot = self._arrays, self.robot
         integer(iterations, 'iterations', 0)
+        number(tolerance, 'tolerance', 'a number >= 0', lambda x: x >= 0.0)
         if not self._aimed:
             raise InputError('target: none; expected a call of set_target before')
         arrays.constants[NUMBERS + arrays.sizes.limits:] = robot.parameters.block
@@ -283,8 +283,10 @@ class TrajectoryOptimizer:
         arrays.linearize()
         arrays.backward(self._regularization)
         first, second = arrays.expected()
-        scale = 1.0
-        for _ in range(HALVINGS):
+        known, scale = np.isfinite(first + second), 1.0
+        if not known:  # derivatives overflow: the torques remain, without feedback
+            arrays.policy[:] = 0.0
+        for _ in range(HALVINGS if known else 0):
             found = self._followed(scale)
             if cost - found >= -SUFFICIENT * scale * (first + scale * second) >= 0.0:
                 arrays.swap()

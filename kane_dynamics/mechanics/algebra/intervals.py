@@ -1,4 +1,4 @@
-"""Intervals of one number on which quadratic polynomials are positive, and the gaps between."""
+"""Intervals on which quadratic polynomials are positive, and the numbers outside them."""
 
 import math
 

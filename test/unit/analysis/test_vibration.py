@@ -3,7 +3,7 @@
 from functools import cache
 
 from kane_dynamics import (absolute_rates, box, Inertial, InputError, ModelBuilder,
-                           natural_vibration, Robot, simulate)
+                           natural_vibration, Robot, rod, simulate)
 from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh
 import numpy as np
 import pytest
@@ -133,3 +133,19 @@ def test_vibrations_of_a_free_flying_arm_are_eigenvalues_of_its_forward_dynamics
     np.testing.assert_allclose(found.frequencies[9:], expected, rtol=1e-9)
     np.testing.assert_allclose(A @ found.shapes, -found.shapes * found.frequencies**2,
                                atol=1e-8 * expected[-1]**2)
+
+
+def test_bad_configurations_and_massless_motions_are_named():
+    b = ModelBuilder('massless tip')
+    b.body('arm', axis=(0, 0, 1), matter=rod(1.0, (0, 0, 0), (0.3, 0, 0)))
+    b.body('tip', 'arm', axis=(0, 0, 1), at=(0.3, 0, 0))
+    robot = Robot(b.model())
+    with pytest.raises(InputError, match=r'mass matrix is singular .*; expected mass in every'):
+        natural_vibration(robot, [0.0, 0.0])
+    assert natural_vibration(robot, [0.0, 0.0], ['tip']).frequencies.shape == (1,)
+    for q, words in ((np.zeros((2, 2)), r'q: shape \(2, 2\); expected \(2,\)'),
+                     ('rest', "q: 'rest'; expected 2 numbers"), ([0.0, np.nan], 'q of joint')):
+        with pytest.raises(InputError, match=words):
+            natural_vibration(robot, q)
+    with pytest.raises(InputError, match=r'q: shape \(2,\); expected \(4,\)'):
+        natural_vibration(pendulum(), [0.0, 0.0])

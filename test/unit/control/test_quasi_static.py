@@ -182,6 +182,21 @@ def test_feedforward_that_knows_of_the_bending_follows_far_better():
     assert worst[1] < 0.2 * worst[0]
 
 
+def test_an_equilibrium_near_the_stiffness_is_found_though_corrections_do_not_all_decrease():
+    motion = Motion.from_points([0.0, 0.8, 1.5], [[0.3, -0.4], [0.9, 0.3], [0.5, 0.6]],
+                                joint_names=bending().joint_names)
+    q, u, udot = motion.sample(np.linspace(0.0, 1.5, 79))
+    for row in zip(q, 10.5 * u, 10.5**2 * udot):
+        eta = bending().modes(*row)
+        state = [np.zeros(flexible().n) for _ in row]
+        for whole, part in zip(state, row):
+            whole[[flexible().joint_names.index(name) for name in bending().joint_names]] = part
+        modes = list(flexible().model.modal_coordinates)
+        state[0][modes] = eta
+        load = flexible().inverse_dynamics(*state)[modes]
+        assert np.abs(load).max() < 1e-6 * np.abs(bending().inverse_dynamics(*row)).max()
+
+
 @pytest.mark.parametrize('call, words', [
     (lambda: Controller(flexible()), 'with beams; expected the rigid model, such as stiffened'),
     (lambda: QuasiStatic(Robot(stiffened(flexible().model))),

@@ -1,5 +1,6 @@
 """Demand, largest payload and highest speed of arms with beams, bent in equilibrium."""
 
+from dataclasses import replace
 from functools import cache
 import math
 
@@ -10,6 +11,7 @@ from kane_dynamics.feasibility import demand, fastest, largest_payload
 import numpy as np
 from palletizer import bending_palletizer, DRIVEN, positions
 import pytest
+import yaml
 
 URDF = resource_path('urdf', 'two_link.urdf')
 BENDING = resource_path('urdf', 'two_link.bending.yaml')
@@ -44,6 +46,36 @@ def test_no_higher_speed_keeps_the_limits_and_the_one_found_does(power):
     for above in (1.00001, 1.01, 1.1, 1.5):
         assert not demand(rigid, REACH, speed=above * found.speed, **given).fits
     assert abs(found.speed / fastest(rigid, REACH, step=STEP, power=power).speed - 1.0) > 1e-4
+
+
+@cache
+def weak(stiffness, strength):
+    """Return the arm with weaker beams and stronger motors without limits of speed."""
+    data = yaml.safe_load(BENDING.read_text())
+    for beam in data['beams'].values():
+        beam['stiffness'] *= stiffness
+    model = load_urdf(URDF, supplement=data)
+    rigid = Robot(stiffened(model))
+    rigid.limits = replace(rigid.limits, effort=strength * rigid.limits.effort,
+                           velocity=np.full(2, np.inf))
+    return QuasiStatic(Robot(model)), rigid
+
+
+@pytest.mark.parametrize('stiffness, strength', [(0.05, 1.0), (0.1, 3.0), (0.3, 10.0),
+                                                 (1.0, 30.0)])
+def test_the_highest_speed_is_found_where_deflections_change_it_much(stiffness, strength):
+    bending, rigid = weak(stiffness, strength)
+    given = {'step': STEP, 'bending': bending}
+    found = fastest(rigid, REACH, **given)
+    assert found.limit == 'effort'
+    for share, fits in ((0.98, True), (1.0, True), (1.0001, False), (1.02, False)):
+        assert demand(rigid, REACH, speed=share * found.speed, **given).fits == fits
+
+
+def test_a_speed_that_only_the_stiffness_bounds_is_refused():
+    bending, rigid = weak(0.1, 100.0)
+    with pytest.raises(InputError, match='load on the beams of two_link: no equilibrium found'):
+        fastest(rigid, REACH, step=STEP, bending=bending)
 
 
 def test_the_largest_payload_fits_and_any_more_does_not():

@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from kane_dynamics import InputError, load_urdf, Motion, Robot
+from kane_dynamics import box, InputError, load_urdf, ModelBuilder, Motion, Robot, rod
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.mechanics.integrators.implicit_friction import (implicit_friction_slopes,
                                                                    implicit_friction_step)
@@ -170,19 +170,52 @@ def test_gravity_of_the_robot_counts_when_solving():
     assert np.abs(first - without).max() > 1.0
 
 
+def test_a_speed_limit_of_zero_holds_a_joint_at_rest_and_the_others_move():
+    b = ModelBuilder('table', gravity=(0.0, 0.0, 0.0))
+    for name, on, axis in (('x', 'world', (1, 0, 0)), ('y', 'x', (0, 1, 0))):
+        b.body(name, on, kind='prismatic', axis=axis, matter=box(1.0, (0.1, 0.1, 0.1)))
+    problem = TrajectoryOptimizer(Robot(b.model()), nodes=10, interval=0.05,
+                                  speed_limits=[0.0, 1.0])
+    problem.set_target([0.0, 0.2])
+    for _ in range(2):
+        solution = problem.solve([0.0, 0.0], [0.0, 0.0])
+        assert solution.converged and solution.q[-1, 1] > 0.1
+        assert (solution.q[:, 0] == 0.0).all()
+
+
+def test_derivatives_that_overflow_leave_torques_and_no_feedback():
+    b = ModelBuilder('upright')
+    b.body('rod', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (0, 0, 0.01)))
+    problem = TrajectoryOptimizer(Robot(b.model()), nodes=200, interval=0.1, torque_limits=0.0)
+    problem.set_target([0.1])
+    for _ in range(2):
+        solution = problem.solve([0.0], [0.0])
+        assert not solution.converged
+        assert (solution.q == 0.0).all() and (solution.gains == 0.0).all()
+
+
 def test_bad_arguments_are_named():
     robot = arm()
     for options, words in (({'nodes': 0}, 'nodes: 0'), ({'interval': -1.0}, 'interval: -1'),
                            ({'torque_limits': [1.0]}, 'torque_limits'),
                            ({'weights': CostWeights(torque=0.0)}, 'weights.torque'),
-                           ({'weights': CostWeights(speed=-1.0)}, 'weights.speed')):
+                           ({'weights': CostWeights(speed=-1.0)}, 'weights.speed'),
+                           ({'weights': 3.0}, 'weights: a float; expected a CostWeights')):
         with pytest.raises(InputError, match=words):
             optimizer(robot, **options)
     problem = optimizer(robot)
     with pytest.raises(InputError, match='q of joint'):
         problem.solve([np.nan, 0.0], [0.0, 0.0])
-    with pytest.raises(InputError, match='elapsed'):
-        problem.shift(-1.0)
+    for elapsed in (-1.0, None, 'soon', np.nan):
+        with pytest.raises(InputError, match=r'elapsed: .*; expected a finite time >= 0'):
+            problem.shift(elapsed)
+    for tolerance in (-1.0, None, np.nan):
+        with pytest.raises(InputError, match=r'tolerance: .*; expected a number >= 0'):
+            problem.solve([0.0, 0.0], [0.0, 0.0], tolerance=tolerance)
+    for tau, words in ((1.0, r'tau: shape \(\)'), ([], r'tau: shape \(0,\)'), (None, 'tau: shape'),
+                       (np.zeros((2, 5, 2)), r'tau: shape \(2, 5, 2\)')):
+        with pytest.raises(InputError, match=words):
+            problem.start(tau)
     with pytest.raises(InputError, match='tau: 3 rows'):
         problem.start(np.zeros((3, 2)))
     with pytest.raises(InputError, match='target: a motion of a, b'):

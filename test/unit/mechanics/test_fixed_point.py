@@ -1,0 +1,44 @@
+"""Fixed points are found where repetition alone does not converge."""
+
+import math
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.fixed_point import upper_fixed_point
+import pytest
+
+LOW, PRECISION = 1e-3, 1e-12
+
+
+def found(value):
+    return upper_fixed_point(value, LOW, PRECISION, 'speed')
+
+
+@pytest.mark.parametrize('slope', [0.9, 0.2, 0.0, -0.5, -0.99, -1.0, -4.0, -1e6])
+def test_the_fixed_point_of_a_line_is_found_for_every_slope_below_one(slope):
+    assert found(lambda x: 3.0 + slope * (x - 3.0)) == pytest.approx(3.0, rel=2e-11)
+
+
+@pytest.mark.parametrize('error', [False, True])
+def test_values_that_do_not_exist_above_the_fixed_point_are_no_hindrance(error):
+    def value(x):
+        if x <= 4.0:
+            return 12.0 - 3.0 * x if x > 0.1 else 1e4
+        if error:
+            raise InputError('too much')
+        return None
+    assert found(value) == pytest.approx(3.0, rel=1e-11)
+
+
+def test_what_has_no_fixed_point_is_infinite_or_none_or_names_the_reason():
+    assert found(lambda x: math.inf) == math.inf
+    assert found(lambda x: None) is None
+    assert found(lambda x: 0.1 * LOW) == 0.1 * LOW  # not above the least one
+
+    def breaks(x):
+        if x > 2.0:
+            raise InputError('broken')
+        return 5.0
+    with pytest.raises(InputError, match='broken'):
+        found(breaks)
+    with pytest.raises(InputError, match=r'speed: none found from 0\.001; expected'):
+        found(lambda x: 5.0 if x < 2.0 else 1.0)
