@@ -46,7 +46,7 @@ def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
     if array.shape not in ((), (len(names),)):
         raise InputError(f'{what}: {value!r}; expected one number, or {len(names)} '
                          f'({", ".join(names)})')
-    array = np.broadcast_to(array, len(names)).copy()
+    array = np.full(len(names), array)
     for name, number in zip(names, array.tolist(), strict=True):
         if not number >= 0.0 or (finite and math.isinf(number)):
             raise InputError(f"{what} of joint '{name}': {number}; expected a "

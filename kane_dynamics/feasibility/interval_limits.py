@@ -118,10 +118,10 @@ def allowed(steps: int, rows: Any, after: Any, *rest: Any) -> Any:
 
     It is the least and the largest x for which some v satisfies the limits, with their error, and
     the bounds of the x at the end, x + v, as lines over x: the upper and the lower ones at x = 0,
-    their slopes and reciprocal slopes. `rest` is the limits in the middle, if there are any, the
-    largest x at the start, and nothing, which all lanes share.
+    their slopes and reciprocal slopes. `rest` is the limits in the middle, if there are any, and
+    the largest x at the start.
     """
-    *middles, most, _ = rest
+    *middles, most = rest
     lines = _bounds([*_in_interval(rows, after), *(
         limit for each in middles for limit in each.T)])
     high, error = _root(lines, steady(rows, most[()]), 1.0, steps)

@@ -11,15 +11,20 @@ Between the samples the path is a cubic spline in s, through positions of the mo
 """
 
 from collections.abc import Sequence
+from functools import cache
 from itertools import pairwise
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.spline import free_velocities
+from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.spline import free_velocities, segment_coefficients
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.uniform_spline import spline_derivatives
+from kane_dynamics.native.runtime.batch_kernel import batch_kernel
+from kane_dynamics.native.runtime.kernel import Kernel
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -28,14 +33,17 @@ AT_REST = 1e-9  # speed relative to the mean one of the motion
 INSIDE = np.arange(8) / 8  # places of a segment between which all joints may reverse at once
 REVERSAL = 1e-4  # least speed in a reversal of all joints, relative to that around it
 BISECTIONS = 60
-MESH, FINER = 200, 4  # intervals on which the parameter is computed, and least per segment
+MESH, FINER = 200, 4  # intervals on which the parameter is computed, and more per segment
+STEP = 0.25  # of s between samples
 STILL = 1e-13  # range of a joint that does not move, relative to the largest range
 FEWEST = 50  # intervals of a section
 
 
 class Section(NamedTuple):
     """
-    A path q(s) from s = 0 to 1, at 2 N + 1 samples: the N + 1 vertices and the middles between.
+    A path q(s) from s = 0 to N / 2, at 2 N + 1 samples: N + 1 vertices and the middles between.
+
+    Between vertices, at a distance of 1/2, a squared path velocity x = s'^2 increases by s''.
 
     Attributes
     ----------
@@ -54,11 +62,6 @@ class Section(NamedTuple):
     lowest: Array
     highest: Array
     span: float
-
-    @property
-    def step(self) -> float:
-        """Return the difference of s between vertices."""
-        return 2.0 / (len(self.q) - 1)
 
 
 def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
@@ -93,14 +96,15 @@ def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
                          f'expected equal ones, or at least {CLOSE:g} of the length of the path, '
                          'since a spline turns far away between close waypoints')
     times = np.concatenate([[0.0], np.cumsum(steps)])
-    return Motion.from_points(times, q, free_velocities(times, q), joint_names=names)
+    return Motion(tuple(names), times, q, segment_coefficients(
+        times, q, free_velocities(times, q), None))
 
 
 def _waypoints(path: ArrayLike, names: Sequence[str]) -> Array:
     """Return checked waypoints, (K, n)."""
     if isinstance(path, np.ndarray) and path.dtype == np.float64 and (
             path.shape[1:] == (len(names),) and np.isfinite(path).all()):
-        return path  # thousands of rows would take milliseconds one by one
+        return path.copy()  # thousands of rows would take milliseconds one by one
     try:
         rows = list(path)  # type: ignore[arg-type]
     except TypeError:
@@ -138,7 +142,7 @@ def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]) -
 
     """
     cuts = rests(motion)
-    parts = [_Part(motion, *cut, (k > 0, k < len(cuts) - 2)) for k, cut in enumerate(
+    parts = [Part(motion, *cut, (k > 0, k < len(cuts) - 2)) for k, cut in enumerate(
         pairwise(cuts))]
     total = sum(part.length for part in parts)
     parts = [part for part in parts if part.length > 1e-12 * total]
@@ -161,12 +165,11 @@ def rests(motion: Motion) -> Array:
     knots = motion.times
     if len(knots) < 2:
         return knots
-    t = np.append((knots[:-1, None] + np.diff(knots)[:, None] * INSIDE).ravel(), knots[-1])
-    u = np.zeros((len(t), motion.n))
+    u = np.zeros(((len(knots) - 1) * len(INSIDE) + 1, motion.n))
     u[:-1] = motion.velocities_inside(INSIDE).reshape(-1, motion.n)
     speed = np.sqrt(np.einsum('ij,ij->i', u, u))
     points = speed[::len(INSIDE)]
-    still = points <= AT_REST * np.abs(np.diff(motion.positions, axis=0)).sum() / (
+    still = points <= AT_REST * np.abs(motion.positions[1:] - motion.positions[:-1]).sum() / (
         knots[-1] - knots[0])
     still[[0, -1]] = True
     speed[::len(INSIDE)][still] = 0.0
@@ -175,6 +178,7 @@ def rests(motion: Motion) -> Array:
                            & (np.einsum('ij,ij->i', u[:-2], u[2:]) < 0.0))
     if not k.size:
         return np.asarray(knots[still])
+    t = np.append((knots[:-1, None] + np.diff(knots)[:, None] * INSIDE).ravel(), knots[-1])
     low, high = t[k - 1], t[k + 1]
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
@@ -185,70 +189,112 @@ def rests(motion: Motion) -> Array:
     return np.unique(np.concatenate([knots[still], low[turned]]))
 
 
-class _Part:
+class Part:
     """The part of a motion between two rests, the first and the last of which may be none."""
 
     def __init__(self, motion: Motion, begin: float, end: float, rests: tuple[bool, bool]) -> None:
         self.motion, self.begin, self.end, self.rests = motion, begin, end, rests
-        inside = np.searchsorted(motion.times, (begin, end))
-        count = max(MESH, FINER * int(inside[1] - inside[0]))
-        self.mesh = begin + (end - begin) * np.linspace(0.0, 1.0, 2 * count + 1)
-        self.mesh[-1] = np.nextafter(end, -np.inf)
-        u = motion.velocities_at(self.mesh)
-        speed = np.sqrt(np.einsum('ij,ij->i', u, u))
-        step = (end - begin) / count
-        pieces = step / 6.0 * (speed[:-2:2] + 4.0 * speed[1:-1:2] + speed[2::2])
-        self.length = float(pieces.sum())
-        self.mesh, self.speed = self.mesh[::2], speed[::2]
-        self.arc = np.concatenate([[0.0], np.cumsum(pieces)])
+        self.span, knots = end - begin, motion.times
+        first, last = int(np.searchsorted(knots, begin, 'right')) - 1, int(np.searchsorted(
+            knots, end))
+        knots = knots[first:last + 1]
+        ends = np.concatenate([[begin], knots[1:-1], [end]])
+        lengths, rates = ends[1:] - ends[:-1], 1.0 / (knots[1:] - knots[:-1])
+        counts = FINER + (MESH / self.span * lengths).astype(np.intp)
+        # Intervals on which the parameter is computed, none of them across a point of the motion.
+        own = np.repeat(np.arange(len(counts)), counts)
+        segments = np.stack([ends[:-1], lengths / counts, np.cumsum(counts) - counts, knots[:-1],
+                             rates], axis=1)
+        self.segment, self.coefficients = own + first, np.ascontiguousarray(motion.coefficients)
+        self.intervals = np.empty((len(own), 7))
+        kernels(motion.n)[0].run(
+            [np.arange(float(len(own))), segments, self.coefficients], self.intervals, len(own),
+            {'segment': own, 'coefficients': self.segment})
+        self.arc = np.zeros(len(own) + 1)
+        np.cumsum(self.intervals[:, -1], out=self.arc[1:])
+        self.length = float(self.arc[-1])
 
-    def _power(self, t: float, rest: bool) -> int:
+    def _power(self, t: float, speed: float, rest: bool) -> int:
         """Return the power of the time with which the path leaves an end."""
-        span = self.end - self.begin
-        _, u, udot = self.motion.sample(t)
-        if not rest and np.abs(u).max() * span > AT_REST * self.length:
+        if not rest and speed * self.span > AT_REST * self.length:
             return 1
-        return 2 if np.abs(udot).max() * span**2 > 1e-6 * self.length else 3
+        udot = self.motion.sample(t)[2]
+        return 2 if np.abs(udot).max() * self.span**2 > 1e-6 * self.length else 3
 
     def sampled(self, intervals: int, first: int, last: int) -> Section:
         """Return the section with orders `first` and `last` at its ends."""
-        span, s = self.end - self.begin, np.linspace(0.0, 1.0, 2 * intervals + 1)
-        alpha, beta = (order / self._power(float(t), rest) for order, t, rest in zip(
-            (first, last), self.mesh[[0, -1]], self.rests))
+        s = np.arange(2 * intervals + 1) / (2 * intervals)
+        alpha, beta = (order / self._power(t, speed, rest) for order, t, speed, rest in zip(
+            (first, last), (self.begin, math.nextafter(self.end, -math.inf)),
+            (self.intervals[0, 4], self.intervals[-1, 5]), self.rests))
         left, right = s**alpha, (1.0 - s)**beta
-        share = left / (left + right)
-        mean = 0.5 * ((self.mesh - self.begin) / span + self.arc / self.length)
-        rate = 0.5 * (1.0 / span + self.speed / self.length)
-        t = _hermite(share, mean, self.mesh, 1.0 / rate)
-        t = np.clip(t, self.begin, np.nextafter(self.end, -np.inf))
-        q = self.motion.positions_at(t)
+        q = self._positions(left / (left + right))
         columns = q.T.copy()  # whose rows are reduced ten times as fast
         lowest, highest = columns.min(axis=1), columns.max(axis=1)
         ranges = highest - lowest
         still = ranges <= STILL * ranges.max()
-        q[:, still] = q[0, still]
-        slopes = [np.zeros(q.shape[1])] * 2
-        for place, order in ((0, first), (-1, last)):
-            if order == 1:
-                slopes[place] = np.where(still, 0.0, self._slope(q, t, place, s))
-        derivatives = spline_derivatives(q, 0.5 / intervals, slopes[0], slopes[-1])
-        return Section(q, *derivatives, lowest, highest, span)
+        if still.any():
+            q[:, still] = q[0, still]
+        slopes = [np.where(still, 0.0, _slope(rows, step)) if order == 1 else np.zeros(len(still))
+                  for rows, step, order in ((q[:4], STEP, first), (q[:-5:-1], -STEP, last))]
+        return Section(q, *spline_derivatives(q, STEP, *slopes), lowest, highest, self.span)
 
-    def _slope(self, q: Array, t: Array, place: int, s: Array) -> Array:
-        """Return dq/ds at an end at which the path moves, by differences of third order."""
-        k = np.array([0, 1, 2, 3]) if place == 0 else np.array([-1, -2, -3, -4])
-        weights = np.array([-11.0, 18.0, -9.0, 2.0]) / 6.0
-        return np.asarray(weights @ q[k] / (s[k[1]] - s[k[0]]))
+    def _positions(self, share: Array) -> Array:
+        """Return q at increasing shares, from 0 to 1, of the mean of time and length."""
+        t, scales = np.append(self.intervals[:, 0], self.end), (0.5 / self.span, 0.5 / self.length)
+        mean = scales[0] * (t - self.begin) + scales[1] * self.arc
+        first = np.zeros(len(mean), dtype=np.intp)
+        first[1:-1], first[-1] = np.searchsorted(share, mean[1:-1]), len(share)
+        own = np.repeat(np.arange(len(mean) - 1), first[1:] - first[:-1])
+        q = np.empty((len(share), self.motion.n))
+        kernels(self.motion.n)[1].run(
+            [share, mean, mean[1:], self.intervals, self.coefficients, np.array(scales)], q,
+            len(q), {**dict.fromkeys(('before', 'after', 'interval'), own),
+                     'coefficients': self.segment[own]})
+        return q
 
 
-def _hermite(x: Array, at: Array, values: Array, slopes: Array) -> Array:
-    """Return the piecewise cubic with values and slopes at increasing places, at increasing x."""
-    h = at[1:] - at[:-1]
-    rise, a, b = values[1:] - values[:-1], h * slopes[:-1], h * slopes[1:]
-    table = np.array([at[:-1], 1.0 / h, values[:-1], a, 3.0 * rise - 2.0 * a - b,
-                      a + b - 2.0 * rise])
-    ends = np.searchsorted(x, at[1:-1])
-    counts = np.diff(ends, prepend=0, append=len(x))
-    begin, rate, value, linear, square, cube = np.repeat(table, counts, axis=1)
-    z = (x - begin) * rate
-    return np.asarray(value + z * (linear + z * (square + z * cube)))
+def _slope(q: Array, step: float) -> Array:
+    """Return dq/ds at the first of four rows, by differences of third order."""
+    return np.asarray(np.array([-11.0, 18.0, -9.0, 2.0]) / (6.0 * step) @ q)
+
+
+@cache
+def kernels(n: int) -> tuple[Kernel, Kernel]:
+    """
+    Return the kernels of the intervals of a part, and of positions in them.
+
+    The numbers of an interval are the time at its start, the fraction of the segment there, the
+    interval's share of the segment, its duration, the speeds at both ends, and its length.
+    """
+    def intervals(number: Any, segment: Any, coefficients: Any) -> Any:
+        begin, step, first, knot, rate = segment
+        t, width, speeds = begin + step * (number[()] - first), step * rate, []
+        place = (t - knot) * rate
+        for part in (0.0, 0.5, 1.0):
+            x, u = place + part * width, 5.0 * coefficients[5]
+            for k in (4, 3, 2, 1):
+                u = k * coefficients[k] + x * u
+            speeds.append(np.sqrt(u @ u) * rate)
+        return np.array([t, place, width, step, speeds[0], speeds[2],
+                         step / 6.0 * (speeds[0] + 4.0 * speeds[1] + speeds[2])])
+
+    def positions(share: Any, before: Any, after: Any, interval: Any, coefficients: Any,
+                  scales: Any) -> Any:
+        _, begin, width, step, *speeds, _ = interval
+        rise = after[()] - before[()]
+        z = (share[()] - before[()]) / rise
+        z = select(z < 1.0, z, 1.0)  # also of an interval of no length
+        a, b = (rise / (step * (scales[0] + scales[1] * speed)) for speed in speeds)
+        part = z * (a + z * (3.0 - 2.0 * a - b + z * (a + b - 2.0)))
+        part = select(part < 0.0, 0.0, select(part > 1.0, 1.0, part))
+        x, q = begin + width * part, 0.0
+        for row in coefficients[::-1]:
+            q = row + x * q
+        return q
+    coefficients = ('coefficients', (6, n))
+    return (batch_kernel('path_intervals', intervals, [
+        ('number', ()), ('segment', (5,)), coefficients], (7,)),
+            batch_kernel('path_positions', positions, [
+                ('share', ()), ('before', ()), ('after', ()), ('interval', (7,)), coefficients,
+                ('scales', (2,))], (n,)))

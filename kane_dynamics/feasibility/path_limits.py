@@ -9,16 +9,17 @@ A limit P of the power bounds the torque by P / |q_s s'|, which is replaced like
 """
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_geometry import Section
-from kane_dynamics.feasibility.reachability import compile_passes, Limits
-from kane_dynamics.feasibility.segment_peaks import peaks_kernel
+from kane_dynamics.feasibility.reachability import Limits
+from kane_dynamics.feasibility.segment_peaks import largest
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
-from kane_dynamics.motion.uniform_spline import kernels as compile_spline
 from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
@@ -62,28 +63,29 @@ class PathLimits:
         q, first, second = (x[::2] for x in section[:3])
         self.robot, self.section, self.bounds, self.first = robot, section, bounds, first
         self.second, count = second, len(q)
+        self.powered = bool(np.isfinite(bounds.power).any())
+        self.rough = robot.friction and any(
+            body.joint.damping or body.joint.friction for body in robot.model.bodies)
+        self.linear = not self.powered and not self.rough  # in x
         # The limits on the torque as lines of the passes, without friction and width.
         self.lines = np.empty((count, 4, robot.n_q))
         tau = self.lines[:, :3]
         self._compute_torques(q, first, second, tau)
-        with np.errstate(divide='ignore', invalid='ignore'):
-            rates = [np.fmin.reduce(bound / np.abs(size), axis=None, initial=np.inf)
-                     for bound, size in ((bounds.effort, tau[:, 0]), (bounds.acceleration, first))
-                     if np.isfinite(bound).any()]
-            tau[:, 0] *= 1.0 / (2.0 * section.step)
-            needs = (section.first * (1.0 / np.where(
-                bounds.velocity > 0.0, bounds.velocity, 1.0))).T.copy()
-            speed = 1.0 / np.square(needs, out=needs).max(axis=0)
+        # Factors that make the largest of |a|, |q_s| and |q_s| its share of the limits.
+        factors = [np.where(bound > 0.0, 1.0 / np.where(bound > 0.0, bound, 1.0), 0.0)
+                   for bound in (bounds.effort, bounds.acceleration, bounds.velocity)]
+        vertices, found = 2 * np.arange(count), np.empty((count, 2))
+        bounds_kernel(robot.n_q).run(
+            [tau[:, 0], first, section.first, section.first, np.array(factors)], found, count, {
+                'before': np.maximum(vertices - 1, 1),
+                'after': np.minimum(vertices + 1, 2 * count - 3)})
         # Sizes of x: at the fastest, and with an acceleration along the whole path.
-        sizes = [x for x in (2.0 * min(rates, default=np.inf), speed.min())
-                 if 0.0 < x < np.inf] or [section.span**-2]
+        speed, need = found[:, 0].copy(), found[:, 1].max()
+        sizes = [x for x in ((count - 1) / need if need else np.inf, speed.min())
+                 if 0.0 < x < np.inf] or [(0.5 * (count - 1) / section.span)**2]
         self.free = HIGHEST**2 * float(sizes[0])  # x beyond which nothing bounds the path
         self.size = float(min(sizes))
-        # In the middle between vertices x is the mean of theirs.
-        middle = 2.0 * speed[1::2]
-        self.most = np.minimum(speed[::2], self.free)
-        self.most[1:] = np.minimum(self.most[1:], middle)
-        self.most[:-1] = np.minimum(self.most[:-1], middle)
+        self.most = np.minimum(speed, self.free)
         # Factors of the limits of `Bounds`, smaller where a motion exceeds them between points.
         self.tight = np.full((len(bounds), 1, robot.n_q), 1.0 - MARGIN)
 
@@ -112,22 +114,6 @@ class PathLimits:
         self.tight = self.tight / np.where(
             worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
 
-    @property
-    def rough(self) -> bool:
-        """Return whether there is friction."""
-        return self.robot.friction and any(
-            body.joint.damping or body.joint.friction for body in self.robot.model.bodies)
-
-    @property
-    def powered(self) -> bool:
-        """Return whether there is a limit of power."""
-        return bool(np.isfinite(self.bounds.power).any())
-
-    @property
-    def linear(self) -> bool:
-        """Return whether the limits are linear in x: no friction, and no limit of power."""
-        return not self.powered and not self.rough
-
     def at(self, x: Array | None) -> Limits:
         """
         Return the limits, exact at a profile x, (N + 1,); without friction for None.
@@ -139,8 +125,11 @@ class PathLimits:
         middles: list[Array] = []
         for name in ('effort', 'power', 'acceleration'):
             limit = getattr(self.bounds, name)
-            used = np.isfinite(limit) & (
-                self.first.any(axis=0) if name == 'acceleration' else self.acts)
+            used = np.isfinite(limit)
+            if name != 'acceleration':
+                used &= self.acts
+            elif used.any():
+                used &= self.first.any(axis=0)
             if not used.any():
                 continue
             width = self.tight[Bounds._fields.index(name)] * limit
@@ -149,7 +138,7 @@ class PathLimits:
                     found += [block[:, :, used] for block in blocks]
                 continue
             block = torque if name == 'effort' else np.stack(np.broadcast_arrays(
-                self.first / (2.0 * self.section.step), self.second, 0.0, 0.0), axis=1)
+                self.first, self.second, 0.0, 0.0), axis=1)
             block[:, 3] = width
             rows.append(block if used.all() else block[:, :, used])
         tight = self.tight[1].min(axis=1)
@@ -232,13 +221,24 @@ def torque_kernel(robot: Robot) -> Kernel:
         [Argument(*each) for each in inputs], block, (3, robot.n))
 
 
-def compile_timing(robot: Robot) -> None:
-    """Compile what `time_optimal` needs for limits of effort and velocity."""
-    compile_passes(int(np.isfinite(robot.limits.effort).sum()) or 1)
-    compile_spline(robot.n)
-    for kernel in (torque_kernel(robot), peaks_kernel(robot),
-                   robot.kernels.quantity('inverse_dynamics')):
-        kernel.compile_lanes()
+@cache
+def bounds_kernel(n: int) -> Kernel:
+    """
+    Return the kernel of the largest x within the speed limits, and of a share of other limits.
+
+    Its arguments are the coefficients of s'' in the torque and q_s at a vertex, q_s at the middles
+    before and after it, (n,), and the reciprocal limits of torque, acceleration and speed. There
+    x is the mean of both vertices'. The share is the largest for s'' = 1.
+    """
+    def values(inertia: Any, first: Any, before: Any, after: Any, factors: Any) -> Any:
+        effort, acceleration, speed = factors
+        needs = [largest((speed * each) * (speed * each)) for each in (first, before, after)]
+        uses = np.concatenate([inertia * effort, first * acceleration])
+        return np.array([1.0 / largest([needs[0], 0.5 * largest(needs[1:])]),
+                         np.sqrt(largest(uses * uses))])
+    return batch_kernel('path_bounds', values, [
+        *((name, (n,)) for name in ('inertia', 'first', 'before', 'after')), ('factors', (3, n))],
+        (2,))
 
 
 def _side_by_side(blocks: Sequence[Array]) -> Array:

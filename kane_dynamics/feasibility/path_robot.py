@@ -49,10 +49,6 @@ class PathRobot:
         """Return the uses of the limits along the motion between points."""
         return checked(self.robot, points, bounds)
 
-    def torques(self, points: ControllerPoints) -> Array:
-        """Return the torques at points, (K, n)."""
-        return np.asarray(self.robot.inverse_dynamics(*points[1:]))
-
     def motion_of(self, points: ControllerPoints, coefficients: Callable[[], Array]) -> Motion:
         """Return the motion of the path's joints; arguments as from `joined`."""
         return Motion(self.robot.joint_names, point_times(points.t), points.q, coefficients)

@@ -27,9 +27,10 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.interval_limits import allowed, extreme, NEWTON_STEPS, steady
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.runtime.loop_support import repeat
+from kane_dynamics.native.runtime.loop_support import address, repeat
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 import numpy as np
 
@@ -94,12 +95,12 @@ def reached(x: Any, following: Any, row: Any) -> Any:
     return select(end < following[0], following[0], end)
 
 
-def _kernel(name: str, function: Callable[..., Any], inputs: Sequence[Input], shape: Shape,
-            steps: int = 0) -> Kernel:
+def _kernel(name: str, function: Callable[..., Any], inputs: Sequence[Input], shape: Shape
+            ) -> Kernel:
     """Return a kernel of one interval."""
     def program() -> Program:
         return trace_program(name, function, inputs)
-    return Kernel(name, program, f'{name} {inputs} {steps}', [
+    return Kernel(name, program, f'{name} {inputs}', [
         Argument(*each) for each in inputs[:-1]], np.zeros(inputs[-1][1]), shape)
 
 
@@ -107,10 +108,9 @@ def _kernel(name: str, function: Callable[..., Any], inputs: Sequence[Input], sh
 def _allowed_kernel(m: int, middles: int, steps: int) -> Kernel:
     """Return the kernel of `allowed`, for m limits at vertices and some within an interval."""
     within = [('middles', (GROUPS, middles))] if middles else []
-    return _kernel('allowed', partial(allowed, steps), [
-        ('rows', (GROUPS, m)), ('after', (GROUPS, m)), *within, ('most', ()),
-        ('shared', (0,))],
-        (RANGE + GROUPS * (2 * m + middles),), steps)
+    return batch_kernel('allowed', partial(allowed, steps), [
+        ('rows', (GROUPS, m)), ('after', (GROUPS, m)), *within, ('most', ())],
+        (RANGE + GROUPS * (2 * m + middles),))
 
 
 @cache
@@ -138,7 +138,7 @@ def compile_passes(m: int) -> None:
 def end_limit(limits: Limits) -> float:
     """Return the largest x at the end of the path."""
     result = np.empty(1)
-    places = [each.ctypes.data for each in (limits.rows[-1:], limits.most[-1:], result)]
+    places = [address(each) for each in (limits.rows[-1:], limits.most[-1:], result)]
     repeat(_steady_kernel(limits.rows.shape[2]).address, places, [0] * 3, 1)
     return float(result[0])
 
@@ -175,12 +175,12 @@ def controllable_sets(limits: Limits, last: tuple[float, float]) -> Array:
     for steps in NEWTON_STEPS:
         kernel = _allowed_kernel(rows.shape[2], middles.shape[2], steps)
         sets = np.empty((count + 1, *kernel.shape))
-        place = [Strided(each.ctypes.data, each.strides[0]) for each in (
+        place = [Strided(address(each), each.strides[0]) for each in (
             rows, rows[1:], *([middles] if middles.size else []), most, sets)]
         run_batch(kernel.lane_address, [*place[:-1], place[-1], place[-1]], count)
         sets[-1, :RANGE] = *last, 0.0
         stride = sets.strides[0]
-        before = sets.ctypes.data + (count - 1) * stride
+        before = address(sets) + (count - 1) * stride
         repeat(_pass_kernels(*kernel.shape)[0].address, [before + stride, before, before],
                [-stride] * 3, count)
         low, high, error = sets[:, :RANGE].T.copy()
@@ -198,7 +198,7 @@ def fastest_profile(sets: Array, first: float) -> Array:
     count, width = len(sets) - 1, sets.shape[1]
     x = np.empty(count + 1)
     x[0] = first
-    at, begin, stride = x.ctypes.data, sets.ctypes.data, sets.strides[0]
+    at, begin, stride = address(x), address(sets), sets.strides[0]
     repeat(_pass_kernels(width)[1].address, [at, begin + stride, begin, at + 8],
            [8, stride, stride, 8], count)
     return x

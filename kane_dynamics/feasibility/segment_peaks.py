@@ -63,22 +63,22 @@ def peaks_kernel(robot: Robot) -> Kernel:
                   * np.ravel(factors) for state in (begin, end, (q, u, udot, tau))]
         peaks, ranges, estimates = [], [], []
         for row in zip(*shares):
-            high, low = _largest(row), -_largest([-share for share in row])
-            peaks.append(_largest([high, -low]))
+            high, low = largest(row), -largest([-share for share in row])
+            peaks.append(largest([high, -low]))
             ranges.append(high - low)
             estimates.append(peaks[-1] + select(ranges[-1] > CHANGING, ranges[-1], 0.0))
-        return np.array([*peaks, _largest(peaks), _largest(ranges), _largest(estimates)])
+        return np.array([*peaks, largest(peaks), largest(ranges), largest(estimates)])
     size = len(QUANTITIES) * n + 3
     return robot.kernels.extra(
         'shares', lambda: trace_program('shares', values, [*inputs, ('parameters', block.shape)]),
         [Argument(*each) for each in inputs], block, (size,))
 
 
-def _largest(values: Sequence[Any]) -> Any:
+def largest(values: Sequence[Any]) -> Any:
     """Return the largest of traced values."""
     if len(values) == 1:
         return values[0]
-    a, b = (_largest(part) for part in (values[::2], values[1::2]))
+    a, b = (largest(part) for part in (values[::2], values[1::2]))
     return select(a < b, b, a)
 
 
@@ -118,14 +118,14 @@ class SegmentPeaks:
         self.factors = 1.0 / np.maximum(limits, SMALLEST)
         torque = robot.kernels.quantity('inverse_dynamics')
         states = [points.q, points.u, points.udot]
-        tau = np.empty_like(points.q)
-        _require_finite(torque.run([*states, *torque.defaults], tau, len(tau)))
-        self.rows, self.durations = [*states, tau], points.t[1:] - points.t[:-1]
+        self.tau = np.empty(points.q.shape)
+        _require_finite(torque.run([*states, *torque.defaults], self.tau, len(self.tau)))
+        rows = [*states, self.tau]
+        self.ends = [*rows, *(each[1:] for each in rows), points.t[1:] - points.t[:-1]]
 
     def middles(self) -> Peaks:
         """Return the shares at both ends and the middle of all segments."""
-        return self._peaks([*self.rows, *(each[1:] for each in self.rows), self.durations],
-                           np.array(0.5))
+        return self._peaks(np.array(0.5))
 
     def inside(self, segments: Segments, places: NDArray[np.intp]) -> Array:
         """
@@ -142,15 +142,17 @@ class SegmentPeaks:
         begins = np.cumsum(places) - places
         own = np.repeat(np.arange(len(segments)), places)
         x = (1.0 + np.arange(len(own)) - begins[own]) / (1.0 + places[own])
-        begin = segments[own]
-        found = self._peaks([*(each[k] for k in (begin, begin + 1) for each in self.rows),
-                             self.durations[begin]], x)
+        found = self._peaks(x, segments[own])
         return np.asarray(np.maximum.reduceat(found.shares, begins))
 
-    def _peaks(self, ends: Sequence[Array], x: Array) -> Peaks:
-        """Return the shares for the numbers of segments, and one place in all or in each."""
-        rows = np.empty((len(ends[-1]), *self.kernel.shape))
-        _require_finite(self.kernel.run([*ends, x, self.factors], rows, len(rows)))
+    def _peaks(self, x: Array, segments: Segments | None = None) -> Peaks:
+        """Return the shares at one place in all segments, or at a place in each of some."""
+        count, numbers = len(self.tau) - 1, {}
+        if segments is not None:
+            count, numbers = len(segments), dict.fromkeys(
+                (each.name for each in self.kernel.arguments[:len(self.ends)]), segments)
+        rows = np.empty((count, *self.kernel.shape))
+        _require_finite(self.kernel.run([*self.ends, x, self.factors], rows, count, numbers))
         return Peaks(rows[:, :-3].reshape(len(rows), -1, self.n), *rows[:, -3:].T)
 
 

@@ -113,8 +113,8 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     if rates.given and not tree:
         raise InputError('robot: chosen speeds or constraints with a limit of jerk or torque '
                          'rate; expected a robot in joint rates, or none of these limits')
-    rates = rates.along(along.motion) if rates.given else rates
     if rates.given:
+        rates = rates.along(along.motion)
         for what, speed in (('start_speed', start_speed), ('end_speed', end_speed)):
             if speed:
                 raise InputError(f'{what}: {speed:g} with a limit of jerk or torque rate; '
@@ -279,7 +279,8 @@ def _result(along: PathRobot, bounds: Bounds, rates: RateBounds, parts: Sequence
             ) -> TimeOptimal:
     """Return the motion along all sections."""
     points, coefficients = joined([part.points for part in parts])
-    tau, motion = along.torques(points), along.motion_of(points, coefficients)
+    tau, motion = np.concatenate([part.tau for part in parts]), along.motion_of(
+        points, coefficients)
     uses = rate_uses_at_points(along.robot, [part.points for part in parts], rates)
     robot = along.robot.copy()  # has its own payload
     return TimeOptimal(motion, points, tau, robot, bounds, uses)

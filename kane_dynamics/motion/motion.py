@@ -67,8 +67,7 @@ class Motion:
     @cached_property
     def _table(self) -> Array:
         """One (6, 3 n) matrix per segment for q, u and udot, which is fast for a single time."""
-        given = self._coefficients
-        coefficients = given() if callable(given) else given
+        coefficients = self.coefficients
         n, rate = self._n, (1.0 / np.diff(self.times))[:, None, None]
         power = np.arange(1.0, 6.0)[:, None]
         table = np.zeros((len(rate), 6, 3 * n))
@@ -78,6 +77,13 @@ class Motion:
         table.flags.writeable = False
         self._coefficients = table[:, :, :n]
         return table
+
+    @property
+    def coefficients(self) -> Array:
+        """Return the coefficients of q in x from 0 to 1 of all segments, (K - 1, 6, n)."""
+        if callable(self._coefficients):
+            self._coefficients = self._coefficients()
+        return self._coefficients
 
     @cached_property
     def _knots(self) -> list[float]:
@@ -233,7 +239,9 @@ class Motion:
 
     def velocities_inside(self, x: Array) -> Array:
         """Return u, (K - 1, m, n), at the fractions x, (m,), of each segment."""
-        return np.asarray(x[:, None] ** np.arange(6) @ self._table[:, :, self._n:2 * self._n])
+        rate = 1.0 / (self.times[1:] - self.times[:-1])[:, None, None]
+        powers = np.arange(1.0, 6.0) * x[:, None] ** np.arange(5)
+        return np.asarray(powers @ self.coefficients[:, 1:] * rate)
 
     def _sample_many(self, t: Array) -> State:
         """Return (K, n) arrays for a (K,) array of times."""

@@ -63,7 +63,7 @@ def point_times(times: ArrayLike) -> Array:
     if t.ndim != 1 or not len(t):
         raise InputError(f'times: shape {t.shape}; expected one number per point, and at least '
                          'one point')
-    if not (np.isfinite(t).all() and t[0] >= 0.0 and (np.diff(t) > 0.0).all()):
+    if not (np.isfinite(t).all() and t[0] >= 0.0 and (t[1:] > t[:-1]).all()):
         for i, value in enumerate(t.tolist()):
             if not math.isfinite(value) or value < 0.0:
                 raise InputError(f'point {i}: time {value} s; expected a finite time >= 0 s')

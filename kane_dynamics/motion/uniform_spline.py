@@ -12,7 +12,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.runtime.loop_support import repeat
+from kane_dynamics.native.runtime.loop_support import address, repeat
 from kane_dynamics.native.tracing.program import trace_program
 import numpy as np
 
@@ -68,13 +68,13 @@ def spline_derivatives(q: Array, step: float, first: Array, last: Array) -> tupl
     factors[:len(FACTORS)] = FACTORS[:count]
     forward, back = kernels(n)
     row, at = 8 * n, 8 * (count - 2)
-    begin, table, constants = out.ctypes.data, q.ctypes.data, factors.ctypes.data
+    begin, table, constants = address(out), address(q), address(factors)
     repeat(forward.address,
-           [begin, table, rate.ctypes.data, constants + 8, begin + 2 * row],
+           [begin, table, address(rate), constants + 8, begin + 2 * row],
            [2 * row, row, 0, 8, 2 * row], count - 2)
     end = begin + (count - 2) * 2 * row
     repeat(back.address,
-           [end, end + 2 * row, table + (count - 2) * row, rate.ctypes.data, constants + at, end],
+           [end, end + 2 * row, table + (count - 2) * row, address(rate), constants + at, end],
            [-2 * row, -2 * row, -row, 0, -8, -2 * row], count - 1)
     rise = (q[-1] - q[-2]) / step
     out[-1, 1] = (2.0 * out[-2, 0] + 4.0 * last - 6.0 * rise) / step

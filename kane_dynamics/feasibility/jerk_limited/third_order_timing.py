@@ -204,7 +204,7 @@ def _checked(robot: Robot, points: ControllerPoints, bounds: Bounds, rates: Rate
     largest[:len(bounds)] = found.largest
     for name, uses in rate_uses(robot, points, rates).items():
         largest[LIMITS.index(name)] = uses.max(axis=0)
-    return Checked(points, largest)
+    return Checked(points, largest, found.tau)
 
 
 def _slowed(robot: Robot, found: Checked, bounds: Bounds, rates: RateBounds) -> Checked | None:

@@ -1,11 +1,11 @@
 """Largest shares of limits between points where quintics of driving joints move a mechanism."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.segment_peaks import (CHANGING, Peaks, quintic, SegmentPeaks,
                                                      SMALLEST)
-from kane_dynamics.motion.controller_points import ControllerPoints
+from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -36,20 +36,22 @@ class MechanismPeaks(SegmentPeaks):
         self._states, self._driving, self.n = states, driving, robot.n_q
         self.factors = 1.0 / np.maximum(limits, SMALLEST)
         _, *state = points
-        self.rows = [*state, states(points.q, *(each[:, driving] for each in state[1:]))[3]]
-        self.durations = points.t[1:] - points.t[:-1]
+        self.tau = states(points.q, *(each[:, driving] for each in state[1:]))[3]
+        rows = [*state, self.tau]
+        self.ends = [*rows, *(each[1:] for each in rows), points.t[1:] - points.t[:-1]]
 
-    def _peaks(self, ends: Sequence[Array], x: Array) -> Peaks:
-        """Return the shares for the numbers of segments, and one place in all or in each."""
-        count = len(ends[-1])
-        given = [*(each[:count] for each in ends), np.broadcast_to(x, (count,))]
-        blocks = [self._block([each[k:k + BLOCK] for each in given])
-                  for k in range(0, count, BLOCK)]
+    def _peaks(self, x: Array, segments: Segments | None = None) -> Peaks:
+        """Return the shares at one place in all segments, or at a place in each of some."""
+        every = np.arange(len(self.tau) - 1) if segments is None else segments
+        places = np.broadcast_to(x, every.shape)
+        blocks = [self._block(every[k:k + BLOCK], places[k:k + BLOCK])
+                  for k in range(0, len(every), BLOCK)]
         return Peaks(*(np.concatenate(rows) for rows in zip(*blocks)))
 
-    def _block(self, given: Sequence[Array]) -> Peaks:
+    def _block(self, segments: Segments, x: Array) -> Peaks:
         """Return the shares for a part of the segments."""
-        begin, end, (h, x) = given[:4], given[4:8], given[8:]
+        given = [each[segments] for each in self.ends]
+        begin, end, h = given[:4], given[4:8], given[8]
         near, u, udot = quintic(begin, end, h[:, None], x[:, None])
         inside = self._states(near, u[:, self._driving], udot[:, self._driving])
         shares = [np.stack([tau, u, tau * u, udot], axis=1) * self.factors

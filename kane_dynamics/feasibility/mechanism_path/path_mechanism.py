@@ -16,10 +16,10 @@ from kane_dynamics.control.constrained_law import followed_joints
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.feasibility.mechanism_path.mechanism_limits import MechanismLimits
 from kane_dynamics.feasibility.mechanism_path.mechanism_peaks import MechanismPeaks
-from kane_dynamics.feasibility.path_geometry import path_of, Section
-from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
+from kane_dynamics.feasibility.path_geometry import kernels as path_kernels, path_of, Section
+from kane_dynamics.feasibility.path_limits import Bounds, bounds_kernel, PathLimits
 from kane_dynamics.feasibility.path_robot import PathRobot
-from kane_dynamics.feasibility.path_timing import Checked, checked
+from kane_dynamics.feasibility.path_timing import Checked, checked, point_kernel
 from kane_dynamics.feasibility.reachability import compile_passes
 from kane_dynamics.feasibility.torque_demand import require_scalable, unit_torques
 from kane_dynamics.kinematics.driven_loops import DrivenLoops
@@ -147,11 +147,6 @@ class PathMechanism(PathRobot):
         return checked(self.robot, points, bounds, partial(
             MechanismPeaks, self.states, self.driving))
 
-    def torques(self, points: ControllerPoints) -> Array:
-        """Return the torques of all joints at points, (K, n_q)."""
-        _, q, u, udot = points
-        return self.states(q, u[:, self.driving], udot[:, self.driving])[3]
-
     def motion_of(self, points: ControllerPoints, coefficients: Callable[[], Array]) -> Motion:
         """Return the motion of the driving joints; arguments as from `joined`."""
         return Motion(self.motion.joint_names, point_times(points.t), points.q[:, self.driving],
@@ -169,6 +164,8 @@ def compile_mechanism_timing(robot: Robot) -> None:
         return
     places = sorted(robot.coordinate_names.index(name) for name in joints)
     compile_passes(int(np.isfinite(robot.limits.effort[places]).sum()) or 1)
+    for part in (*path_kernels(robot.n), bounds_kernel(robot.n_q), point_kernel(robot.n_q)):
+        part.compile_lanes()
     compile_spline(robot.n)
     robot.compile('inverse_dynamics', 'torque_terms', 'joint_rates', 'joint_accelerations',
                   'joint_torques', batches=True)

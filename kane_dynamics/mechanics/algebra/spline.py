@@ -56,7 +56,7 @@ def free_velocities(t: Array, q: Array) -> Array:
     At the inner points udot is continuous ("not-a-knot" spline). With three points it is the
     parabola through them, with two the line.
     """
-    h, rise = np.diff(t)[:, None], np.diff(q, axis=0)
+    h, rise = (t[1:] - t[:-1])[:, None], q[1:] - q[:-1]
     slope = rise / h
     if len(t) < 3:
         return np.concatenate([slope, slope])
@@ -120,7 +120,7 @@ def tridiagonal_solution(a: Array, b: Array, c: Array, d: Array) -> Array:
 
 def segment_ends(t: Array, q: Array, u: Array, udot: Array | None) -> Array:
     """Return q, h u and h^2 udot (if given) at both ends of all segments, (4 or 6, K - 1, n)."""
-    h = np.diff(t)[:, None]
+    h = (t[1:] - t[:-1])[:, None]
     if udot is None:
         return np.array([q[:-1], h * u[:-1], q[1:], h * u[1:]])
     return np.array([q[:-1], h * u[:-1], h * h * udot[:-1], q[1:], h * u[1:], h * h * udot[1:]])

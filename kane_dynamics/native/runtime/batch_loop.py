@@ -11,9 +11,10 @@ with equal bits. So a result depends only on its own state, not on its position 
 from array import array
 from collections.abc import Callable, Sequence
 import ctypes
-from dataclasses import dataclass
 from functools import cache, reduce
+from itertools import chain
 from operator import or_
+from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import CompileError
@@ -22,16 +23,15 @@ from kane_dynamics.native.machine_code import llvm, object_cache
 from kane_dynamics.native.runtime.loop_support import POINTER_SLOTS
 from kane_dynamics.native.runtime.thread_ir import FLAGS, run_shares, WORDS
 from kane_dynamics.native.runtime.threads import Range, run_in_threads
-import numpy as np
 
 BAD_INPUT, BAD_RESULT = 1, 2  # flags of `run_batch` for non-finite numbers
 PROBE_CALLS = 64  # kernel calls timed to decide on the number of threads
 
 RUN_BATCH = """
 ; Run states begin <= i < end through `steps` calls of a lane kernel. The table holds, for each
-; argument and for the result, an address and the bytes between states and between steps. If
-; `low` is not null, each state's row of `low` and `high` is updated with the minimum and maximum
-; of every entry of its results.
+; argument and for the result, an address, the bytes between states and between steps, and null or
+; the address of the numbers of the states' rows. If `low` is not null, each state's row of `low`
+; and `high` is updated with the minimum and maximum of every entry of its results.
 define i64 @run_batch(ptr %kernel, ptr %table, i64 %slots, i64 %size, ptr noalias %low,
                   ptr noalias %high, i64 %begin, i64 %end, i64 %steps) {
 start:
@@ -55,14 +55,25 @@ block:
   store <W x i64> %state, ptr %states
   br label %place
 place:
-  %k = phi i64 [0, %block], [%k.next, %place]
-  %row = getelementptr [3 x i64], ptr %table, i64 %k
+  %k = phi i64 [0, %block], [%k.next, %placed]
+  %row = getelementptr [4 x i64], ptr %table, i64 %k
   %address = load ptr, ptr %row
+  %numbers.at = getelementptr i64, ptr %row, i64 3
+  %numbers = load ptr, ptr %numbers.at
+  %numbered = icmp ne ptr %numbers, null
+  br i1 %numbered, label %look, label %placed
+look:
+  %number.at = getelementptr i64, ptr %numbers, <W x i64> %state
+  %number = call <W x i64> @llvm.masked.gather.vWi64.vWp0(<W x ptr> %number.at, i32 8,
+                                                          <W x i1> EVERY, <W x i64> poison)
+  br label %placed
+placed:
+  %place.state = phi <W x i64> [%state, %place], [%number, %look]
   %stride.at = getelementptr i64, ptr %row, i64 1
   %stride = load i64, ptr %stride.at
   %stride.lane = insertelement <W x i64> poison, i64 %stride, i32 0
   %stride.lanes = shufflevector <W x i64> %stride.lane, <W x i64> poison, <W x i32> zeroinitializer
-  %offset = mul <W x i64> %state, %stride.lanes
+  %offset = mul <W x i64> %place.state, %stride.lanes
   %own = getelementptr i8, ptr %address, <W x i64> %offset
   %own.at = getelementptr <W x ptr>, ptr %rows, i64 %k
   store <W x ptr> %own, ptr %own.at
@@ -70,7 +81,7 @@ place:
   %k.more = icmp slt i64 %k.next, %slots
   br i1 %k.more, label %place, label %step
 step:
-  %s = phi i64 [0, %place], [%s.next, %move]
+  %s = phi i64 [0, %placed], [%s.next, %move]
   call void %kernel(ptr %rows, ptr %bad)
   br i1 %watched, label %watch, label %step.done
 watch:
@@ -110,7 +121,7 @@ step.done:
   br i1 %s.more, label %move, label %block.done
 move:
   %m = phi i64 [0, %step.done], [%m.next, %move]
-  %m.row = getelementptr [3 x i64], ptr %table, i64 %m
+  %m.row = getelementptr [4 x i64], ptr %table, i64 %m
   %by.at = getelementptr i64, ptr %m.row, i64 2
   %by = load i64, ptr %by.at
   %m.at = getelementptr <W x ptr>, ptr %rows, i64 %m
@@ -139,11 +150,11 @@ judge:
 }
 declare <W x i64> @llvm.smin.vWi64(<W x i64>, <W x i64>)
 declare i64 @llvm.vector.reduce.or.vWi64(<W x i64>)
+declare <W x i64> @llvm.masked.gather.vWi64.vWp0(<W x ptr>, i32, <W x i1>, <W x i64>)
 """
 
 
-@dataclass(frozen=True)
-class Strided:
+class Strided(NamedTuple):
     """
     Address and strides of an argument or a result; the caller keeps the memory alive.
 
@@ -153,12 +164,15 @@ class Strided:
         Address of the first state's row at the first step.
     lane, step : int
         Bytes between states and between steps; 0 where they share a row.
+    numbers : int
+        Address of the number of each state's row, int64; 0 where it is that of the state.
 
     """
 
     address: int
     lane: int = 0
     step: int = 0
+    numbers: int = 0
 
 
 @cache
@@ -166,7 +180,9 @@ def driver(width: int) -> llvm.Code:
     """Return the machine code of `RUN_BATCH` and of its threads."""
     counting = '<' + ', '.join(f'i64 {lane}' for lane in range(width)) + '>'
     text = RUN_BATCH.replace('COUNTING', counting).replace('SLOTS', str(POINTER_SLOTS))
-    text = text.replace('<W x', f'<{width} x').replace('vWi64', f'v{width}i64')
+    text = text.replace('EVERY', '<' + ', '.join(['i1 true'] * width) + '>')
+    for name in ('<W x', 'vWi64', 'vWp0'):
+        text = text.replace(name, name.replace('W', str(width)))
     text = text.replace(', W\n', f', {width}\n') + run_shares()
     return llvm.Code(object_cache.fetch(object_cache.key('run_batch', text),
                                         lambda: llvm.assemble(text, 2, optimise=True)))
@@ -208,9 +224,9 @@ def run_batch(kernel: llvm.Address, rows: Sequence[Strided], count: int, *, step
     if len(rows) > POINTER_SLOTS:
         raise CompileError(f'kernel: {len(rows) - 1} arguments; expected at most '
                            f'{POINTER_SLOTS - 1}')
-    table = np.array([(row.address, row.lane, row.step) for row in rows], dtype=np.int64)
+    table = array('q', chain.from_iterable(rows))
     width = width or llvm_simd.width()
-    function, address = _driver_function(width), table.ctypes.data
+    function, address = _driver_function(width), table.buffer_info()[0]
     low, high = (each.ctypes.data for each in extremes) if extremes else (0, 0)
     size = extremes[0].shape[1] if extremes else 0
 

@@ -1,7 +1,6 @@
 """Kernel: one compiled program with its input checks, parameters and entry points."""
 
-from collections.abc import Callable, Sequence
-from copy import copy
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -17,20 +16,22 @@ from kane_dynamics.native.python_call.entry_table import bound_table, EntryTable
 from kane_dynamics.native.runtime.argument import Argument, converted, require_finite
 from kane_dynamics.native.runtime.batch_loop import BAD_INPUT, driver, run_batch, Strided
 from kane_dynamics.native.runtime.gc_pause import gc_paused
-from kane_dynamics.native.runtime.loop_support import repeat
+from kane_dynamics.native.runtime.loop_support import address, repeat
 from kane_dynamics.native.tracing.program import Program, Shape, size_of
 from kane_dynamics.native.tracing.program_origin import origin
 import numpy as np
+from numpy.typing import NDArray
 
 SYMBOL = 'kernel'  # name of the kernel function in its object file
 _TRACING = ForkSafeLock()  # concurrent tracing would only contend for the GIL
 ResultCheck = Callable[[dict[str, Array]], 'Kernel | None']
+NO_NUMBERS: Mapping[str, NDArray[np.intp]] = {}
 MAX_RESULTS = 2**31  # entries of one batch's result; a larger number is likely a mistake
 
 
 def _same_rows(a: Array, b: Array) -> bool:
     """Return whether the rows of two arrays share the same memory."""
-    return a.ctypes.data == b.ctypes.data and a.strides[:1] == b.strides[:1]
+    return address(a) == address(b) and a.strides[:1] == b.strides[:1]
 
 
 class Kernel:
@@ -102,7 +103,8 @@ class Kernel:
     def with_parameters(self, parameters: Array,
                         reason: ResultCheck | None = None) -> 'Kernel':
         """Return a kernel with the same machine code and other parameters."""
-        other = copy(self)
+        other = object.__new__(Kernel)
+        other.__dict__.update(self.__dict__)  # `copy` takes several times as long
         other.parameters, other._compiling, other._reason = parameters, ForkSafeLock(), reason
         return other
 
@@ -191,7 +193,7 @@ class Kernel:
         for argument, array in zip(self.arguments, arrays):
             require_finite(argument, array)
         blocks = [*arrays, self.parameters, result]
-        repeat(self.address, [block.ctypes.data for block in blocks], [0] * len(blocks), 1)
+        repeat(self.address, [address(block) for block in blocks], [0] * len(blocks), 1)
         self._check(result, arrays, None)
 
     def _batch(self, arrays: Sequence[Array], result: Array, count: int) -> None:
@@ -203,7 +205,8 @@ class Kernel:
         if flags:
             self._check(result, arrays, count)
 
-    def run(self, arrays: Sequence[Array], result: Array, count: int) -> int:
+    def run(self, arrays: Sequence[Array], result: Array, count: int,
+            numbers: Mapping[str, NDArray[np.intp]] = NO_NUMBERS) -> int:
         """
         Compute the results of a batch, without checks.
 
@@ -216,6 +219,8 @@ class Kernel:
             Of `count` results, each C-contiguous.
         count : int
             At least 1.
+        numbers : mapping
+            By name of an argument, the number of the row of each of the states, (count,).
 
         Returns
         -------
@@ -224,10 +229,11 @@ class Kernel:
 
         """
         parameters = self.parameters.copy()  # other threads may change them meanwhile
-        rows = [Strided(array.ctypes.data, array.strides[0] if array.ndim > len(a.shape) else 0)
+        rows = [Strided(address(array), array.strides[0] if array.ndim > len(a.shape) else 0, 0,
+                        address(numbers[a.name]) if a.name in numbers else 0)
                 for array, a in zip(arrays, self.arguments)]
-        rows += [Strided(parameters.ctypes.data),
-                 Strided(result.ctypes.data, result.strides[0])]
+        rows += [Strided(address(parameters)),
+                 Strided(address(result), result.strides[0])]
         return run_batch(self.lane_address, rows, count)
 
     def _check(self, result: Array, arrays: Sequence[Array], count: int | None) -> None:

@@ -13,7 +13,7 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.trajectories.linkage import compile_linkage
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.mechanism_path.path_mechanism import compile_mechanism_timing
-from kane_dynamics.feasibility.path_limits import compile_timing
+from kane_dynamics.feasibility.path_timing import compile_timing
 from kane_dynamics.model.model import Model
 from kane_dynamics.ros.common.commanders import CommanderCount
 from kane_dynamics.ros.common.lost_messages import LostMessages, with_info

@@ -7,7 +7,9 @@ import math
 from kane_dynamics import (Inertial, InputError, Limits, load_urdf, ModelBuilder, Motion, Robot,
                            rod)
 from kane_dynamics.feasibility import demand, fastest, reachability, time_optimal
+from kane_dynamics.feasibility.path_geometry import Part, path_of, sections
 from kane_dynamics.feasibility.path_limits import torque_kernel
+from kane_dynamics.feasibility.path_timing import timed
 from kane_dynamics.feasibility.segment_peaks import CHANGING, SegmentPeaks
 from kane_dynamics.mechanics.algebra.spline import free_velocities
 from kane_dynamics.motion.controller_points import ControllerPoints
@@ -15,6 +17,7 @@ from kane_dynamics.motion.uniform_spline import spline_derivatives
 from kane_dynamics.robot.parameters import JointLimits
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 from scipy.optimize import linprog
 
@@ -563,6 +566,40 @@ def test_torque_along_a_path_is_that_of_inverse_dynamics():
     expected = robot.inverse_dynamics(q, u, change * first + rate**2 * second)
     assert inertia * change + square * rate**2 + rest + robot.friction_force(u) - (
         robot.friction_force(0.0 * u)) == pytest.approx(expected, rel=1e-11, abs=1e-11)
+
+
+def test_times_between_points_are_integrals_of_the_reciprocal_path_velocity():
+    section, = sections(path_of(waypoints(6), fr3().joint_names), 60, 2, (True, True))
+    rng, s = np.random.default_rng(6), np.linspace(0.0, 1.0, 31)
+    x = np.concatenate([[1e-4], rng.uniform(0.2, 2.0, 29), 1.0 + 1e-3 * np.sin(s)])
+    t, _, u, udot = timed(section, x)
+    slope = np.diff(x)[np.clip(np.arange(-1, 60), 0, 59)[:61]]
+    slope = np.append(slope, slope[-1])
+    at = np.concatenate([x[:1], 0.5 * (x[1:] + x[:-1]), x[-1:]])
+    h = np.full(61, 0.5)
+    h[[0, -1]] = 0.25
+    spans = [quad(lambda z, a, b, c: (a + b * z + c * z * z)**-0.5, 0.0, w, epsabs=0.0,
+                  epsrel=1e-11, limit=200, args=(a, 2.0 * b, (d - b) / w))[0]
+             for a, b, d, w in zip(at, slope, slope[1:], h)]
+    assert np.diff(t) == pytest.approx(spans, rel=1e-9)
+    rows = [0, *range(1, 120, 2), 120]
+    first, second = section.first[rows], section.second[rows]
+    assert u == pytest.approx(first * np.sqrt(at)[:, None], rel=1e-12, abs=1e-12)
+    assert udot == pytest.approx(first * slope[:, None] + second * at[:, None], rel=1e-12,
+                                 abs=1e-9)
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_part_that_ends_by_rounding_beside_a_point_has_positions(seed):
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(rng.uniform(0.1, 1.0, 5))
+    motion = Motion.from_points(t, rng.normal(size=(5, 1)) @ np.ones((1, 2)),
+                                joint_names=('a', 'b'))
+    for end in (t[2], np.nextafter(t[2], t[3]), np.nextafter(t[2], t[1])):
+        for cuts in ((t[0], end), (end, t[-1])):
+            section = Part(motion, *cuts, (True, True)).sampled(60, 2, 2)
+            assert section.q[[0, -1]] == pytest.approx(motion.sample(np.array(cuts))[0], rel=1e-9)
+            assert np.isfinite(section.second).all()
 
 
 def test_largest_shares_in_segments_are_those_of_the_motion():

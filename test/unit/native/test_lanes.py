@@ -10,8 +10,10 @@ from kane_dynamics.native.backends.llvm_simd import lane_text
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime import threads
 from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.batch_loop import BAD_INPUT, BAD_RESULT, run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.loop_support import address
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.kernel_set import FRAME_QUANTITIES, QUANTITIES, Sizes
@@ -183,6 +185,21 @@ def test_lanes_of_every_width_compute_the_same(width):
     assert run_batch(code.address('f'), rows, 13, width=width) == BAD_INPUT | BAD_RESULT
     y[12, 0], x[3, 1] = 0.0, 0.0
     assert run_batch(code.address('f'), rows, 13, width=width) == BAD_RESULT
+
+
+def test_numbered_rows_are_those_of_their_numbers():
+    kernel = batch_kernel('scaled', lambda x, y: x * y[()], [('x', (3,)), ('y', ())], (3,))
+    rng = np.random.default_rng(0)
+    x, y, numbers = rng.normal(size=(5, 3)), rng.normal(size=19), rng.integers(0, 5, 19)
+    out = np.empty((19, 3))
+    assert kernel.run([x, y], out, 19, {'x': numbers}) == 0
+    assert np.array_equal(out, x[numbers] * y[:, None])
+
+
+def test_addresses_of_arrays_are_those_of_ctypes():
+    x = np.zeros((4, 5, 6))
+    for view in (x, x[1:], x[:, 2], x[::-1, 1:, 3], x.T, np.array(1.0), np.zeros((0, 3))):
+        assert address(view) == view.ctypes.data
 
 
 def test_long_rows_with_partial_tiles_are_transposed_correctly():
