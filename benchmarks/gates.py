@@ -6,5 +6,5 @@ NO_GATES = '--no-gates'  # argument with which missed gates are printed and no f
 
 
 def exit_status(met: bool) -> int:
-    """Return 1 if a gate was missed, unless gates are no matter here."""
+    """Return 1 if a gate was missed, unless gates do not count here."""
     return 0 if met or NO_GATES in sys.argv[1:] else 1

@@ -23,8 +23,8 @@ class DrivenLoops:
     """
     Closed configurations for rows of positions of driving joints, in one assembly mode.
 
-    Arguments `q`, (K, n_q) with K > 0, are configurations, rad or m; `t`, (K,), times, s; `described` returns
-    what a row is of, in words, for errors.
+    Arguments `q`, (K, n_q) with K > 0, are configurations, rad or m; `t`, (K,), times, s;
+    `described` returns what a row is of, in words, for errors.
 
     Parameters
     ----------

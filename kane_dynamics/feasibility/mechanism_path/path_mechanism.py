@@ -9,6 +9,7 @@ quintics, and the loops are closed at every place at which the limits are checke
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
+import math
 
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
@@ -137,6 +138,14 @@ class PathMechanism(PathRobot):
         whole = motion_of_closed(robot, self.driving, np.zeros(len(q)), q, rates, accelerations)
         tau = robot.joint_torques(robot.inverse_dynamics(*whole), q) if torques else q
         return q, robot.joint_rates(q, whole.u), robot.joint_accelerations(*whole), tau
+
+    def check(self, bounds: Bounds, section: Section) -> None:
+        """As of `PathRobot`; limits of power count for joints with actuators."""
+        robot, q = self.robot, section.q
+        torques = [robot.joint_torques(np.broadcast_to(unit, (len(q), robot.n)), q)
+                   for unit in np.eye(robot.n)]
+        acts = np.any(torques, axis=(0, 1))
+        super().check(bounds._replace(power=np.where(acts, bounds.power, math.inf)), section)
 
     def limits(self, section: Section, bounds: Bounds) -> PathLimits:
         """Return the limits at the vertices of a section."""

@@ -1,4 +1,4 @@
-"""Intervals of one number on which quadratic polynomials are positive, and the gaps between."""
+"""Intervals of a number on which quadratic polynomials are positive, and those between."""
 
 import math
 

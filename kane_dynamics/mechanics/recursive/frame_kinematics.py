@@ -49,7 +49,7 @@ class LinkPoses:
         return self._found[k]
 
     def between(self, found: Container[int], k: int) -> list[int]:
-        """Return the links behind those found on the way from `axes` to link k, and k; in order."""
+        """Return the links from those found to link k, without the former, away from `axes`."""
         way: list[int] = []
         while k not in found:
             way.append(k)
