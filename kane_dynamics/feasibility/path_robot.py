@@ -41,6 +41,11 @@ class PathRobot:
         """Return the sections of the path, of all joints; arguments as of the function."""
         return sections(self.motion, points, 2, ends)
 
+    def check(self, bounds: Bounds, section: Section) -> None:
+        """Raise InputError if a path exceeds a position limit, or a limit of 0 forbids it."""
+        _check_positions(self.robot, section)
+        _check_motion(bounds, section, self.robot.joint_names)
+
     def limits(self, section: Section, bounds: Bounds) -> PathLimits:
         """Return the limits at the vertices of a section."""
         return PathLimits(self.robot, section, bounds)
@@ -52,12 +57,6 @@ class PathRobot:
     def motion_of(self, points: ControllerPoints, coefficients: Callable[[], Array]) -> Motion:
         """Return the motion of the path's joints; arguments as from `joined`."""
         return Motion(self.robot.joint_names, point_times(points.t), points.q, coefficients)
-
-
-def check_section(robot: Robot, bounds: Bounds, section: Section) -> None:
-    """Raise InputError if a path exceeds a position limit, or a limit of 0 forbids its motion."""
-    _check_positions(robot, section)
-    _check_motion(bounds, section, robot.joint_names)
 
 
 def _check_positions(robot: Robot, section: Section) -> None:

@@ -21,7 +21,7 @@ from kane_dynamics.feasibility.jerk_limited.third_order_timing import rate_limit
 from kane_dynamics.feasibility.mechanism_path.path_mechanism import PathMechanism
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
-from kane_dynamics.feasibility.path_robot import check_section, PathRobot
+from kane_dynamics.feasibility.path_robot import PathRobot
 from kane_dynamics.feasibility.path_timing import Checked, duration, joined, timed
 from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit, fastest_profile,
                                                     Infeasible, Limits)
@@ -109,6 +109,8 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     speeds = [_speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')]
     points = integer(points, 'points', 10, MOST_SAMPLES)
     tree = not isinstance(robot.equations, ConstrainedEquations)
+    if rest is not None and not robot.constraint_names:
+        raise InputError('rest: given for a robot without constraints; expected None')
     along = PathRobot(robot, path) if tree else PathMechanism(robot, path, rest)
     if rates.given and not tree:
         raise InputError('robot: chosen speeds or constraints with a limit of jerk or torque '
@@ -121,12 +123,12 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
                                  'expected 0')
 
         return _result(along, bounds, rates, rate_limited(
-            robot, along.motion, bounds, rates, points, partial(check_section, robot, bounds)))
+            robot, along.motion, bounds, rates, points, partial(along.check, bounds)))
     best: list[Checked] = []
     while True:
         parts = along.sections(points, (not speeds[0], not speeds[1]))
         for part in parts:
-            check_section(robot, bounds, part)
+            along.check(bounds, part)
         most, slower = SMALL if points < FINEST else LARGEST, math.inf
         try:
             found, slower = _all_solved(along, parts, bounds, speeds, most)

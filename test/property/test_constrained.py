@@ -6,9 +6,11 @@ from constrained_trees import (closure, CLOSURES, KINDS, linkage_of_four_bars, r
                                rolling_pair, ROLLING_TESTED, states, T, tree,
                                two_bodies_on_a_base)
 from kane_dynamics.mechanics.algebra.dual import moving, rates
-from kane_dynamics.mechanics.constraints import Closure, knife_edge, PointVelocity, Rolling
+from kane_dynamics.mechanics.constraints import (Closure, Coupling, knife_edge,
+                                                 PointVelocity, Rolling)
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.constraints.speeds import absolute_rates, body_angular_velocity
 from kane_dynamics.mechanics.definition import kinematics, nonholonomic
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
@@ -135,3 +137,39 @@ def test_compiled_road_is_kanes_definition_under_every_closure(kind):
 @pytest.mark.parametrize('kind', ROLLING_TESTED)
 def test_compiled_road_is_kanes_definition_in_rolling_on_what_moves(kind):
     check_roads(rolling_pair(kind), 4)
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_loops_of_every_kind_between_any_bodies_move_as_in_the_definition(seed):
+    """Frames turned and shifted, on branches, mimic joints and the world; loops share links."""
+    rng = np.random.default_rng(seed)
+    model = random_model(seed, 9, prismatic=(0.0, 0.3, 1.0)[seed % 3], branching=0.4, mimics=2)
+    frames = [frame.name for frame in model.frames]
+    constraints = [replace(closure(kind, *rng.choice(frames, 2, replace=False).tolist()),
+                           name=f'loop{k}') for k, kind in enumerate(rng.choice(CLOSURES, 2))]
+    q, speeds, changes = rng.uniform(-2.0, 2.0, (3, model.n))  # the laws hold in open loops too
+    everything = Mechanism(model, None, constraints)
+    S, free, kept = np.zeros((0, model.n)), [], []
+    J = everything.rows(everything.state(q)).J.astype(float)
+    for chosen, row in [*((kept, k) for k in range(len(J))),
+                        *((free, k) for k in range(model.n))]:
+        more = np.vstack([S, J[row] if chosen is kept else np.eye(model.n)[row]])
+        if np.linalg.svd(more, compute_uv=False)[-1] > 0.01 and len(more) <= model.n:
+            S = more
+            chosen.append(row)
+    mechanism = Mechanism(model, None, constraints, free, kept)
+    n = len(free)
+    found = mechanism.joint_motion(q, speeds[:n], changes[:n], links=TreeEquations(model).geometry)
+    expected = nonholonomic.joint_motion(mechanism, q, speeds[:n], changes[:n])
+    for value, of_definition in zip((found.qdot, found.qddot), expected):
+        np.testing.assert_allclose(value.astype(float), of_definition, rtol=0.0,
+                                   atol=1e-12 * np.abs(of_definition).max())
+
+
+def test_rows_of_a_loop_are_found_by_their_place_not_by_their_name():
+    model = two_bodies_on_a_base()
+    names = model.joint_names
+    bound = Coupling(names[1], {names[0]: 1.0}, name='pin/x')
+    mechanism = choose_independent(model, None, (
+        replace(closure('spherical'), name='pin'), bound))
+    check_roads(mechanism, 3)

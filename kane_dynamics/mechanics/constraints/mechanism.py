@@ -242,11 +242,14 @@ class Mechanism:
         Velocities and accelerations from joint to joint take less arithmetic than the time
         derivative of every entry of S.
         """
-        found = {label: x for constraint in self.constraints if isinstance(constraint, Closure)
-                 for label, x in zip(constraint.labels, constraint.accelerations(here, qdot))}
-        labels = (*self.speed_names, *(self.labels[k] for k in self.kept))
-        return np.array([x if r < self.n or label not in found else -found[label]
-                         for r, (label, x) in enumerate(zip(labels, given))])
+        found: dict[int, Any] = {}
+        first = 0
+        for constraint in self.constraints:
+            if isinstance(constraint, Closure):
+                found.update(enumerate(constraint.accelerations(here, qdot), first))
+            first += len(constraint.labels)
+        return np.array([*given[:self.n], *(
+            -found[row] if row in found else x for row, x in zip(self.kept, given[self.n:]))])
 
     def solved(self, S: Any, right: Any) -> Any:
         """Return S^-1 times a vector or a matrix; ConstraintError if S is always singular."""

@@ -1,6 +1,6 @@
 """Forward kinematics of frames: poses, Jacobians and their rates, velocities; world axes."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Any, NamedTuple
 
 from kane_dynamics.mechanics.algebra.vector import cross, rate_tensor
@@ -43,12 +43,18 @@ class LinkPoses:
 
     def __getitem__(self, k: int) -> tuple[Any, Any]:
         """Return the axes (3, 3, columns) and the origin (3,) of a link or of the world, m."""
-        if k not in self._found:
-            if k in self.inward:
-                self._found[k] = self._of_parent(self.inward[k])
-            else:
-                self._found[k] = self._of_child(k)
+        for each in self.between(self._found, k):
+            self._found[each] = (self._of_parent(self.inward[each]) if each in self.inward
+                                 else self._of_child(each))
         return self._found[k]
+
+    def between(self, found: Container[int], k: int) -> list[int]:
+        """Return the links from those found to link k, without the former, away from `axes`."""
+        way: list[int] = []
+        while k not in found:
+            way.append(k)
+            k = self.inward[k] if k in self.inward else self.links[k].parent
+        return way[::-1]
 
     def _of_child(self, k: int) -> tuple[Any, Any]:
         """Return the pose of link k from that of its parent."""
@@ -202,9 +208,10 @@ class LinkMotions:
 
     def __getitem__(self, k: int) -> LinkMotion:
         """Return the motion of a link or of the world."""
-        if k not in self._found:
-            inward = self._poses.inward
-            self._found[k] = self._of_parent(inward[k]) if k in inward else self._of_child(k)
+        inward = self._poses.inward
+        for each in self._poses.between(self._found, k):
+            self._found[each] = (self._of_parent(inward[each]) if each in inward
+                                 else self._of_child(each))
         return self._found[k]
 
     def _of_child(self, k: int) -> LinkMotion:

@@ -248,6 +248,14 @@ def test_points_and_uses_are_of_all_joints_as_in_the_demand_of_the_motion():
     assert uses['effort'].max() <= 1.001 and uses['power'].max() <= 1.001
 
 
+def test_joints_without_actuators_need_no_power():
+    robot, limit = linkage(), [60.0, 0.0, 0.0]
+    found, expected = (time_optimal(robot, CRANK, power=power) for power in (
+        limit, [60.0, math.inf, math.inf]))
+    assert found.duration == expected.duration < 1.2 * time_optimal(robot, CRANK).duration
+    assert found.uses['power'].max() <= 1.001
+
+
 def test_torques_shared_by_two_motors_are_those_of_the_definition():
     robot = linkage(shared=True)
     found = time_optimal(robot, CRANK)
@@ -364,6 +372,9 @@ def test_path_that_ends_next_to_a_dead_point_keeps_the_limits(distance):
     (linkage, CRANK, {'power': [1.0, 2.0]}, InputError, 'power'),
     (linkage, CRANK, {'acceleration': 0.0}, InputError,
      "acceleration of joint 'crank': limit 0; expected a positive limit"),
+    (lambda: Robot(two_links()), [[0.0, 0.0], [1.0, 1.0]], {'rest': [0.0, 0.0]}, InputError,
+     'rest: given for a robot without constraints; expected None'),
+    (linkage, CRANK, {'power': 0.0}, InputError, "power of joint 'crank': limit 0"),
     (lambda: linkage(effort=2.0), CRANK, {}, InputError,
      r"path: joint 'crank': torque \S+ at rest at \S+ of the path, .*; expected at most its ef"),
     (lambda: linkage(effort=math.inf, velocity=math.inf), CRANK, {}, InputError,

@@ -3,10 +3,11 @@
 from functools import cache
 from pathlib import Path
 
-from kane_dynamics import (Inertial, InputError, inverse_kinematics, load_urdf, pose_error,
-                           pose_exp, pose_log, Robot, rotation_exp, rotation_log)
+from kane_dynamics import (Inertial, InputError, inverse_kinematics, load_urdf, ModelBuilder,
+                           pose_error, pose_exp, pose_log, Robot, rod, rotation_exp, rotation_log)
 from kane_dynamics.mechanics.constraints.speeds import absolute_rates
 from kane_dynamics.mechanics.definition import kinematics
+from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from linkages import four_bar
 from mechanisms import random_model
 import numpy as np
@@ -302,6 +303,23 @@ def test_the_rate_of_the_jacobian_is_its_slope_along_the_motion():
         rate = robot.joint_rates(q, u)
         slope = (robot.jacobian(frame, q + h * rate) - robot.jacobian(frame, q - h * rate)) / (2*h)
         np.testing.assert_allclose(robot.jacobian_rate(frame, q, u), slope, atol=1e-8)
+
+
+def test_frames_of_a_chain_of_any_length_move_by_their_jacobian():
+    builder, n = ModelBuilder('chain'), 700
+    for k in range(n):
+        builder.body(f'link{k}', f'link{k - 1}' if k else 'world', axis=(0, k % 2, 1 - k % 2),
+                     at=(0.01, 0, 0), matter=rod(1.0, (0, 0, 0), (0.01, 0, 0)))
+    model, rng = builder.model(), np.random.default_rng(0)
+    equations, frame = TreeEquations(model), model.frame(f'link{n - 1}')
+    q, u, udot = rng.uniform(-1.0, 1.0, (3, n))
+    J = equations.partial_velocities(frame, q)
+    np.testing.assert_allclose(equations.frame_velocity(frame, q, u), J @ u, atol=1e-10)
+    rate = equations.partial_velocity_rates(frame, q, u)
+    np.testing.assert_allclose(equations.frame_acceleration(frame, q, u, udot),
+                               J @ udot + rate @ u, rtol=1e-9, atol=1e-9)
+    T = equations.frame_pose(frame, q)
+    np.testing.assert_allclose(T[:3, :3].T @ T[:3, :3], np.eye(3), atol=1e-12)
 
 
 def test_random_configurations_are_within_the_limits_and_repeatable():
