@@ -103,6 +103,7 @@ def _equations(sub: ArgumentParser) -> None:
 def _identify(sub: ArgumentParser) -> None:
     from kane_dynamics.identification.regression import STANDSTILL
     _add_model(sub)
+    _add_constraints(sub)
     _add_recording(sub)
     sub.add_argument('--as-recorded', action='store_true',
                      help='also fit a recording that contradicts the model')
