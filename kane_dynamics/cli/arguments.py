@@ -243,8 +243,7 @@ def _add_motion(sub: Any, text: str, **options: Any) -> None:
 
 def _add_recording(parser: ArgumentParser) -> None:
     parser.add_argument('recording', metavar='RECORDING', help='CSV or npz file, or a ROS 2 bag')
-    parser.add_argument('--topic',
-                        help='topic of the joint states in a bag (default: the only one)')
+    parser.add_argument('--topic', help='topic of joint states in a bag (default: the only one)')
     parser.add_argument('--cutoff', type=float, metavar='HZ',
                         help='filter q, tau and measured u without delay; differentiate the rest')
     parser.add_argument('--resample', type=float, metavar='HZ',
