@@ -103,6 +103,7 @@ def _equations(sub: ArgumentParser) -> None:
 def _identify(sub: ArgumentParser) -> None:
     from kane_dynamics.identification.regression import STANDSTILL
     _add_model(sub)
+    _add_constraints(sub)
     _add_recording(sub)
     sub.add_argument('--as-recorded', action='store_true',
                      help='also fit a recording that contradicts the model')
@@ -242,8 +243,7 @@ def _add_motion(sub: Any, text: str, **options: Any) -> None:
 
 def _add_recording(parser: ArgumentParser) -> None:
     parser.add_argument('recording', metavar='RECORDING', help='CSV or npz file, or a ROS 2 bag')
-    parser.add_argument('--topic',
-                        help='topic of the joint states in a bag (default: the only one)')
+    parser.add_argument('--topic', help='topic of joint states in a bag (default: the only one)')
     parser.add_argument('--cutoff', type=float, metavar='HZ',
                         help='filter q, tau and measured u without delay; differentiate the rest')
     parser.add_argument('--resample', type=float, metavar='HZ',

@@ -81,13 +81,15 @@ examples:
   kane-dynamics identify arm.urdf recording.csv --friction-only --json
   kane-dynamics identify arm.urdf recording.csv --friction-only --unbounded
   kane-dynamics identify arm.urdf run.mcap --supplement arm.yaml --payload tool0 --out load.yaml
+  kane-dynamics identify press.urdf run.csv --constraints press.yaml --payload slide
 
 A recording has the columns t, q.<joint>, u.<joint>, udot.<joint>, tau.<joint>, or numbered from
 the base: q1, v1, a1, tau1, over all joints of the robot, or over those of --joints or --tip. The
 npz file of simulate --out is accepted too. Missing speeds and accelerations are derived from q,
 which should then be filtered with --cutoff. The first half is fitted; the second half is held out.
 --out arm.urdf also writes arm.supplement.yaml: load both. With --payload the arm and its friction
-are known, and --out is the supplement with the payload.""",
+are known, and --out is the supplement with the payload; with --constraints the recording is of the
+actuated joints.""",
     'excite': """
 examples:
   kane-dynamics excite arm.urdf --out motion.csv

@@ -11,6 +11,7 @@ import warnings
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.cli.wording import in_options
+from kane_dynamics.control.quasi_static import QuasiStatic, rigid_and_bending
 from kane_dynamics.errors import InputError, ModelWarning, UnusedWarning
 from kane_dynamics.kinematics.mechanism_motion import velocity_rows
 from kane_dynamics.model.model import Model
@@ -42,10 +43,22 @@ def load(options: Namespace, caught: list[str] | None = None, **choices: Any
          ) -> tuple[Model, Robot]:
     """Return the chosen robot; collect warnings in `caught`, or print them to stderr."""
     with model_warnings(caught, verbose=options.verbose):
-        model = load_urdf(source_of(options), supplement=options.supplement, **selection(options))
-        robot = Robot(model, friction=not options.no_friction, **constraints_of(options),
-                      **choices)
+        model, given = _chosen(options)
+        robot = Robot(model, **given, **choices)
     return model, robot
+
+
+def load_rigid(options: Namespace, **choices: Any) -> tuple[Robot, QuasiStatic | None]:
+    """Return the chosen robot with rigid links, and the flexible arm if the links are beams."""
+    with model_warnings(verbose=options.verbose):
+        model, given = _chosen(options)
+        return rigid_and_bending(model, given | choices)
+
+
+def _chosen(options: Namespace) -> tuple[Model, dict[str, Any]]:
+    """Return the model and the arguments of Robot."""
+    model = load_urdf(source_of(options), supplement=options.supplement, **selection(options))
+    return model, {'friction': not options.no_friction, **constraints_of(options)}
 
 
 def constraints_of(options: Namespace, prefix: str = '') -> dict[str, Any]:

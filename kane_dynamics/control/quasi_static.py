@@ -1,6 +1,6 @@
 """Quasi-static dynamics of a flexible robot: its modes are in equilibrium with the load."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import fixed
@@ -9,6 +9,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.model.flexible_model import stiffened
+from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -184,6 +186,33 @@ class QuasiStatic:
         result = np.zeros((*x.shape[:-1], count))
         result[..., places] = x
         return result
+
+
+def flexible_robot(model: Model, options: Mapping[str, Any]) -> Robot:
+    """
+    Return a robot, with its beams; with constraints, the rates of all modes are independent.
+
+    Its actuators are at the independent joints then; InputError for others. `options` are those of
+    `Robot`.
+    """
+    options = dict(options)
+    if model.flexible and options.get('independent'):
+        joints = options['independent']
+        stated = options.pop('actuated', joints)
+        if set(stated) != set(joints):
+            raise InputError(f'constraints: actuated: {list(stated)}, with beams; expected the '
+                             f'independent joints, {list(joints)}, because others load the beams '
+                             'through the loops')
+        options['independent'] = (*joints, *(
+            model.coordinate_names[k] for k in model.modal_coordinates))
+    return Robot(model, **options)
+
+
+def rigid_and_bending(model: Model, options: Mapping[str, Any]
+                      ) -> tuple[Robot, QuasiStatic | None]:
+    """Return the robot of a model with rigid links, and the flexible arm if links are beams."""
+    bending = QuasiStatic(flexible_robot(model, options)) if model.flexible else None
+    return Robot(stiffened(model), **options), bending
 
 
 def _check(robot: Robot) -> None:

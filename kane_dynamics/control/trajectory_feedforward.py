@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 
-from kane_dynamics._util.checks import instance, integer, per_joint
+from kane_dynamics._util.checks import instance, integer
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import EVERY_TERM, Terms
@@ -24,6 +24,7 @@ from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.motion.controller_points import completed, ControllerPoints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.points import Start, start_state, trajectory_points
+from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -91,7 +92,9 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
     ----------
     robot : Robot
         With chosen speeds or constraints on positions, the result is of as many joints as there
-        are independent speeds, those with actuators; the other joints follow from them.
+        are independent speeds, those with actuators; the other joints follow from them. With more
+        actuators than independent speeds (`Robot(actuated=)`) the result is of all actuators,
+        which share the load as in `joint_torques`; their positions are closed at the points.
     times : (K,) array_like
         s from the start of the trajectory; nonnegative, strictly increasing, K >= 1.
     positions, velocities, accelerations : (K, m) array_like
@@ -99,7 +102,9 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
     joint_names : sequence of m str, optional
         The joints of the columns: some or all of the robot's. Default: all, in its order. With
         constraints: those with actuators, or these and further ones, whose positions are compared
-        with the loop closure at the points and are not part of the result. Default: the former.
+        with the loop closure at the points and, without an actuator, not part of the result.
+        Default: the former. With more actuators than independent speeds: as many joints as these,
+        or the independent joints and further ones; default: the independent joints.
     rest : (n,) array_like, optional
         Positions of the robot's joints, in its order, rad or m. Joints that are not in
         `joint_names` rest there; needed if there are any. With constraints: a nearly closed
@@ -113,7 +118,10 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
     tolerance : float or (m,) array_like, optional
         Largest accepted error of the linearly interpolated effort, N m or N. Points of the same
         motion are inserted where the error, checked at seven times between each two points, is
-        larger. Default: no points are inserted.
+        larger. Default: no points are inserted. Actuators that are not among the trajectory's
+        joints have the smallest of the tolerances. With more actuators than independent speeds,
+        points are inserted too where the quintic of an actuator deviates from the closed loops by
+        more than `loops.tolerance`.
     compensate : Terms
         False for terms that the arm adds itself.
     effort_limit : float or (n,) array_like
@@ -130,6 +138,8 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
 
     Raises
     ------
+    ConstraintError
+        The actuators cannot produce every motion in a configuration.
     LoopError
         With constraints: a singular configuration, further joints that contradict the loops, or
         loops that do not close; names the point.
@@ -147,31 +157,40 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
         bending.require_rigid_model(robot)
     max_points = integer(max_points, 'max_points', 1)
     arm = _arm(robot, bending, joint_names, rest, compensate, loops)
-    names, limits = arm.names, arm.limits(effort_limit)
+    limits, actuators = (arm.limits(effort_limit, names) for names in (
+        arm.names, arm.actuators))
     t, *given = trajectory_points(times, positions, velocities, accelerations, arm.given)
     _check_times(t)
     assert given[0] is not None
-    allowed = None if tolerance is None else arm.chosen(per_joint(
-        tolerance, 'tolerance', arm.given, finite=False))
+    allowed = arm.allowed(math.inf if tolerance is None else tolerance)
     q, u, udot = (None if rows is None else arm.chosen(rows) for rows in given)
     assert q is not None
     points = completed(t, q, u, udot, None if start is None else arm.turned(arm.chosen(
         np.array(start_state(start, arm.given))), q[0], limits))
     _check_count(len(points.t), max_points, 'trajectory')
-    if len(points.t) > len(t):  # a measured position may be slightly outside of the limits
-        limits = replace(limits, lower=np.minimum(limits.lower, points.q[0]),
-                         upper=np.maximum(limits.upper, points.q[0]))
-    check_motion(points, limits, names, t)
+    begun, further = len(points.t) > len(t), arm.actuators != arm.names
+    check_motion(points, _with_start(limits, points) if begun else limits, arm.names, t)
     arm.follow(points, given[0], t)
     tau = arm.efforts(points.q, points.u, points.udot)
     count, error = len(points.t), None
-    if allowed is not None:
+    if tolerance is not None or further:
         points, tau, error = _refined(arm, points, tau, allowed, max_points)
+    if further:
+        points = arm.executed(points)
+        check_motion(points, _with_start(actuators, points) if begun else actuators,
+                     arm.actuators, t)
     if clip:
-        tau = np.clip(tau, -limits.effort, limits.effort)
+        tau = np.clip(tau, -actuators.effort, actuators.effort)
     else:
-        check_efforts(points.t, tau, limits.effort, names, t)
-    return FilledTrajectory(names, *points, tau, len(points.t) - count, error)
+        check_efforts(points.t, tau, actuators.effort, arm.actuators, t)
+    return FilledTrajectory(arm.actuators, *points, tau, len(points.t) - count,
+                            None if tolerance is None else error)
+
+
+def _with_start(limits: JointLimits, points: ControllerPoints) -> JointLimits:
+    """Return limits that contain the first point: measured, it may be slightly outside."""
+    return replace(limits, lower=np.minimum(limits.lower, points.q[0]),
+                   upper=np.maximum(limits.upper, points.q[0]))
 
 
 def _arm(robot: Robot, bending: QuasiStatic | None, joint_names: Sequence[str] | None,
@@ -185,13 +204,13 @@ def _arm(robot: Robot, bending: QuasiStatic | None, joint_names: Sequence[str] |
 def _refined(arm: TrajectoryArm, points: ControllerPoints, tau: Array, tolerance: Array,
              max_points: int) -> tuple[ControllerPoints, Array, Array]:
     """Return points with more of them until the interpolated effort is right, efforts, errors."""
-    error = np.zeros(len(arm.names))
+    error = np.zeros(len(arm.actuators))
     pending = np.arange(len(points.t) - 1)
     while pending.size:
         found = arm.efforts(*points.inside(pending, PROBES))
         x = PROBES[:, None, None]
         deviation = np.abs(found - (1.0 - x) * tau[pending] - x * tau[pending + 1]).max(axis=0)
-        wrong = (deviation > tolerance).any(axis=1)
+        wrong = (deviation > tolerance).any(axis=1) | arm.strays(points, pending, PROBES)
         error = np.maximum(error, deviation[~wrong].max(axis=0, initial=0.0))
         split = pending[wrong]
         _check_count(len(points.t) + len(split), max_points, 'tolerance')

@@ -4,10 +4,11 @@ import csv
 import json
 
 from command import command
-from kane_dynamics import load_constraints, load_urdf, Robot
+from kane_dynamics import box, load_constraints, load_urdf, Robot
 from kane_dynamics.cli.tables import read_motion
 from kane_dynamics.feasibility import time_optimal
 from kane_dynamics.mechanics.definition import nonholonomic
+from kane_dynamics.model.with_payload import with_payload
 from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 from palletizer import DRIVEN, LOOPS, palletizer, positions, URDF
@@ -160,7 +161,8 @@ def test_exported_c_is_that_of_the_closed_loops(tmp_path):
     (['torque', str(URDF), '--constraints', 'none.yaml'], 'none.yaml'),
     (['torque', *ARM, '--q', '0', '0', '3', '0'], 'expected'),
     (['inspect', *ARM, '--against', 'pinocchio'], '--against: given with --constraints'),
-    (['identify', *ARM, 'r.csv'], 'unrecognized arguments: --constraints'),
+    (['identify', *ARM, 'r.csv'], '--constraints: given without --payload; expected both'),
+    (['identify', *ARM, 'r.csv', '--base-parameters'], '--constraints: given without --payload'),
 ])
 def test_errors_name_what_is_expected(arguments, message):
     done = command(*arguments)
@@ -176,6 +178,37 @@ def test_positions_of_few_joints_do_not_state_those_of_a_knife_edge(tmp_path):
     done = command('torque', *given, '--q', '0', '1')
     assert done.returncode == 2 and '--q: 2 numbers; expected 3, in the order' in done.stderr
     assert answer('torque', *given, '--q', '0', '0', '0.3')['tau'] == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize('kind', ['.npz', '.csv'])
+def test_identify_finds_the_load_of_a_closed_loop_from_its_motors(kind, tmp_path):
+    load = box(20.0, (0.3, 0.2, 0.4), at=(0.05, 0.02, 0.25))
+    robot = Robot(load_urdf(URDF), **load_constraints(LOOPS))
+    heavy = Robot(with_payload(robot.model, 'tool', load), **load_constraints(LOOPS))
+    t = np.arange(0.0, 6.0, 0.03)
+    w, a = np.array([0.7, 1.1, 1.3, 3.7]), np.array([0.5, 0.3, 0.3, 1.0])
+    s, c = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+    state = [a * s + [0.2, 0.1, -0.1, 0.5], a * w * c, -a * w**2 * s]
+    tau = np.array([nonholonomic.inverse_dynamics(heavy.mechanism, positions(robot, *q), u, udot)
+                    for q, u, udot in zip(*state, strict=True)])
+    columns = dict(zip(('q', 'u', 'udot', 'tau'), (*state, tau), strict=True))
+    path, out = tmp_path / f'run{kind}', tmp_path / 'load.yaml'
+    if kind == '.npz':
+        np.savez(path, t=t, **columns, joint_names=DRIVEN)
+    else:
+        header = ['t', *(f'{name}.{joint}' for name in columns for joint in DRIVEN)]
+        np.savetxt(path, np.column_stack([t, *columns.values()]), delimiter=',', comments='',
+                   header=','.join(header))
+    data = answer('identify', *ARM, str(path), '--payload', 'tool', '--out', str(out))
+    assert data['joint_names'] == list(robot.actuated_names)
+    assert data['mass'] == pytest.approx(load.mass, abs=1e-4)
+    np.testing.assert_allclose(data['com'][:2], load.com[:2], atol=1e-3)
+    loaded = Robot(load_urdf(URDF, supplement=out), **load_constraints(LOOPS))
+    for q, u, udot, torque in list(zip(*columns.values(), strict=True))[::40]:
+        np.testing.assert_allclose(loaded.inverse_dynamics(positions(robot, *q), u, udot), torque,
+                                   atol=1e-3 * np.abs(tau).max())
+    done = command('identify', *ARM, str(path), '--payload', 'tool')
+    assert done.returncode == 0 and 'payload.mass: 2' in done.stdout
 
 
 def test_torques_of_actuators_elsewhere_are_refused(tmp_path):

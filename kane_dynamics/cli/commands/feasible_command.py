@@ -7,7 +7,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands import inspect_command
-from kane_dynamics.cli.shared import load, print_json, warn_degrees
+from kane_dynamics.cli.shared import load_rigid, print_json, warn_degrees
 from kane_dynamics.cli.tables import QUANTITIES, read_motion, write_states
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility import (Demand, demand, fastest, largest_payload, time_optimal,
@@ -23,13 +23,17 @@ import numpy as np
 def feasible(options: Namespace) -> int:
     """Check a motion against the limits of the joints; return 1 if it exceeds one."""
     plot = pictures.plotter(options)  # errors early
-    model, robot = load(options, payload_frame=options.payload_frame)
+    robot, bending = load_rigid(options, payload_frame=options.payload_frame)
     motion = read_motion(options.motion, robot.speed_names)
     warn_degrees(robot, motion.positions, options.motion)
     given: dict[str, Any] = {
-        'step': options.step, 'power': options.power[0] if len(options.power) == 1
-        else options.power}
+        'bending': bending, 'step': options.step,
+        'power': options.power[0] if len(options.power) == 1 else options.power}
     if options.time_optimal:
+        if bending is not None:
+            raise InputError('--time-optimal: given for an arm with beams, whose deflection a '
+                             'path does not state; expected rigid links, or the highest speed '
+                             'without --time-optimal')
         return time_path(options, robot, motion, plot, given['power'])
     asked = demand(robot, motion, speed=options.speed, **given)
     scale = fastest(robot, motion, **given)
@@ -44,8 +48,8 @@ def feasible(options: Namespace) -> int:
         write_fitting(options.out, robot, motion, scale, given)
         data['files'].append(options.out)
     if plot is not None:
-        plot.plot_demand(asked, options.plot, prismatic=model.sliding,
-                         title=f'{model.name}: torque, speed and power against the limits')
+        plot.plot_demand(asked, options.plot, prismatic=robot.model.sliding,
+                         title=f'{robot.model.name}: torque, speed and power against the limits')
         data['files'].append(options.plot)
     (print_json if options.json else print_data)(data)
     return 0 if data['fits'] else 1
@@ -64,7 +68,8 @@ def write_fitting(path: str, robot: Robot, motion: Motion, scale: TimeScale | No
     if scale is None or math.isinf(scale.speed):
         reason = 'no feasible speed' if scale is None else 'no limit of the speed'
         raise InputError(f'--out: {reason}; expected a motion with a highest feasible speed')
-    asked = demand_at(robot, motion, scale.speed, given['step'], given['power'], NONE)
+    asked = demand_at(robot, motion, scale.speed, given['step'], given['power'], NONE,
+                      given['bending'])
     # Of two samples at one time keep the later; at both ends those of the motion, not of rest.
     kept = np.append(np.diff(asked.t[:-1]) > 1e-9 * asked.t[-1], [True, False])
     # A jump of udot has two values at its time. Without the column a reader interpolates by

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from kane_dynamics.cli.commands.inspect_command import print_table
-from kane_dynamics.cli.shared import load, print_json, warn_degrees
+from kane_dynamics.cli.shared import load_rigid, print_json, warn_degrees
+from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory, FilledTrajectory
 from kane_dynamics.errors import InputError
@@ -17,7 +18,7 @@ def fill(options: Namespace) -> None:
     """Fill in trajectories; print or write them."""
     from kane_dynamics.cli.tables import write_states  # slow imports
     from kane_dynamics.cli.trajectory_files import read_points, write_bag, write_yaml
-    _, robot = load(options)
+    robot, bending = load_rigid(options)
     given = read_points(options.motion, robot.speed_names, options.topic)
     is_bag = given[0].message is not None
     kind = Path(options.out).suffix if options.out else ''
@@ -28,7 +29,7 @@ def fill(options: Namespace) -> None:
     for k, points in enumerate(given):
         _warn_of_degrees(robot, points, options.motion)
         try:
-            filled.append(_filled(options, robot, points))
+            filled.append(_filled(options, robot, bending, points))
         except InputError as error:
             where = f'trajectory {k}: ' if len(given) > 1 else ''
             raise InputError(f'{options.motion}: {where}{error}') from None
@@ -61,13 +62,15 @@ def _warn_of_degrees(robot: Robot, points: Any, file: str) -> None:
                                        for name in robot.joint_names] for row in rows]), file)
 
 
-def _filled(options: Namespace, robot: Robot, points: Any) -> FilledTrajectory:
+def _filled(options: Namespace, robot: Robot, bending: QuasiStatic | None,
+            points: Any) -> FilledTrajectory:
     """Return one filled trajectory."""
     tolerance = options.tolerance
     return fill_trajectory(
         robot, points.times, *points.rows, joint_names=points.joint_names, rest=options.pose,
         tolerance=tolerance[0] if tolerance and len(tolerance) == 1 else tolerance,
-        compensate=Terms(**dict.fromkeys(options.without, False)), clip=options.clip)
+        compensate=Terms(**dict.fromkeys(options.without, False)), clip=options.clip,
+        bending=bending)
 
 
 def _print(filled: FilledTrajectory, robot: Robot) -> None:

@@ -8,11 +8,13 @@ from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.cli.commands import inspect_command
-from kane_dynamics.cli.shared import as_json, every_joint, load, print_json, source_of
+from kane_dynamics.cli.shared import (as_json, every_joint, load, print_json, source_of,
+                                      warn_degrees)
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import base_error, base_speeds, fit_base
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.payload.payload_fit import identify_payload
+from kane_dynamics.identification.payload.recorded_motion import recorded_joints
 from kane_dynamics.identification.recordings.diagnosis import refuse as refuse_unlike
 from kane_dynamics.identification.recordings.reader import read_recording
 from kane_dynamics.identification.recordings.recording import Recording
@@ -21,13 +23,15 @@ from kane_dynamics.identification.result_files import six, written, written_payl
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 from kane_dynamics.model.model import Model
+from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 
-def recorded(options: Namespace, model: Model) -> Recording:
-    """Return the recording of the arguments, resampled and filtered on request."""
-    recording = read_recording(options.recording, model.joint_names, options.topic,
-                               numbered=every_joint(options))
+def recorded(options: Namespace, model: Model, joints: Sequence[str] | None = None) -> Recording:
+    """Return the recording of all joints, or of some, resampled and filtered on request."""
+    every = every_joint(options) or (None if joints is None else model.joint_names)
+    recording = read_recording(options.recording, joints or model.joint_names, options.topic,
+                               numbered=every)
     if options.resample is not None:
         recording = recording.resampled(options.resample)
     elif options.cutoff is not None and recording.uneven:
@@ -52,9 +56,14 @@ def checked(options: Namespace, model: Model) -> Recording:
 
 def identification(options: Namespace) -> None:
     """Identify a model, base parameters or a payload; print it, or write it on request."""
-    model, _ = load(options)
-    run, printed = ((run_base, print_base) if options.base_parameters else
-                    (run_payload, print_payload) if options.payload else (run_model, print_data))
+    model, robot = load(options)
+    if options.payload and not options.base_parameters:
+        (print_json if options.json else print_payload)(run_payload(options, robot))
+        return
+    if options.constraints:
+        raise InputError('--constraints: given without --payload; expected both, as the other '
+                         'fits take recordings of trees')
+    run, printed = (run_base, print_base) if options.base_parameters else (run_model, print_data)
     data = run(options, model)
     (print_json if options.json else printed)(data)
 
@@ -114,11 +123,18 @@ def refuse(options: Namespace, kind: str) -> None:
             raise InputError(f'{kind}: given with {name}; expected it without {name}')
 
 
-def run_payload(options: Namespace, model: Model) -> dict[str, Any]:
+def run_payload(options: Namespace, robot: Robot) -> dict[str, Any]:
     """Identify a payload, write --out, and return the result as plain data."""
     refuse(options, '--payload')
-    recording = checked(options, model)
-    found = identify_payload(model, recording, options.payload)
+    names = recorded_joints(robot)
+    if robot.constraint_names:  # the torques of single joints of a loop are not those of a tree
+        recording = recorded(options, robot.model, names)
+        every = np.zeros((len(recording), robot.n_q))
+        every[:, [robot.joint_names.index(name) for name in names]] = recording.q
+        warn_degrees(robot, every, options.recording)
+    else:
+        recording = checked(options, robot.model)
+    found = identify_payload(robot, recording, options.payload)
     load = found.inertial
     if options.out:
         if not options.out.endswith(('.yaml', '.yml')):
@@ -127,7 +143,7 @@ def run_payload(options: Namespace, model: Model) -> dict[str, Any]:
         text = written_payload(options.supplement, options.payload, load)
         Path(options.out).write_text(text, encoding='utf-8')
     return {
-        'joint_names': list(model.joint_names), 'rows': len(recording), 'frame': options.payload,
+        'joint_names': list(names), 'rows': len(recording), 'frame': options.payload,
         'mass': load.mass, 'com': load.com, 'inertia': load.inertia,
         'standard_deviations': {'mass': found.mass_deviation, 'com': found.com_deviation,
                                 'inertia': found.inertia_deviation},

@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 import math
+from typing import Any
 
 from kane_dynamics._util.checks import finite_row, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.errors import InputError
-from kane_dynamics.motion.controller_points import ControllerPoints
+from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 from kane_dynamics.motion.points import checked_joint_names, State
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
@@ -35,8 +36,8 @@ class TrajectoryArm:
 
     Attributes
     ----------
-    given, names : tuple of str
-        The joints of the trajectory, and those of the result.
+    given, names, actuators : tuple of str
+        The joints of the trajectory, those that determine the motion, and those of the result.
 
     """
 
@@ -60,20 +61,27 @@ class TrajectoryArm:
         self._select(self.given)
 
     def _select(self, names: Sequence[str]) -> None:
-        """Set the joints of the result, which are some of those of the trajectory."""
-        self.names = tuple(names)
+        """Set the joints that determine the motion, which are some of those of the trajectory."""
+        self.names = self.actuators = tuple(names)
         self._columns = np.array([self._robot.joint_names.index(name) for name in names])
         self._chosen = [self.given.index(name) for name in names]
 
     def chosen(self, values: Array) -> Array:
-        """Return the columns of the result's joints, of those of the trajectory, (..., m)."""
+        """Return the columns of `names`, of those of the trajectory, (..., m)."""
         return values[..., self._chosen]
 
-    def limits(self, effort: ArrayLike) -> JointLimits:
-        """Return the limits of the result's joints, with a further effort limit."""
+    def allowed(self, tolerance: ArrayLike) -> Array:
+        """Return the tolerance of the efforts; the smallest one for actuators not in `given`."""
+        values = per_joint(tolerance, 'tolerance', self.given, finite=False)
+        own = dict(zip(self.given, values.tolist()))
+        return np.array([own.get(name, values.min()) for name in self.actuators])
+
+    def limits(self, effort: ArrayLike, names: Sequence[str]) -> JointLimits:
+        """Return the limits of joints, with a further effort limit of all joints."""
         found, every = self._robot.limits, self._robot.joint_names
         smaller = np.minimum(found.effort, per_joint(effort, 'effort_limit', every, finite=False))
-        return JointLimits(*(values[self._columns] for values in (
+        columns = [every.index(name) for name in names]
+        return JointLimits(*(values[columns] for values in (
             found.lower, found.upper, found.velocity, smaller)))
 
     def turned(self, start: Array, first: Array, limits: JointLimits) -> State:
@@ -89,13 +97,25 @@ class TrajectoryArm:
         Parameters
         ----------
         points : ControllerPoints
-            Of the result's joints.
+            Of the joints `names`.
         positions : (K, m) array
             Of the trajectory's joints, at the last K points.
         times : (K,) array
             Times of the trajectory as given, s.
 
         """
+
+    def executed(self, points: ControllerPoints) -> ControllerPoints:
+        """Return the points of `actuators` for those of `names`: the same for a tree."""
+        return points
+
+    def strays(self, points: ControllerPoints, segments: Segments, x: Array) -> Any:
+        """
+        Return the segments, (S,), in which the motion of `actuators` leaves the closed loops.
+
+        Arguments are those of `ControllerPoints.inside`. None for a tree.
+        """
+        return False
 
     def efforts(self, *state: Array) -> Array:
         """Return the efforts at q, u and udot, (..., n) each; InputError if one overflows."""

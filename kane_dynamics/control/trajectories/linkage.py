@@ -1,6 +1,7 @@
 """The driving joints of a trajectory of a robot with chosen speeds or constraints."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.constrained_law import followed_joints, require_rigid
@@ -11,9 +12,9 @@ from kane_dynamics.control.trajectory_limits import described_time
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.closed_path import ClosedPath, LoopLimits
 from kane_dynamics.kinematics.loop_tracker import LoopTracker
-from kane_dynamics.kinematics.mechanism_motion import motion_of_closed
+from kane_dynamics.kinematics.mechanism_motion import MechanismMotion, motion_of_closed
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.motion.controller_points import ControllerPoints
+from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,8 +24,10 @@ class TrajectoryLinkage(TrajectoryArm):
     """
     The driving joints of a trajectory of a robot with chosen speeds or constraints.
 
-    These are as many as independent speeds, have the actuators, and determine the other joints.
-    Further joints of the trajectory are compared with the loop closure at its points.
+    These are as many as independent speeds and determine the other joints. They have the
+    actuators; of more actuators than independent speeds, which share the load as in
+    `Robot.joint_torques`, all are joints of the result. Further joints of the trajectory are
+    compared with the loop closure at its points.
 
     Parameters
     ----------
@@ -47,8 +50,15 @@ class TrajectoryLinkage(TrajectoryArm):
         super().__init__(robot, source, joint_names, np.zeros(robot.n_q) if rest is None else rest,
                          compensate)
         self._select(_driving(robot, self.given))
+        stated = _stated_actuators(robot)
+        self._act, self._tolerance = stated is not None, limits.tolerance
+        if stated is not None:
+            self.actuators = (*(name for name in self.given if name in stated),
+                              *(name for name in stated if name not in self.given))
+        self._acting = [robot.joint_names.index(name) for name in self.actuators]
         if isinstance(source, QuasiStatic):
             source.require_drives('joint_names', self.names)
+            source.require_drives('actuated', self.actuators)
         self._others = [k for k, name in enumerate(robot.joint_names) if name not in self.names]
         self._given_start = rest is not None
         self._path = ClosedPath(robot, self.names, limits) if robot.constraint_names else None
@@ -70,7 +80,7 @@ class TrajectoryLinkage(TrajectoryArm):
             q, columns = robot.closed_posture(self._pose), self._columns
             turned = q.copy()
             turned[columns] = self.turned(np.tile(q[columns], (3, 1)), points.q[0],
-                                          self.limits(np.inf))[0]
+                                          self.limits(np.inf, self.names))[0]
             return [turned, q]
         if len(self.given) == robot.n_q and robot.configuration is None:
             every = [self.given.index(name) for name in robot.joint_names]
@@ -81,31 +91,58 @@ class TrajectoryLinkage(TrajectoryArm):
         guess[self._columns] = points.q[0]
         return [robot.closed_posture(guess, fixed=self.names)]
 
+    def executed(self, points: ControllerPoints) -> ControllerPoints:
+        """Return the points of `actuators` for those of `names`, with closed loops."""
+        if self.actuators == self.names:
+            return points
+        robot, acting = self._robot, self._acting
+        whole = self._whole(*points[1:])
+        return ControllerPoints(points.t, *(values[:, acting] for values in (
+            whole.q, robot.joint_rates(whole.q, whole.u), robot.joint_accelerations(*whole))))
+
+    def strays(self, points: ControllerPoints, segments: Segments, x: Array) -> Any:
+        """Return the segments, (S,), in which the motion of `actuators` opens the loops."""
+        if self.actuators == self.names:
+            return False
+        closed = self._in_order(lambda q: self._configurations(q)[:, self._acting],
+                                points.inside(segments, x)[:1])
+        apart = np.abs(self.executed(points).inside(segments, x)[0] - closed)
+        return (apart > self._tolerance).any(axis=(0, 2))
+
     def efforts(self, *state: Array) -> Array:
         """Return the efforts at q, u and udot, (..., n) each; InputError if one overflows."""
-        # In the order of time: each configuration is closed from the one before.
-        rows = [np.swapaxes(values, 0, -2) for values in state]
-        tau = self._driving_efforts(*(values.reshape(-1, len(self.names)) for values in rows))
-        return np.swapaxes(tau.reshape(rows[0].shape), 0, -2)
+        return self._in_order(self._efforts, state)
 
-    def _driving_efforts(self, q: Array, rates: Array, accelerations: Array) -> Array:
-        """Return the efforts, (K, n), of rows in the order of time."""
+    def _in_order(self, function: Callable[..., Array], state: Sequence[Array]) -> Array:
+        """Return a function of rows in the order of time, for the columns of `names`."""
+        # Each configuration is closed from the one before.
+        rows = [np.swapaxes(values, 0, -2) for values in state]
+        found = function(*(values.reshape(-1, len(self.names)) for values in rows))
+        return np.swapaxes(found.reshape(*rows[0].shape[:-1], -1), 0, -2)
+
+    def _efforts(self, q: Array, rates: Array, accelerations: Array) -> Array:
+        """Return the efforts of `actuators` of rows in the order of time."""
         robot, limits, columns = self._robot, self._robot.limits, self._columns
-        Q = self._configurations(q)
+        whole = self._whole(q, rates, accelerations)
         for j in self._others:
-            at, lower, upper = Q[:, j], limits.lower[j], limits.upper[j]
+            at, lower, upper = whole.q[:, j], limits.lower[j], limits.upper[j]
             if at.min() < lower or at.max() > upper:
                 raise InputError(f"joint '{robot.joint_names[j]}': positions from {at.min():.4g} "
                                  f'to {at.max():.4g} follow from the trajectory; expected '
                                  f'{lower:.4g} to {upper:.4g}')
-        whole = motion_of_closed(robot, columns.tolist(), np.zeros(len(q)), Q, rates,
-                                 accelerations)
         tau = self._compensate.inverse_dynamics(self._source, *whole)
+        if self._act:
+            return robot.joint_torques(tau, whole.q)[:, self._acting]
         none = np.zeros_like(tau)
-        still = robot.joint_rates(Q, none)
-        T = np.stack([(robot.joint_rates(Q, none + unit) - still)[:, columns]
+        still = robot.joint_rates(whole.q, none)
+        T = np.stack([(robot.joint_rates(whole.q, none + unit) - still)[:, columns]
                       for unit in np.eye(robot.n)], axis=-1)
         return np.asarray(np.linalg.solve(np.swapaxes(T, 1, 2), tau[..., None])[..., 0])
+
+    def _whole(self, q: Array, rates: Array, accelerations: Array) -> MechanismMotion:
+        """Return the motion of all joints, for rows in the order of time."""
+        return motion_of_closed(self._robot, self._columns.tolist(), np.zeros(len(q)),
+                                self._configurations(q), rates, accelerations)
 
     def _configurations(self, q: Array) -> Array:
         """Return the configurations, (K, n_q), of the driving joints, (K, n)."""
@@ -119,34 +156,43 @@ class TrajectoryLinkage(TrajectoryArm):
 def compile_linkage(robot: Robot) -> None:
     """Compile what trajectories of the joints with actuators need."""
     robot.compile('inverse_dynamics', 'torque_terms', 'joint_rates', 'joint_accelerations',
-                  batches=True)
-    joints = robot.actuated_names
-    if robot.constraint_names and len(joints) == robot.n:
-        LoopTracker(robot, joints)
+                  'joint_torques', batches=True)
+    if robot.constraint_names:
+        LoopTracker(robot, driving_joints(robot))
+
+
+def driving_joints(robot: Robot) -> tuple[str, ...]:
+    """
+    Return the joints that drive the others, as many as independent speeds, in the robot's order.
+
+    These are the joints with actuators, or the joints that follow motions if more have actuators.
+    """
+    if not isinstance(robot.equations, ConstrainedEquations):
+        return robot.joint_names
+    stated = _stated_actuators(robot)
+    return stated if stated is not None and len(stated) == robot.n else tuple(
+        robot.joint_names[k] for k in sorted(followed_joints(robot)))
+
+
+def _stated_actuators(robot: Robot) -> tuple[str, ...] | None:
+    """Return the joints that have actuators; None if that is not stated."""
+    equations = robot.equations
+    assert isinstance(equations, ConstrainedEquations)
+    return None if equations.actuated is None else robot.actuated_names
 
 
 def _driving(robot: Robot, given: tuple[str, ...]) -> tuple[str, ...]:
     """
     Return the driving joints among those of a trajectory, in their order.
 
-    These are the joints with actuators, if they are stated; else the joints of a trajectory of as
-    many as independent speeds, or those that follow motions.
+    These are the joints with actuators, if as many as independent speeds are stated; else the
+    joints of a trajectory of as many, or those that follow motions.
     """
-    equations, n = robot.equations, robot.n
-    stated = equations.actuated if isinstance(equations, ConstrainedEquations) else None
-    if stated is not None and len(stated) == n:
-        wanted = set(robot.actuated_names)
-    elif len(given) == n:
-        wanted = set(given)
-    else:
-        wanted = {robot.joint_names[k] for k in followed_joints(robot)}
-    if stated is not None and wanted != set(robot.actuated_names):
-        raise InputError(f'joint_names: {list(given)}; expected the joints with actuators, '
-                         f'{", ".join(robot.actuated_names)}, as many as independent speeds, '
-                         f'{n}')
+    n, stated = robot.n, _stated_actuators(robot)
+    acting = stated is not None and len(stated) == n
+    wanted = set(given if len(given) == n and not acting else driving_joints(robot))
     if not wanted <= set(given):
-        what = 'the joints with actuators' if stated is not None else (
-            f'{n} joints that determine the motion')
+        what = 'the joints with actuators' if acting else f'{n} joints that determine the motion'
         raise InputError(f'joint_names: {list(given)}; expected {what}, '
                          f'{", ".join(name for name in robot.joint_names if name in wanted)}, and '
                          'others only beside these')

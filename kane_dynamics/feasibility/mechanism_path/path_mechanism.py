@@ -14,6 +14,7 @@ import math
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.constrained_law import followed_joints
+from kane_dynamics.control.trajectories.linkage import driving_joints
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.feasibility.mechanism_path.mechanism_limits import MechanismLimits
 from kane_dynamics.feasibility.mechanism_path.mechanism_peaks import MechanismPeaks
@@ -167,12 +168,12 @@ def _columns(coefficients: Callable[[], Array], joints: list[int]) -> Array:
 
 
 def compile_mechanism_timing(robot: Robot) -> None:
-    """Compile what `time_optimal` needs for paths of the joints with actuators of closed loops."""
-    joints = robot.actuated_names
-    if len(joints) != robot.n or velocity_rows(robot):
+    """Compile what `time_optimal` needs for paths of the driving joints of closed loops."""
+    if velocity_rows(robot):
         return
-    places = sorted(robot.coordinate_names.index(name) for name in joints)
-    compile_passes(int(np.isfinite(robot.limits.effort[places]).sum()) or 1)
+    places, acting = (sorted(robot.coordinate_names.index(name) for name in names)
+                      for names in (driving_joints(robot), robot.actuated_names))
+    compile_passes(int(np.isfinite(robot.limits.effort[acting]).sum()) or 1)
     for part in (*path_kernels(robot.n), bounds_kernel(robot.n_q), point_kernel(robot.n_q)):
         part.compile_lanes()
     compile_spline(robot.n)

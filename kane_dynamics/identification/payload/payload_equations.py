@@ -10,6 +10,12 @@ friction and the torque's zero may be wrong by; they have a standard deviation e
 eliminated joint by joint (Schur complement). Where the motion cannot separate them from the
 payload, they widen its covariance.
 
+More actuators than independent speeds may work against each other: only T_a^T times their torques
+is known, with the rates T_a of the actuators per unit of each speed. The rows are then L^-1 T_a^T
+times those above, as many as speeds, with L L^T = T_a^T Sigma T_a, the covariance of their noise:
+white noise of the actuators is white in the rows. Each row depends on the unknowns of all
+actuators, which are eliminated together.
+
 The residual e_j is not white: friction, filters and elasticity correlate it. Its variance counts
 as that of sums over blocks of 1, 2, 4, ... rows, divided by their length: constant for white
 residuals, growing up to the correlation time for others (Flyvbjerg & Petersen, J. Chem. Phys. 91
@@ -32,13 +38,16 @@ ROUNDING = 1e-7  # of the RMS of a joint's torque: no residual is known to be sm
 
 class PayloadEquations:
     """
-    Least-squares equations of a payload, accumulated joint by joint.
+    Least-squares equations of a payload, accumulated row by row.
+
+    The unknowns of the actuators are in groups of rows that depend on the same ones: one row for
+    each actuator, or one group of all rows.
 
     Parameters
     ----------
-    speeds : (n,) array
+    speeds : (m,) array
         Speed at which the friction of each actuator sets in, rad/s or m/s.
-    uncertainty : (n,) array
+    uncertainty : (m,) array
         Standard deviation of what the model's friction and the torque's zero are wrong by, N m or
         N; of viscous friction, per rad/s or m/s.
     belief : (10, 10) array
@@ -48,27 +57,50 @@ class PayloadEquations:
         measurement's, 0 where it is not known.
     kept : float
         Factor by which each further row makes those before it count less.
+    shared : int
+        Number of independent speeds that the actuators, more than these, move together; 0 for one
+        row for each actuator.
 
     """
 
     def __init__(self, speeds: Array, uncertainty: Array, belief: Array, least: float = 0.0,
-                 kept: float = 1.0) -> None:
+                 kept: float = 1.0, shared: int = 0) -> None:
         """Start without rows."""
-        self._speeds, n = speeds, len(speeds)
-        self._uncertainty = np.zeros((n, OWN, OWN))
-        self._uncertainty[:, range(OWN), range(OWN)] = uncertainty[:, None]**-2.0
+        self._speeds = speeds
+        groups, rows = (1, shared) if shared else (len(speeds), 1)
+        known = np.repeat(uncertainty**-2.0, OWN).reshape(groups, -1)
+        self._uncertainty = known[:, :, None] * np.eye(known.shape[1])
         self._belief, self._least, self._kept = belief, least, kept
-        size = LOAD + OWN + 1
-        self._products = np.zeros((LEVELS, n, size, size))  # of sums over blocks
+        size = LOAD + known.shape[1] + 1
+        self._products = np.zeros((LEVELS, groups, rows, size, size))  # of sums over blocks
         self._counts = np.zeros(LEVELS)  # blocks
         self._pending: list[Array | None] = [None] * LEVELS
-        self._variance = np.ones(n)
+        self._variance = np.ones((groups, rows))
 
-    def row(self, Y: Array, u: Array, left: Array, sigma: Array | float = 1.0) -> Array:
-        """Return the equations of one sample, (n, 14), divided by deviations, N m or N."""
+    def row(self, Y: Array, u: Array, left: Array, sigma: Array | float = 1.0,
+            acting: Array | None = None) -> Array:
+        """
+        Return the equations of one sample, divided by deviations, (groups, rows, unknowns + 1).
+
+        Parameters
+        ----------
+        Y, u, left : (m, 10), (m,), (m,) arrays
+            As in `Rows`.
+        sigma : float or (m,) array
+            Deviations, N m or N.
+        acting : (m, n) array, optional
+            Rates of the actuators per unit of each speed, if these share the load.
+
+        """
         own = np.stack([np.ones_like(u), coulomb(u, self._speeds), u], axis=1)
-        row = np.concatenate([Y, own, left[:, None]], axis=1)
-        return np.asarray(row / np.broadcast_to(sigma, u.shape)[:, None])
+        deviations = np.broadcast_to(sigma, u.shape)[:, None]
+        if acting is None:
+            row = np.concatenate([Y, own, left[:, None]], axis=1)
+            return np.asarray(row / deviations)[:, None]
+        weighted = acting * deviations
+        white = np.linalg.solve(np.linalg.cholesky(weighted.T @ weighted), acting.T)
+        coupled = (white[:, :, None] * own).reshape(len(white), -1)
+        return np.concatenate([white @ Y, coupled, (white @ left)[:, None]], axis=1)[None]
 
     def add(self, row: Array) -> None:
         """Add the equations of one sample."""
@@ -78,7 +110,7 @@ class PayloadEquations:
                 return
             kept = self._kept**(2**level)
             self._products[level] *= kept
-            self._products[level] += block[:, :, None] * block[:, None, :]
+            self._products[level] += block[..., :, None] * block[..., None, :]
             self._counts[level] = kept * self._counts[level] + 1.0
             before = self._pending[level]
             self._pending[level] = block if before is None else None
@@ -104,19 +136,20 @@ class PayloadEquations:
 
     def _reduced(self) -> tuple[Array, Array, Array]:
         """Return `solve`'s equations, and those of the joints' own unknowns."""
-        G = self._products[0] / self._variance[:, None, None]
-        x, own, others = slice(LOAD), slice(LOAD, -1), [*range(LOAD), LOAD + OWN]
+        G = (self._products[0] / self._variance[:, :, None, None]).sum(axis=1)
+        x, own, others = slice(LOAD), slice(LOAD, -1), [*range(LOAD), -1]
         by_x = np.linalg.solve(G[:, own, own] + self._uncertainty, G[:, own][:, :, others])
         reduced = (G[:, x][:, :, others] - G[:, x, own] @ by_x).sum(axis=0)
         return 0.5 * (reduced[:, :-1] + reduced[:, :-1].T), reduced[:, -1], by_x
 
     def _residual_variance(self, x: Array, own: Array) -> Array:
-        """Return the variance of sums of residuals per row, the largest over blocks, (n,)."""
+        """Return the variance of sums of residuals per row, the largest over blocks."""
+        shape, rows = self._variance.shape, self._variance.size
         z = np.concatenate([np.tile(-x, (len(own), 1)), -own, np.ones((len(own), 1))], axis=1)
-        squares = np.einsum('ja,ljab,jb->lj', z, self._products, z)
-        free = self._counts - OWN - LOAD / len(own)
+        squares = np.einsum('ja,ljrab,jb->ljr', z, self._products, z).reshape(LEVELS, rows)
+        free = self._counts - (own.size + LOAD) / rows
         enough = free > FEWEST
-        total = self._products[0, :, -1, -1] / max(self._counts[0], 1.0)
+        total = self._products[0, ..., -1, -1].ravel() / max(self._counts[0], 1.0)
         rounding = np.maximum(ROUNDING**2 * total, 1e-18)
         least = np.maximum(self._least, rounding)
         variance = squares[enough] / (free * 2.0**np.arange(LEVELS))[enough, None]
@@ -130,4 +163,4 @@ class PayloadEquations:
             # The few blocks of one joint may happen to be small: all joints' mean counts too.
             growth = np.where(correlated, limit, variance[0]).max(axis=0) / variance[0]
             variance = variance[:1] * np.maximum(growth, growth.mean())
-        return np.asarray(np.maximum(variance.max(axis=0, initial=0.0), least))
+        return np.asarray(np.maximum(variance.max(axis=0, initial=0.0), least).reshape(shape))

@@ -35,18 +35,18 @@ class PayloadEstimator:
         payload is left out.
     frame : str
         In whose axes the payload is described.
-    sigma : (n,) sequence of float
+    sigma : (m,) sequence of float
         Standard deviations of measured torque, N m or N; larger residuals count as they are. Of
         the joints; with chosen speeds or constraints of the joints of `Robot(actuated=)`, in the
-        order of `Robot.actuated_names`, or else of the generalized forces of the speeds.
+        order of `Robot.actuated_names`, which may be more than the independent speeds, or else of
+        the generalized forces of the speeds.
     memory : float
         Time constant of forgetting, in samples.
 
     Raises
     ------
     InputError
-        No such frame, or a number is out of range; or more joints are actuated than there are
-        independent speeds.
+        No such frame, or a number is out of range.
 
     """
 
@@ -54,13 +54,14 @@ class PayloadEstimator:
                  memory: float = 5000.0) -> None:
         """Start with zero mass and a weak prior."""
         self._rows = PayloadRows(model, frame)
-        robot, n = self._rows.robot, self._rows.robot.n
+        robot, n, count = self._rows.robot, self._rows.robot.n, len(self._rows.names)
         try:
             self._sigma = np.array(sigma, dtype=np.float64)
         except (TypeError, ValueError):
             self._sigma = np.empty(0)
-        if self._sigma.shape != (n,) or not ((self._sigma > 0.0) & (self._sigma < np.inf)).all():
-            raise InputError(f'sigma: {sigma!r}; expected {n} positive numbers, of '
+        if self._sigma.shape != (count,) or not (
+                (self._sigma > 0.0) & (self._sigma < np.inf)).all():
+            raise InputError(f'sigma: {sigma!r}; expected {count} positive numbers, of '
                              f'{", ".join(self._rows.names)}')
         self._arguments = [Argument('q', (robot.n_q,), robot.coordinate_names), *(
             Argument(name, (n,), robot.speed_names) for name in ('u', 'udot', 'tau'))]
@@ -75,7 +76,7 @@ class PayloadEstimator:
     def reset(self) -> None:
         """Forget all samples."""
         self._equations = PayloadEquations(self._rows.friction_speed, self._doubt,
-                                           self._belief, 1.0, self._kept)
+                                           self._belief, 1.0, self._kept, self._rows.shared)
         self._solved: tuple[Array, Array] | None = None
 
     def compile(self) -> None:  # noqa: A003
@@ -123,9 +124,10 @@ class PayloadEstimator:
                                  f'{argument.shape}')
         time = constant(t, (), 't (s)', InputError)
         with np.errstate(over='ignore', invalid='ignore'):  # asked for below
-            Y, rates, left, held = self._rows(state[0], state[1], state[2], state[3], time)
+            Y, rates, left, held, acting = self._rows(state[0], state[1], state[2], state[3],
+                                                      time)
             # A joint at rest may hold by friction what the model says it must hold by torque.
-            row = self._equations.row(Y, rates, left, self._sigma + held)
+            row = self._equations.row(Y, rates, left, self._sigma + held, acting)
         if not (np.abs(row) < LARGEST).all():
             raise InputError(f'tau: {state[3].tolist()}; expected torques and a motion in a '
                              'physical range')

@@ -1,6 +1,7 @@
 """Estimate the payload of an arm from a recording."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -73,7 +74,8 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
     recording : Recording
         Of the arm with the payload. With constraints, of the joints of `Robot(actuated=)` in the
         order of `Robot.actuated_names`, or else of those whose rates are the independent speeds,
-        in the order of `Robot.speed_names`: the others follow from the constraints.
+        in the order of `Robot.speed_names`: the others follow from the constraints. Noise of more
+        actuators than independent speeds counts as proportional to their effort limits.
     frame : str
         In whose axes the payload is described.
 
@@ -82,7 +84,7 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
     InputError
         No such frame, the recording is not of the model's joints, it has too few rows, or its
         motion does not identify the mass. The constraints are not those of positions, or the
-        actuators are not joints, as many as independent speeds.
+        actuators are not joints.
     ConstraintError
         The recorded positions do not close the loops.
 
@@ -95,16 +97,19 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
     names = recorded_joints(given)
     check_recording(given.model, recording, ROWS, names)
     rows = PayloadRows(given, frame)
-    Y, rates, left, _ = rows(*recorded_motion(given, names, recording))
+    Y, rates, left, _, acting = rows(*recorded_motion(given, names, recording))
     # The belief keeps what the motion does not tell from looking certain.
     belief = BELIEF * prior_metric(START)
     effort = np.asarray(given.limits.effort)[[given.joint_names.index(name) for name in names]]
     uncertainty = np.maximum(DOUBT * np.where(np.isfinite(effort), effort,
                                               np.abs(recording.tau).max(axis=0)), 1e-6)
-    equations = PayloadEquations(rows.friction_speed, uncertainty, belief)
+    equations = PayloadEquations(rows.friction_speed, uncertainty, belief, shared=rows.shared)
+    samples: Any = (Y, rates, left)
+    if acting is not None:  # the noise of actuators that share a load: as their effort limits
+        samples = (*samples, np.broadcast_to(uncertainty, left.shape), acting)
     middle, found = len(left) // 2, []
     for part in (slice(0, middle), slice(middle, None)):
-        for row in zip(Y[part], rates[part], left[part], strict=True):
+        for row in zip(*(each[part] for each in samples), strict=True):
             equations.add(equations.row(*row))
         found.append(equations.solve())
     (early, _), (x, information) = ((_physical(*each), each[0]) for each in found)

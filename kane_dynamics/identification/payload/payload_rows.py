@@ -5,7 +5,10 @@ Inverse dynamics is linear in the ten parameters of a payload, so its derivative
 regressor of the payload, for every kind of mechanism: generalized forces F_r of the independent
 speeds. Torques are measured at actuators. With `Robot(actuated=)` these are joints: with
 q' = T u + X and the rows a of the actuated joints, the generalized force is T_a^T times their
-torques, and the rows are those of T_a^-T. Otherwise each independent speed has its own.
+torques, and the rows are those of T_a^-T. With more actuated joints than speeds, which may work
+against each other, they are the torques of least norm with that force, by the pseudoinverse, and
+the estimate combines them to as many rows as speeds. Without `actuated` each independent speed has
+its own actuator.
 """
 
 from typing import Any, NamedTuple
@@ -31,14 +34,16 @@ class Rows(NamedTuple):
 
     Attributes
     ----------
-    Y : (n, 10) or (N, n, 10) array
+    Y : (m, 10) or (N, m, 10) array
         Torque of the actuators per parameter of the payload.
-    rates : (n,) or (N, n) array
+    rates : (m,) or (N, m) array
         Rates of the actuators, rad/s or m/s.
-    left : (n,) or (N, n) array
+    left : (m,) or (N, m) array
         Measured torque minus that of the robot alone, N m or N.
-    held : (n,) or (N, n) array
+    held : (m,) or (N, m) array
         Torque that friction may hold at these rates beyond the smoothed friction, N m or N.
+    acting : (m, n) or (N, m, n) array or None
+        Rates of the actuators per unit of each speed, if there are more actuators than speeds.
 
     """
 
@@ -46,6 +51,7 @@ class Rows(NamedTuple):
     rates: Array
     left: Array
     held: Array
+    acting: Array | None = None
 
 
 class PayloadRegressor:
@@ -96,16 +102,18 @@ class PayloadRows:
 
     Attributes
     ----------
-    names : tuple of n str
+    names : tuple of m str
         The actuators: actuated joints, or independent speeds.
-    friction, friction_speed : (n,) arrays
+    shared : int
+        The number of independent speeds if there are more actuators; else 0.
+    friction, friction_speed : (m,) arrays
         Coulomb friction that may hold an actuator at rest, N m or N, and the speed at which it
         sets in, rad/s or m/s.
 
     Raises
     ------
     InputError
-        As `PayloadRegressor`; or there are more actuators than independent speeds.
+        As `PayloadRegressor`.
 
     """
 
@@ -114,6 +122,7 @@ class PayloadRows:
         self.regressor = PayloadRegressor(model, frame)
         robot = self.robot = self.regressor.robot
         self.names, self._places = actuators(robot), None
+        self.shared = robot.n if len(self.names) > robot.n else 0
         equations, joints = robot.equations, robot.model.coordinate_joints
         self._joint_friction, self._joint_speed = (
             np.array([getattr(joint, name) for joint in joints])
@@ -127,7 +136,7 @@ class PayloadRows:
             self.friction_speed = np.array([own[name].friction_speed if name in own else
                                             Joint.friction_speed for name in self.names])
             # Friction of all joints may hold an actuator, through its mechanism.
-            self.friction = np.full(robot.n, self._joint_friction.sum())
+            self.friction = np.full(len(self.names), self._joint_friction.sum())
 
     def __call__(self, q: Array, u: Array, udot: Array, tau: Array, t: Any = 0.0) -> Rows:
         """
@@ -154,15 +163,20 @@ class PayloadRows:
         moment = [np.broadcast_to(t, np.shape(q)[:-1])] if robot.equations.timed else []
         found = self._transmission(q, u, *moment)
         T, rates = found[..., :-1], found[..., -1]
-        slack = self._slack(rates)
+        slack, acting = self._slack(rates), None
         if self._places is not None:
             # This refuses configurations where the actuators do not determine the motion.
-            left = robot.joint_torques(left, q, t=t)[..., self._places]
-            per_actuator = np.linalg.inv(T[..., self._places, :])
+            torques = robot.joint_torques(left, q, t=t)
+            at_actuators = T[..., self._places, :]
+            if self.shared:
+                acting, per_actuator = at_actuators, np.linalg.pinv(at_actuators)
+                left = np.einsum('...na,...n->...a', per_actuator, left)
+            else:
+                per_actuator, left = np.linalg.inv(at_actuators), torques[..., self._places]
             Y, T = np.swapaxes(per_actuator, -1, -2) @ Y, T @ per_actuator
             u = rates[..., self._places]
         held = np.einsum('...ja,...j->...a', np.abs(T), slack)
-        return Rows(Y, u, left, held)
+        return Rows(Y, u, left, held, acting)
 
     def compile(self) -> None:  # noqa: A003
         """Compile the kernels of single samples now instead of at the first one."""
@@ -177,20 +191,11 @@ class PayloadRows:
 
 
 def actuators(robot: Robot) -> tuple[str, ...]:
-    """
-    Return the names of the actuators, as many as independent speeds: joints or these speeds.
-
-    InputError if there are more, which may work against each other.
-    """
+    """Return the names of the actuators: joints, or the independent speeds."""
     equations = robot.equations
     if not isinstance(equations, ConstrainedEquations) or equations.actuated is None:
         return robot.speed_names
-    names = robot.actuated_names
-    if len(names) > robot.n:
-        raise InputError(f'payload: {len(names)} actuated joints ({", ".join(names)}) for '
-                         f'{robot.n} independent speeds; expected as many, because the motion '
-                         'does not determine how more share the load')
-    return names
+    return robot.actuated_names
 
 
 def _second_moments(P: Array) -> Array:

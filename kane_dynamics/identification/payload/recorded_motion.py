@@ -3,13 +3,17 @@
 from collections.abc import Sequence
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.trajectories.linkage import driving_joints
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_rows import actuators
 from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.kinematics.closed_path import LoopLimits
 from kane_dynamics.kinematics.mechanism_motion import mechanism_motion, velocity_rows
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.robot import Robot
 import numpy as np
+
+APART = LoopLimits().tolerance  # rad or m, of a recorded joint from the closed loops
 
 
 def recorded_joints(robot: Robot) -> tuple[str, ...]:
@@ -19,8 +23,7 @@ def recorded_joints(robot: Robot) -> tuple[str, ...]:
     Raises
     ------
     InputError
-        Constraints are not those of positions, or the actuators are not joints, as many as
-        independent speeds.
+        Constraints are not those of positions, or the actuators are not joints.
 
     """
     if not robot.constraint_names:
@@ -46,13 +49,35 @@ def recorded_motion(robot: Robot, names: Sequence[str], recording: Recording
     Raises
     ------
     InputError, ConstraintError
-        As `mechanism_motion`.
+        As `mechanism_motion`; or, of more actuators than independent speeds, one contradicts the
+        loops that the others close.
 
     """
     state = recording.q, recording.u, recording.udot
     if not isinstance(robot.equations, ConstrainedEquations):
         return *state, recording.tau, recording.t
-    motion = mechanism_motion(robot, names, recording.t, *state)
+    driving = list(range(len(names)))
+    if len(names) > robot.n:
+        driving = _driving(robot, names)
+    motion = mechanism_motion(robot, [names[k] for k in driving], recording.t,
+                              *(each[:, driving] for each in state))
+    places = [robot.joint_names.index(name) for name in names]
+    apart = np.abs(motion.q[:, places] - recording.q)
+    k, j = divmod(int(apart.argmax()), len(names))
+    if apart[k, j] > APART:
+        raise InputError(f"recording: '{names[j]}' at {recording.q[k, j]:.4g} rad or m at "
+                         f'{recording.t[k]:.4g} s; expected {motion.q[k, places[j]]:.4g}, which '
+                         f'follows from the other joints, within {APART:g}')
     torques = np.zeros((len(recording), robot.model.n))
-    torques[:, [robot.joint_names.index(name) for name in names]] = recording.tau
+    torques[:, places] = recording.tau
     return *motion, robot.generalized_force(torques, motion.q, t=recording.t), recording.t
+
+
+def _driving(robot: Robot, names: Sequence[str]) -> list[int]:
+    """Return which of more actuators than independent speeds drive the others."""
+    wanted = driving_joints(robot)
+    if not set(wanted) <= set(names):
+        raise InputError(f'recording: of {", ".join(names)}; expected the joints that drive the '
+                         f'others, {", ".join(wanted)}, among the actuators '
+                         '(Robot(independent=...))')
+    return [names.index(name) for name in wanted]

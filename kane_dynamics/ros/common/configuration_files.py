@@ -10,7 +10,6 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.model.model import Model
-from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf import load_urdf
 
 PACKAGE = 'kane_dynamics'
@@ -74,22 +73,3 @@ def robot_options(values: Mapping[str, Any]) -> dict[str, Any]:
         options |= load_constraints(resolve_path('constraints', values['constraints']),
                                     prefix=values['prefix'])
     return options
-
-
-def flexible_robot(model: Model, options: Mapping[str, Any]) -> Robot:
-    """
-    Return a robot, with its beams; with constraints, the rates of all modes are independent.
-
-    Its actuators are at the independent joints then; InputError for others.
-    """
-    options = dict(options)
-    if model.flexible and options.get('independent'):
-        joints = options['independent']
-        stated = options.pop('actuated', joints)
-        if set(stated) != set(joints):
-            raise InputError(f"parameter 'constraints': actuated: {list(stated)}, with beams; "
-                             f'expected the independent joints, {list(joints)}, because others '
-                             'load the beams through the loops')
-        options['independent'] = (*joints, *(
-            model.coordinate_names[k] for k in model.modal_coordinates))
-    return Robot(model, **options)

@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from kane_dynamics.analysis.model_checks import Finding, listed
-from kane_dynamics.control.quasi_static import QuasiStatic
+from kane_dynamics.control.quasi_static import flexible_robot, QuasiStatic
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.model.flexible_model import stiffened
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.configuration_files import (flexible_robot, load_model, PACKAGE,
-                                                          resolve_path, robot_options)
+from kane_dynamics.ros.common.configuration_files import (load_model, PACKAGE, resolve_path,
+                                                          robot_options)
 from kane_dynamics.ros.monitors.contact_monitor import observed_frame
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics

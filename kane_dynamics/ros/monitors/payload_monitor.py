@@ -39,8 +39,8 @@ def estimator_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any
     """
     Return the settings of the payload estimator.
 
-    Raise InputError if payload.frame is empty, a list has the wrong length, a joint has no
-    deviation and no effort limit, or more joints have actuators than there are independent speeds.
+    Raise InputError if payload.frame is empty, a list has the wrong length, or a joint has no
+    deviation and no effort limit.
     """
     if not values['payload.frame']:
         raise InputError("parameter 'payload.frame': empty; expected the frame of the payload, "

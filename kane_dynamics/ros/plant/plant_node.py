@@ -7,11 +7,11 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
+from kane_dynamics.control.quasi_static import flexible_robot
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.commanders import CommanderCount, several_commanders
-from kane_dynamics.ros.common.configuration_files import (flexible_robot, load_model,
-                                                          resolve_path, robot_options)
+from kane_dynamics.ros.common.configuration_files import load_model, resolve_path, robot_options
 from kane_dynamics.ros.common.conversion import NANO, vector
 from kane_dynamics.ros.common.qos import RELIABLE, WRENCHES
 from kane_dynamics.ros.common.service_errors import answer_service_errors

@@ -5,6 +5,7 @@ import math
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.trajectories.linkage import driving_joints
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility import time_optimal
 from kane_dynamics.feasibility.path_geometry import path_of
@@ -20,7 +21,8 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
     Return the computation of a TimeOptimal request, which fills in a response, for a worker.
 
     It uses the robot of the simulations, with the gravity and the payload of now. The path is of
-    the joints with actuators: all joints without closed loops.
+    the driving joints: all joints without closed loops, else those with actuators, or the
+    independent joints if there are more actuators. The response has further actuators too.
 
     Raises
     ------
@@ -29,10 +31,7 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
 
     """
     robot = served.simulated
-    every, joints = robot.joint_names, list(robot.actuated_names)
-    if len(joints) != robot.n:
-        raise InputError(f'joints with actuators: {", ".join(joints)}; expected {robot.n}, as '
-                         'many as independent speeds, for a path of these joints')
+    every, joints = robot.joint_names, list(driving_joints(robot))
     places = [every.index(joint) for joint in joints]
     rest = assembly_mode(served) if robot.constraint_names else None
     names = list(request.joint_names) or joints
@@ -63,15 +62,16 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
                 else path_of(q, joints))
         found = time_optimal(robot, path, rest=rest, **limits)
         t, *states = found.points
-        back = np.array(places)[np.argsort(order)]
-        response.joint_names = names
+        moved = [*names, *(joint for joint in robot.actuated_names if joint not in names)]
+        back = [every.index(joint) for joint in moved]
+        response.joint_names = moved
         response.time_from_start = doubles(t)
         columns = {field: rows[:, back] for field, rows in zip(
             (*FIELDS, 'effort'), (*states, found.tau))}
         for field, rows in columns.items():
             setattr(response, field, doubles(rows))
         if request.as_trajectory:
-            response.trajectory = message_of_points(names, t, columns)
+            response.trajectory = message_of_points(moved, t, columns)
     return compute
 
 

@@ -5,11 +5,10 @@ from typing import Any
 
 from kane_dynamics.control.constrained_law import joints_that_follow
 from kane_dynamics.control.controller import Controller
-from kane_dynamics.control.quasi_static import QuasiStatic
-from kane_dynamics.model.flexible_model import stiffened
+from kane_dynamics.control.quasi_static import rigid_and_bending
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.configuration_files import flexible_robot, robot_options
+from kane_dynamics.ros.common.configuration_files import robot_options
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings
 
 
@@ -25,9 +24,7 @@ def path_controller(model: Model, values: Mapping[str, Any]) -> Controller:
         A parameter does not fit the model.
 
     """
-    options = robot_options(values)
-    bending = QuasiStatic(flexible_robot(model, options)) if model.flexible else None
-    robot = Robot(stiffened(model), **options)
+    robot, bending = rigid_and_bending(model, robot_options(values))
     return Controller(robot, bending=bending, **path_settings(values, robot))
 
 

@@ -1,0 +1,78 @@
+"""Trajectories of a palletizer with a motor more than degrees of freedom, over DDS."""
+
+from graph import Process
+from kane_dynamics import load_constraints, load_urdf, Robot
+from kane_dynamics.mechanics.definition import nonholonomic
+from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal
+import numpy as np
+from palletizer import CONSTRAINTS, DRIVEN, positions, URDF
+import pytest
+import yaml
+
+TIMES = [0.0, 0.8, 1.6]
+POINTS = np.array([[0.1, 0.2, -0.1, 0.3], [0.3, 0.4, -0.2, 0.6], [0.5, 0.3, -0.2, 1.0]])
+MOTORS = {**dict.fromkeys(DRIVEN, 1.0), 'elbow': 0.5}
+
+
+@pytest.fixture(scope='module')
+def node_and_robot(tmp_path_factory):
+    given = {**CONSTRAINTS, 'actuated': MOTORS}
+    robot = Robot(load_urdf(URDF), **load_constraints(given))
+    robot.compile()
+    path = tmp_path_factory.mktemp('arm') / 'redundant.constraints.yaml'
+    path.write_text(yaml.safe_dump(given), encoding='utf-8')
+    process = Process(urdf=URDF, constraints=path, diagnostics_rate=20, state_timeout=60.0)
+    try:
+        process.wait_for('active, mode', 120.0)
+        yield process, robot
+    finally:
+        code = process.end()[0]
+    assert code == 0
+    assert 'Traceback' not in process.log
+
+
+def require_shared(robot, answer, every):
+    """Compare the efforts of some points with the least weighted norm of Kane's definition."""
+    names = list(answer.joint_names)
+    assert sorted(names) == sorted(MOTORS)
+    places = [robot.joint_names.index(name) for name in names]
+    q, u, udot, effort = (np.reshape(getattr(answer, field), (-1, len(names))) for field in (
+        'positions', 'velocities', 'accelerations', 'effort'))
+    driven = [names.index(name) for name in DRIVEN]
+    root = np.sqrt([MOTORS[name] for name in names])
+    for k in range(0, len(q), every):
+        at = positions(robot, *q[k, driven])
+        np.testing.assert_allclose(q[k], at[places], atol=1e-9)
+        force = nonholonomic.inverse_dynamics(robot.mechanism, at, u[k, driven], udot[k, driven])
+        # The loops are parallelograms: each joint's rate is a constant sum of the driven rates.
+        T = np.array([positions(robot, *row) for row in np.eye(4)]).T[places]
+        np.testing.assert_allclose(u[k], T @ u[k, driven], atol=1e-8)
+        expected = np.linalg.pinv(T.T / root) @ force / root
+        np.testing.assert_allclose(effort[k], expected, rtol=0.0,
+                                   atol=1e-8 * np.abs(force).max())
+
+
+def test_filled_trajectories_have_the_efforts_of_all_motors(node_and_robot, client):
+    _, robot = node_and_robot
+    answer = client.call(FillTrajectory, 'fill_trajectory', joint_names=list(DRIVEN),
+                         time_from_start=TIMES, positions=POINTS.ravel().tolist(),
+                         tolerance=[20.0])
+    assert answer.success, answer.message
+    assert list(answer.joint_names) == [*DRIVEN, 'elbow']
+    assert answer.inserted > 0 and len(answer.effort_error) == 5
+    assert max(answer.effort_error) <= 20.0
+    require_shared(robot, answer, 1)
+
+
+def test_the_fastest_timing_keeps_the_limits_of_all_motors(node_and_robot, client):
+    _, robot = node_and_robot
+    answer = client.call(TimeOptimal, 'time_optimal', joint_names=list(DRIVEN),
+                         positions=POINTS.ravel().tolist())
+    assert answer.success, answer.message
+    require_shared(robot, answer, 100)
+    places = [robot.joint_names.index(name) for name in answer.joint_names]
+    uses = [np.abs(np.reshape(getattr(answer, field), (-1, 5)))
+            / getattr(robot.limits, limit)[places]
+            for field, limit in (('effort', 'effort'), ('velocities', 'velocity'))]
+    largest = np.max(uses, axis=(0, 2))
+    assert largest.max() <= 1.001 and np.median(largest) == pytest.approx(1.0, abs=1e-2)
