@@ -23,7 +23,7 @@ WORK = 2_000_000  # operations of a thread at least; some 0.3 ms
 HEAD = """
 define ptr @HANDLER(ptr %frame) {
 start:
-  %table = alloca [SLOTS x [3 x i64]]
+  %table = alloca [SLOTS x [ROW x i64]]
   %shares = alloca [WORDS x i64]
   %extension.at = getelementptr i8, ptr %frame, i64 8
   %extension = load ptr, ptr %extension.at
@@ -79,12 +79,7 @@ PARAMETERS = """
   %argK = load ptr, ptr %argK.at
   %argK.data.at = getelementptr i8, ptr %argK, i64 24
   %argK.data = load ptr, ptr %argK.data.at
-  %rowK = getelementptr [3 x i64], ptr %table, i64 K
-  store ptr %argK.data, ptr %rowK
-  %rowK.stride = getelementptr i64, ptr %rowK, i64 1
-  store i64 0, ptr %rowK.stride
-  %rowK.step = getelementptr i64, ptr %rowK, i64 2
-  store i64 0, ptr %rowK.step
+  call void @put(ptr %table, i64 K, ptr %argK.data, i64 0)
 """
 SCRATCH = """
   %before.all = add i64 %before.ARGUMENTS, %total
@@ -109,22 +104,12 @@ widenK:
   br label %placedK
 placedK:
   %addressK = phi ptr [%argK.data, %FROM], [%scratchK, %widenK]
-  %rowK = getelementptr [3 x i64], ptr %table, i64 K
-  store ptr %addressK, ptr %rowK
-  %rowK.stride = getelementptr i64, ptr %rowK, i64 1
-  store i64 %argK.stride, ptr %rowK.stride
-  %rowK.step = getelementptr i64, ptr %rowK, i64 2
-  store i64 0, ptr %rowK.step
+  call void @put(ptr %table, i64 K, ptr %addressK, i64 %argK.stride)
 """
 RUN = """
   %scratch.result = getelementptr double, ptr %scratch, i64 %before.ARGUMENTS
   %address = select i1 %single, ptr %scratch.result, ptr %result.data
-  %row = getelementptr [3 x i64], ptr %table, i64 LAST
-  store ptr %address, ptr %row
-  %row.stride = getelementptr i64, ptr %row, i64 1
-  store i64 BYTES, ptr %row.stride
-  %row.step = getelementptr i64, ptr %row, i64 2
-  store i64 0, ptr %row.step
+  call void @put(ptr %table, i64 LAST, ptr %address, i64 BYTES)
   %whole = sdiv i64 %count, GRAIN
   %low = call i64 @llvm.smax.i64(i64 %whole, i64 1)
   %threads = call i64 @llvm.smin.i64(i64 %low, i64 THREADS)
@@ -175,7 +160,7 @@ declare i64 @llvm.smin.i64(i64, i64)
 
 def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
                  limits: Sequence[float], *, minor: int, threads: int, operations: int,
-                 words: int, flags: int) -> str:
+                 row: int, words: int, flags: int) -> str:
     """
     Return a module with a handler; it holds addresses, so it is for this process.
 
@@ -192,6 +177,8 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
         Most threads of a call.
     operations : int
         Arithmetic operations of a state, which determine the number of threads.
+    row : int
+        The words of a row of the table of `run_batch`.
     words, flags : int
         The words of a share of `run_shares`, and the place of its flags among them.
 
@@ -218,7 +205,7 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
         'FROM', f'placed{last - 2}' if last > 1 else 'place')
     for name, number in (('GRAIN', max(1, WORK // max(operations, 1))), ('THREADS', threads),
                          ('FLAGS', flags), ('DRIVER', driver), ('MAJOR', MAJOR),
-                         ('MINOR', minor), ('SLOTS', last + 1), ('LAST', last),
+                         ('MINOR', minor), ('ROW', row), ('SLOTS', last + 1), ('LAST', last),
                          ('ARGUMENTS', last - 1),
                          ('BYTES', 8 * sizes[-1]), ('SIZE', max(sizes[-1], 1))):
         text = text.replace(name, str(number))

@@ -6,6 +6,18 @@ declare void @free(ptr)
 declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)
 declare double @llvm.fabs.f64(double)
 
+; Write a row of the table of `run_batch`: an address, the bytes between states, and zeros.
+define internal void @put(ptr %table, i64 %k, ptr %address, i64 %stride) {
+start:
+  %row = getelementptr [ROW x i64], ptr %table, i64 %k
+  %bytes = mul i64 ROW, 8
+  call void @llvm.memset.p0.i64(ptr %row, i8 0, i64 %bytes, i1 false)
+  store ptr %address, ptr %row
+  %stride.at = getelementptr i64, ptr %row, i64 1
+  store i64 %stride, ptr %stride.at
+  ret void
+}
+
 ; Return the number of entries of an XLA_FFI_Buffer.
 define internal i64 @entries(ptr %buffer) {
 start:
@@ -71,7 +83,7 @@ state:
 slot:
   %k = phi i64 [0, %state], [%k.next, %slot.done]
   %bad = phi i1 [false, %state], [%bad.in, %slot.done]
-  %row.at = getelementptr [3 x i64], ptr %table, i64 %k
+  %row.at = getelementptr [ROW x i64], ptr %table, i64 %k
   %address = load ptr, ptr %row.at
   %stride.at = getelementptr i64, ptr %row.at, i64 1
   %stride = load i64, ptr %stride.at

@@ -56,7 +56,7 @@ block:
   br label %place
 place:
   %k = phi i64 [0, %block], [%k.next, %placed]
-  %row = getelementptr [4 x i64], ptr %table, i64 %k
+  %row = getelementptr [ROW x i64], ptr %table, i64 %k
   %address = load ptr, ptr %row
   %numbers.at = getelementptr i64, ptr %row, i64 3
   %numbers = load ptr, ptr %numbers.at
@@ -121,7 +121,7 @@ step.done:
   br i1 %s.more, label %move, label %block.done
 move:
   %m = phi i64 [0, %step.done], [%m.next, %move]
-  %m.row = getelementptr [4 x i64], ptr %table, i64 %m
+  %m.row = getelementptr [ROW x i64], ptr %table, i64 %m
   %by.at = getelementptr i64, ptr %m.row, i64 2
   %by = load i64, ptr %by.at
   %m.at = getelementptr <W x ptr>, ptr %rows, i64 %m
@@ -175,11 +175,15 @@ class Strided(NamedTuple):
     numbers: int = 0
 
 
+ROW = len(Strided._fields)  # words of a row of the table
+
+
 @cache
 def driver(width: int) -> llvm.Code:
     """Return the machine code of `RUN_BATCH` and of its threads."""
     counting = '<' + ', '.join(f'i64 {lane}' for lane in range(width)) + '>'
-    text = RUN_BATCH.replace('COUNTING', counting).replace('SLOTS', str(POINTER_SLOTS))
+    text = RUN_BATCH.replace('COUNTING', counting).replace('SLOTS', str(POINTER_SLOTS)).replace(
+        'ROW', str(ROW))
     text = text.replace('EVERY', '<' + ', '.join(['i1 true'] * width) + '>')
     for name in ('<W x', 'vWi64', 'vWp0'):
         text = text.replace(name, name.replace('W', str(width)))

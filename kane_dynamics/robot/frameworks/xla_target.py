@@ -13,7 +13,7 @@ from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.backends.real_types import size_limit
 from kane_dynamics.native.backends.xla_handler import HANDLER, handler_text, MAJOR
 from kane_dynamics.native.machine_code import llvm
-from kane_dynamics.native.runtime.batch_loop import driver
+from kane_dynamics.native.runtime.batch_loop import driver, ROW
 from kane_dynamics.native.runtime.thread_ir import FLAGS, WORDS
 from kane_dynamics.native.runtime.threads import thread_count
 from kane_dynamics.native.tracing.program import size_of
@@ -56,8 +56,8 @@ def registered(function: BatchFunction) -> str:
                 kernel.lane_address, driver(width()).address('run_shares'),
                 [size for size, _ in operands],
                 [min(limit, sys.float_info.max) for _, limit in operands],
-                minor=interface()[1], threads=thread_count(), words=WORDS, flags=FLAGS,
-                operations=count.multiplications + count.additions)
+                minor=interface()[1], threads=thread_count(), row=ROW, words=WORDS,
+                flags=FLAGS, operations=count.multiplications + count.additions)
             code = llvm.Code(llvm.assemble(text, 2, optimise=True))
             handler = code.function(HANDLER, ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p))
             jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(handler), platform='cpu')
