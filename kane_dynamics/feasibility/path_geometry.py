@@ -22,6 +22,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.spline import free_velocities, segment_coefficients
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.motion.rests import AT_REST, rests
 from kane_dynamics.motion.uniform_spline import spline_derivatives
 from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -29,10 +30,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 SAME, CLOSE = 1e-12, 1e-6  # distance of waypoints, of the length of the path
-AT_REST = 1e-9  # speed relative to the mean one of the motion
-INSIDE = np.arange(8) / 8  # places of a segment between which all joints may reverse at once
-REVERSAL = 1e-4  # least speed in a reversal of all joints, relative to that around it
-BISECTIONS = 60
 MESH, FINER = 200, 4  # intervals on which the parameter is computed, and more per segment
 STEP = 0.25  # of s between samples
 STILL = 1e-13  # range of a joint that does not move, relative to the largest range
@@ -104,7 +101,7 @@ def _waypoints(path: ArrayLike, names: Sequence[str]) -> Array:
     """Return checked waypoints, (K, n)."""
     if isinstance(path, np.ndarray) and path.dtype == np.float64 and (
             path.shape[1:] == (len(names),) and np.isfinite(path).all()):
-        return path.copy()  # thousands of rows would take milliseconds one by one
+        return np.array(path, order='C')  # thousands of rows would take milliseconds one by one
     try:
         rows = list(path)  # type: ignore[arg-type]
     except TypeError:
@@ -155,40 +152,6 @@ def sections(motion: Motion, points: int, order: int, ends: tuple[bool, bool]) -
             for k, part in enumerate(parts)]
 
 
-def rests(motion: Motion) -> Array:
-    """
-    Return the times of both ends of a motion and of its rests between them.
-
-    It rests at points with zero speed, and where all joints reverse at once between points. There
-    the direction of the friction changes, too, which a grid could not resolve.
-    """
-    knots = motion.times
-    if len(knots) < 2:
-        return knots
-    u = np.zeros(((len(knots) - 1) * len(INSIDE) + 1, motion.n))
-    u[:-1] = motion.velocities_inside(INSIDE).reshape(-1, motion.n)
-    speed = np.sqrt(np.einsum('ij,ij->i', u, u))
-    points = speed[::len(INSIDE)]
-    still = points <= AT_REST * np.abs(motion.positions[1:] - motion.positions[:-1]).sum() / (
-        knots[-1] - knots[0])
-    still[[0, -1]] = True
-    speed[::len(INSIDE)][still] = 0.0
-    least = np.minimum(speed[:-2], speed[2:])
-    k = 1 + np.flatnonzero((speed[1:-1] <= least) & (speed[1:-1] > 0.0) & (least > 0.0)
-                           & (np.einsum('ij,ij->i', u[:-2], u[2:]) < 0.0))
-    if not k.size:
-        return np.asarray(knots[still])
-    t = np.append((knots[:-1, None] + np.diff(knots)[:, None] * INSIDE).ravel(), knots[-1])
-    low, high = t[k - 1], t[k + 1]
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        _, rates, slopes = motion.sample(middle)
-        slower = np.einsum('ij,ij->i', rates, slopes) < 0.0
-        low, high = np.where(slower, middle, low), np.where(slower, high, middle)
-    turned = np.linalg.norm(motion.sample(low)[1], axis=1) <= REVERSAL * least[k - 1]
-    return np.unique(np.concatenate([knots[still], low[turned]]))
-
-
 class Part:
     """The part of a motion between two rests, the first and the last of which may be none."""
 
@@ -203,8 +166,8 @@ class Part:
         counts = FINER + (MESH / self.span * lengths).astype(np.intp)
         # Intervals on which the parameter is computed, none of them across a point of the motion.
         own = np.repeat(np.arange(len(counts)), counts)
-        segments = np.stack([ends[:-1], lengths / counts, np.cumsum(counts) - counts, knots[:-1],
-                             rates], axis=1)
+        segments = np.stack([ends[:-1] - begin, lengths / counts, np.cumsum(counts) - counts,
+                             ends[:-1] - knots[:-1], rates], axis=1)
         self.segment, self.coefficients = own + first, np.ascontiguousarray(motion.coefficients)
         self.intervals = np.empty((len(own), 7))
         kernels(motion.n)[0].run(
@@ -241,8 +204,8 @@ class Part:
 
     def _positions(self, share: Array) -> Array:
         """Return q at increasing shares, from 0 to 1, of the mean of time and length."""
-        t, scales = np.append(self.intervals[:, 0], self.end), (0.5 / self.span, 0.5 / self.length)
-        mean = scales[0] * (t - self.begin) + scales[1] * self.arc
+        scales = 0.5 / self.span, 0.5 / self.length
+        mean = scales[0] * np.append(self.intervals[:, 0], self.span) + scales[1] * self.arc
         first = np.zeros(len(mean), dtype=np.intp)
         first[1:-1], first[-1] = np.searchsorted(share, mean[1:-1]), len(share)
         own = np.repeat(np.arange(len(mean) - 1), first[1:] - first[:-1])
@@ -264,13 +227,14 @@ def kernels(n: int) -> tuple[Kernel, Kernel]:
     """
     Return the kernels of the intervals of a part, and of positions in them.
 
-    The numbers of an interval are the time at its start, the fraction of the segment there, the
-    interval's share of the segment, its duration, the speeds at both ends, and its length.
+    The numbers of an interval are the time at its start, from that of the part, the fraction of
+    the segment there, the interval's share of the segment, its duration, the speeds at both ends,
+    and its length.
     """
     def intervals(number: Any, segment: Any, coefficients: Any) -> Any:
-        begin, step, first, knot, rate = segment
-        t, width, speeds = begin + step * (number[()] - first), step * rate, []
-        place = (t - knot) * rate
+        begin, step, first, inside, rate = segment
+        since, width, speeds = step * (number[()] - first), step * rate, []
+        t, place = begin + since, (inside + since) * rate
         for part in (0.0, 0.5, 1.0):
             x, u = place + part * width, 5.0 * coefficients[5]
             for k in (4, 3, 2, 1):

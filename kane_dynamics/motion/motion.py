@@ -61,7 +61,7 @@ class Motion:
         self.duration = float(times[-1])
         self._n = len(joint_names)
         self._coefficients = coefficients
-        for array in (times, positions):
+        for array in (times, positions, *([] if callable(coefficients) else [coefficients])):
             array.flags.writeable = False
 
     @cached_property
@@ -81,9 +81,12 @@ class Motion:
     @property
     def coefficients(self) -> Array:
         """Return the coefficients of q in x from 0 to 1 of all segments, (K - 1, 6, n)."""
-        if callable(self._coefficients):
-            self._coefficients = self._coefficients()
-        return self._coefficients
+        given = self._coefficients  # read once, since another thread may replace it
+        if callable(given):
+            given = given()
+            given.flags.writeable = False
+            self._coefficients = given
+        return given
 
     @cached_property
     def _knots(self) -> list[float]:

@@ -14,9 +14,10 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility.path_geometry import FEWEST, rests, Section, STILL
+from kane_dynamics.feasibility.path_geometry import FEWEST, Section, STILL
 from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.motion.rests import rests
 import numpy as np
 
 MESH, FINER = 400, 8  # intervals on which lengths are computed, and least per piece

@@ -411,6 +411,32 @@ def test_times_of_a_motion_have_no_influence(factor):
         time_optimal(robot, path).duration, rel=1e-6)
 
 
+def test_path_of_a_motion_does_not_depend_on_the_time_at_which_it_begins():
+    t, points, names = np.array([0.0, 1.0, 1.75, 3.0]), waypoints(2, 4), fr3().joint_names
+    first, late = (sections(Motion.from_points(begin + t, points, joint_names=names), 200, 2,
+                            (True, True)) for begin in (0.0, 2.0**31))
+    for one, other in zip(first, late, strict=True):
+        for a, b, rounding in zip(one[:3], other[:3], (1e-14, 1e-11, 1e-9)):
+            assert b == pytest.approx(a, rel=0.0, abs=rounding)
+
+
+def test_waypoints_of_any_kind_of_array_are_their_numbers(tmp_path):
+    given, names = waypoints(3), fr3().joint_names
+    mapped = np.memmap(tmp_path / 'numbers', dtype=np.float64, mode='w+', shape=given.shape)
+    mapped[:] = given
+    mapped.flush()
+    read = np.memmap(tmp_path / 'numbers', dtype=np.float64, mode='r', shape=given.shape)
+    masked = np.ma.masked_array(given, mask=given > given.mean())
+    for kind in (given.tolist(), np.asfortranarray(given), given.astype('>f8'), read, masked,
+                 np.repeat(given, 2, axis=0)[::2]):
+        motion = path_of(kind, names)
+        assert type(motion.positions) is np.ndarray
+        assert motion.positions.flags.c_contiguous
+        assert np.array_equal(motion.positions, given)
+        assert np.array_equal(motion.times, path_of(given, names).times)
+        assert np.array_equal(motion.coefficients, path_of(given, names).coefficients)
+
+
 def test_integer_speeds_are_numbers():
     robot = two_link()
     path = bent_path(robot)

@@ -182,3 +182,33 @@ def test_points_too_far_apart_for_finite_numbers_are_refused():
         Motion.from_points([0.0, 1.0], [[1e308], [-1e308]], joint_names=['a'])
     with pytest.raises(InputError, match='overflow; expected a finite motion'):
         Motion.from_points([0.0, 5e-324], [[0.0], [1.0]], joint_names=['a'])
+
+
+def test_numbers_of_a_motion_are_read_only():
+    t, names = np.array([0.0, 1.0, 2.5]), ('a', 'b')
+    table = np.ones((2, 6, 2))
+    for motion in (Motion.from_points(t, np.eye(3)[:, :2], joint_names=names),
+                   Motion(names, t.copy(), np.ones((3, 2)), table.copy()),
+                   Motion(names, t.copy(), np.ones((3, 2)), table.copy)):
+        for array in (motion.times, motion.positions, motion.coefficients):
+            with pytest.raises(ValueError, match='read-only'):
+                array[0] = 2.0
+
+
+def test_coefficients_that_another_thread_has_just_stored_are_not_called():
+    table = np.ones((1, 6, 1))
+
+    class Interrupted(Motion):
+        """A motion whose coefficients another thread stores after each read."""
+
+        @property
+        def _coefficients(self):
+            given, self.given = self.given, table
+            return given
+
+        @_coefficients.setter
+        def _coefficients(self, given):
+            self.given = given
+
+    motion = Interrupted(('a',), np.array([0.0, 1.0]), np.ones((2, 1)), table.copy)
+    assert np.array_equal(motion.coefficients, table)
