@@ -114,15 +114,19 @@ class PathLimits:
         self.tight = self.tight / np.where(
             worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
 
-    def at(self, x: Array | None) -> Limits:
+    def at(self, x: Array | None, calm: bool = False) -> Limits:
         """
         Return the limits, exact at a profile x, (N + 1,); without friction for None.
 
-        They are valid until the next call, since they may share its memory.
+        A limit of power falls steeply with x: a large x at one vertex and a small one at the next
+        satisfy it, too, so the largest profile may alternate. With `calm`, x is at most that of
+        steady motion there. The limits are valid until the next call, since they may share its
+        memory.
         """
         torque = self._torque_lines(x)
         rows: list[Array] = []
         middles: list[Array] = []
+        steady = np.full(len(self.most), np.inf)
         for name in ('effort', 'power', 'acceleration'):
             limit = getattr(self.bounds, name)
             used = np.isfinite(limit)
@@ -134,8 +138,9 @@ class PathLimits:
                 continue
             width = self.tight[Bounds._fields.index(name)] * limit
             if name == 'power':
-                for found, blocks in zip((rows, middles), self._power_lines(torque, width, x)):
-                    found += [block[:, :, used] for block in blocks]
+                *lines, steady = self._power_lines(torque, width, x, used)
+                for found, blocks in zip((rows, middles), lines):
+                    found += blocks
                 continue
             block = torque if name == 'effort' else np.stack(np.broadcast_arrays(
                 self.first, self.second, 0.0, 0.0), axis=1)
@@ -143,6 +148,8 @@ class PathLimits:
             rows.append(block if used.all() else block[:, :, used])
         tight = self.tight[1].min(axis=1)
         most = np.minimum(self.most * tight**2, self.free)
+        if calm:
+            most = np.minimum(most, steady)
         if not rows:
             rows = [np.zeros((len(most), 4, 1)) + [[0.0], [0.0], [0.0], [1.0]]]
         return Limits(_side_by_side(rows), _side_by_side(
@@ -165,20 +172,29 @@ class PathLimits:
         lines[:, 2] += self._at_actuators(force - offset - change * x)
         return lines
 
-    def _power_lines(self, torque: Array, width: Array, x: Array | None
-                     ) -> tuple[Sequence[Array], Sequence[Array]]:
-        """Return the limits of power at the vertices, and at the middles between them."""
+    def _power_lines(self, torque: Array, width: Array, x: Array | None, used: Flags
+                     ) -> tuple[Sequence[Array], Sequence[Array], Array]:
+        """
+        Return the used limits of power at vertices and at the middles between.
+
+        The third part is the largest x of steady motion where a limit is steep.
+        """
         at = np.zeros((len(torque), 1)) if x is None else self._from_rest(x)
         each = [*torque.swapaxes(0, 1)[:3], np.broadcast_to(width, self.first.shape), at]
         alpha, beta, gamma, width, _ = each
-        rows = _one_sided(alpha, beta, gamma, *self._torque_of_power(width, at, self.first))
+        rows = [block[:, :, used] for block in _one_sided(
+            alpha, beta, gamma, *self._torque_of_power(width, at, self.first))]
         # The limit at the middle counts too; the mean of those at both ends exceeds it.
         alpha, beta, gamma, width, at = (0.5 * (line[1:] + line[:-1]) for line in each)
-        middles = _one_sided(alpha, beta, gamma, *self._torque_of_power(
-            width, at, self.section.first[1::2]))
+        middles = [block[:, :, used] for block in _one_sided(
+            alpha, beta, gamma, *self._torque_of_power(width, at, self.section.first[1::2]))]
+        steady = np.minimum.reduce([_steady(block, 1.0) for block in rows])
+        between = np.minimum.reduce([_steady(block, 0.5) for block in middles])
+        steady[1:] = np.minimum(steady[1:], between)
+        steady[:-1] = np.minimum(steady[:-1], between)
         for block in middles:
             block[:, 0] += 0.5 * block[:, 1]
-        return rows, middles
+        return rows, middles, steady
 
     def _torque_of_power(self, power: Array, x: Array, first: Array) -> tuple[Array, Array]:
         """
@@ -257,6 +273,15 @@ def _one_sided(alpha: Array, beta: Array, gamma: Array, width: Array, slope: Arr
     upper, lower = (np.stack([alpha, beta - sign * slope, gamma + sign * (far - width), far],
                              axis=1) for sign in (1.0, -1.0))
     return upper, lower
+
+
+def _steady(block: Array, share: float) -> Array:
+    """Return the largest x of steady motion where a share of beta exceeds alpha, else infinity."""
+    alpha, beta, gamma, width = block.swapaxes(0, 1)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        x = (width - np.sign(beta) * gamma) / np.abs(beta)
+    return np.asarray(np.where(share * np.abs(beta) > np.abs(alpha), np.maximum(x, 0.0),
+                               np.inf).min(axis=1))
 
 
 def friction(robot: Robot, rates: Array) -> tuple[Array, Array]:

@@ -203,13 +203,15 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
     """Return the fastest profile, from a first guess x; None for that without friction."""
     ends = [speed**2 / limits.speed_squared(k) if speed else None
             for speed, k in ((start, 0), (end, -1))]
-    slower = 0
+    slower, calm = 0, limits.powered
     for _ in range(PROGRAMS):
-        limited = limits.at(x)
+        limited = limits.at(x, calm)
         try:
             last = (0.0, end_limit(limited)) if ends[1] is None else (ends[1], ends[1])
             sets = controllable_sets(limited, last)
         except Infeasible as error:
+            if limits.powered and not calm:
+                break  # by rounding, since x is a solution
             slower += 1
             if limits.linear or slower > SLOWER:
                 raise _refusal(limits, limited, error.vertex, start, end) from None
@@ -225,12 +227,15 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
         new = np.maximum(fastest_profile(sets, first), SMALLEST * limits.size)
         for k, given in zip((0, -1), ends):
             new[k] = new[k] if given is None else given
-        done = limits.linear or (x is not None and abs(
-            duration(new) / duration(x) - 1.0) <= CONVERGED)
+        longer = math.inf if x is None else duration(new) / duration(x) - 1.0
+        if limits.powered and not calm and longer > -CONVERGED:
+            break
         # From a slow profile, which satisfies limits of power, the profiles grow monotonically.
         x = SLOW * new if x is None and limits.powered else new
-        if done:
-            break
+        if limits.linear or abs(longer) <= CONVERGED:
+            if not calm:
+                break
+            calm = False
     assert x is not None
     if (x >= 0.5 * limits.free).any():
         raise InputError('robot: no limit bounds the motion; expected limits of effort or '

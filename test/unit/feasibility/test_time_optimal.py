@@ -366,6 +366,24 @@ def test_limits_of_power_on_long_paths_have_the_duration_of_a_fine_grid(count, p
     assert largest_use(robot, found, power) <= 1.001
 
 
+def test_more_power_never_costs_time_on_a_long_path():
+    rng, builder, on = np.random.default_rng(3), ModelBuilder('chain'), 'world'
+    for k in range(3):
+        builder.body(f'body{k}', on, 'revolute', axis=tuple(np.eye(3)[k]), at=(0.0, 0.0, 0.1),
+                     joint=f'joint{k}',
+                     matter=Inertial(1.0, 0.05 * rng.normal(size=3), 0.01 * np.eye(3)),
+                     limits=Limits(velocity=4.0, effort=200.0 if k else math.inf))
+        on = f'body{k}'
+    robot = Robot(builder.model())
+    path = [[19.2, 5.8, -18.7], [18.1, -0.4, -30.9], [20.4, -6.0, -30.2], [3.8, -21.1, -15.2]]
+    found = [time_optimal(robot, path, power=power, acceleration=5.0)
+             for power in np.linspace(2.6, 2.8, 8)]
+    durations = np.array([each.duration for each in found])
+    assert (np.diff(durations) < 0.0).all()
+    assert durations[0] < 1.06 * durations[-1]
+    assert largest_use(robot, found[0], 2.6) <= 1.001
+
+
 def test_excess_that_no_grid_removes_is_named():
     with pytest.raises(InputError, match=r"path: joint 'rail': \S+ times its velocity limit at "
                        r'\S+ of the path, \[0\.\d\], on a grid of 16000 intervals'):
