@@ -112,6 +112,8 @@ def run_concurrently(jobs: Sequence[Callable[[], object]]) -> None:
             running.discard(get_ident())
 
     def wait() -> None:
+        waiting.clear()
+        running.discard(get_ident())
         while running:  # an interrupted `Thread.join` may take a running thread for ended
             time.sleep(POLL)
     count = thread_count()
@@ -120,10 +122,12 @@ def run_concurrently(jobs: Sequence[Callable[[], object]]) -> None:
             for _ in range(min(len(jobs), 2 * count) - 1 if count > 1 else 0):
                 Thread(target=work, name='kane_dynamics_compile').start()
         work()
-    finally:
-        waiting.clear()
-        running.discard(get_ident())
         uninterrupted(wait)
+    except BaseException:
+        with suppress(BaseException):  # an interrupt before `uninterrupted` has begun
+            uninterrupted(wait)
+        uninterrupted(wait)
+        raise
     if errors:
         raise min(errors, key=itemgetter(0))[1]
 
