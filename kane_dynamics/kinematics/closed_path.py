@@ -4,11 +4,10 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError
+from kane_dynamics.kinematics.driven_loops import driving_tracker
 from kane_dynamics.kinematics.loop_error import (CONTRADICTION, CONTRADICTORY_POINT,
                                                  LoopError)
 from kane_dynamics.kinematics.loop_step import STRIDE
-from kane_dynamics.kinematics.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.robot.robot import Robot
@@ -53,15 +52,9 @@ class ClosedPath:
 
     def __init__(self, robot: Robot, joints: Sequence[str], limits: LoopLimits) -> None:
         """Check the joints."""
-        # In the robot's order: one kernel for every order of a trajectory.
-        names = robot.coordinate_names
-        self._order = sorted(range(len(joints)), key=lambda k: names.index(joints[k]))
-        self._tracker = LoopTracker(robot, [joints[k] for k in self._order],
-                                    tolerance=limits.tolerance, max_figure=limits.max_figure)
-        if rows := self._tracker.path_rows:
-            raise InputError(f"motion: constraint '{rows[0]}' is one of velocities, and the "
-                             'positions of driving joints do not determine the configuration; '
-                             'expected constraints of positions')
+        self._tracker = driving_tracker(robot, joints, tolerance=limits.tolerance,
+                                        max_figure=limits.max_figure)
+        self._order = [list(joints).index(name) for name in self._tracker.measured]
         self._rest = np.zeros(robot.n)
         self._known: list[Array] = []
 

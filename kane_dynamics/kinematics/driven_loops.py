@@ -19,6 +19,22 @@ STEPS_IN_TIME = 8  # at least, from row to row, where constraints are functions 
 Described = Callable[[int], str]  # what a row is of, in words
 
 
+def driving_tracker(robot: Robot, joints: Sequence[str], **limits: float) -> LoopTracker:
+    """
+    Return a tracker whose measured joints are driving joints, in the robot's order.
+
+    So one kernel serves every order of the joints. `limits` are those of `LoopTracker`. InputError
+    as from `LoopTracker`, or if a constraint is one of velocities.
+    """
+    tracker = LoopTracker(robot, [name for name in robot.coordinate_names if name in joints],
+                          **limits)
+    if rows := tracker.path_rows:
+        raise InputError(f"motion: constraint '{rows[0]}' is one of velocities, and the positions "
+                         'of driving joints do not determine the configuration; expected '
+                         'constraints of positions')
+    return tracker
+
+
 class DrivenLoops:
     """
     Closed configurations for rows of positions of driving joints, in one assembly mode.
@@ -41,14 +57,7 @@ class DrivenLoops:
     """
 
     def __init__(self, robot: Robot, joints: Sequence[str]) -> None:
-        # In the robot's order: one kernel for every order of the joints.
-        names = robot.coordinate_names
-        self._tracker = LoopTracker(robot, [name for name in names if name in joints],
-                                    max_figure=conditioning.SINGULAR)
-        if rows := self._tracker.path_rows:
-            raise InputError(f"motion: constraint '{rows[0]}' is one of velocities, and the "
-                             'positions of driving joints do not determine the configuration; '
-                             'expected constraints of positions')
+        self._tracker = driving_tracker(robot, joints, max_figure=conditioning.SINGULAR)
 
     def followed(self, start: Array, q: Array, t: Array, described: Described) -> Array:
         """
