@@ -106,7 +106,9 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
     for _ in range(ROUNDS + 1):
         empty = asked(0.0)
         mass = 1.0 if bending is None else upper_fixed_point(
-            lambda mass: limited(mass)[0].mass, SMALL, SETTLED, 'bending: largest payload, kg')
+            lambda mass: limited(mass)[0].mass, SMALL, SETTLED, (
+                f'bending: no largest payload found from {SMALL:g} kg; expected beams that bend '
+                'less'))
         best, slope = limited(SMALL if mass is None or math.isinf(mass) else max(mass, SMALL))
         if math.isinf(best.mass):
             break

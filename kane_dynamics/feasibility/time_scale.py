@@ -286,4 +286,5 @@ def _highest_bent(path: SampledPath, top: float,
         if before > LOWEST:
             path.square = square + (added(before) - at_rest) / before**2
         return _highest_speed(path, LOWEST, top)
-    return upper_fixed_point(highest, LOWEST, PRECISION, 'bending: highest speed')
+    return upper_fixed_point(highest, LOWEST, PRECISION, (
+        f'bending: no highest speed found from {LOWEST:g}; expected beams that bend less'))

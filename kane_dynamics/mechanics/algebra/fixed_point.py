@@ -10,7 +10,7 @@ LESS = 0.5  # of the residual before: with a larger one, the bracket is bisected
 
 
 def upper_fixed_point(value: Callable[[float], float | None], low: float, precision: float,
-                      what: str) -> float | None:
+                      missing: str) -> float | None:
     """
     Return x >= `low` > 0 with x = value(x) to a relative precision, or infinity, or None.
 
@@ -20,11 +20,11 @@ def upper_fixed_point(value: Callable[[float], float | None], low: float, precis
     Raises
     ------
     InputError
-        That of `value`, if it alone bounds x; or no fixed point is found: names `what`.
+        That of `value`, if it alone bounds x; `missing` if no fixed point is found.
 
     """
     x, high, before = low, math.inf, (math.nan, math.nan)
-    cause = InputError(f'{what}: none found from {low:.4g}; expected beams that bend less')
+    cause = InputError(missing)
     for _ in range(MOST):
         try:
             found = value(x)
