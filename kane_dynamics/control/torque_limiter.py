@@ -4,12 +4,10 @@ from collections.abc import Sequence
 import math
 from typing import NamedTuple
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 import numpy as np
-from numpy.typing import NDArray
 
-Flags = NDArray[np.bool_]
 FINITE = float(np.finfo(np.float64).max)
 
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.reachability import Limits
 from kane_dynamics.feasibility.segment_peaks import largest
@@ -24,9 +24,7 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np
-from numpy.typing import NDArray
 
-Flags = NDArray[np.bool_]
 FLAT = 1e-9  # least x, relative to its size, at which friction has a tangent
 MARGIN = 5e-4  # of all limits, for the motion between the points
 OUT_OF_REACH = 1e4  # width of a limit on one side, relative to its numbers

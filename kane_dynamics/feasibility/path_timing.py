@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 from functools import cache, partial
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.feasibility.path_geometry import kernels as path_kernels, Section
-from kane_dynamics.feasibility.path_limits import Bounds, bounds_kernel, Flags, torque_kernel
+from kane_dynamics.feasibility.path_limits import Bounds, bounds_kernel, torque_kernel
 from kane_dynamics.feasibility.reachability import compile_passes
 from kane_dynamics.feasibility.segment_peaks import peaks_kernel, SegmentPeaks
 from kane_dynamics.mechanics.algebra.dual import select

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import (compressed, FRICTION, full_regressor,
@@ -14,7 +14,6 @@ from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PARAMETERS
 from kane_dynamics.model.model import Model
 import numpy as np
-from numpy.typing import NDArray
 
 RANK = 1e-9  # smallest pivot of independent columns, relative to the largest
 ROUNDS = 8  # of reweighting, which converges in three or four
@@ -42,7 +41,7 @@ class BaseParameters:
     B: Array
 
     @property
-    def single(self) -> NDArray[np.bool_]:
+    def single(self) -> Flags:
         """Return which unknowns are individually identifiable, (unknowns,) array of bool."""
         found = np.zeros(self.B.shape[1], dtype=bool)
         found[self.columns[np.count_nonzero(self.B, axis=1) == 1]] = True

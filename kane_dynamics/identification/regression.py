@@ -17,7 +17,7 @@ from itertools import pairwise
 from typing import Any
 
 from kane_dynamics._util.fork_safety import lazy_property
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.qr_factor import Factor
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
@@ -26,7 +26,6 @@ from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
-from numpy.typing import NDArray
 
 FRICTION = ('damping', 'friction', 'armature', 'friction_offset')
 LOWEST = np.array([0.0, 0.0, 0.0, -np.inf])  # lower bounds of FRICTION
@@ -63,7 +62,7 @@ class RegressionRows:
     rigid: Array
     rest: Array
     Y: Array
-    moving: NDArray[np.bool_]
+    moving: Flags
 
     def half(self, *, second: bool) -> 'RegressionRows':
         """Return the first half of the rows, or the second."""

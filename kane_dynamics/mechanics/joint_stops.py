@@ -1,14 +1,13 @@
 """Joint stops as rigid, inelastic, frictionless obstacles."""
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import ConstraintError
 import numpy as np
-from numpy.typing import NDArray
 
 MOST = 12  # exponent of 2: of the sets of active stops that are tried
 
 
-def stop_impulses(into: Array, A: Array) -> tuple[Array, NDArray[np.bool_]]:
+def stop_impulses(into: Array, A: Array) -> tuple[Array, Flags]:
     """
     Return the impulses of stops in contact, (k,), and which of them act, (k,) bool.
 

@@ -2,10 +2,9 @@
 
 from collections.abc import Sequence
 import math
-from typing import Any
 
 from kane_dynamics._util.checks import finite_row, per_joint
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.errors import InputError
@@ -109,13 +108,13 @@ class TrajectoryArm:
         """Return the points of `actuators` for those of `names`: the same for a tree."""
         return points
 
-    def strays(self, points: ControllerPoints, segments: Segments, x: Array) -> Any:
+    def strays(self, points: ControllerPoints, segments: Segments, x: Array) -> Flags:
         """
-        Return the segments, (S,), in which the motion of `actuators` leaves the closed loops.
+        Return in which segments the motion of `actuators` leaves the closed loops, (S,).
 
-        Arguments are those of `ControllerPoints.inside`. None for a tree.
+        Arguments are those of `ControllerPoints.inside`. A tree has no loops.
         """
-        return False
+        return np.zeros(len(segments), dtype=bool)
 
     def efforts(self, *state: Array) -> Array:
         """Return the efforts at q, u and udot, (..., n) each; InputError if one overflows."""

@@ -1,9 +1,8 @@
 """The driving joints of a trajectory of a robot with chosen speeds or constraints."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.control.constrained_law import followed_joints, require_rigid
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import Terms
@@ -100,14 +99,14 @@ class TrajectoryLinkage(TrajectoryArm):
         return ControllerPoints(points.t, *(values[:, acting] for values in (
             whole.q, robot.joint_rates(whole.q, whole.u), robot.joint_accelerations(*whole))))
 
-    def strays(self, points: ControllerPoints, segments: Segments, x: Array) -> Any:
-        """Return the segments, (S,), in which the motion of `actuators` opens the loops."""
+    def strays(self, points: ControllerPoints, segments: Segments, x: Array) -> Flags:
+        """Return in which segments the motion of `actuators` leaves the closed loops, (S,)."""
         if self.actuators == self.names:
-            return False
+            return super().strays(points, segments, x)
         closed = self._in_order(lambda q: self._configurations(q)[:, self._acting],
                                 points.inside(segments, x)[:1])
         apart = np.abs(self.executed(points).inside(segments, x)[0] - closed)
-        return (apart > self._tolerance).any(axis=(0, 2))
+        return np.asarray((apart > self._tolerance).any(axis=(0, 2)))
 
     def efforts(self, *state: Array) -> Array:
         """Return the efforts at q, u and udot, (..., n) each; InputError if one overflows."""

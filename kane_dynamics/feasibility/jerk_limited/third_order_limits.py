@@ -16,11 +16,11 @@ The rate of the torque is that without Coulomb friction.
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.jerk_limited.smooth_path import SmoothSection
 from kane_dynamics.feasibility.path_geometry import STILL
-from kane_dynamics.feasibility.path_limits import Bounds, Flags, friction, MARGIN
+from kane_dynamics.feasibility.path_limits import Bounds, friction, MARGIN
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.native.runtime.argument import Argument

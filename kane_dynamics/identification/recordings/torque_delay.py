@@ -10,13 +10,12 @@ noise is not, so its part of the residual is known, and widens the standard devi
 
 from dataclasses import dataclass
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
-from numpy.typing import NDArray
 
 NOISE = 0.3  # largest fraction of accelerations that are used unfiltered
 LONGEST = 0.2  # s, either way
@@ -53,7 +52,7 @@ class TorqueDelays:
     common_deviation: float
 
     @property
-    def judged(self) -> NDArray[np.bool_]:
+    def judged(self) -> Flags:
         """Return for each joint whether its standard deviation is at most 25 ms, (n,)."""
         return self.deviation <= JUDGED
 
@@ -63,7 +62,7 @@ class TorqueDelays:
         return abs(self.common) > max(SURE * self.common_deviation, SHORTEST)
 
     @property
-    def different(self) -> NDArray[np.bool_]:
+    def different(self) -> Flags:
         """Return for each joint whether its delay is not the common one, (n,)."""
         return self.judged & _outlying(self.delay, self.deviation, self.common)
 
@@ -114,9 +113,9 @@ def _common(delay: Array, deviation: Array) -> tuple[float, float]:
     return float(np.average(delay[agree], weights=weight)), float(weight.sum()**-0.5)
 
 
-def _outlying(delay: Array, deviation: Array, from_delay: float) -> NDArray[np.bool_]:
+def _outlying(delay: Array, deviation: Array, from_delay: float) -> Flags:
     """Return where a delay clearly differs from another."""
-    found: NDArray[np.bool_] = np.abs(delay - from_delay) > np.maximum(
+    found: Flags = np.abs(delay - from_delay) > np.maximum(
         DIFFERENT * deviation, SHORTEST)
     return found
 
