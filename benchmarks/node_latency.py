@@ -1,12 +1,12 @@
 """
 Round trip of the node compared with empty echo nodes, in one shuffled run.
 
-Four processes live together: the dynamics node with a seven-axis arm, an empty rclpy node that
-answers each joint state with an array of the same size on rclpy's default executor, the same on
-the EventsExecutor, and the same in C (echo.c). One driver visits them in shuffled order, one visit
-every 2 ms on average, with a jittered period, so that every contender meets the same noise; visits
-of one round belong together. Rounds come in blocks, and through every other block a fifth process
-calls the node's simulation service back to back.
+Four processes live together (node_contenders.py): the dynamics node with a seven-axis arm, an
+empty rclpy node that answers each joint state with an array of the same size on rclpy's default
+executor, the same on the EventsExecutor, and the same in C. One driver visits them in shuffled
+order, one visit every 2 ms on average, with a jittered period, so that every contender meets the
+same noise; visits of one round belong together. Rounds come in blocks, and through every other
+block a fifth process calls the node's simulation service back to back.
 
 The gates: the median of the paired ratios to the echoes, and beside simulations the node loses
 less than 2 % of the states. With the argument `realtime` the node runs with its real-time settings
@@ -15,45 +15,25 @@ three closed loops, whose other six joints follow from loop closure; only the ga
 the default executor, idle, holds there. With `--no-gates` missed gates are printed and no failure.
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-import ctypes
+from collections.abc import Sequence
 import os
-from pathlib import Path
 import random
-import shutil
-import signal
-import subprocess
 import sys
-import threading
 import time
 from typing import IO
 
 from gates import exit_status, NO_GATES
 from kane_dynamics.demo.demo_settings import DemoRobot, ROBOTS
-from kane_dynamics_interfaces.srv import Simulate
+from node_contenders import (BEST_EFFORT, compile_echo, contenders, DEFAULT, IN_C, NAMESPACES,
+                             OURS, REALTIME, RELIABLE)
 import numpy as np
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 PALLETIZER = 'palletizer'
-SHORT = 0.5  # s: before the falling palletizer comes to a dead point
-OURS, DEFAULT, EVENTS, IN_C = ('node', 'echo, default executor', 'echo, EventsExecutor',
-                               'echo in C')
-NAMESPACES = {OURS: '/ours', DEFAULT: '/default', EVENTS: '/events', IN_C: '/c'}
-SOURCE = Path(__file__).with_name('echo.c')
-LIBRARY = Path(__file__).resolve().parents[1] / 'build' / 'bench' / 'echo.so'
-LIBRARIES = ('rcl', 'rcutils', 'rosidl_runtime_c', 'sensor_msgs__rosidl_typesupport_c',
-             'sensor_msgs__rosidl_generator_c', 'std_msgs__rosidl_typesupport_c',
-             'std_msgs__rosidl_generator_c')
-REALTIME = ['-p', 'realtime.priority:=50', '-p', 'realtime.lock_memory:=true',
-            '-p', 'realtime.collect_rarely:=true']
 IDLE, BUSY = 'idle', 'beside simulations'
 PERIOD = 2e-3  # s between visits, on average
 BLOCK = 250   # rounds
@@ -63,95 +43,6 @@ MOST_RATIO = {'fr3': {(IDLE, DEFAULT): 0.70, (BUSY, DEFAULT): 0.65, (IDLE, IN_C)
               PALLETIZER: {(IDLE, DEFAULT): 0.80}}
 MOST_LOST = 0.02
 PATIENCE = 20e-3  # s after which an answer counts as lost
-BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-
-
-def echo(namespace: str, executor: str) -> None:
-    """Run an empty node: publish one array for each joint state."""
-    if executor == IN_C:
-        sys.exit(ctypes.CDLL(str(LIBRARY)).echo(namespace.encode()))
-    rclpy.init()
-    node = Node('echo', namespace=namespace)
-    publisher = node.create_publisher(Float64MultiArray, 'commands', RELIABLE)
-    node.create_subscription(
-        JointState, 'joint_states',
-        lambda message: publisher.publish(Float64MultiArray(data=message.position)), BEST_EFFORT)
-    spinner = EventsExecutor() if executor == EVENTS else SingleThreadedExecutor()
-    spinner.add_node(node)
-    with suppress(KeyboardInterrupt, ExternalShutdownException):
-        spinner.spin_until_future_complete(Future(), 1e6)
-
-
-def compile_echo() -> str:
-    """Compile echo.c against the installed ROS; return why that fails, or an empty string."""
-    if shutil.which('gcc') is None:
-        return 'there is no gcc'
-    prefixes = [Path(prefix) for prefix in (
-        *os.environ.get('AMENT_PREFIX_PATH', '').split(':'), sys.prefix) if prefix]
-    prefix = next((each for each in prefixes if (each / 'include/rcl/rcl/rcl.h').exists()), None)
-    if prefix is None:
-        return 'there are no headers of rcl in AMENT_PREFIX_PATH'
-    LIBRARY.parent.mkdir(parents=True, exist_ok=True)
-    done = subprocess.run(
-        ['gcc', '-O2', '-fPIC', '-shared', *(f'-I{each}' for each in prefix.glob('include/*')),
-         str(SOURCE), '-o', str(LIBRARY), f'-L{prefix}/lib', f'-Wl,-rpath,{prefix}/lib',
-         *(f'-l{each}' for each in LIBRARIES)], capture_output=True, text=True, check=False)
-    return f'gcc failed: {done.stderr[-2000:]}' if done.returncode else ''
-
-
-def load(robot: DemoRobot) -> None:
-    """Repeat simulations, from each line of standard input to the next."""
-    rclpy.init()
-    node = Node('load', namespace=NAMESPACES[OURS])
-    client = node.create_client(Simulate, 'kane_dynamics/simulate')
-    client.wait_for_service()
-    wanted, ended = threading.Event(), threading.Event()
-
-    def read() -> None:
-        for _ in sys.stdin:
-            (wanted.clear if wanted.is_set() else wanted.set)()
-        ended.set()
-        wanted.set()
-
-    threading.Thread(target=read, daemon=True).start()
-    done = 0
-    request = Simulate.Request(joint_names=list(robot.positions),
-                               position=list(robot.positions.values()),
-                               duration=10.0 if robot.constraints is None else SHORT)
-    print('ready', flush=True)
-    while wanted.wait() and not ended.is_set():
-        future = client.call_async(request)
-        rclpy.spin_until_future_complete(node, future)
-        done += future.result().success
-    print(done, flush=True)
-
-
-@contextmanager
-def contenders(robot: str, names: Sequence[str], *more: str) -> Iterator[subprocess.Popen[str]]:
-    """Run these echoes and the node in a block; yield the process that asks for simulations."""
-    node = [sys.executable, '-m', 'kane_dynamics.ros.dynamics_node.main', '--ros-args',
-            '-r', f'__ns:={NAMESPACES[OURS]}', '-p', 'state_timeout:=5.0',
-            '-p', 'mode:=computed_torque', *more]
-    for key, value in ROBOTS[robot].parameters.items():
-        node += ['-p', f'{key}:={value}']
-    commands = [node] + [[sys.executable, __file__, NAMESPACES[name], name]
-                         for name in names]
-    running = [subprocess.Popen(command, stderr=subprocess.DEVNULL) for command in commands]
-    loader = subprocess.Popen([sys.executable, __file__, 'load', robot], stdin=subprocess.PIPE,
-                              stdout=subprocess.PIPE, text=True)
-    try:
-        yield loader
-    finally:
-        assert loader.stdin is not None
-        loader.stdin.close()  # which ends it, once its last request is answered
-        for process in [loader, *running]:
-            if process is not loader:
-                process.send_signal(signal.SIGINT)
-            try:
-                process.wait(5.0)
-            except subprocess.TimeoutExpired:
-                process.kill()
 
 
 class Driver(Node):
@@ -291,12 +182,7 @@ def main(*arguments: str, samples: int = 2500) -> int:
 
 
 if __name__ == '__main__':
-    if sys.argv[1:2] == ['load']:
-        load(ROBOTS[sys.argv[2]])
-    elif sys.argv[1:2] and sys.argv[1] in NAMESPACES.values():
-        echo(*sys.argv[1:])
-    elif unknown := set(sys.argv[1:]) - {'realtime', PALLETIZER, NO_GATES}:
+    if unknown := set(sys.argv[1:]) - {'realtime', PALLETIZER, NO_GATES}:
         sys.exit(f'arguments: {sorted(unknown)}; expected realtime, {PALLETIZER}, {NO_GATES} or '
                  'none')
-    else:
-        sys.exit(main(*sys.argv[1:]))
+    sys.exit(main(*sys.argv[1:]))

@@ -20,8 +20,8 @@ from gates import exit_status
 from kane_dynamics.demo.demo_settings import FR3
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.cdr import PreparedMessage, write_joint_state
-from node_latency import (BEST_EFFORT, BUSY, contenders, IDLE, MOST_LOST, NAMESPACES, OURS,
-                          REALTIME)
+from node_contenders import BEST_EFFORT, contenders, NAMESPACES, OURS, REALTIME
+from node_latency import BUSY, IDLE, MOST_LOST
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
