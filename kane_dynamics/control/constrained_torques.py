@@ -1,9 +1,9 @@
 """
 The torques of `Controller` for robots with chosen speeds or constraints.
 
-The law gives a generalized force, dual to the independent speeds; `Robot.joint_torques` shares it
-among the actuators. With a preload p of more actuators than independent speeds, the torques are
-those nearest to p: p + shared(tau - T^T p).
+The law gives a generalized force tau, dual to the independent speeds; `Robot.joint_torques` shares
+it among the actuators. With a preload p of more actuators than independent speeds, the torques are
+those nearest to p: shared(tau) + p - shared(T^T p).
 """
 
 from collections.abc import Callable, Sequence
@@ -87,7 +87,7 @@ class ConstrainedTorques:
 
     def compile(self) -> None:  # noqa: A003
         """Compile the kernels of the law with all terms."""
-        constrained_law_kernel(self._robot, self.places)
+        constrained_law_kernel(self._robot, self.places, shared=True)
         self._robot.compile('joint_torques')
         self._tracker  # noqa: B018
         if self._bending is not None:
@@ -103,10 +103,10 @@ class ConstrainedTorques:
 
     def computed_torque(self, q: Array, u: Array, desired: State, gains: Array, terms: Terms,
                         back: Array, t: float) -> Array:
-        """Return the generalized force of computed torque; `back` weights all but friction."""
+        """Return the joint torques of computed torque; `back` weights all but friction."""
         robot, at = self._robot, self._at(t)
         if terms.complete and self._bending is None:
-            return self._law(t)(q, u, *desired, gains)
+            return self._preloaded(self._law(t)(q, u, *desired, gains), q, t)
         q_d, u_d, udot_d = desired
         n = len(self.places)
         qdot = robot.joint_rates(q, u, **at)[self.places]
@@ -117,12 +117,12 @@ class ConstrainedTorques:
         if terms.friction:
             wanted = self._called('followed_speeds', self._speeds, (q, u_d), t)
             tau = tau + robot.torque_terms(q, wanted, 0.0 * wanted, **at)[FRICTION]
-        return tau
+        return self.joint_torques(tau, q, t)
 
     def _law(self, t: float) -> Callable[..., Array]:
-        """Return the law as a function of states and gains, without wrenches, at a time."""
+        """Return the joint torques as a function of states and gains, at a time."""
         if 'law' not in self._functions or self._equations.timed:
-            kernel = constrained_law_kernel(self._robot, self.places)
+            kernel = constrained_law_kernel(self._robot, self.places, shared=True)
             more: list[Any] = [None] if len(self._robot.kernels.no_wrench) else []
 
             def checked(*given: Array) -> Array:
@@ -171,10 +171,19 @@ class ConstrainedTorques:
 
     def joint_torques(self, tau: Array, q: Array, t: float) -> Array:
         """Return the torques of the joints, (n_q,), with a generalized force."""
-        robot, p, at = self._robot, self._preload, self._at(t)
+        return self._preloaded(self.shared(tau, q, t), q, t)
+
+    def shared(self, tau: Array, q: Array, t: float) -> Array:
+        """Return `joint_torques` without the preload."""
+        return self._robot.joint_torques(tau, q, **self._at(t))
+
+    def _preloaded(self, torques: Array, q: Array, t: float) -> Array:
+        """Return joint torques, (n_q,), with the part of the preload that moves nothing."""
+        p = self._preload
         if p is None:
-            return robot.joint_torques(tau, q, **at)
-        return p + robot.joint_torques(tau - robot.generalized_force(p, q, **at), q, **at)
+            return torques
+        force = self._robot.generalized_force(p, q, **self._at(t))
+        return torques + (p - self.shared(force, q, t))
 
     def _at(self, t: float) -> dict[str, Any]:
         return {'t': t} if self._equations.timed else {}

@@ -271,13 +271,14 @@ class Controller(ControllerSettings):
         """Return the joint torques, (n_q,), of a robot with chosen speeds or constraints."""
         law, terms = self._constrained, self._compensate
         assert law is not None
-        at = q
         if self._mode is Mode.COMPUTED_TORQUE:
-            tau = self._computed_torque(q, u, motion, moment, t)
+            at, tau = q, self._computed_torque(q, u, motion, moment, t)
         elif self._mode is Mode.INVERSE_DYNAMICS and motion is not None:
-            at, tau = law.feedforward(q, motion, moment, terms, t)
+            at, force = law.feedforward(q, motion, moment, terms, t)
+            tau = law.joint_torques(force, at, t)
         else:
-            tau = law.gravity(q, t) if terms.gravity else np.zeros(len(self._speeds))
+            force = law.gravity(q, t) if terms.gravity else np.zeros(len(self._speeds))
+            at, tau = q, law.joint_torques(force, q, t)
         if external is not None and self._mode is not Mode.GRAVITY_COMPENSATION:
-            tau = tau - external
-        return law.joint_torques(tau, at, t)
+            tau = tau - law.shared(external, at, t)
+        return tau

@@ -104,8 +104,11 @@ class TorqueLimiter:
         self._last, self._stamp = out, t
         if out == wanted:
             return Command(tau, self._none, self._none, False)
-        clamped, limited = np.array(within) != tau, np.array(out) != np.array(within)
-        return Command(np.array(out), clamped, limited, True)
+        limited = np.array(out)
+        if out is within:
+            return Command(limited, limited != tau, self._none, True)
+        bounded = np.array(within)
+        return Command(limited, bounded != tau, limited != bounded, True)
 
     def resume(self, t: float | None, tau: Array) -> None:
         """Continue from `tau`, (n,), commanded elsewhere at stamp `t`, s; None: the next one."""

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 import math
 
+from kane_dynamics._util.checks import constant, finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.loop_error import LoopError, SINGULAR
@@ -42,6 +43,8 @@ class LoopStep:
 
     def __init__(self, robot: Robot, places: Sequence[int]) -> None:
         n_q, n = robot.n_q, robot.n
+        self._names = robot.coordinate_names
+        self._measured = [self._names[k] for k in places]
         both = n_q + n_q * n
         self._from = np.zeros(both)  # q and T
         self.last, T = self._from[:n_q], self._from[n_q:].reshape(n_q, n)
@@ -61,6 +64,19 @@ class LoopStep:
     def begin(self, rates: Array | float, t: float) -> None:
         """Use these rates, rad/s or m/s, and this time, s."""
         self.rates[:], self.time[...] = rates, t
+
+    def check(self, measured: Array, rates: Array, others: Sequence[int], values: Array | None,
+              t: float) -> None:
+        """Raise InputError for arguments of another shape, or that are not finite."""
+        x, v, y = np.asarray(measured), np.asarray(rates), np.asarray(
+            () if values is None else values)
+        if x.shape == v.shape == (len(self.target),) and y.shape == (len(others),) and (
+                math.isfinite(sum(x.tolist()) + sum(v.tolist()) + sum(y.tolist()) + t)):
+            return
+        finite_row(x, 'measured', self._measured)
+        finite_row(v, 'rates', self._measured)
+        finite_row(y, 'values', [self._names[k] for k in others])
+        constant(t, (), 't', InputError)
 
     def compare(self, others: Sequence[int], values: Array | None) -> None:
         """Compare the result with the positions of these joints; with none for None."""

@@ -176,7 +176,12 @@ class LoopTracker:
             ones, from which the next update continues while the assembly mode is `known`.
 
         """
-        self._check(measured, rates, others, values, t)
+        self._step.check(measured, rates, others, values, t)
+        self.update_checked(measured, rates, others, values, t)
+
+    def update_checked(self, measured: Array, rates: Array, others: Sequence[int] = (),
+                       values: Array | None = None, t: float = 0.0) -> None:
+        """Move `q` and `u` as `update`, to arrays whose shapes and numbers were checked."""
         self._step.begin(rates, t)
         if self.known and self._follow(measured, others, values):
             return
@@ -199,19 +204,6 @@ class LoopTracker:
                              'change; expected a state of all joints, or a restart')
             raise
         self._accept()
-
-    def _check(self, measured: Array, rates: Array, others: Sequence[int], values: Array | None,
-               t: float) -> None:
-        """Raise InputError for arguments of another shape, or that are not finite."""
-        x, v, y = np.asarray(measured), np.asarray(rates), np.asarray(
-            () if values is None else values)
-        if x.shape == v.shape == (self.robot.n,) and y.shape == (len(others),) and (
-                math.isfinite(sum(x.tolist()) + sum(v.tolist()) + sum(y.tolist()) + t)):
-            return
-        finite_row(x, 'measured', self.measured)
-        finite_row(v, 'rates', self.measured)
-        finite_row(y, 'values', [self.robot.coordinate_names[k] for k in others])
-        constant(t, (), 't', InputError)
 
     def _follow(self, measured: Array, others: Sequence[int], values: Array | None) -> bool:
         """Try one call of the kernel, which is enough for most measurements; return success."""

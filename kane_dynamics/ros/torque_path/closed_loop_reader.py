@@ -92,8 +92,8 @@ class ClosedLoopReader(JointStateReader):
     def complete(self) -> str | None:
         """Close the loops at the accepted state; return None, or the reason to refuse it."""
         try:
-            self.tracker.update(self._q, self._u, [self._places[k] for k in self.others],
-                                self.positions)
+            self.tracker.update_checked(self._q, self._u, [self._places[k] for k in self.others],
+                                        self.positions)
         except LoopError as error:
             self.detail = error.detail
             return error.reason
