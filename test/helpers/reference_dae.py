@@ -16,6 +16,7 @@ RANK = 1e-7
 LONGEST = 0.02  # s: a trial step that opens loops wide ends nowhere
 TOLERANCE = 1e-13  # of DOP853: free motions of several loops amplify errors by up to 1e7
 PERTURBED = 1e-9  # rad or m
+DIRECTIONS = 8  # perturbations
 SKEW = np.zeros((3, 3, 3))  # v x w = (v @ SKEW) w
 for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     SKEW[i, j, k], SKEW[i, k, j] = -1.0, 1.0
@@ -169,10 +170,15 @@ class Reference:
         return tuple(np.array(x) for x in zip(*found))
 
     def growth(self, q, v, times, seed):
-        """Return how many times larger a small perturbation of q and v is at each time, (K,)."""
+        """
+        Return how many times larger small perturbations of q and v are at each time, (K,).
+
+        The largest of several: one alone may have little of the direction that grows most.
+        """
         rng = np.random.default_rng(seed)
-        near = self.projected(*(x + rng.uniform(-PERTURBED, PERTURBED, x.shape) for x in (q, v)))
-        both = [np.stack(pair) for pair in zip((q, v), near)]
-        first = max(np.abs(x[1] - x[0]).max() for x in both)
+        paths = [(q, v)] + [self.projected(*(x + rng.uniform(-PERTURBED, PERTURBED, x.shape)
+                                             for x in (q, v))) for _ in range(DIRECTIONS)]
+        both = [np.stack(rows) for rows in zip(*paths)]
+        first = np.max([np.abs(x[1:] - x[0]).max(axis=1) for x in both], axis=0)
         path = self.motion(*both, times)[0]
-        return np.abs(path[:, 1] - path[:, 0]).max(axis=1) / first
+        return (np.abs(path[:, 1:] - path[:, :1]).max(axis=2) / first).max(axis=1)
