@@ -32,7 +32,7 @@ START_UP = """
 import json, sys, time, warnings
 warnings.simplefilter('ignore')
 from kane_dynamics import load_urdf, Robot
-from kane_dynamics.native import entry
+from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.runtime.loop_support import support
 from kane_dynamics.robot.quantities import IN_LOOPS
 path = sys.argv[1]

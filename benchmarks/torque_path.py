@@ -171,9 +171,10 @@ def steady_memory(rig: Rig, cycles: int = STEADY) -> dict[str, int]:
     """
     Return the increase of each figure of `memory_in_use` over some cycles.
 
-    Two readings come before, so that the readings' own memory is not counted.
+    As many cycles and two readings come before: Python keeps what it once needed for short-lived
+    numbers, of clamped torques too, and the readings' own memory is not counted.
     """
-    for count in (1, 1, cycles):
+    for count in (cycles, 1, cycles):
         before = memory_in_use()
         rig.run(count, timed=False)
         after = memory_in_use()

@@ -134,13 +134,13 @@ class FollowingMotion:
         return self.equations.mechanism.solved(self.T, qdot)
 
 
-def constrained_law_program(robot: Robot, followed: Sequence[int], watched: bool = True,
-                            shared: bool = False) -> Program:
+def constrained_law_program(robot: Robot, followed: Sequence[int],
+                            commanded: bool = False) -> Program:
     """
     Trace the law; arguments as `constrained_law_kernel`, then the robot's parameters.
 
-    With `watched`, the result is NaN where calls of the robot are refused; with `shared`, it is
-    the torques of the joints, (n_q,).
+    The result is dual to the independent speeds, (n,), without a check of the configuration. With
+    `commanded` it is the torques of the joints, (n_q,), NaN where calls of the robot are refused.
     """
     equations: Any = robot.equations
     n, loaded = equations.n, len(robot.kernels.no_wrench) > 0
@@ -158,10 +158,9 @@ def constrained_law_program(robot: Robot, followed: Sequence[int], watched: bool
         rigid = tree.rigid_dynamics(q, motion.qdot, qddot, rest[0] if loaded else None,
                                     parameters[:-LIMITS])
         tau = motion.T.T @ (np.array(rigid) + tree.friction_force(qdot_d))
-        if shared:
-            tau = equations.joint_torques(q, tau, t)
-        if not watched:
+        if not commanded:
             return tau
+        tau = equations.joint_torques(q, tau, t)
         if equations.watched:
             tau = guarded(tau, equations.margin(q, t, parameters[-LIMITS:]))
         return guarded(tau, transmission_margin(equations.mechanism, motion.T, places))
@@ -169,13 +168,10 @@ def constrained_law_program(robot: Robot, followed: Sequence[int], watched: bool
                                      ('parameters', robot.parameters.block.shape)])
 
 
-def constrained_law_kernel(robot: Robot, followed: Sequence[int], watched: bool = True,
-                           shared: bool = False) -> Kernel:
+def constrained_law_kernel(robot: Robot, followed: Sequence[int],
+                           commanded: bool = False) -> Kernel:
     """
-    Return the law as a kernel of the robot.
-
-    The result is dual to the independent speeds, (n,), or with `shared` the torques of the
-    joints, (n_q,), as `Robot.joint_torques` has them.
+    Return the law as a kernel of the robot; results as of `constrained_law_program`.
 
     Its arguments are q (n_q,), u (n,); q, q', q'' desired of the joints that follow, (n,) each;
     the gains: kp, then kd, (2 n,); then wrenches and time where the robot has them.
@@ -189,12 +185,11 @@ def constrained_law_kernel(robot: Robot, followed: Sequence[int], watched: bool 
             return None
         mechanism = other.equations.mechanism
         return constrained_law_kernel(robot.in_choice(mechanism.free, mechanism.kept), followed,
-                                      shared=shared)
-    name = (f'{NAME}_{"_".join(map(str, followed))}{"_shared" * shared}'
-            f'{"" if watched else "_anywhere"}')
+                                      commanded)
+    name = f'{NAME}_{"_".join(map(str, followed))}{"" if commanded else "_anywhere"}'
     return robot.kernels.extra(
-        name, lambda: constrained_law_program(robot, followed, watched, shared),
-        _arguments(robot), robot.parameters.block, (robot.n_q if shared else robot.n,), reason)
+        name, lambda: constrained_law_program(robot, followed, commanded), _arguments(robot),
+        robot.parameters.block, (robot.n_q if commanded else robot.n,), reason)
 
 
 def require_following(robot: Robot, followed: Sequence[int], q: Array, t: float,

@@ -3,7 +3,7 @@ The torques of `Controller` for robots with chosen speeds or constraints.
 
 The law gives a generalized force tau, dual to the independent speeds; `Robot.joint_torques` shares
 it among the actuators. With a preload p of more actuators than independent speeds, the torques are
-those nearest to p: shared(tau) + p - shared(T^T p).
+those nearest to p: share(tau) + p - share(T^T p).
 """
 
 from collections.abc import Callable, Sequence
@@ -87,7 +87,7 @@ class ConstrainedTorques:
 
     def compile(self) -> None:  # noqa: A003
         """Compile the kernels of the law with all terms."""
-        constrained_law_kernel(self._robot, self.places, shared=True)
+        constrained_law_kernel(self._robot, self.places, commanded=True)
         self._robot.compile('joint_torques')
         self._tracker  # noqa: B018
         if self._bending is not None:
@@ -122,7 +122,7 @@ class ConstrainedTorques:
     def _law(self, t: float) -> Callable[..., Array]:
         """Return the joint torques as a function of states and gains, at a time."""
         if 'law' not in self._functions or self._equations.timed:
-            kernel = constrained_law_kernel(self._robot, self.places, shared=True)
+            kernel = constrained_law_kernel(self._robot, self.places, commanded=True)
             more: list[Any] = [None] if len(self._robot.kernels.no_wrench) else []
 
             def checked(*given: Array) -> Array:
@@ -171,9 +171,9 @@ class ConstrainedTorques:
 
     def joint_torques(self, tau: Array, q: Array, t: float) -> Array:
         """Return the torques of the joints, (n_q,), with a generalized force."""
-        return self._preloaded(self.shared(tau, q, t), q, t)
+        return self._preloaded(self.share(tau, q, t), q, t)
 
-    def shared(self, tau: Array, q: Array, t: float) -> Array:
+    def share(self, tau: Array, q: Array, t: float) -> Array:
         """Return `joint_torques` without the preload."""
         return self._robot.joint_torques(tau, q, **self._at(t))
 
@@ -183,7 +183,7 @@ class ConstrainedTorques:
         if p is None:
             return torques
         force = self._robot.generalized_force(p, q, **self._at(t))
-        return torques + (p - self.shared(force, q, t))
+        return torques + (p - self.share(force, q, t))
 
     def _at(self, t: float) -> dict[str, Any]:
         return {'t': t} if self._equations.timed else {}

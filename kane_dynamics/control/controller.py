@@ -280,5 +280,5 @@ class Controller(ControllerSettings):
             force = law.gravity(q, t) if terms.gravity else np.zeros(len(self._speeds))
             at, tau = q, law.joint_torques(force, q, t)
         if external is not None and self._mode is not Mode.GRAVITY_COMPENSATION:
-            tau = tau - law.shared(external, at, t)
+            tau = tau - law.share(external, at, t)
         return tau

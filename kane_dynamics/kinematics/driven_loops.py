@@ -26,8 +26,9 @@ def driving_tracker(robot: Robot, joints: Sequence[str], **limits: float) -> Loo
     So one kernel serves every order of the joints. `limits` are those of `LoopTracker`. InputError
     as from `LoopTracker`, or if a constraint is one of velocities.
     """
-    tracker = LoopTracker(robot, [name for name in robot.coordinate_names if name in joints],
-                          **limits)
+    names = robot.coordinate_names
+    known = set(joints) <= set(names)  # else `LoopTracker` refuses them
+    tracker = LoopTracker(robot, sorted(joints, key=names.index) if known else joints, **limits)
     if rows := tracker.path_rows:
         raise InputError(f"motion: constraint '{rows[0]}' is one of velocities, and the positions "
                          'of driving joints do not determine the configuration; expected '

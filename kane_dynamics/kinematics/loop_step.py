@@ -12,6 +12,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 STRIDE = 0.05  # rad, or lengths: longest step of a measured joint
+FAR = 1e100  # rad or m: more has no finite square
 SHARE = 0.25  # of the distance from a singular configuration: longest step of a measured joint
 
 
@@ -86,7 +87,7 @@ class LoopStep:
             self._weights.fill(0.0)
             self._weights[self._rows] = 1.0
         if values is not None:
-            self._seen[self._rows] = values
+            self._seen[self._rows] = np.clip(values, -FAR, FAR)
 
     def evaluate(self) -> list[float]:
         """

@@ -154,7 +154,7 @@ class RobotMotion:
         kernels = robot.kernels
         self._wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
         self._law = None if gains is None else constrained_law_program(
-            robot, followed, watched=False) if followed else law_program(robot)
+            robot, followed) if followed else law_program(robot)
 
     def torque(self, q: Any, u: Any, moment: int, *time: Any) -> Any:
         """Return the held torque, or that of the control law; by default at the moment's time."""

@@ -164,7 +164,7 @@ class TorqueInput:
         rows.append(np.tile(gains, (len(rows[0]), 1)))
         tree = isinstance(self.robot.equations, TreeEquations)
         kernel = law_kernel(self.robot) if tree else constrained_law_kernel(
-            self.robot, torque.followed, watched=False)
+            self.robot, torque.followed)
         more: list[Any] = [None] if len(self.robot.kernels.no_wrench) else []
         if self.robot.equations.timed:
             moments = self.start + kept * np.float64(self.step)

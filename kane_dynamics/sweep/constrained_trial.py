@@ -73,7 +73,7 @@ class ConstrainedTrial(Trial):
     def law(self, controller: str, gains: Any, assumed: Any) -> Any:
         """Return the control law: torque from q, u, the desired motion and the time, if any."""
         if controller == Mode.COMPUTED_TORQUE:
-            program = constrained_law_program(self.robot, self.followed, watched=False)
+            program = constrained_law_program(self.robot, self.followed)
             own = [self.tracked.index(k) for k in self.followed]
             return lambda q, u, wanted, time: np.array(call(
                 program, q, u, *(x[own] for x in np.split(wanted, 3)), gains, *time,

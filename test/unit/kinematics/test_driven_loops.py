@@ -1,7 +1,9 @@
 """Closed configurations for motions of driving joints against those by circles."""
 
 from kane_dynamics import Closure, Motion, Prescribed, Robot
+from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility import demand
+from kane_dynamics.kinematics.driven_loops import driving_tracker
 from kane_dynamics.kinematics.loop_error import LoopError
 from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
 from linkages import at_angle, five_bar, five_bar_at, four_bar_model, PIN
@@ -60,3 +62,10 @@ def test_demand_beyond_a_dead_point_names_the_time():
     motion = Motion.from_points([0.0, 1.0], [[rocker], [rocker + 2.5]], joint_names=['rocker'])
     with pytest.raises(LoopError, match=r'^closed loop .*: motion: at 0\.\d+ s: '):
         demand(robot, motion)
+
+
+@pytest.mark.parametrize('joints', [['left_crank', 'nobody'], ['left_crank', 'left_crank'],
+                                    ['left_crank', 'right_crank', 'right_crank']])
+def test_unknown_and_repeated_driving_joints_are_refused_as_given(joints):
+    with pytest.raises(InputError, match=str(joints).replace('[', r'\[')):
+        driving_tracker(five_bar(), joints)

@@ -172,6 +172,27 @@ def test_contradictory_joints_command_zeros_once_and_the_next_state_is_accepted(
     np.testing.assert_allclose(rig.path.loops.tracker.deviation, 0.01, rtol=1e-6)
 
 
+@pytest.mark.parametrize('field', ['a further joint', 'a driven joint', 'a rate'])
+@pytest.mark.parametrize('value', [1e100, 1e154, -1e200, 1e308])
+def test_a_finite_number_beyond_reason_costs_one_command(field, value):
+    rig = Rig(mode='gravity_compensation')
+    rig.state()
+    further = next(iter(rig.complete()))
+    given = {'a further joint': {'others': {further: value}},
+             'a driven joint': {'driven': (value, *POSE[1:])},
+             'a rate': {'rates': (value, 0.0, 0.0, 0.0)}}[field]
+    rig.state(**given)
+    if field == 'a further joint':
+        assert rig.details[-1][0] == CONTRADICTION
+        assert f"'{further}' at {value:.6g}" in rig.details[-1][1]
+    before = len(rig.details)
+    sent = len(rig.commands.sent)
+    rig.state()
+    assert rig.details[before:] == []
+    assert len(rig.commands.sent) == sent + 1
+    assert np.abs(rig.commands.sent[-1].data).max() > 0.0
+
+
 def test_after_a_state_far_beyond_a_singular_configuration_the_assembly_mode_is_unknown():
     rig = Rig()
     rig.state()
