@@ -45,7 +45,7 @@ URDF = resource_path('urdf', 'fr3.urdf')
 OFF, ON = 'realtime.* off', 'realtime.* on'
 REALTIME = {'realtime.priority': 50, 'realtime.lock_memory': True,
             'realtime.collect_rarely': True}
-CYCLES = 1_000_000
+CYCLES = 10_000_000
 BLOCK = 100_000  # cycles of one process before the other runs
 BURST, PAUSE = 250, 2e-3  # cycles between two pauses; s
 STATES = 1024    # different joint states
