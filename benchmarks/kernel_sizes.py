@@ -16,7 +16,6 @@ from kane_dynamics import load_urdf, ModelError, Robot
 from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime.kernel import SYMBOL
-from kane_dynamics.robot.quantities import QUANTITIES
 
 FILE = Path(__file__).with_name('kernel_sizes.json')
 ROBOTS = Path(__file__).resolve().parents[1] / 'urdf'
@@ -34,7 +33,7 @@ def measured(path: Path) -> dict[str, list[int]]:
         warnings.simplefilter('ignore')
         robot = Robot(load_urdf(path))
     sizes = {}
-    for name in QUANTITIES:
+    for name in robot.kernels.names:
         try:
             program = robot.kernels.program(name)
         except ModelError:
