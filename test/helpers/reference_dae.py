@@ -16,7 +16,6 @@ RANK = 1e-7
 LONGEST = 0.02  # s: a trial step that opens loops wide ends nowhere
 TOLERANCE = 1e-13  # of DOP853: free motions of several loops amplify errors by up to 1e7
 PERTURBED = 1e-9  # rad or m
-DIRECTIONS = 8  # perturbations
 SKEW = np.zeros((3, 3, 3))  # v x w = (v @ SKEW) w
 for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     SKEW[i, j, k], SKEW[i, k, j] = -1.0, 1.0
@@ -169,16 +168,16 @@ class Reference:
             found.append((q, v))
         return tuple(np.array(x) for x in zip(*found))
 
-    def growth(self, q, v, times, seed):
+    def growth(self, q, v, times):
         """
-        Return how many times larger small perturbations of q and v are at each time, (K,).
+        Return how many times larger a small perturbation of q and v may be at each time, (K,).
 
-        The largest of several: one alone may have little of the direction that grows most.
+        The norm of the linear map from errors of all coordinates and rates, which are projected
+        onto the constraints, to the largest error of a coordinate. A single direction may have
+        little of the one that grows most.
         """
-        rng = np.random.default_rng(seed)
-        paths = [(q, v)] + [self.projected(*(x + rng.uniform(-PERTURBED, PERTURBED, x.shape)
-                                             for x in (q, v))) for _ in range(DIRECTIONS)]
-        both = [np.stack(rows) for rows in zip(*paths)]
-        first = np.max([np.abs(x[1:] - x[0]).max(axis=1) for x in both], axis=0)
-        path = self.motion(*both, times)[0]
-        return (np.abs(path[:, 1:] - path[:, :1]).max(axis=2) / first).max(axis=1)
+        n = len(q)
+        paths = [(q, v)] + [self.projected(q + d[:n], v + d[n:])
+                            for d in PERTURBED * np.eye(2 * n)]
+        path = self.motion(*(np.stack(rows) for rows in zip(*paths)), times)[0]
+        return np.abs(path[:, 1:] - path[:, :1]).sum(axis=1).max(axis=1) / PERTURBED

@@ -35,7 +35,7 @@ from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader, 
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.joint_state_reader import (MISSING,  # noqa: E402
                                                               NOT_FINITE, STALE, TWICE)
-from kane_dynamics.ros.torque_path.torque_path import REFUSED, TorquePath  # noqa: E402
+from kane_dynamics.ros.torque_path.torque_path import NO_TORQUE, REFUSED, TorquePath  # noqa: E402
 from palletizer import (bending_palletizer, DRIVEN, palletizer, positions,  # noqa: E402
                         SINGULAR_SHOULDER)
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
@@ -124,6 +124,17 @@ def test_commands_are_the_torques_of_the_actuated_joints(complete):
     assert list(torques.effort) == list(command)
 
 
+def test_the_configuration_is_unknown_until_a_state_is_accepted():
+    rig = Rig()
+    assert rig.path.loops.configuration() is None and rig.path.measured() is None
+    rig.state(others=rig.complete(elbow=2.0))
+    assert rig.path.loops.configuration() is None
+    rig.state()
+    np.testing.assert_allclose(rig.path.measured(), positions(rig.robot, *POSE), atol=1e-9)
+    rig.path.loops.restart()
+    assert rig.path.loops.configuration() is None
+
+
 def test_feedforward_follows_the_motion_of_the_measured_joints():
     rig = Rig()
     rig.state()
@@ -172,25 +183,40 @@ def test_contradictory_joints_command_zeros_once_and_the_next_state_is_accepted(
     np.testing.assert_allclose(rig.path.loops.tracker.deviation, 0.01, rtol=1e-6)
 
 
-@pytest.mark.parametrize('field', ['a further joint', 'a driven joint', 'a rate'])
+@pytest.mark.parametrize('mode', ['computed_torque', 'gravity_compensation'])
 @pytest.mark.parametrize('value', [1e100, 1e154, -1e200, 1e308])
-def test_a_finite_number_beyond_reason_costs_one_command(field, value):
-    rig = Rig(mode='gravity_compensation')
+@pytest.mark.parametrize('field', ['a further joint', 'a driven joint'])
+def test_a_finite_position_beyond_reason_commands_zeros_until_the_next_state(field, value, mode):
+    rig = Rig(mode=mode)
     rig.state()
     further = next(iter(rig.complete()))
-    given = {'a further joint': {'others': {further: value}},
-             'a driven joint': {'driven': (value, *POSE[1:])},
-             'a rate': {'rates': (value, 0.0, 0.0, 0.0)}}[field]
-    rig.state(**given)
-    if field == 'a further joint':
-        assert rig.details[-1][0] == CONTRADICTION
-        assert f"'{further}' at {value:.6g}" in rig.details[-1][1]
-    before = len(rig.details)
-    sent = len(rig.commands.sent)
+    zeros, = (rig.state(others={further: value}) if field == 'a further joint' else
+              rig.state((value, *POSE[1:])))
+    assert not zeros.any()
+    (reason, detail), = rig.details
+    name = further if field == 'a further joint' else DRIVEN[0]
+    assert reason == (CONTRADICTION if field == 'a further joint' else BRANCH)
+    assert f"'{name}'" in detail and f'{value:.6g}' in detail
+    command, = rig.state()
+    np.testing.assert_allclose(command, gravity(), rtol=1e-9, atol=1e-9)
+    assert len(rig.details) == 1
+
+
+@pytest.mark.parametrize('value', [1e154, -1e200, 1e308])
+def test_a_state_whose_rates_give_no_finite_torque_is_dropped(value):
+    rig = Rig(mode='computed_torque', kp=100.0, kd=20.0)
     rig.state()
-    assert rig.details[before:] == []
-    assert len(rig.commands.sent) == sent + 1
-    assert np.abs(rig.commands.sent[-1].data).max() > 0.0
+    assert rig.state(rates=(value, 0.0, 0.0, 0.0)) == []
+    assert rig.statistics.dropped == {NO_TORQUE: 1}
+    command, = rig.state()
+    np.testing.assert_allclose(command, gravity(), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize('value', [1e100, -1e308])
+def test_torques_of_gravity_do_not_depend_on_rates(value):
+    rig = Rig(mode='gravity_compensation')
+    command, = rig.state(rates=(value, 0.0, 0.0, 0.0))
+    np.testing.assert_allclose(command, gravity(), rtol=1e-9, atol=1e-9)
 
 
 def test_after_a_state_far_beyond_a_singular_configuration_the_assembly_mode_is_unknown():
