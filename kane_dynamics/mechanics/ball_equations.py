@@ -1,14 +1,18 @@
 """Equations of motion of a tree with ball joints, over any scalar type."""
 
+from collections.abc import Sequence
 from typing import Any
 
-from kane_dynamics.mechanics.ball_joints import axis_acceleration, axis_rates, joint_positions
+from kane_dynamics._util.fork_safety import lazy_property
+from kane_dynamics.mechanics.algebra.ltdl import solve
+from kane_dynamics.mechanics.ball_joints import (axis_acceleration, axis_rates, Ball, free_bodies,
+                                                 joint_positions, rotations)
 from kane_dynamics.mechanics.recursive import composite_inertia, inverse_dynamics
 from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.mechanics.recursive.link_frames import posed
 from kane_dynamics.mechanics.recursive.subroutines import directly, Share
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
-from kane_dynamics.model.model import Frame
+from kane_dynamics.model.model import Frame, WORLD
 import numpy as np
 
 
@@ -19,6 +23,23 @@ class BallEquations(TreeEquations):
     q has n_q entries and u n. Every quantity is that of the same tree in its local angles, which
     are zero at q, with theta' = u and theta'' = u' - gamma(u); torques are dual to both.
     """
+
+    @lazy_property
+    def _free(self) -> list[Ball]:
+        """Return the free bodies without a payload or wrench on the slides before them."""
+        loaded = {frame.body for frame in (self.payload_frame, *self.wrench_frames) if frame}
+        return [ball for ball in free_bodies(self.model)
+                if loaded.isdisjoint(range(ball.body - 3, ball.body))]
+
+    @lazy_property
+    def free_order(self) -> list[int]:
+        """Return `order`, but with slides at its end if the free body carries one chain."""
+        parents = [body.parent for body in self.model.bodies]
+        branching = {k for k in parents if parents.count(k) > 1 and k != WORLD}
+        carriers = {j for k in branching for j in self.model.path(k)}
+        first = [k for ball in self._free if ball.body not in carriers
+                 for k in range(ball.speed - 3, ball.speed)]
+        return [k for k in self.order if k not in first] + first
 
     def _at(self, q: Any) -> tuple['_LocalTree', Any]:
         """Return the tree with the rotations of q, and its joint positions, (n,)."""
@@ -37,6 +58,31 @@ class BallEquations(TreeEquations):
         """Return the gravity compensation torque, (n,)."""
         here, x = self._at(q)
         return here.gravity_force(x, parameters)
+
+    def forward_dynamics(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any) -> Any:
+        """
+        Return udot = M^-1 (tau + external - bias), (n,), by CRBA and LTDL, not by ABA.
+
+        A free body's speeds are here the velocity of its origin along its own axes, as they are
+        at this instant. The rows of M that belong to them are the mass and first moment of all
+        that moves with it. They are eliminated first, which leaves M of motions about the center
+        of mass; not if the body carries several branches, whose common entries of M are zero but
+        would not be then.
+        """
+        slides = {ball.body: slice(ball.speed - 3, ball.speed) for ball in self._free}
+        if not slides:
+            return super().forward_dynamics(q, u, tau, wrench, parameters)
+        here, x = _FreeTree(self, q), joint_positions(self.model, q)
+        R = rotations(self.model, q)
+        applied = tau - self.friction_force(u)
+        for k, s in slides.items():
+            # No other force depends on the position and velocity of the origin.
+            x[s], applied[s] = 0.0, R[k].T @ applied[s]
+        held = here.rigid_dynamics(x, u, self._local(u, self.zeros), wrench, parameters)
+        udot = solve(here.factors(x, parameters), here.order, applied - held)
+        for k, s in slides.items():
+            udot[s] = R[k] @ udot[s]
+        return udot
 
     def mass_matrix(self, q: Any, parameters: Any) -> Any:
         """Return the mass matrix with armature, (n, n), by CRBA."""
@@ -141,12 +187,27 @@ class _LocalTree(TreeEquations):
 
     @property
     def _raw_links(self) -> tuple[Link, ...]:
-        return posed(self._tree._raw_links, self.model, self._q)
+        return self._posed(self._tree._raw_links)
 
     @property
     def _links(self) -> tuple[Link, ...]:
-        return posed(self._tree._links, self.model, self._q)
+        return self._posed(self._tree._links)
 
     def base_links(self, parameters: Any) -> tuple[Link, ...]:
         """Return the links with base inertial parameters: those of no rotation, rotated."""
-        return posed(self._tree.base_links(parameters), self.model, self._q)
+        return self._posed(self._tree.base_links(parameters))
+
+    def _posed(self, links: Sequence[Link]) -> tuple[Link, ...]:
+        return posed(links, self.model, self._q)
+
+
+class _FreeTree(_LocalTree):
+    """The tree of local angles whose free bodies slide along their own axes at q."""
+
+    @property
+    def order(self) -> list[int]:
+        """Return the coordinates in the order of the LTDL factorization."""
+        return self._tree.free_order
+
+    def _posed(self, links: Sequence[Link]) -> tuple[Link, ...]:
+        return posed(links, self.model, self._q, [ball.body for ball in self._tree._free])

@@ -23,7 +23,7 @@ from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.quaternion import (conjugate, exponential, logarithm,
                                                         normalized, product, quaternion_rate,
                                                         rotation_matrix)
-from kane_dynamics.model.model import Model
+from kane_dynamics.model.model import Model, WORLD
 import numpy as np
 
 UNIT = 1e-6  # largest error of the length of a quaternion in an initial state
@@ -77,6 +77,29 @@ def joint_positions(model: Model, q: Any) -> Any:
 def rotations(model: Model, q: Any) -> dict[int, Any]:
     """Return the rotation of the ball joints, (3, 3), by the index of their first body."""
     return {ball.body: rotation_matrix(ball.quaternion(q)) for ball in balls(model)}
+
+
+def free_bodies(model: Model) -> list[Ball]:
+    """Return the ball joints of free bodies: those that three slides of the world carry."""
+    return [ball for ball in balls(model) if ball.body >= 3 and _slides_before(model, ball)]
+
+
+def _slides_before(model: Model, ball: Ball) -> bool:
+    """Return whether slides along x, y, z without mass, spring or rotor carry the ball alone."""
+    first = ball.body - 3
+    bodies, parents = model.bodies[first:ball.body], [body.parent for body in model.bodies]
+    series = parents[first:ball.body + 1] == [WORLD, first, first + 1, first + 2] and all(
+        parents.count(first + k) == 1 for k in range(3))
+    still = all(np.array_equal(body.joint.rotation, np.eye(3)) and not body.joint.translation.any()
+                for body in model.bodies[first + 1:ball.body + 1])
+    massless = all(body.beam is None and not body.inertial.pseudo_inertia.any()
+                   for body in bodies)
+    used = [body.joint.coordinate for body in model.bodies]
+    plain = all(joint.kind == 'prismatic' and np.array_equal(joint.axis, np.eye(3)[k])
+                and joint.coordinate == ball.speed - 3 + k and used.count(joint.coordinate) == 1
+                and joint.multiplier == 1.0 and joint.armature == joint.stiffness == 0.0
+                for k, joint in enumerate(body.joint for body in bodies))
+    return series and still and massless and plain
 
 
 def coordinate_rates(model: Model, q: Any, v: Any) -> Any:

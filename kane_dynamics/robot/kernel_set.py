@@ -55,7 +55,7 @@ class KernelSet:
                  parameters: Array, instead: Instead | None = None) -> None:
         """Store the equations; kernels compile on first use."""
         self.equations = equations
-        self._in_order = isinstance(equations, ConstrainedEquations)  # spills fewer values
+        self._in_order = self._sizes.rows > 0  # spills fewer values
         self._instead = instead
         self._at_time_zero = np.zeros(())
         self.no_wrench = np.zeros((len(equations.wrench_frames), 6))

@@ -39,20 +39,21 @@ def factorize(M: Any, order: Sequence[int]) -> tuple[list[list[Any]], list[Any]]
     """
     A = [[M[r, s] for s in order] for r in order]
     n = len(order)
+    L: list[list[Any]] = [[0.0] * n for _ in range(n)]
     reciprocal: list[Any] = [None] * n
-    for k in reversed(range(n)):
-        if is_zero(A[k][k]):
-            raise ZeroDivisionError(order[k])
-        reciprocal[k] = 1.0 / A[k][k]
-        for i in reversed(range(k)):
-            if is_zero(A[k][i]):
-                continue
-            factor = A[k][i] * reciprocal[k]
-            for j in range(i + 1):
+    for i in reversed(range(n)):  # row by row: each entry is finished before the next begins
+        later = [k for k in reversed(range(i + 1, n)) if not is_zero(L[k][i])]
+        for j in reversed(range(i + 1)):
+            for k in later:
                 if not is_zero(A[k][j]):
-                    A[i][j] = A[i][j] - factor * A[k][j]
-            A[k][i] = factor
-    return A, reciprocal
+                    A[i][j] = A[i][j] - L[k][i] * A[k][j]
+        if is_zero(A[i][i]):
+            raise ZeroDivisionError(order[i])
+        reciprocal[i] = 1.0 / A[i][i]
+        for j in range(i):
+            if not is_zero(A[i][j]):
+                L[i][j] = A[i][j] * reciprocal[i]
+    return L, reciprocal
 
 
 def solve(factors: tuple[list[list[Any]], list[Any]], order: Sequence[int], b: Any) -> Any:

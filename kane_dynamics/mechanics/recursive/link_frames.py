@@ -18,7 +18,7 @@ transformations do not change joint torques and make most constants 0 or 1, whic
 Pseudo-inertias may hold traced values (a payload); everything else is numbers.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 import math
 from typing import Any
@@ -89,11 +89,18 @@ def carrying(links: Sequence[Link], body: int, pose: Array,
     return (*links[:body], replace(links[body], pseudo_inertia=added), *links[body + 1:])
 
 
-def posed(links: Sequence[Link], model: Model, q: Any) -> tuple[Link, ...]:
-    """Return the links with the rotations of the ball joints at q, (n_q,), in constant poses."""
+def posed(links: Sequence[Link], model: Model, q: Any,
+          free: Collection[int] = ()) -> tuple[Link, ...]:
+    """
+    Return the links with the rotations of the ball joints at q, (n_q,), in constant poses.
+
+    The bodies in `free` (see `free_bodies`) are rotated before their slides, not after them, so
+    that these are along their own axes.
+    """
     result = list(links)
     for k, R in rotations(model, q).items():
-        link, joint = links[k], model.bodies[k].joint
+        first = k - 3 if k in free else k
+        link, joint = links[first], model.bodies[first].joint
         above = np.eye(4) if link.parent == WORLD else links[link.parent].body
         before = _clean(above @ homogeneous(joint.rotation, joint.translation))
         after = _clean(inverse(before) @ link.pose)
@@ -101,7 +108,7 @@ def posed(links: Sequence[Link], model: Model, q: Any) -> tuple[Link, ...]:
         pose = np.eye(4).astype(object)
         pose[:3] = np.concatenate([R @ after[:3, :3],
                                    (before[:3, 3] + R @ after[:3, 3])[:, None]], axis=1)
-        result[k] = replace(link, pose=pose)
+        result[first] = replace(link, pose=pose)
     return tuple(result)
 
 
