@@ -104,10 +104,9 @@ class ConstrainedTorques:
     def computed_torque(self, q: Array, u: Array, desired: State, gains: Array, terms: Terms,
                         back: Array, t: float) -> Array:
         """Return the joint torques of computed torque; `back` weights all but friction."""
-        robot, at = self._robot, self._at(t)
         if terms.complete and self._bending is None:
             return self._preloaded(self._law(t)(q, u, *desired, gains), q, t)
-        q_d, u_d, udot_d = desired
+        (q_d, u_d, udot_d), robot, at = desired, self._robot, self._at(t)
         n = len(self.places)
         qdot = robot.joint_rates(q, u, **at)[self.places]
         qddot = corrected_acceleration(q[self.places], qdot, q_d, u_d,

@@ -243,10 +243,11 @@ class Controller(ControllerSettings):
             self._pose = None  # the pose at the end of the motion is held next
             desired = motion.sample(moment) if law is None else law.desired(motion, moment)
             return self._feedback(q, u, *desired, t)
+        if self._pose is not None:
+            return self._feedback(q, u, self._pose, self._zero, self._zero, t)
         here = q if law is None else q[law.places]
-        tau = self._feedback(q, u, here if self._pose is None else self._pose, self._zero,
-                             self._zero, t)
-        if self._pose is None and np.isfinite(tau).all():  # a refused state is no pose
+        tau = self._feedback(q, u, here, self._zero, self._zero, t)
+        if np.isfinite(tau).all():  # a refused state is no pose
             self._pose = here.copy()
         return tau
 

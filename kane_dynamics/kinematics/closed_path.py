@@ -7,7 +7,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.kinematics.driven_loops import driving_tracker
 from kane_dynamics.kinematics.loop_error import (CONTRADICTION, CONTRADICTORY_POINT,
                                                  LoopError)
-from kane_dynamics.kinematics.loop_step import STRIDE
+from kane_dynamics.kinematics.loop_kernel import STRIDE
 from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.robot.robot import Robot

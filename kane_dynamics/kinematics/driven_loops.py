@@ -5,8 +5,7 @@ from collections.abc import Callable, Sequence
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.loop_error import BRANCH, LoopError, SINGULAR
-from kane_dynamics.kinematics.loop_kernel import FIGURES, tracking_kernel
-from kane_dynamics.kinematics.loop_step import SHARE, STRIDE
+from kane_dynamics.kinematics.loop_kernel import FIGURES, SHARE, STRIDE, tracking_kernel
 from kane_dynamics.kinematics.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.constraints import conditioning
 from kane_dynamics.robot.robot import Robot

@@ -1,4 +1,4 @@
-"""One call of the tracking kernel, with its arrays."""
+"""The kernels of `LoopTracker` with their arrays."""
 
 from collections.abc import Sequence
 import math
@@ -7,18 +7,18 @@ from kane_dynamics._util.checks import constant, finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.loop_error import LoopError, SINGULAR
-from kane_dynamics.kinematics.loop_kernel import FIGURES, tracking_kernel
+from kane_dynamics.kinematics.loop_kernel import (FIGURES, following_kernel, SHARE, STRIDE,
+                                                  tracking_kernel)
 from kane_dynamics.robot.robot import Robot
 import numpy as np
-
-STRIDE = 0.05  # rad, or lengths: longest step of a measured joint
-FAR = 1e100  # rad or m: more has no finite square
-SHARE = 0.25  # of the distance from a singular configuration: longest step of a measured joint
 
 
 class LoopStep:
     """
     A step from one configuration to the next, and the last result that was accepted.
+
+    `follow` moves that result in place, if one call of a kernel is enough. Otherwise `start`,
+    `evaluate` and `proceed` move another one, call by call, until `accept`.
 
     Parameters
     ----------
@@ -29,16 +29,23 @@ class LoopStep:
 
     Attributes
     ----------
-    last : (n_q,) array
-        The configuration from which the step begins.
-    target, rates : (n,) arrays
-        Positions and rates of the measured joints; rad or m, and s.
+    given : (2 n,) array
+        Positions of the measured joints, rad or m, and their rates, rad/s or m/s: `measured` and
+        `rates`.
+    limits : (3,) array
+        Squares of the largest residual, deviation and figure of `follow`.
     time : () array
         Time, s.
     q, u : (n_q,), (n,) arrays
-        The result.
-    figure, residual : float
-        Conditioning figure and largest constraint residual of the result, m or rad.
+        The last result that was accepted.
+    last : (n_q,) array
+        The configuration from which `evaluate` begins.
+    target : (n,) array
+        Positions of the measured joints for `evaluate`.
+    reached : (n_q,) array
+        The result of `evaluate`.
+    figures : (6,) array
+        Of the last result, accepted or not: as of `tracking_kernel`.
 
     """
 
@@ -47,31 +54,43 @@ class LoopStep:
         self._names = robot.coordinate_names
         self._measured = [self._names[k] for k in places]
         both = n_q + n_q * n
-        self._from = np.zeros(both)  # q and T
-        self.last, T = self._from[:n_q], self._from[n_q:].reshape(n_q, n)
-        self.target, self.rates, self.time = np.zeros(n), np.zeros(n), np.zeros(())
+        self.given, self.limits, self.time = np.zeros(2 * n), np.zeros(3), np.zeros(())
+        self.measured, self.rates = self.given[:n], self.given[n:]
         self._seen, self._weights = np.zeros(n_q), np.zeros(n_q)
         self._others: tuple[int, ...] = ()
         self._rows = np.zeros(0, dtype=int)
-        self._result = np.zeros(both + n + FIGURES)
-        self._accepted = np.zeros_like(self._result)
-        self._next, self.u, self._figures = np.split(self._result, [both, both + n])
-        self.q = self._next[:n_q]
-        self.figure = self.residual = 0.0
-        given = [self.last, T, self.target, self.rates, self._seen, self._weights]
-        given += [self.time] * robot.equations.timed
-        self._call = tracking_kernel(robot, places).bind(given, self._result, 'Close the loops.')
+        self._block = np.zeros(both + n + 1 + FIGURES + 1)
+        self._state, self.figures, self._valid = np.split(
+            self._block, [both + n + 1, len(self._block) - 1])
+        self.q, self.u = self._state[:n_q], self._state[both:-1]
+        more = [self._seen, self._weights]
+        time = [self.time] * robot.equations.timed
+        self._follow = following_kernel(robot, places).bind(
+            [self._state, self.measured, self.rates, *more, self.limits, *time], self._block,
+            'Follow the measured joints.')
+        self._from = np.zeros(both)  # q and T
+        self.last, T = self._from[:n_q], self._from[n_q:].reshape(n_q, n)
+        self.target, self._result = np.zeros(n), np.zeros(both + n + FIGURES)
+        self._next, self._figures = self._result[:both], self._result[-FIGURES:]
+        self.reached = self._next[:n_q]
+        self._call = tracking_kernel(robot, places).bind(
+            [self.last, T, self.target, self.rates, *more, *time], self._result,
+            'Close the loops.')
 
-    def begin(self, rates: Array | float, t: float) -> None:
-        """Use these rates, rad/s or m/s, and this time, s."""
-        self.rates[:], self.time[...] = rates, t
+    def follow(self) -> bool:
+        """Move `q` and `u` to the measured joints by one call; return whether that is valid."""
+        try:
+            self._follow()
+        except InputError:  # not finite
+            return False
+        return bool(self._valid[0])
 
     def check(self, measured: Array, rates: Array, others: Sequence[int], values: Array | None,
               t: float) -> None:
         """Raise InputError for arguments of another shape, or that are not finite."""
         x, v, y = np.asarray(measured), np.asarray(rates), np.asarray(
             () if values is None else values)
-        if x.shape == v.shape == (len(self.target),) and y.shape == (len(others),) and (
+        if x.shape == v.shape == self.target.shape and y.shape == (len(others),) and (
                 math.isfinite(sum(x.tolist()) + sum(v.tolist()) + sum(y.tolist()) + t)):
             return
         finite_row(x, 'measured', self._measured)
@@ -86,49 +105,56 @@ class LoopStep:
             self._others, self._rows = compared, np.array(compared, dtype=int)
             self._weights.fill(0.0)
             self._weights[self._rows] = 1.0
-        if values is not None:
-            self._seen[self._rows] = np.clip(values, -FAR, FAR)
+        if compared:
+            self._seen[self._rows] = values
 
     def evaluate(self) -> list[float]:
         """
-        Make the step, and set `figure` and `residual`; LoopError if it has no finite result.
+        Make a step to `target`, and set `figures`; LoopError if it has no finite result.
 
-        Return the residual of the independent rows, the motion, the longest step of a measured
-        joint (all in m or rad, the two last in lengths of the mechanism or rad), and the largest
-        deviation of the compared joints.
+        Return the residual of the independent rows, the motion, m or rad, and lengths of the
+        mechanism or rad.
         """
         try:
             self._call()
         except InputError:
-            self.figure = self.residual = math.inf
+            self.figures[2:4] = math.inf
             raise LoopError(SINGULAR, 'no finite configuration') from None
-        moved, missed, self.residual, self.figure, way, deviation = map(
-            math.sqrt, self._figures.tolist())
-        return [missed, moved, way, deviation]
+        self.figures[:-1] = self._figures[:-1]
+        moved, missed = map(math.sqrt, self._figures[:2].tolist())
+        return [missed, moved]
 
     def proceed(self) -> None:
         """Begin the next step at the result."""
         self._from[:] = self._next
 
-    def start(self, q: Array) -> None:
-        """Begin the next step at a configuration, without prediction."""
-        self._from.fill(0.0)
-        self.last[:] = q
+    def start(self, q: Array | None = None) -> None:
+        """
+        Let `evaluate` begin at the last accepted result, or at a configuration, (n_q,).
+
+        `evaluate` does not compare further joints, whose deviations may have no finite square.
+        """
+        self._seen.fill(0.0)
+        self.figures[-1] = 0.0
+        if q is None:
+            self._from[:] = self._state[:len(self._from)]
+            self.figures[3] = self._state[-1]
+        else:
+            self._from.fill(0.0)
+            self.last[:], self.figures[3] = q, 0.0
 
     def accept(self) -> None:
-        """Begin the next step at the result, and keep it."""
-        self._from[:], self._accepted[:] = self._next, self._result
-
-    def restore(self) -> None:
-        """Return to the last result that was accepted."""
-        self._result[:] = self._accepted
-        self._from[:] = self._next
+        """Keep the result of `evaluate`."""
+        self.q[:] = self.reached  # at once, for other threads
+        self._state[:-1] = self._result[:-FIGURES]
+        self._state[-1] = self.figures[3]
 
     @property
     def before(self) -> tuple[Array, Array]:
-        """Return copies of `last`, (n_q,), and T, (n_q, n), with which the step begins."""
-        q, T = np.split(self._from, [len(self.last)])
-        return q.copy(), T.reshape(len(q), -1).copy()
+        """Return copies of q, (n_q,), and T, (n_q, n), with which the next step begins."""
+        n_q = len(self.last)
+        q, T = np.split(self._state[:len(self._from)], [n_q])
+        return q.copy(), T.reshape(n_q, -1).copy()
 
 
 def longest_step(figure: float) -> float:

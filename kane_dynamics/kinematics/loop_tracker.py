@@ -23,7 +23,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.loop_error import (BRANCH, CONTRADICTION, LoopError, SINGULAR,
                                                  UNKNOWN)
-from kane_dynamics.kinematics.loop_step import longest_step, LoopStep, STRIDE
+from kane_dynamics.kinematics.loop_kernel import CLOSED, LEAP, ROUNDING, STRIDE, TIMED
+from kane_dynamics.kinematics.loop_step import longest_step, LoopStep
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import ROUNDED
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
@@ -32,11 +33,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 CALLS = 5  # of the kernel for one step, at most
-CLOSED = 1e-10  # m and rad: residual of the independent rows
-ROUNDING = 1e-6  # rad, or lengths: motion that is no jump
 MOST_STEPS = 1000  # from the last configuration to the measured one
-TIMED = 0.5  # rad, or lengths: longest motion that a function of time may cause in one step
-LEAP = 3.0  # ratio of the motion of the joints to the expected one: jump to another branch
+FAR = 1e100  # has a finite square
 
 
 class LoopTracker:
@@ -68,11 +66,9 @@ class LoopTracker:
     q, u : (n_q,), (n,) arrays
         The last closed configuration and its independent speeds; overwritten by `update`. Zeros
         before the first.
-    figure, residual : float
-        Conditioning figure and largest constraint residual (m or rad) of the last update, of a
-        refused one where it was refused.
-    deviation : float
-        Largest deviation of further measured joints, likewise, rad or m.
+    given : (2 n,) array
+        Positions of the measured joints, rad or m, then their rates, of the last `update` and the
+        next `update_given`.
     known : bool
         Whether the assembly mode is known.
     path_rows : tuple of str
@@ -100,18 +96,52 @@ class LoopTracker:
             raise InputError(f'measured: {list(measured)}; expected {robot.n} of the joints '
                              f'{list(names)}, as many as degrees of freedom')
         self.robot, self.measured = robot, tuple(measured)
-        self.tolerance, self.max_figure = tolerance, max_figure
         self.places = [names.index(name) for name in measured]
         self._per_unit = 1.0 / equations.mechanism.units[self.places]
         self._closed = CLOSED + ROUNDED * equations.mechanism.rank_tolerance
         self._turning = np.array([name not in robot.model.sliding for name in names])
         self._timed = equations.timed
         self._step = LoopStep(robot, self.places)
-        self.q, self.u = self._step.q, self._step.u
+        self._step.limits[0] = self._closed**2
+        self.tolerance, self.max_figure = tolerance, max_figure
+        self.q, self.u, self.given = self._step.q, self._step.u, self._step.given
         self._reference = None if robot.configuration is None else robot.closed_posture(
             robot.configuration)
-        self.figure = self.residual = self.deviation = self._figure = self._way = 0.0
+        self._way = 0.0
         self.restart()
+
+    @property
+    def tolerance(self) -> float:
+        """Largest deviation of further measured joints from the closed loop, rad or m."""
+        return self._tolerance
+
+    @tolerance.setter
+    def tolerance(self, value: float) -> None:
+        self._tolerance, self._step.limits[1] = value, _square(value)
+
+    @property
+    def max_figure(self) -> float:
+        """Largest conditioning figure."""
+        return self._max_figure
+
+    @max_figure.setter
+    def max_figure(self, value: float) -> None:
+        self._max_figure, self._step.limits[2] = value, _square(value)
+
+    @property
+    def residual(self) -> float:
+        """Largest constraint residual of the last update, accepted or not, m or rad."""
+        return math.sqrt(self._step.figures[2])
+
+    @property
+    def figure(self) -> float:
+        """Conditioning figure of the last update, accepted or not."""
+        return math.sqrt(self._step.figures[3])
+
+    @property
+    def deviation(self) -> float:
+        """Largest deviation of further measured joints in the last update, rad or m."""
+        return math.sqrt(self._step.figures[-1])
 
     def restart(self, start: ArrayLike | None = None, t: float = 0.0) -> None:
         """
@@ -129,22 +159,19 @@ class LoopTracker:
                      'first state of all joints')
         if given is None:
             return
+        self._step.rates[:], self._step.time[()] = 0.0, t
         self._step.start(given)
-        self._step.begin(0.0, t)
         self._step.target[:] = given[self.places]
-        try:
-            for _ in range(CALLS):
-                missed, *_ = self._evaluate()
-                self._step.proceed()
-                if missed <= CLOSED:
-                    break
-            else:
-                raise LoopError(BRANCH, f'start: residual {missed:.3g} m or rad after {CALLS} '
-                                'iterations; expected a nearly closed configuration')
-        except LoopError:
-            self._step.restore()
-            raise
-        self._accept()
+        for _ in range(CALLS):
+            missed, _ = self._step.evaluate()
+            self._step.proceed()
+            if missed <= CLOSED:
+                break
+        else:
+            raise LoopError(BRANCH, f'start: residual {missed:.3g} m or rad after {CALLS} '
+                            'iterations; expected a nearly closed configuration')
+        self._step.accept()
+        self.known = True
 
     @property
     def before(self) -> tuple[Array, Array]:
@@ -176,56 +203,39 @@ class LoopTracker:
             ones, from which the next update continues while the assembly mode is `known`.
 
         """
-        self._step.check(measured, rates, others, values, t)
-        self.update_checked(measured, rates, others, values, t)
+        step = self._step
+        step.check(measured, rates, others, values, t)
+        step.measured[:], step.rates[:] = np.array(measured), np.array(rates)
+        self.update_given(others, values, t)
 
-    def update_checked(self, measured: Array, rates: Array, others: Sequence[int] = (),
-                       values: Array | None = None, t: float = 0.0) -> None:
-        """Move `q` and `u` as `update`, to arrays whose shapes and numbers were checked."""
-        self._step.begin(rates, t)
-        if self.known and self._follow(measured, others, values):
+    def update_given(self, others: Sequence[int] = (), values: Array | None = None,
+                     t: float = 0.0) -> None:
+        """Move `q` and `u` as `update`, to the measurement in `given`; nothing is checked."""
+        step = self._step
+        step.time[()] = t
+        step.compare(others, values)
+        if self.known and step.follow():
             return
-        self.figure, others = self._figure, list(others)  # a tuple would index dimensions
-        if not self.known:
-            if values is None or len({*self.places, *others}) < len(self.q):
-                raise LoopError(UNKNOWN, self._why)
+        others = list(others)  # a tuple would index dimensions
+        if self.known:
+            step.start()
+        elif values is None or len({*self.places, *others}) < len(self.q):
+            raise LoopError(UNKNOWN, self._why)
+        else:
             whole = np.zeros_like(self.q)
-            whole[self.places], whole[others] = measured, values
-            self._step.start(whole)
-            self.figure = 0.0
+            whole[self.places], whole[others] = step.measured, values
+            step.start(whole)
         try:
-            self._move(measured)
+            self._move(step.measured)
             self._compare(others, values)
         except LoopError as error:
-            self._step.restore()
             if error.reason == SINGULAR or (error.reason == BRANCH and self._way <= STRIDE):
                 self.known = False
                 self._why = ('since the loops came near a singular configuration, where it may '
                              'change; expected a state of all joints, or a restart')
             raise
-        self._accept()
-
-    def _follow(self, measured: Array, others: Sequence[int], values: Array | None) -> bool:
-        """Try one call of the kernel, which is enough for most measurements; return success."""
-        self._step.compare(others, values)
-        self._step.target[:] = measured
-        before = self._figure
-        try:
-            missed, moved, way, self.deviation = self._evaluate()
-            if (missed <= CLOSED and way <= longest_step(before)
-                    and self.deviation <= self.tolerance):
-                self._check_step(missed, moved, way)
-                self._accept()
-                return True
-        except LoopError:
-            pass
-        self._step.restore()
-        return False
-
-    def _accept(self) -> None:
-        """Continue from the result of the kernel."""
-        self._step.accept()
-        self._figure, self.known = self.figure, True
+        step.accept()
+        self.known = True
 
     def _move(self, measured: Array) -> None:
         """Move from the last configuration to the measured joints, in steps if they are far."""
@@ -247,7 +257,7 @@ class LoopTracker:
         """Close the loops at the target, `way` from the last configuration; raise LoopError."""
         whole = 0.0
         for _ in range(CALLS):
-            missed, moved, *_ = self._evaluate()
+            missed, moved = self._step.evaluate()
             whole += moved
             if missed <= CLOSED:
                 break
@@ -267,26 +277,24 @@ class LoopTracker:
             raise LoopError(BRANCH, f'the joints moved by {moved:.3g} rad or lengths in one '
                             'step; expected a continuous motion')
 
-    def _evaluate(self) -> list[float]:
-        """Return `LoopStep.evaluate`, and set `figure` and `residual`."""
-        try:
-            return self._step.evaluate()
-        finally:
-            self.figure, self.residual = self._step.figure, self._step.residual
-
     def _compare(self, others: Sequence[int], values: Array | None) -> None:
         """Raise LoopError if further measured joints deviate from the closed loop."""
-        self.deviation = 0.0
         if values is None or not len(others):
             return
-        away = values - self.q[others]
+        q = self._step.reached
+        away = values - q[others]
         turning = self._turning[others]
         away = np.abs(np.where(turning, np.remainder(away + math.pi, 2.0 * math.pi) - math.pi,
                                away))
-        self.deviation = float(away.max())
-        if not self.deviation <= self.tolerance:
+        self._step.figures[-1] = _square(float(away.max()))
+        if not away.max() <= self.tolerance:
             k = int(np.argmax(away))
             name = self.robot.coordinate_names[others[k]]
             raise LoopError(CONTRADICTION, f"'{name}' at {values[k]:.6g}, where the loops close "
-                            f'at {self.q[others[k]]:.6g} rad or m; expected a deviation of at '
+                            f'at {q[others[k]]:.6g} rad or m; expected a deviation of at '
                             f'most {self.tolerance:g}')
+
+
+def _square(x: float) -> float:
+    """Return the square of a limit or deviation; of a negative limit, its negative."""
+    return math.copysign(min(abs(x), FAR)**2, x)

@@ -18,6 +18,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 START, END = (0.0, 0.0, 0.0, 0.0), (0.5, 0.3, -0.2, 1.0)
 REST = [(0.0,) * 4] * 2
 DURATION = 1.6  # s
+LATE = 0.2007  # s: no multiple of a period, or two states may have one stamp, to the nanosecond
 
 
 @pytest.fixture(scope='module')
@@ -91,7 +92,7 @@ def inputs(count, seed=0):
             if kind == 'contradictory':
                 joints[rng.choice([x for x in names if x not in DRIVEN])] += rng.choice(
                     [-1.0, 1.0]) * rng.uniform(0.05, 1.0)
-        yield kind, driven, joints, 0.2 if kind == 'late' else 0.0
+        yield kind, driven, joints, LATE if kind == 'late' else 0.0
 
 
 def check_faulty_inputs(client, start, files, seconds, rate):

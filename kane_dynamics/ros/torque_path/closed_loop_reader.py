@@ -10,6 +10,7 @@ from kane_dynamics.mechanics.constraints.constrained_equations import Constraine
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
+import numpy as np
 
 
 def commanded_joints(robot: Robot, followed: Sequence[str]) -> tuple[int, ...]:
@@ -67,8 +68,10 @@ class ClosedLoopReader(JointStateReader):
                          [names[k] for k in commanded_joints(robot, followed)])
         self._places = [names.index(name) for name in others]
         self.tracker = LoopTracker(robot, followed)
-        self.q, self.u = self.tracker.q, self.tracker.u
-        self._accepted: Array | None = None
+        self.q, self.u, self._state = self.tracker.q, self.tracker.u, self.tracker.given
+        self._q, self._u = np.split(self._state, 2)  # what is read is the tracker's measurement
+        self._compared = self._rows = self.others  # the last others, and their indices in q
+        self._accepted = False
         self.update(values)
 
     def update(self, values: Mapping[str, Any]) -> None:
@@ -79,6 +82,7 @@ class ClosedLoopReader(JointStateReader):
     def restart(self) -> None:
         """Begin with the assembly mode of the constraints file, or of the first state."""
         self.tracker.restart()
+        self._accepted = False
 
     @property
     def lost(self) -> bool:
@@ -86,18 +90,20 @@ class ClosedLoopReader(JointStateReader):
         return not self.tracker.known
 
     def configuration(self) -> Array | None:
-        """Return the last closed configuration, for other threads; None if unknown."""
-        return None if self.lost else self._accepted
+        """Return the last closed configuration, for other threads; None without a state."""
+        return self.q.copy() if self._accepted and not self.lost else None
 
     def complete(self) -> str | None:
         """Close the loops at the accepted state; return None, or the reason to refuse it."""
         try:
-            self.tracker.update_checked(self._q, self._u, [self._places[k] for k in self.others],
-                                        self.positions)
+            if self.others is not self._compared:
+                self._compared = self.others
+                self._rows = tuple(self._places[k] for k in self.others)
+            self.tracker.update_given(self._rows, self.positions)
         except LoopError as error:
             self.detail = error.detail
             return error.reason
-        self._accepted = self.q.copy()  # the next update computes in `q`
+        self._accepted = True
         return None
 
     def figures(self) -> dict[str, str]:

@@ -4,10 +4,12 @@ from kane_dynamics import absolute_rates, knife_edge, ModelBuilder, Prescribed, 
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.kinematics.loop_error import (BRANCH, CONTRADICTION, LoopError, SINGULAR,
                                                  UNKNOWN)
+from kane_dynamics.kinematics.loop_kernel import (CLOSED, LEAP, ROUNDING, SHARE, STRIDE, TIMED,
+                                                  valid)
 from kane_dynamics.kinematics.loop_tracker import LoopTracker
 from linkages import at_angle, five_bar, five_bar_at, four_bar, four_bar_model, PIN
 import numpy as np
-from palletizer import DRIVEN, palletizer, positions
+from palletizer import DRIVEN, palletizer, positions, SINGULAR_SHOULDER
 import pytest
 
 
@@ -271,3 +273,110 @@ def test_ball_joints_are_refused_by_name():
     b.body('hand', kind='ball', matter=rod(1.0, (0, 0, 0), (0, 0, 1)))
     with pytest.raises(InputError, match=r"LoopTracker: a robot with ball joints \('hand'\)"):
         LoopTracker(Robot(b.model()), ['hand/wx'])
+
+
+def random_walk(tracker, steps, length, others=()):
+    """Update by random steps; yield q, u and the figures of each."""
+    rng, at = np.random.default_rng(5), tracker.q[tracker.places].copy()
+    for _ in range(steps):
+        at += rng.uniform(-length, length, at.shape)
+        values = positions(tracker.robot, *at)[list(others)] + 0.01 if others else None
+        tracker.update(at, rng.normal(size=at.shape), others, values)
+        yield (tracker.q.copy(), tracker.u.copy(),
+               np.array([tracker.figure, tracker.residual, tracker.deviation]))
+
+
+@pytest.mark.parametrize('others', [(), (2, 3)])
+def test_one_call_gives_what_checked_steps_give(others, monkeypatch):
+    quick, checked = (LoopTracker(palletizer(), DRIVEN) for _ in range(2))
+    monkeypatch.setattr(quick._step, 'evaluate', lambda: pytest.fail('more than one call'))
+    monkeypatch.setattr(checked._step, 'follow', lambda: False)
+    for found, expected in zip(*(random_walk(each, 50, 0.004, others)
+                                 for each in (quick, checked)), strict=True):
+        for x, y in zip(found, expected, strict=True):
+            np.testing.assert_allclose(x, y, rtol=1e-10, atol=1e-13)
+
+
+def test_a_call_that_is_refused_leaves_the_state_to_the_bit():
+    tracker = LoopTracker(palletizer(), DRIVEN)
+    tracker.update(tracker.q[tracker.places] + 0.001, np.ones(4))
+    step = tracker._step
+    state, at = step._state.copy(), tracker.q[tracker.places]
+    for change, others, values in [(0.2, (), None), (0.001, (2,), np.array([1.0])),
+                                   (0.001, (2,), np.array([1e200]))]:
+        step.measured[:] = at + change
+        step.compare(others, values)
+        assert not step.follow()
+        np.testing.assert_array_equal(step._state, state)
+    tracker.update(at + 0.001, np.ones(4))
+    assert (step._state != state).any()
+
+
+def test_a_call_is_valid_within_all_limits_alone():
+    figures = {'moved': 1e-6, 'missed': 1e-24, 'residual': 1e-8, 'figure': 4.0, 'way': 1e-6,
+               'deviation': 1e-6}
+    limits = (1e-4, 1e-4, 100.0)
+
+    def check(timed=False, before=4.0, **changes):
+        return valid(list((figures | changes).values()), before, limits, timed)
+    assert check() == check(before=0.0) == check(way=0.0, moved=0.0) == 1.0
+    for name, most in (('missed', CLOSED**2), ('residual', 1e-4), ('deviation', 1e-4),
+                       ('figure', 100.0)):
+        assert check(**{name: 0.99 * most}) == 1.0
+        assert check(**{name: 1.01 * most}) == 0.0
+    assert check(before=0.0, way=0.99 * STRIDE**2) == 1.0
+    assert check(before=0.0, way=1.01 * STRIDE**2) == 0.0
+    assert check(before=1e4, way=0.99e-4 * SHARE**2) == 1.0
+    assert check(before=1e4, way=1.01e-4 * SHARE**2) == 0.0
+    assert check(moved=0.99 * 4e-6 * LEAP**2) == 1.0
+    assert check(moved=1.01 * 4e-6 * LEAP**2) == 0.0
+    assert check(way=0.0, moved=0.99 * 4.0 * (LEAP * ROUNDING)**2) == 1.0
+    assert check(way=0.0, moved=1.01 * 4.0 * (LEAP * ROUNDING)**2) == 0.0
+    assert check(timed=True, moved=0.99 * TIMED**2) == 1.0
+    assert check(timed=True, moved=1.01 * TIMED**2) == 0.0
+    for name in figures:
+        assert check(**{name: np.nan}) == check(**{name: np.inf}) == 0.0
+
+
+@pytest.mark.parametrize('values', ['none', 'consistent'])
+def test_no_deviation_is_reported_of_a_refused_singular_configuration(values):
+    tracker = LoopTracker(palletizer(), DRIVEN)
+    at = tracker.q[tracker.places].copy()
+    at[1] = SINGULAR_SHOULDER
+    others = [2, 3] if values == 'consistent' else ()
+    seen = positions(palletizer(), *at)[others] if others else None
+    assert reason(tracker, at, np.zeros(4), others, seen) == SINGULAR
+    assert tracker.deviation < 1e-9
+    tracker.restart()
+    assert tracker.deviation == 0.0
+
+
+def test_a_measurement_may_be_lists_or_parts_of_the_last_one():
+    tracker = LoopTracker(palletizer(), DRIVEN)
+    at = (tracker.q[tracker.places] + 0.001).tolist()
+    tracker.update(at, [0.001, 0.002, 0.003, 0.004])
+    np.testing.assert_allclose(tracker.q[tracker.places], at, atol=1e-15)
+    before, rates = np.split(tracker.given, 2)
+    expected = 0.5 * (before + rates), before.copy()
+    tracker.update(expected[0], before)
+    np.testing.assert_array_equal(tracker.given, np.concatenate(expected))
+    tracker.update(rates, before)  # exchanged
+    np.testing.assert_array_equal(tracker.given, np.concatenate([expected[1], expected[0]]))
+
+
+def test_a_negative_limit_refuses_everything():
+    tracker = LoopTracker(palletizer(), DRIVEN)
+    at = tracker.q[tracker.places] + 0.001
+    tracker.tolerance = -0.02
+    assert reason(tracker, at, np.zeros(4), [2],
+                  positions(palletizer(), *at)[[2]]) == CONTRADICTION
+    tracker.max_figure = -200.0
+    assert reason(tracker, at, np.zeros(4)) == SINGULAR
+
+
+def test_limits_may_be_infinite(monkeypatch):
+    tracker = LoopTracker(palletizer(), DRIVEN, tolerance=np.inf, max_figure=np.inf)
+    monkeypatch.setattr(tracker._step, 'evaluate', lambda: pytest.fail('more than one call'))
+    at = tracker.q[tracker.places] + 0.001
+    tracker.update(at, np.zeros(4), [2], np.array([50.0]))
+    np.testing.assert_allclose(tracker.q[tracker.places], at, atol=1e-15)
