@@ -1,7 +1,7 @@
 """Motion of a mechanism whose driving joints move as desired: closed loops, speeds, rates."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -24,13 +24,14 @@ class MechanismMotion(NamedTuple):
 
 
 def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array, rates: Array,
-                     accelerations: Array, configuration: Any = None) -> MechanismMotion:
+                     accelerations: Array) -> MechanismMotion:
     """
     Return the motion of a robot with chosen speeds or constraints for that of driving joints.
 
     The loops are closed from each configuration to the next one (`DrivenLoops`), so that the
-    assembly mode stays the same. With the joint rates T of the independent speeds,
-    q' = T u + x, the rows of the driving joints determine u, and those of q'' its rate.
+    assembly mode stays that of the robot's `configuration`, else of the one found near zero. With
+    the joint rates T of the independent speeds, q' = T u + x, the rows of the driving joints
+    determine u, and those of q'' its rate.
 
     Parameters
     ----------
@@ -43,8 +44,6 @@ def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array, ra
         Times, s, in order.
     q, rates, accelerations : (N, n) arrays
         Of the driving joints; rad or m, and s.
-    configuration : (n_q,) array_like, optional
-        Initial guess of the first configuration. Default: that of the robot, else zero.
 
     Raises
     ------
@@ -65,7 +64,7 @@ def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array, ra
         raise InputError(f'motion: joints {list(joints)}; expected {robot.n} of '
                          f'{", ".join(names)}, as many as independent speeds')
     driving = [names.index(name) for name in joints]
-    return motion_of_closed(robot, driving, t, _closed(robot, driving, t, q, configuration),
+    return motion_of_closed(robot, driving, t, _closed(robot, driving, t, q),
                             rates, accelerations)
 
 
@@ -103,7 +102,7 @@ def _solved(T: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(T, right[..., None])[..., 0])
 
 
-def _closed(robot: Robot, driving: list[int], t: Array, q: Array, configuration: Any) -> Array:
+def _closed(robot: Robot, driving: list[int], t: Array, q: Array) -> Array:
     """Return closed configurations, (N, n_q), with the driving joints at q, (N, n)."""
     Q = np.zeros((len(t), robot.n_q))
     Q[:, driving] = q
@@ -111,8 +110,7 @@ def _closed(robot: Robot, driving: list[int], t: Array, q: Array, configuration:
         return Q
     fixed = [robot.coordinate_names[k] for k in driving]
     loops = DrivenLoops(robot, fixed)
-    guess = robot.configuration if configuration is None else configuration
-    start = np.zeros(robot.n_q) if guess is None else np.array(guess, dtype=np.float64)
+    start = np.zeros(robot.n_q)
     start[driving] = q[0]
     start = robot.closed_posture(start, t=float(t[0]), fixed=fixed)
     moves = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1, initial=0.0)

@@ -9,6 +9,7 @@ from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
 from kane_dynamics.mechanics.ball_joints import angle_places, neutral, on_unit_quaternions
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.loop_closure import NEARLY_CLOSED
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.robot.robot import Robot
@@ -91,7 +92,8 @@ class SweptJoints:
         """
         Return closed configurations near q0, (N, n_q), and why there is none.
 
-        Rows without one are NaN. The joints whose rates are independent speeds keep their values.
+        Rows without one are NaN. The joints whose rates are independent speeds keep their values;
+        the assembly mode is that of q0, if its loops are nearly closed, else that of the robot.
         """
         robot = self._robot
         found = np.array([on_unit_quaternions(robot.model, q) for q in q0])
@@ -104,7 +106,10 @@ class SweptJoints:
         for k, row in enumerate(rows):
             own = np.flatnonzero(places == k)
             try:
-                found[own] = robot.closed_posture(row, t=t0, fixed=fixed)
+                away = np.abs(robot.constraint_residual(row, t=t0)).max(initial=0.0)
+                found[own] = robot.closed_posture(
+                    row, t=t0, fixed=fixed,
+                    start=row if fixed and away <= NEARLY_CLOSED else None)
             except ConstraintError as error:
                 found[own] = np.nan
                 for i in own.tolist():

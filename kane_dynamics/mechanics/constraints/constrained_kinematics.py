@@ -62,6 +62,13 @@ class ConstrainedKinematics:
         rows = self.mechanism.rows(self.mechanism.state(q, t, self.tree.geometry))
         return np.array([0.0 if x is None else x for x in rows.residual], dtype=object)
 
+    def closure_rows(self, q: Any, t: Any = 0.0) -> Any:
+        """Return J with two more columns: residuals, and 1 where a row has one, (m, n_j + 2)."""
+        rows = self.mechanism.rows(self.mechanism.state(q, t, self.tree.geometry))
+        missed = np.array([[0.0, 0.0] if x is None else [x, 1.0] for x in rows.residual],
+                          dtype=object)
+        return np.concatenate([rows.J, missed.reshape(len(rows.residual), 2)], axis=1)
+
     def constraint_velocity_residual(self, q: Any, u: Any, t: Any = 0.0) -> Any:
         """Return the velocity residual J q' - b of every row, (m,)."""
         rows = self.mechanism.rows(self.mechanism.state(q, t, self.tree.geometry))

@@ -68,7 +68,8 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
     start = neutral(model) if configuration is None else _checked(everything, configuration)
     for constraint in everything.constraints:
         try:
-            constraint.rows(everything.state(start))
+            with np.errstate(all='ignore'):  # a distance of zero has no direction
+                constraint.rows(everything.state(start))
         except InputError as error:
             raise ConstraintError(f"constraint '{constraint.name}': {error}") from None
     places = (_closed_postures(everything) if configuration is None
@@ -129,7 +130,8 @@ def _closed_postures(mechanism: Mechanism) -> list[Array]:
             return found
     if not found:
         nearest = min((closing_iterations(mechanism, start, np.ones(len(lower), bool), 0.0)
-                       for start in starts), key=lambda end: np.abs(end[1]).max(initial=0.0))
+                       for start in starts), key=lambda end: np.nan_to_num(
+                           np.abs(end[1]), nan=np.inf).max(initial=0.0))
         raise ConstraintError(f'{failures[0]}; {advice(mechanism, nearest[0])}')
     return found
 

@@ -1,6 +1,6 @@
 """Loop closure: the configuration that satisfies all position constraints, by Newton's method."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from kane_dynamics._util.typing import Array
@@ -8,19 +8,36 @@ from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.ball_joints import (balls, difference, moved as moved_by,
                                                  on_unit_quaternions)
 from kane_dynamics.mechanics.constraints import checked_names
-from kane_dynamics.mechanics.constraints.conditioning import RANK, stacked
+from kane_dynamics.mechanics.constraints.conditioning import RANK
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 import numpy as np
 
 CLOSED = 1e-11  # m or rad: a smaller constraint residual counts as zero
+NEARLY_CLOSED = 0.01  # m or rad: residual with errors of encoders and of assembly
 ITERATIONS = 100
 STRIDE = 0.5  # rad or m: longest step of the search for a closed configuration
 SMALL = 0.05  # rad, or lengths of the mechanism: steps along a branch
 FARTHEST = 1e3  # rad, or lengths of the mechanism: moves along a branch
 
+# At q, (n_q,), and t, s: J, (m, n_j), the residuals, (m,), and 1 in (m,) where a row has one. The
+# arrays stay valid until the next call.
+Rows = Callable[[Array, float], tuple[Array, Array, Array]]
 
-def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
-                   fixed: Sequence[str] = ()) -> Array:
+
+def defined_rows(mechanism: Mechanism) -> Rows:
+    """Return the rows of the definition."""
+    def rows(q: Array, t: float) -> tuple[Array, Array, Array]:
+        with np.errstate(all='ignore'):
+            here = mechanism.rows(mechanism.state(q, t))
+        kept = [x is not None for x in here.residual]
+        return (np.array(here.J, dtype=np.float64),
+                np.array([x if there else 0.0 for x, there in zip(here.residual, kept)],
+                         dtype=np.float64), np.array(kept, dtype=np.float64))
+    return rows
+
+
+def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0, fixed: Sequence[str] = (),
+                   rows: Rows | None = None) -> Array:
     """
     Return the configuration near q that satisfies all position constraints.
 
@@ -34,6 +51,8 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
         s.
     fixed : sequence of str
         Names of coordinates that keep their values (a crank).
+    rows : callable, optional
+        The compiled rows; default: those of the definition.
 
     Raises
     ------
@@ -47,13 +66,13 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0,
     here = np.asarray(on_unit_quaternions(model, here), dtype=np.float64)
     stays = _joints(mechanism, checked_names(fixed, 'fixed') or ())
     moves = np.array([k not in stays for k in range(model.n)])
-    here, residual, labels, closed = closing_iterations(mechanism, here, moves, t)
+    here, residual, labels, closed = closing_iterations(mechanism, here, moves, t, rows=rows)
     if closed:
         return here
     worst = int(np.argmax(np.abs(residual)))
     raise ConstraintError(f"loop closure: no configuration found for '{labels[worst]}', its "
-                          f'residual is {abs(residual[worst]):.3g} (m or rad) after {ITERATIONS} '
-                          'steps; expected a start near a closed configuration')
+                          f'residual is {abs(residual[worst]):.3g} (m or rad); expected a start '
+                          'near a closed configuration')
 
 
 def _checked(mechanism: Mechanism, q: Any, t: Any) -> Array:
@@ -81,18 +100,25 @@ def _joints(mechanism: Mechanism, names: Sequence[str]) -> list[int]:
 
 
 def closing_iterations(mechanism: Mechanism, start: Array, moves: Array, t: float,
-                       most: int = ITERATIONS) -> tuple[Array, Array, list[str], bool]:
+                       most: int = ITERATIONS, rows: Rows | None = None
+                       ) -> tuple[Array, Array, list[str], bool]:
     """
     Iterate by Newton's method; return q, residuals, their labels, and whether it converged.
 
     `moves`, (n_j,), says of each joint whether it moves; ball joints rotate on their sphere.
     """
     here, tolerance = start.copy(), mechanism.rank_tolerance
+    rows = rows or defined_rows(mechanism)
     for _ in range(most):
-        J, residual, labels = _residuals(mechanism, here, t)
+        J, residual, there = rows(here, t)
+        places = np.flatnonzero(there)
+        J, residual, labels = J[places], residual[places], [mechanism.labels[k] for k in places]
         missed = np.abs(residual).max(initial=0.0)
         if missed < CLOSED:
             return here, residual, labels, True
+        finite = np.isfinite(J).all(axis=1) & np.isfinite(residual)
+        if not finite.all():
+            return here, np.where(finite, residual, np.nan), labels, False
         step = np.linalg.lstsq(J[:, moves], -residual, rcond=max(1e-10, tolerance))[0]
         longest = np.abs(step).max(initial=0.0)
         if tolerance > RANK and missed < tolerance and longest < CLOSED:
@@ -103,17 +129,8 @@ def closing_iterations(mechanism: Mechanism, start: Array, moves: Array, t: floa
     return here, residual, labels, False
 
 
-def _residuals(mechanism: Mechanism, q: Array, t: float) -> tuple[Array, Array, list[str]]:
-    """Return the rows of the position constraints, their residuals and labels."""
-    rows = mechanism.rows(mechanism.state(q, t))
-    places = [k for k, residual in enumerate(rows.residual) if residual is not None]
-    return (np.array(rows.J[places], dtype=np.float64),
-            np.array([rows.residual[k] for k in places], dtype=np.float64),
-            [mechanism.labels[k] for k in places])
-
-
 def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0,
-                     fixed: Sequence[str] = ()) -> Array:
+                     fixed: Sequence[str] = (), rows: Rows | None = None) -> Array:
     """
     Return the closed configuration on the same branch as another one.
 
@@ -128,7 +145,7 @@ def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0
         A closed configuration on the branch, rad or m.
     q : (n_q,) array
         The final values of the fixed coordinates; other entries are ignored.
-    t, fixed
+    t, fixed, rows
         As in `closed_posture`.
 
     Raises
@@ -138,7 +155,8 @@ def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0
 
     """
     wanted = _checked(mechanism, q, t)
-    here = closed_posture(mechanism, start, t=t, fixed=())
+    rows = rows or defined_rows(mechanism)
+    here = closed_posture(mechanism, start, t=t, rows=rows)
     model = mechanism.model
     joints = _joints(mechanism, fixed)
     places = [place for k in joints if (place := model.places[k]) is not None]
@@ -153,13 +171,13 @@ def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0
     for share in np.arange(1, count + 1) / count:
         ahead = here.copy()
         ahead[places] = first + share * (last - first)
-        closed = closed_posture(mechanism, ahead, t=t, fixed=fixed)
+        closed = closed_posture(mechanism, ahead, t=t, fixed=fixed, rows=rows)
         change = np.abs(difference(model, here, closed))
         moved = change / mechanism.units
         worst = int(np.argmax(moved))
         before, side = side, 0.0
         if len(places) == mechanism.n:
-            J = stacked(mechanism, closed, t).J[mechanism.kept]
+            J = rows(closed, t)[0][mechanism.kept]
             side = float(np.sign(np.linalg.det(np.concatenate([units, J]))))
         if moved[worst] > STRIDE or before * side < 0.0:
             raise ConstraintError(

@@ -3,10 +3,12 @@
 from collections.abc import Sequence
 from typing import Any
 
+from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.constraints.loop_closure import closed_posture, followed_posture
+from kane_dynamics.mechanics.constraints.loop_closure import (closed_posture, defined_rows,
+                                                              followed_posture, Rows)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.argument import Argument, checked
 from kane_dynamics.native.tracing.program import trace_program
@@ -163,13 +165,14 @@ class ConstraintMethods(Dispatch):
             return self._same('udot', udot, out)
         return self._special('joint_accelerations', (q, u, udot), t, out)
 
-    def closed_posture(self, q: ArrayLike, *, t: float = 0.0, fixed: Sequence[str] = ()) -> Array:
+    def closed_posture(self, q: ArrayLike, *, t: float = 0.0, fixed: Sequence[str] = (),
+                       start: ArrayLike | None = None) -> Array:
         """
         Return the configuration near q, (n_q,), that satisfies all position constraints.
 
-        For a robot with a given `configuration`, and with fixed coordinates, it is on the branch
-        of that configuration: the fixed coordinates move from there to their values in small
-        steps.
+        With fixed coordinates and a start, it is on the branch of the start: the fixed
+        coordinates move from there to their values in small steps, and other entries of q are
+        ignored.
 
         Parameters
         ----------
@@ -179,17 +182,53 @@ class ConstraintMethods(Dispatch):
             Time, s.
         fixed : sequence of str
             Names of coordinates that keep their values.
+        start : (n_q,) array_like, optional
+            A nearly closed configuration; q itself, to stay on its branch. Default: the
+            `configuration` of the robot, if one was given.
 
         Raises
         ------
+        InputError
+            A number is missing or not finite, or a start comes without fixed coordinates.
         ConstraintError
             None is found; names the constraint with the largest residual.
 
         """
-        start = self._choices.get('configuration')
-        if start is not None and len(fixed):
-            return followed_posture(self.mechanism, start, q, t=t, fixed=fixed)
-        return closed_posture(self.mechanism, q, t=t, fixed=fixed)
+        mechanism, rows = self.mechanism, self._compiled_rows()
+        begin = self.configuration if start is None else finite_row(
+            start, 'start', mechanism.model.coordinate_names)
+        if begin is not None and len(fixed):
+            return followed_posture(mechanism, begin, q, t=t, fixed=fixed, rows=rows)
+        if start is not None:
+            raise InputError(f'start: {begin.tolist()}, without fixed; expected the coordinates '
+                             'that move from there to their values in q')
+        return closed_posture(mechanism, q, t=t, fixed=fixed, rows=rows)
+
+    def _compiled_rows(self) -> Rows | None:
+        """Return the rows of the constraints in native code, with arrays of their own, if any."""
+        if not self.constraint_names:
+            return None
+        equations: Any = self.equations
+        name, block = 'closure_rows', self.kernels.parameters
+        arguments = [Argument('q', (equations.n_q,), equations.model.coordinate_names)]
+        arguments += [Argument('t', ())] if equations.timed else []
+        result = np.empty((len(self.constraint_names), equations.model.n + 2))
+        kernel = self.kernels.extra(name, lambda: trace_program(
+            name, lambda q, *rest: equations.closure_rows(q, *(x[()] for x in rest[:-1])),
+            [*((x.name, x.shape) for x in arguments), ('parameters', block.shape)]),
+            arguments, block, result.shape)
+        here = [np.empty(x.shape) for x in arguments]
+        call = kernel.bind(here, result, 'Compute the rows.')
+
+        def rows(*given: Any) -> tuple[Array, Array, Array]:
+            for array, value in zip(here, given):
+                array[...] = value
+            try:
+                call()
+            except InputError:  # not finite, which those of the definition say of each row
+                return defined_rows(self.mechanism)(given[0], float(given[1]))
+            return result[:, :-2], result[:, -2], result[:, -1]
+        return rows
 
     def _same(self, name: str, value: Any, out: Array | None) -> Array:
         """Return a checked copy, for a robot in joint rates without constraints."""

@@ -4,11 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import difference
+from kane_dynamics.mechanics.constraints.loop_closure import NEARLY_CLOSED
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, Index, order
 import numpy as np
 
-MAX_RESIDUAL = 0.01  # m or rad: tolerance for encoder errors and assembly tolerances
+MOST_MOVED = 0.1  # rad, or lengths of the mechanism: by the closure of nearly closed loops
 
 
 @dataclass(frozen=True)
@@ -44,13 +46,21 @@ def close_loops(robot: Robot, q: Array) -> Array:
     """
     Return the configuration near q that satisfies the constraints; q without constraints.
 
-    Raise InputError if the constraint residual at q is larger than `MAX_RESIDUAL`.
+    The independent joints keep their values. InputError if the constraint residual at q is larger
+    than `NEARLY_CLOSED`, or if the loops close further than `MOST_MOVED` away.
     """
     if not robot.constraint_names:
         return q
-    residual = np.nan_to_num(np.abs(robot.constraint_gap(q)))
-    if residual.max() > MAX_RESIDUAL:
+    residual = np.abs(robot.constraint_residual(q))
+    if not residual.max() <= NEARLY_CLOSED:
         name = robot.constraint_names[int(residual.argmax())]
         raise InputError(f'position: residual {residual.max():.3g} m or rad of constraint '
-                         f"'{name}'; expected at most {MAX_RESIDUAL:g}")
-    return robot.closed_posture(q, fixed=robot.speed_names)
+                         f"'{name}'; expected at most {NEARLY_CLOSED:g}")
+    closed = robot.closed_posture(q, fixed=robot.speed_names, start=q)
+    moved, units = np.abs(difference(robot.model, q, closed)), robot.mechanism.units
+    if not (moved / units).max() <= MOST_MOVED:
+        k = int((moved / units).argmax())
+        raise InputError(f'position: the loops close {moved[k]:.3g} rad or m away in '
+                         f"'{robot.joint_names[k]}'; expected at most {MOST_MOVED:g} rad, or "
+                         'lengths of the mechanism')
+    return closed

@@ -18,6 +18,11 @@ def turned(t):
     return 1.3 + 0.6 * np.sin(3.0 * t)
 
 
+def closed_at(q):
+    """Return the five-bar linkage with the assembly mode of a configuration."""
+    return Robot(five_bar().model, constraints=[TIP], configuration=q)
+
+
 @pytest.mark.parametrize('interval', [0.01, 0.4])
 def test_loops_close_along_rows_that_are_far_apart_in_time_too(interval):
     """The function of time turns a crank by up to 0.6 rad from row to row."""
@@ -33,24 +38,22 @@ def test_loops_close_along_rows_that_are_far_apart_in_time_too(interval):
 
 
 def test_order_of_driving_joints_is_free_and_their_positions_are_kept():
-    robot = five_bar()
     cranks = np.array([2.0, 1.2]) + np.linspace(0.0, 0.5, 20)[:, None] * [1.0, -0.7]
     t, none = np.linspace(0.0, 1.0, 20), np.zeros((20, 2))
-    start = five_bar_at(*cranks[0])
-    one = mechanism_motion(robot, ['left_crank', 'right_crank'], t, cranks, none, none, start)
-    other = mechanism_motion(robot, ['right_crank', 'left_crank'], t, cranks[:, ::-1], none, none,
-                             start)
+    robot = closed_at(five_bar_at(*cranks[0]))
+    one = mechanism_motion(robot, ['left_crank', 'right_crank'], t, cranks, none, none)
+    other = mechanism_motion(robot, ['right_crank', 'left_crank'], t, cranks[:, ::-1], none, none)
     np.testing.assert_array_equal(one.q, other.q)
     np.testing.assert_array_equal(one.q[:, [0, 2]], cranks)
     np.testing.assert_allclose(one.q, [five_bar_at(*each) for each in cranks], atol=1e-12)
 
 
 def test_a_motion_of_no_rows_and_of_one_row_have_as_many_configurations():
-    robot, none = five_bar(), np.zeros((1, 2))
-    q = five_bar_at(2.0, 1.2)
+    q, none = five_bar_at(2.0, 1.2), np.zeros((1, 2))
+    robot = closed_at(q)
     for rows in (0, 1):
         found = mechanism_motion(robot, ['left_crank', 'right_crank'], np.zeros(rows),
-                                 q[None, [0, 2]][:rows], none[:rows], none[:rows], q)
+                                 q[None, [0, 2]][:rows], none[:rows], none[:rows])
         np.testing.assert_allclose(found.q, q[None][:rows], atol=1e-12)
 
 

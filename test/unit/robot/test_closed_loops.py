@@ -1,7 +1,11 @@
 """Single calls of constrained robots: closed, regular, and independent of how it is said."""
 
-from kane_dynamics import (Closure, ConstraintError, InputError, power_balance, Prescribed, Robot,
-                           simulate)
+from functools import partial
+
+from kane_dynamics import (Closure, ConstraintError, disc, InputError, ModelBuilder, power_balance,
+                           Prescribed, Robot, simulate)
+from kane_dynamics.mechanics.constraints import loop_closure
+from kinds_of_mechanism import case, PAIRS
 from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh
 import numpy as np
 import pytest
@@ -167,7 +171,49 @@ def test_a_given_configuration_says_which_branch_is_meant():
         back = Robot(model, constraints=[PIN], independent=['crank'], configuration=there)
         np.testing.assert_allclose(back.closed_posture((0.8, 0.0, 0.0), fixed=['crank']), start,
                                    atol=1e-9)
+        for branch in (q0, mirrored):
+            np.testing.assert_allclose(robot.closed_posture(
+                branch + 1e-3, fixed=['crank'], start=branch)[1:], branch[1:], atol=0.01)
+            np.testing.assert_allclose(robot.closed_posture(
+                branch, fixed=['crank'], start=branch), branch, atol=1e-10)
+    with pytest.raises(InputError, match=r'start: .*without fixed'):
+        robot.closed_posture(q0, start=q0)
+    with pytest.raises(InputError, match=r"start of joint 'rocker': nan"):
+        robot.closed_posture(q0, fixed=['crank'], start=[*q0[:2], np.nan])
     with pytest.raises(ConstraintError, match=r'configuration: closing its loops moves'):
         Robot(model, constraints=[PIN], configuration=(0.8, 0.0, -1.5))
     with pytest.raises(ConstraintError, match=r'configuration: .*expected 3 finite numbers'):
         Robot(model, constraints=[PIN], configuration=(0.8, 0.0))
+
+
+@pytest.mark.parametrize('kinds', [('closed loop',), ('nonholonomic',), ('chosen speeds',), *(
+    pair for pair in PAIRS if 'closed loop' in pair or 'nonholonomic' in pair)], ids=' + '.join)
+def test_loops_close_by_compiled_rows_where_those_of_the_definition_close(kinds):
+    one = case(*kinds)
+    robot, mechanism = one.robot, one.mechanism
+    rng = np.random.default_rng(1)
+    fixed = [name for name in robot.speed_names if name in robot.coordinate_names]
+    for _ in range(3):
+        q = one.q + 0.05 * rng.uniform(-1.0, 1.0, robot.n_q)
+        for names in ((), fixed):
+            np.testing.assert_allclose(
+                robot.closed_posture(q, t=one.time, fixed=names),
+                loop_closure.closed_posture(mechanism, q, t=one.time, fixed=names), atol=1e-11)
+        if fixed:
+            np.testing.assert_allclose(
+                robot.closed_posture(q, t=one.time, fixed=fixed, start=one.q),
+                loop_closure.followed_posture(mechanism, one.q, q, t=one.time, fixed=fixed),
+                atol=1e-11)
+
+
+def test_loops_with_rows_that_are_not_finite_are_said_not_to_close():
+    b = ModelBuilder('tethered')
+    b.body('puck', kind='planar', matter=disc(1.0, 0.1))
+    b.frame('end', 'puck')
+    b.frame('anchor', 'world')
+    robot = Robot(b.model(), constraints=[
+        Closure('end', 'anchor', 'distance', length=0.5, name='tether')])
+    np.testing.assert_allclose(robot.closed_posture([0.3, 0.4, 1.0]), [0.3, 0.4, 1.0])
+    for close in (robot.closed_posture, partial(loop_closure.closed_posture, robot.mechanism)):
+        with pytest.raises(ConstraintError, match=r"'tether/.*nan"):
+            close([0.0, 0.0, 0.0])

@@ -63,6 +63,21 @@ def test_trials_of_a_loop_are_closed_and_equal_simulate_with_computed_torque(int
         assert abs(found['rms_error.crank'][k] - rms) < 1e-4 * max(rms, 1e-2)
 
 
+def test_trials_stay_on_the_branch_of_a_closed_start():
+    one = linkage()
+    first, other = (one.closed_posture(q, fixed=['crank']) for q in (
+        (0.8, 0.0, -1.5), (0.8, -2.5, 2.0)))
+    robot = linkage(configuration=tuple(first.tolist()))
+    names = robot.joint_names
+    for start in (first, other):
+        found = columns(Sweep(robot, samples=1, duration=STEP, step=STEP,
+                              q0=dict(zip(names, start.tolist()))))
+        np.testing.assert_allclose(rows_of(found, 'q', names)[0], start, atol=1e-3)
+    moved = columns(Sweep(robot, samples=1, duration=STEP, step=STEP, q0={'crank': 2.0}))
+    np.testing.assert_allclose(rows_of(moved, 'q', names)[0], robot.closed_posture(
+        (2.0, 0.0, 0.0), fixed=['crank']), atol=1e-3)
+
+
 def test_gravity_compensation_with_the_payload_known_holds_the_linkage():
     """At rest without friction the linkage stays; without knowledge of its load it falls."""
     robot = linkage(friction=False)
