@@ -88,7 +88,8 @@ def test_a_changed_urdf_on_the_topic_is_used_at_the_next_configuration(
     client.connect()
     assert np.abs(client.ask(POSE, np.zeros(3))).max() > 1.2 * np.abs(before).max()
     # What failed to open has left nothing behind.
-    assert wait_until(lambda: client.count_publishers('commands') == 1)
+    assert wait_until(lambda: client.count_publishers('commands') == 1), (
+        client.get_publishers_info_by_topic('commands'))
 
 
 def test_an_invalid_urdf_leaves_the_node_unconfigured_with_the_reason(client, start):
