@@ -29,10 +29,10 @@ def defined_rows(mechanism: Mechanism) -> Rows:
     def rows(q: Array, t: float) -> tuple[Array, Array, Array]:
         with np.errstate(all='ignore'):
             here = mechanism.rows(mechanism.state(q, t))
-        kept = [x is not None for x in here.residual]
-        return (np.array(here.J, dtype=np.float64),
-                np.array([x if there else 0.0 for x, there in zip(here.residual, kept)],
-                         dtype=np.float64), np.array(kept, dtype=np.float64))
+        residual = [0.0 if x is None else x for x in here.residual]
+        of_positions = [x is not None for x in here.residual]
+        return (np.array(here.J, dtype=np.float64), np.array(residual, dtype=np.float64),
+                np.array(of_positions, dtype=np.float64))
     return rows
 
 
@@ -110,8 +110,8 @@ def closing_iterations(mechanism: Mechanism, start: Array, moves: Array, t: floa
     here, tolerance = start.copy(), mechanism.rank_tolerance
     rows = rows or defined_rows(mechanism)
     for _ in range(most):
-        J, residual, there = rows(here, t)
-        places = np.flatnonzero(there)
+        J, residual, of_positions = rows(here, t)
+        places = np.flatnonzero(of_positions)
         J, residual, labels = J[places], residual[places], [mechanism.labels[k] for k in places]
         missed = np.abs(residual).max(initial=0.0)
         if missed < CLOSED:

@@ -11,7 +11,8 @@ from kane_dynamics.mechanics.constraints.loop_closure import (closed_posture, de
                                                               followed_posture, Rows)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.argument import Argument, checked
-from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import Shape, trace_program
 from kane_dynamics.robot.methods.dispatch import Dispatch
 import numpy as np
 from numpy.typing import ArrayLike
@@ -109,16 +110,10 @@ class ConstraintMethods(Dispatch):
         equations = self.equations
         if not isinstance(equations, ConstrainedEquations):
             return self._same('joint_torques', joint_torques, None)
-        name, block = 'generalized_force', self.kernels.parameters
         model = equations.model
-        arguments = [Argument('q', (equations.n_q,), model.coordinate_names),
-                     Argument('joint_torques', (model.n,), model.joint_names)]
-        arguments += [Argument('t', ())] if equations.timed else []
-        kernel = self.kernels.extra(name, lambda: trace_program(
-            name, lambda q, torques, *rest: equations.generalized_force(
-                q, torques, *(x[()] for x in rest[:-1])),
-            [*((x.name, x.shape) for x in arguments), ('parameters', block.shape)]),
-            arguments, block, (equations.n,))
+        kernel = self._kernel('generalized_force', [
+            Argument('q', (equations.n_q,), model.coordinate_names),
+            Argument('joint_torques', (model.n,), model.joint_names)], (equations.n,))
         result: Array = kernel(*self._at_time((q, joint_torques), t))
         return result
 
@@ -208,16 +203,11 @@ class ConstraintMethods(Dispatch):
         """Return the rows of the constraints in native code, with arrays of their own, if any."""
         if not self.constraint_names:
             return None
-        equations: Any = self.equations
-        name, block = 'closure_rows', self.kernels.parameters
-        arguments = [Argument('q', (equations.n_q,), equations.model.coordinate_names)]
-        arguments += [Argument('t', ())] if equations.timed else []
-        result = np.empty((len(self.constraint_names), equations.model.n + 2))
-        kernel = self.kernels.extra(name, lambda: trace_program(
-            name, lambda q, *rest: equations.closure_rows(q, *(x[()] for x in rest[:-1])),
-            [*((x.name, x.shape) for x in arguments), ('parameters', block.shape)]),
-            arguments, block, result.shape)
-        here = [np.empty(x.shape) for x in arguments]
+        model = self.equations.model
+        result = np.empty((len(self.constraint_names), model.n + 2))
+        kernel = self._kernel('closure_rows', [
+            Argument('q', (self.equations.n_q,), model.coordinate_names)], result.shape)
+        here = [np.empty(x.shape) for x in kernel.arguments]
         call = kernel.bind(here, result, 'Compute the rows.')
 
         def rows(*given: Any) -> tuple[Array, Array, Array]:
@@ -229,6 +219,15 @@ class ConstraintMethods(Dispatch):
                 return defined_rows(self.mechanism)(given[0], float(given[1]))
             return result[:, :-2], result[:, -2], result[:, -1]
         return rows
+
+    def _kernel(self, name: str, arguments: Sequence[Argument], shape: Shape) -> Kernel:
+        """Return the kernel of a method of the equations that is none of their quantities."""
+        equations, block, count = self.equations, self.kernels.parameters, len(arguments)
+        given = [*arguments, *[Argument('t', ())] * equations.timed]
+        return self.kernels.extra(name, lambda: trace_program(
+            name, lambda *x: getattr(equations, name)(*x[:count], *(t[()] for t in x[count:-1])),
+            [*((x.name, x.shape) for x in given), ('parameters', block.shape)]),
+            given, block, shape)
 
     def _same(self, name: str, value: Any, out: Array | None) -> Array:
         """Return a checked copy, for a robot in joint rates without constraints."""
