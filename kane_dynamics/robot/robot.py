@@ -63,8 +63,8 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
         The joints that have actuators, or their weights (see `joint_torques`).
     configuration : (n_q,) array_like, or mapping of joints to numbers, optional
         A closed or nearly closed configuration, rad or m: speeds and rows are chosen there, and
-        `closed_posture` stays on its branch. By default configurations within the limits are
-        tried.
+        `closed_posture` with fixed coordinates stays on its branch, unless it is given a start.
+        By default configurations within the limits are tried.
     closure_tolerance : float, (float, float) or None
         Largest residual of loops and other position constraints that calls accept, m and rad;
         None accepts any. `parameters.closure_tolerance` changes it.
