@@ -31,12 +31,13 @@ PROJECT_SOURCES := $(shell find kane_dynamics config launch urdf -name __pycache
   -o -type f -print 2>/dev/null | LC_ALL=C sort)
 METADATA := package.xml setup.py setup.cfg MANIFEST.in pyproject.toml README.md
 
-.PHONY: help install demo test test-slow soak bench kernel-sizes picture lint docs docs-test colcon-test clean FORCE
+.PHONY: help install demo test install-test test-slow soak bench kernel-sizes picture lint docs docs-test colcon-test clean FORCE
 
 help:
 	@echo 'make install      environment $(VENV) with the library, the node and all tools'
 	@echo 'make demo         feedforward on a simulated arm, over ROS 2; ROBOT=palletizer: closed loops'
 	@echo 'make test         tests, a few minutes: library, torque path, services'
+	@echo 'make install-test ways of installation: slim, wheel, source, oldest and newest releases'
 	@echo 'make test-slow    tests of endurance (also: make soak)'
 	@echo 'make bench        speed, against peers; a report in build/bench'
 	@echo 'make kernel-sizes records the arithmetic and code size of the shipped kernels'
@@ -133,12 +134,16 @@ TIMED = $(shell grep -rl --include='test_*.py' 'pytest.mark.timed' test)
 PYTEST = $(ROS_ENV) $(BIN)/python -m pytest
 REPEATED = echo '== what failed is repeated once, by itself';
 FAILED_ONES = --last-failed --last-failed-no-failures=none
-LIBRARY = $(REAL_TIME:%=--ignore=%) --ignore=test/docs -m 'not slow and not timed' $(PYTEST_ARGS)
+LIBRARY = $(REAL_TIME:%=--ignore=%) --ignore=test/docs --ignore=test/install -m 'not slow and not timed' $(PYTEST_ARGS)
 ALONE = $(filter-out $(BY_COLCON), $(REAL_TIME)) $(TIMED) -m 'timed and not slow' $(PYTEST_ARGS)
 
 test: install $(VENV)/.torch
 	$(PYTEST) -n auto --dist worksteal $(LIBRARY) || { $(REPEATED) $(PYTEST) $(FAILED_ONES) $(LIBRARY); }
 	$(PYTEST) $(ALONE) || { $(REPEATED) $(PYTEST) $(FAILED_ONES) $(ALONE); }
+
+# Into environments of their own, from the package index.
+install-test: install
+	$(PYTEST) -s test/install
 
 test-slow soak: install
 	$(ROS_ENV) $(BIN)/python -m pytest -m slow --timeout 3600 $(PYTEST_ARGS)

@@ -27,6 +27,7 @@ demo = ['mujoco>=3.1', 'rich>=13.0', *plot]
 ptxas = ["nvidia-cuda-nvcc-cu12>=12.4; sys_platform == 'linux'"]
 test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5',  # on all processors
         'hypothesis>=6.100', 'pin>=3.0', 'mujoco>=3.1', 'mpmath>=1.3',
+        'build>=1.2',  # wheel and source distribution, as for a release
         'example-robot-data>=4.1', 'toppra>=0.6.2', *casadi, *equations, *identify, *jax,
         *ptxas, *sweep, *plot, *view,
         'cyclonedds>=0.10']  # a client of the node that shares nothing with ROS
@@ -54,7 +55,7 @@ setup(
     packages=find_packages(include=['kane_dynamics', 'kane_dynamics.*']),
     package_data={'kane_dynamics': ['py.typed']},
     python_requires='>=3.11',
-    install_requires=['numpy>=1.26', 'llvmlite>=0.45', 'yourdfpy>=0.0.56', 'PyYAML>=6.0'],
+    install_requires=['numpy>=1.26', 'llvmlite>=0.42', 'yourdfpy>=0.0.56', 'PyYAML>=6.0'],
     extras_require={'ros': ros, 'casadi': casadi, 'torch': torch, 'jax': jax, 'plot': plot,
                     'view': view, 'equations': equations, 'identify': identify, 'sweep': sweep,
                     'demo': demo, 'test': test, 'lint': lint, 'bench': bench, 'docs': docs},

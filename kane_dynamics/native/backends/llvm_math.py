@@ -2,8 +2,9 @@
 
 import math
 
-from kane_dynamics.native.backends.real_types import (DOUBLE, intrinsic_end, overflow_scale, Real,
-                                                      splat, vector_type)
+from kane_dynamics.native.backends.real_types import (constant_vector, DOUBLE, intrinsic_end,
+                                                      overflow_scale, Real, splat,
+                                                      vector_type)
 
 FUNCTION_LANES = 4  # arguments of one state whose elementary functions are evaluated in one vector
 
@@ -49,7 +50,9 @@ class Vector:
 
     def integer_op(self, code: str, a: str, k: int) -> str:
         """Return the result of an integer instruction with a constant operand."""
-        constant = k if self.width == 1 else f'splat (i{self.real.bits} {k})'
+        constant = str(k)
+        if self.width > 1:
+            constant = constant_vector(f'i{self.real.bits}', constant, self.width)
         return self.new(f'{code} {self.integer} {a}, {constant}')
 
     def select(self, condition: str, a: str, b: str) -> str:

@@ -121,7 +121,25 @@ def literal(value: float) -> str:
 def splat(value: float, width: int, real: Real = DOUBLE) -> str:
     """Return a constant vector with the value in every lane (a scalar for width 1)."""
     number = real.literal(value)
-    return number if width == 1 else f'splat ({real.name} {number})'
+    return number if width == 1 else constant_vector(real.name, number, width)
+
+
+def constant_vector(element: str, value: str, width: int) -> str:
+    """
+    Return a constant vector with the value in every lane.
+
+    Every lane is written out, since the shorter `splat (value)` needs LLVM 18.
+
+    Parameters
+    ----------
+    element, value : str
+        LLVM's type and literal of one lane.
+    width : int
+        Number of lanes.
+
+    """
+    lanes = ', '.join([f'{element} {value}'] * width)
+    return f'<{lanes}>'
 
 
 def vector_type(width: int, real: Real = DOUBLE) -> str:

@@ -22,6 +22,9 @@ Address = int
 REFERENCE_TRIPLE, REFERENCE_CPU = 'x86_64-unknown-linux-gnu', 'x86-64-v3'
 # Of GPUs: the oldest that current tools assemble for. A driver compiles its text for newer ones.
 GPU_TRIPLE, GPU = 'nvptx64-nvidia-cuda', 'sm_75'
+# The pass manager of older llvmlite fails at pointers without an element type. Without passes,
+# batches are some percent slower.
+PASSES = hasattr(llvm, 'create_pass_builder')
 LONG = 10_000  # lines of IR: without instruction scheduling
 _own = local()  # of each thread: code generators, each for one module at a time
 
@@ -35,6 +38,18 @@ def _initialized() -> None:
     """Register the code generator of this processor."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
+
+
+def _context_of_opaque_pointers() -> Any:
+    """Return the context in which modules are parsed: one that knows the type `ptr`."""
+    if llvm.llvm_version_info[0] == 14:
+        llvm.set_option('', '-opaque-pointers')
+    if llvm.llvm_version_info[0] == 15:
+        return llvm.context.ContextRef(llvm.ffi.lib.LLVMPY_ContextCreate(True))
+    return llvm.context.get_global_context()
+
+
+_context = _context_of_opaque_pointers()
 
 
 @cache
@@ -143,7 +158,7 @@ def _foreign(triple: str) -> Any:
 def _parsed(text: str, machine: Any) -> Any:
     """Return the module of LLVM IR for a target machine."""
     try:
-        module = llvm.parse_assembly(text)
+        module = llvm.parse_assembly(text, _context)
         module.verify()
     except RuntimeError as error:
         raise CompileError(f'LLVM IR: {error}; expected a valid module') from None
@@ -156,7 +171,7 @@ def _assembled(text: str, machine: Any, optimise: bool = False,
                in_order: bool = False) -> bytes:
     """Compile LLVM IR for a target machine."""
     module = _parsed(text, machine)
-    if optimise:
+    if optimise and PASSES:
         options = llvm.create_pipeline_tuning_options(speed_level=2)
         builder = llvm.create_pass_builder(machine, options)
         builder.getModulePassManager().run(module, builder)

@@ -7,7 +7,7 @@ Memory layout of CPython and numpy objects, and LLVM IR that reads it.
 from collections.abc import Sequence
 import math
 
-from kane_dynamics.native.backends.real_types import literal, overflow_scale
+from kane_dynamics.native.backends.real_types import constant_vector, literal, overflow_scale
 
 # 64-bit words of the table that a function receives as `self`, in order. Pointers follow: for
 # `entry`, those of the default arguments; for `bound`, those of all arguments and of the result.
@@ -117,8 +117,9 @@ class Assembly:
             for place in [*range(0, size - width, width), size - width]:  # the last may overlap
                 x = self.load(vector, pointer, 8 * place)
                 if math.isfinite(most):
-                    factor = literal(overflow_scale(most))
-                    x = self.new(f'fmul {vector} {x}, splat (double {factor})')
+                    scale = literal(overflow_scale(most))
+                    factor = constant_vector('double', scale, width)
+                    x = self.new(f'fmul {vector} {x}, {factor}')
                 zero = self.new(f'fsub {vector} {x}, {x}')
                 totals[width] = (self.new(f'fadd {vector} {totals[width]}, {zero}')
                                  if width in totals else zero)
