@@ -183,7 +183,7 @@ picture: install
 kernel-sizes: install
 	PYTHONPATH='$(CURDIR)' $(BIN)/python benchmarks/kernel_sizes.py
 
-LINTED = $(wildcard kane_dynamics test examples benchmarks docs launch setup.py $(INTERFACES)/test)
+LINTED = $(wildcard kane_dynamics test examples benchmarks docs launch tools setup.py $(INTERFACES)/test)
 
 lint: install
 	$(BIN)/ruff check $(LINTED)
