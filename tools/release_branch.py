@@ -79,7 +79,7 @@ def changelog_rst(markdown: str, package: str) -> str:
 
 
 def check_metadata(commit: str) -> str:
-    """Return the version of both packages at a commit; stop at what nobody may release."""
+    """Return the version of both packages at a commit; stop at invented addresses."""
     versions = []
     for path in ('package.xml', f'{INTERFACES}/package.xml'):
         package = ElementTree.fromstring(git('show', f'{commit}:{path}'))

@@ -46,6 +46,7 @@ NAMES = re.compile(
     r'|closed_posture|constraint_gap'            # public names of the library
     r'|\bmatter\s*=|\bmatter :|\bmatter[,)]|\'matter\''  # the argument of ModelBuilder.body
     r'|\{GAP|\'nobody\'|\'pushes\''                # names in code
+    r'|^  push:'                                 # an event of the workflow file
     r'|gravitational|git push|no matter (?:how|what|which|where)|does not matter|do not matter')
 SUMMARY = re.compile(r'(?:What|How|Where|Who|Whoever|Tell|Tells|Take|Takes|Whether)\b')
 WORDS = re.compile(r'(?<![\w/.-])(?:' + '|'.join(f'(?:{term})' for term in TERMS) + r')(?![\w/])',
