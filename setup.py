@@ -22,11 +22,14 @@ sweep = ['pyarrow>=14', 'distributed>=2024.1']
 casadi = ['casadi>=3.6.7']
 torch = ['torch>=2.6']  # a CPU build will do
 jax = ['jax>=0.7']
-demo = ['mujoco>=3.1', 'rich>=13.0', *plot]
+xacro = ['xacro>=2.0']
+mjcf = ['mujoco>=3.1']
+demo = [*mjcf, 'rich>=13.0', *plot]
 # PTX assembled without a GPU: registers and spills of its kernels (40 MB: `ptxas` alone).
 ptxas = ["nvidia-cuda-nvcc-cu12>=12.4; sys_platform == 'linux'"]
 test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5',  # on all processors
-        'hypothesis>=6.100', 'pin>=3.0', 'mujoco>=3.1', 'mpmath>=1.3',
+        'hypothesis>=6.100', 'pin>=3.0', *mjcf, *xacro, 'mpmath>=1.3',
+        'gymnasium>=1.0',  # MJCF files that others made
         'build>=1.2',  # wheel and source distribution, as for a release
         'example-robot-data>=4.1', 'toppra>=0.6.2', *casadi, *equations, *identify, *jax,
         *ptxas, *sweep, *plot, *view,
@@ -58,6 +61,7 @@ setup(
     install_requires=['numpy>=1.26', 'llvmlite>=0.42', 'yourdfpy>=0.0.56', 'PyYAML>=6.0'],
     extras_require={'ros': ros, 'casadi': casadi, 'torch': torch, 'jax': jax, 'plot': plot,
                     'view': view, 'equations': equations, 'identify': identify, 'sweep': sweep,
+                    'xacro': xacro, 'mjcf': mjcf,
                     'demo': demo, 'test': test, 'lint': lint, 'bench': bench, 'docs': docs},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{name}']),

@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.mechanics.constraints.speeds import (absolute_rates, body_angular_velocity,
                                                             momenta, Speeds)
     from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
+    from kane_dynamics.mjcf import load_mjcf
     from kane_dynamics.model.builder import ModelBuilder
     from kane_dynamics.model.flexible_link import FlexibleLink
     from kane_dynamics.model.flexible_model import stiffened, with_beam
@@ -38,7 +39,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.simulation.simulate import simulate
     from kane_dynamics.simulation.step_size import longest_step
     from kane_dynamics.simulation.trajectory import Trajectory
-    from kane_dynamics.urdf import load_urdf
+    from kane_dynamics.urdf import expand_xacro, load_urdf
 
 __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'ComputedTorque',
            'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'DeviceError',
@@ -47,9 +48,9 @@ __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'C
            'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
            'MomentumObserver', 'Motion', 'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot',
            'Rolling', 'Speeds', 'SweepError', 'Terms', 'Torsion', 'Trajectory', 'UrdfError',
-           'absolute_rates', 'ball',
-           'body_angular_velocity', 'box', 'disc', 'fill_trajectory', 'frame_wrench',
-           'inverse_kinematics', 'knife_edge', 'load_constraints', 'load_urdf', 'longest_step',
+           'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'disc', 'expand_xacro',
+           'fill_trajectory', 'frame_wrench', 'inverse_kinematics', 'knife_edge',
+           'load_constraints', 'load_mjcf', 'load_urdf', 'longest_step',
            'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_log',
            'power_balance', 'rod', 'rotation_exp', 'rotation_log', 'simulate', 'stiffened',
            'with_beam']
@@ -76,6 +77,7 @@ _NAMES_BY_MODULE = {
         'Closure Coupling DependentSpeeds knife_edge PointVelocity Prescribed Rolling',
     'mechanics.constraints.speeds': 'absolute_rates body_angular_velocity momenta Speeds',
     'mechanics.constraints.yaml_file': 'load_constraints',
+    'mjcf': 'load_mjcf',
     'model.builder': 'ModelBuilder',
     'model.flexible_link': 'FlexibleLink',
     'model.flexible_model': 'stiffened with_beam',
@@ -87,7 +89,7 @@ _NAMES_BY_MODULE = {
     'simulation.simulate': 'simulate',
     'simulation.step_size': 'longest_step',
     'simulation.trajectory': 'Trajectory',
-    'urdf': 'load_urdf',
+    'urdf': 'expand_xacro load_urdf',
 }
 _MODULES = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
 

@@ -252,7 +252,10 @@ def _add_recording(parser: ArgumentParser) -> None:
 
 def _add_model(sub: ArgumentParser) -> None:
     """Add the arguments that choose the robot, and --json."""
-    sub.add_argument('urdf', metavar='URDF', help="path of the URDF, or '-' for standard input")
+    sub.add_argument('urdf', metavar='URDF', help="path of the URDF or .xacro file, or '-' for "
+                     'standard input')
+    sub.add_argument('--xacro', nargs='+', metavar='NAME:=VALUE',
+                     help='arguments of a .xacro file')
     from kane_dynamics.model.model import GRAVITY
     group = sub.add_argument_group('robot')
     group.add_argument('--joints', nargs='+', metavar='NAME',

@@ -3,6 +3,7 @@
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 import json
 import math
 import sys
@@ -14,10 +15,12 @@ from kane_dynamics.cli.wording import in_options
 from kane_dynamics.control.quasi_static import QuasiStatic, rigid_and_bending
 from kane_dynamics.errors import InputError, ModelWarning, UnusedWarning
 from kane_dynamics.kinematics.mechanism_motion import velocity_rows
-from kane_dynamics.model.model import Model
+from kane_dynamics.mjcf import is_mjcf, load_mjcf
+from kane_dynamics.model.model import GRAVITY, Model
 from kane_dynamics.robot.methods.configuration_methods import suspected_degrees
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.urdf import load_urdf
+from kane_dynamics.urdf import expand_xacro, load_urdf
+from kane_dynamics.urdf.xacro_file import arguments_of
 import numpy as np
 
 LONGEST = 180  # characters of a warning
@@ -25,9 +28,12 @@ ROUNDING = 1e-13  # relative to the largest number of a table
 
 
 def source_of(options: Namespace) -> str | bytes:
-    """Return the URDF for load_urdf: a path, or the content of standard input."""
+    """Return the URDF for load_urdf: a path, or its text from standard input or from xacro."""
     if options.urdf == '-':
         options.urdf = sys.stdin.buffer.read()  # standard input can be read only once
+    if options.xacro:
+        options.urdf = expand_xacro(options.urdf, arguments_of(options.xacro))
+        options.xacro = None
     source: str | bytes = options.urdf
     return source
 
@@ -57,8 +63,23 @@ def load_rigid(options: Namespace, **choices: Any) -> tuple[Robot, QuasiStatic |
 
 def _chosen(options: Namespace) -> tuple[Model, dict[str, Any]]:
     """Return the model and the arguments of Robot."""
+    if is_mjcf(options.urdf):
+        return _chosen_mjcf(options)
     model = load_urdf(source_of(options), supplement=options.supplement, **selection(options))
     return model, {'friction': not options.no_friction, **constraints_of(options)}
+
+
+def _chosen_mjcf(options: Namespace) -> tuple[Model, dict[str, Any]]:
+    """Return the model of an MJCF file and the arguments of Robot."""
+    for name in ('base', 'tip', 'joints', 'supplement', 'xacro', 'constraints'):
+        if getattr(options, name, None):
+            raise InputError(f"--{name}: given with the MJCF file '{options.urdf}'; expected it "
+                             'with a URDF only')
+    mechanism = load_mjcf(options.urdf, strict=not options.no_strict)
+    model = mechanism.model
+    if tuple(options.gravity) != GRAVITY:
+        model = replace(model, gravity=np.array(options.gravity))
+    return model, {'friction': not options.no_friction, **mechanism.options}
 
 
 def constraints_of(options: Namespace, prefix: str = '') -> dict[str, Any]:

@@ -58,6 +58,7 @@ class ModelBuilder(ModelAssembly):
 
     def body(self, name: str, on: str = 'world', kind: str = 'revolute', *,
              axis: ArrayLike = (0.0, 0.0, 1.0), at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
+             quaternion: ArrayLike | None = None,
              matter: Inertial = NOTHING, joint: str | None = None, turns: str = 'xyz',
              mimic: str | None = None, multiplier: float = 1.0, offset: float = 0.0,
              **properties: Any) -> None:
@@ -81,6 +82,8 @@ class ModelBuilder(ModelAssembly):
             Axis of a revolute, prismatic or planar joint, in the joint's axes.
         at, rpy : (3,) arrays
             Pose of the joint in frame `on`: m, and roll, pitch, yaw about its fixed x, y, z, rad.
+        quaternion : (4,) array, optional
+            Orientation as x, y, z, w, instead of `rpy`.
         matter : Inertial
             Inertia of the body in its axes, which are those of the joint at position 0.
         joint : str, optional
@@ -108,7 +111,7 @@ class ModelBuilder(ModelAssembly):
         if kind not in KINDS:
             raise ModelError(f"{what}: kind '{kind}'; expected one of {', '.join(KINDS)}")
         turns = checked_turns(turns, 2 if kind == 'universal' else 3, what)
-        R, p = pose(at, rpy, what)
+        R, p = pose(at, rpy, what, quaternion)
         singles = expand_joint(StatedJoint(joint, kind, on, name, R, p, direction(axis, what),
                                            turns=turns))
         if properties and len(singles) > 1:

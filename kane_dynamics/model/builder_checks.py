@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 PROPERTIES = ('limits', 'damping', 'friction', 'friction_speed', 'friction_offset', 'armature',
               'stiffness', 'rest')
+UNIT_LENGTH = 1e-3  # largest deviation of a quaternion's length from 1, as of rounded files
 
 
 def further(bent: Any, joints: int) -> Any:
@@ -105,9 +106,47 @@ def direction(axis: ArrayLike, what: str) -> Array:
     return vector
 
 
-def pose(at: ArrayLike, rpy: ArrayLike, what: str) -> tuple[Array, Array]:
-    """Return the rotation and translation of a pose given as xyz and rpy, as in URDF."""
+def pose(at: ArrayLike, rpy: ArrayLike, what: str,
+         quaternion: ArrayLike | None = None) -> tuple[Array, Array]:
+    """
+    Return the rotation and translation of a pose.
+
+    Parameters
+    ----------
+    at : (3,) array
+        m.
+    rpy : (3,) array
+        Roll, pitch, yaw about fixed axes, as in URDF, rad.
+    what : str
+        Whose pose it is, for messages.
+    quaternion : (4,) array, optional
+        x, y, z, w, instead of `rpy`.
+
+    Raises
+    ------
+    ModelError
+        If a number is not finite, both orientations are given, or the quaternion is no unit one.
+
+    """
+    if quaternion is not None:
+        if np.any(rpy):
+            raise ModelError(f'{what}: rpy and quaternion; expected one of them')
+        return _rotation_of(quaternion, what), constant(at, (3,), f'{what}: at')
     R: Array = np.eye(3)
     for axis, angle in zip(np.eye(3), constant(rpy, (3,), f'{what}: rpy')):
         R = rotation_about(axis, float(angle)) @ R
     return snapped(R), constant(at, (3,), f'{what}: at')
+
+
+def _rotation_of(quaternion: ArrayLike, what: str) -> Array:
+    """Return the rotation matrix of a quaternion x, y, z, w, (3, 3)."""
+    parts = constant(quaternion, (4,), f'{what}: quaternion')
+    length = float(np.linalg.norm(parts))
+    if abs(length - 1.0) > UNIT_LENGTH:
+        raise ModelError(f'{what}: quaternion of length {length:g}; expected a unit quaternion '
+                         'x, y, z, w')
+    sine = float(np.linalg.norm(parts[:3]))
+    if sine == 0.0:
+        return np.eye(3)
+    angle = 2.0 * math.atan2(sine, float(parts[3]))
+    return snapped(rotation_about(parts[:3] / sine, angle))

@@ -52,14 +52,26 @@ class ModelAssembly:
             self._bodies[placement.body] = replace(body, inertial=body.inertial + moved)
 
     def frame(self, name: str, on: str, *, at: ArrayLike = ORIGIN,
-              rpy: ArrayLike = ORIGIN) -> None:
-        """Add a frame fixed in another, at a point, m, and roll, pitch, yaw, rad."""
+              rpy: ArrayLike = ORIGIN, quaternion: ArrayLike | None = None) -> None:
+        """
+        Add a frame fixed in another.
+
+        Parameters
+        ----------
+        name, on : str
+            The new frame, and the one in which it is fixed.
+        at, rpy : (3,) arrays
+            Its pose: m, and roll, pitch, yaw about fixed axes, rad.
+        quaternion : (4,) array, optional
+            Orientation as x, y, z, w, instead of `rpy`.
+
+        """
         self._check_new(name)
         self._placements[name] = self._placement(on, f"frame '{name}'").frame(
-            *pose(at, rpy, f"frame '{name}'"))
+            *pose(at, rpy, f"frame '{name}'", quaternion))
 
     def mount(self, model: Model, on: str, *, at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
-              prefix: str = '') -> None:
+              quaternion: ArrayLike | None = None, prefix: str = '') -> None:
         """
         Attach a whole model, such as an arm from `load_urdf`.
 
@@ -71,6 +83,8 @@ class ModelAssembly:
             Frame to which its base is attached.
         at, rpy : (3,) arrays
             Pose of its base in frame `on`, m and rad.
+        quaternion : (4,) array, optional
+            Orientation as x, y, z, w, instead of `rpy`.
         prefix : str
             Prefix of the names of its bodies, joints and frames.
 
@@ -80,7 +94,8 @@ class ModelAssembly:
             If a name exists already; choose a prefix.
 
         """
-        base = self._placement(on, f"model '{model.name}'").frame(*pose(at, rpy, 'mount'))
+        base = self._placement(on, f"model '{model.name}'").frame(
+            *pose(at, rpy, 'mount', quaternion))
         names = {prefix + frame.name for frame in model.frames} | {prefix + model.base_name}
         for name in sorted(names):
             self._check_new(name)

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from kane_dynamics.errors import InputError, UrdfError
+from kane_dynamics.urdf.xacro_file import expand_xacro, SUFFIX
 
 DEPTH = 4  # robot / link / inertial / mass: dynamics needs no deeper elements
 BOMS = ((codecs.BOM_UTF32_LE, 'utf-32'), (codecs.BOM_UTF32_BE, 'utf-32'),
@@ -44,7 +45,15 @@ class Element:
 
 
 def read_source(source: str | bytes | os.PathLike[str]) -> str:
-    """Return the text of a URDF given as a path, text or bytes; raise UrdfError if unreadable."""
+    """
+    Return the text of a URDF given as a path, text or bytes; a xacro file is expanded.
+
+    Raises
+    ------
+    UrdfError
+        If it cannot be read or expanded.
+
+    """
     if isinstance(source, (bytes, bytearray)):
         return _decode(bytes(source))
     if isinstance(source, str) and source.lstrip('\ufeff \t\r\n').startswith('<'):
@@ -52,6 +61,8 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
     if not isinstance(source, (str, os.PathLike)):
         raise InputError(f'source: {type(source).__name__}; expected a path, or the XML as str '
                          'or bytes')
+    if os.fspath(source).endswith(SUFFIX):
+        return expand_xacro(source)
     try:
         return _decode(Path(source).read_bytes())
     except (OSError, TypeError, ValueError) as error:

@@ -34,7 +34,8 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
     Parameters
     ----------
     source : path, or str or bytes of XML
-        UTF-8, UTF-16, UTF-32 or a declared single-byte encoding. Document type and entity
+        The path may end in .xacro; `expand_xacro` takes the arguments of such a file. XML is
+        UTF-8, UTF-16, UTF-32 or of a declared single-byte encoding. Document type and entity
         declarations are refused.
     base : str, optional
         The link to fix in the world instead of the root; only links behind it are kept.

@@ -58,7 +58,7 @@ GAZEBO = {'springStiffness', 'springReference', 'spring_stiffness', 'spring_refe
           'implicitSpringDamper', 'dampingFactor', 'damping', 'friction', 'turnGravityOff',
           'gravity', 'stopCfm', 'stopErp', 'fudgeFactor', 'maxVel',
           'joint', 'link'}
-XACRO = 'xacro FILE.urdf.xacro > FILE.urdf'
+XACRO = 'xacro FILE.urdf.xacro > FILE.urdf, or load a file whose name ends in .xacro'
 
 
 def check_schema(root: Element, notices: Notices) -> None:
@@ -73,7 +73,7 @@ def check_schema(root: Element, notices: Notices) -> None:
     """
     if root.tag != 'robot':
         raise UrdfError(f'root element: <{root.tag}> (line {root.line}); expected <robot>: '
-                        'other formats (SDF, MJCF) must be converted to URDF first')
+                        'MJCF is read by load_mjcf, SDF must be converted first')
     _check(root, '', notices)
     for joint in root.find_all('joint'):
         _check_joint(joint)

@@ -18,7 +18,7 @@ model
 urdf
 mechanics
 native
-motion
+mjcf motion
 robot
 kinematics shapes
 control
@@ -89,7 +89,7 @@ DOORS = {
     'launch': (),
     'llvmlite': ('native/machine_code/llvm.py',),
     'matplotlib': ('plot',),
-    'mujoco': ('demo',),
+    'mujoco': ('demo', 'mjcf.py'),
     'pinocchio': ('cli/commands/bench_command.py', 'cli/commands/inspect_command.py'),
     'pyarrow': ('sweep',),
     'rclpy': ('demo', 'ros'),
@@ -99,6 +99,7 @@ DOORS = {
     'torch': ('robot/frameworks/torch_function.py',),
     'trimesh': ('shapes/collision_shapes.py', 'view'),
     'viser': ('view',),
+    'xacro': ('urdf/xacro_file.py',),
     'yourdfpy': ('urdf/model_reader.py',),
 }
 # Never while being imported, but in demo/ and in modules that are themselves loaded on use.

@@ -10,7 +10,8 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.model.model import Model
-from kane_dynamics.urdf import load_urdf
+from kane_dynamics.urdf import expand_xacro, load_urdf
+from kane_dynamics.urdf.xacro_file import arguments_of
 
 PACKAGE = 'kane_dynamics'
 MAX_URDF_BYTES = 10_000_000  # bytes; URDFs of real arms reach some hundred thousand
@@ -55,6 +56,11 @@ def load_model(source: str | Path, values: Mapping[str, Any],
         raise InputError(f'URDF: {size} bytes; expected at most {MAX_URDF_BYTES}')
     supplement = (resolve_path('supplement', values['supplement']) if values['supplement']
                   else None)
+    if values['xacro_arguments']:
+        if not isinstance(source, Path):
+            raise InputError("parameter 'xacro_arguments': given with a URDF as text; expected "
+                             "them with the path of a xacro file in 'urdf'")
+        source = expand_xacro(source, arguments_of(values['xacro_arguments']))
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter('always')
         model = load_urdf(source, base=values['base'] or None, tip=values['tip'] or None,

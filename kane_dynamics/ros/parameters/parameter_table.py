@@ -66,7 +66,10 @@ SPECS = (
          read_only=True),
     Spec('robot_description', 'text', '', 'URDF as text; overrides `urdf` and the topic '
          'robot_description'),
-    Spec('urdf', 'text', '', 'path of the URDF file; overrides the topic robot_description'),
+    Spec('urdf', 'text', '', 'path of the URDF or xacro file; overrides the topic '
+         'robot_description'),
+    Spec('xacro_arguments', 'names', [], 'arguments of the xacro file that `urdf` names, each as '
+         'name:=value'),
     Spec('supplement', 'text', '', 'path of the YAML supplement of the URDF: springs, armature, '
          'friction, payload; empty: none'),
     Spec('base', 'text', '', 'first link of the part of the robot that moves; empty: the root'),

@@ -12,8 +12,8 @@ def _shared(*names: str) -> tuple[Spec, ...]:
 
 SPECS = (
     Spec('robot_description', 'text', '', 'URDF as text; overrides `urdf`'),
-    Spec('urdf', 'text', '', 'path of the URDF file'),
-    *_shared('supplement', 'base', 'tip', 'joints'),
+    Spec('urdf', 'text', '', 'path of the URDF or xacro file'),
+    *_shared('xacro_arguments', 'supplement', 'base', 'tip', 'joints'),
     replace(BY_NAME['constraints'], description='path of a YAML file with loop closures and other '
             'constraints; `commands` are then of its `actuated` joints; empty: none'),
     Spec('measured', 'names', [], 'joints in joint_states; empty: all'),

@@ -1,0 +1,186 @@
+"""Mechanisms from MJCF have the dynamics that MuJoCo itself gives them."""
+
+from pathlib import Path
+import warnings
+
+from kane_dynamics import Closure, load_mjcf, Robot
+from kane_dynamics.errors import InputError, ModelError, ModelWarning
+import numpy as np
+import pytest
+
+mujoco = pytest.importorskip('mujoco')
+
+# Every feature at once: references, anchors off the origin, several joints a body, a ball, a free
+# body, springs, two loops and a gear.
+EVERYTHING = """
+<mujoco model="everything"><compiler angle="radian"/><option gravity="0.5 0 -9.81"/>
+<worldbody>
+  <body name="a"><joint name="j1" axis="0 1 0" ref="0.3" damping=".1" stiffness="2"
+      springref=".2"/><geom type="capsule" fromto="0 0 0 0 0 .5" size=".02"/>
+    <body name="b" pos="0 0 .5" euler="0.1 .7 .2">
+      <joint name="j2" axis="0 1 0" pos="0.02 0 0.01"/>
+      <joint name="slide" type="slide" axis="1 0 0.4" ref=".1" range="-1 1" limited="true"/>
+      <geom type="capsule" fromto="0 0 0 .9 0 0" size=".02"/>
+      <body pos=".9 0 0"><joint name="socket" type="ball" damping=".2"/>
+        <geom type="box" size=".1 .05 .02" pos=".1 0 0"/>
+        <site name="b" pos=".1 0 0" euler="1 2 3"/></body></body></body>
+  <body name="c" pos="1 0 0"><joint name="j3" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 .5" size=".02"/>
+    <body name="d" pos="0 0 .5"><joint name="j4" axis="0 0 1" armature=".3" frictionloss=".4"/>
+      <geom type="box" size=".1 .1 .05" pos=".1 .1 0"/></body></body>
+  <body name="f" pos="3 0 1" euler=".3 .2 .1"><freejoint name="flying"/>
+    <geom type="box" size=".1 .2 .05" pos=".1 .1 0"/></body>
+</worldbody>
+<equality><connect name="pin" body1="b" body2="c" anchor=".9 0 0"/>
+  <joint name="gear" joint1="j4" joint2="j3" polycoef=".1 2 0 0 0"/>
+  <weld name="glue" body1="f" body2="d"/></equality>
+<actuator><motor joint="j1" gear="3" forcerange="-2 2"/><position joint="j3" kp="3"/></actuator>
+</mujoco>
+"""
+
+
+def gymnasium_models():
+    """Return the MJCF files of the package gymnasium, which nobody here made."""
+    gymnasium = pytest.importorskip('gymnasium')
+    return sorted(Path(gymnasium.__file__).parent.glob('envs/mujoco/assets/*.xml'))
+
+
+def loaded(source):
+    """Return MuJoCo's model and ours, without the warnings of either."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        mechanism = load_mjcf(source)
+    text = isinstance(source, str)
+    load = mujoco.MjModel.from_xml_string if text else mujoco.MjModel.from_xml_path
+    return load(source if text else str(source)), mechanism
+
+
+def random_state(model, rng):
+    """Return MuJoCo's data at a random state, and our q and u of that state."""
+    data = mujoco.MjData(model)
+    data.qpos = model.qpos0
+    mujoco.mj_integratePos(model, data.qpos, 0.5 * rng.normal(size=model.nv), 1.0)
+    data.qvel = rng.normal(size=model.nv)
+    mujoco.mj_forward(model, data)
+    q = data.qpos.copy()
+    for joint, start in enumerate(model.jnt_qposadr):
+        kind = int(model.jnt_type[joint])
+        if kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL):
+            first = start + (3 if kind == mujoco.mjtJoint.mjJNT_FREE else 0)
+            q[first:first + 4] = np.roll(data.qpos[first:first + 4], -1)
+    return data, q, data.qvel.copy()
+
+
+def check_unconstrained_dynamics(model, mechanism, count=5):
+    """Compare the mass matrix and the bias force of the tree."""
+    robot = Robot(mechanism.model, friction=False)
+    rng = np.random.default_rng(1)
+    for _ in range(count):
+        data, q, u = random_state(model, rng)
+        M = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, M)
+        bias = data.qfrc_bias - data.qfrc_spring
+        np.testing.assert_allclose(robot.mass_matrix(q), M, rtol=0, atol=1e-11 * abs(M).max())
+        np.testing.assert_allclose(robot.bias_force(q, u), bias, rtol=0,
+                                   atol=1e-11 * abs(bias).max())
+
+
+@pytest.mark.filterwarnings('ignore')
+@pytest.mark.parametrize('name', ['ant', 'half_cheetah', 'humanoid', 'inverted_double_pendulum',
+                                  'pusher', 'reacher', 'swimmer', 'walker2d'])
+def test_dynamics_of_published_models_are_those_of_mujoco(name):
+    path = next(path for path in gymnasium_models() if path.stem == name)
+    model, mechanism = loaded(path)
+    check_unconstrained_dynamics(model, mechanism, count=2)
+
+
+def test_every_kind_of_joint_has_the_dynamics_of_mujoco():
+    check_unconstrained_dynamics(*loaded(EVERYTHING))
+
+
+def test_damping_of_every_joint_is_that_of_mujoco():
+    model, mechanism = loaded(EVERYTHING)
+    data, q, u = random_state(model, np.random.default_rng(2))
+    without_loss = Robot(mechanism.model)
+    dissipated = without_loss.bias_force(q, u) - Robot(mechanism.model,
+                                                       friction=False).bias_force(q, u)
+    smooth_loss = model.dof_frictionloss * np.tanh(u / 0.05)
+    np.testing.assert_allclose(dissipated, -data.qfrc_damper + smooth_loss, atol=1e-12)
+
+
+def test_residuals_of_loops_are_those_of_mujoco():
+    model, mechanism = loaded(EVERYTHING)
+    robot = Robot(mechanism.model)
+    data, q, _ = random_state(model, np.random.default_rng(3))
+    residuals = {}
+    for constraint in mechanism.options['constraints']:
+        if isinstance(constraint, Closure):
+            first, second = (robot.frame_pose(frame, q)
+                             for frame in (constraint.first, constraint.second))
+            residuals[constraint.name] = first[:3, 3] - second[:3, 3]
+    np.testing.assert_allclose(residuals['pin'], data.efc_pos[:3], atol=1e-12)
+    np.testing.assert_allclose(residuals['glue'], data.efc_pos[4:7], atol=1e-12)
+    names = mechanism.model.coordinate_names
+    j3, j4 = q[names.index('j3')], q[names.index('j4')]
+    assert j4 - 2.0 * j3 - 0.1 == pytest.approx(data.efc_pos[3], abs=1e-12)
+
+
+FOUR_BAR = """
+<mujoco model="four bar"><compiler angle="radian"/><worldbody>
+  <body name="crank"><joint name="crank" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 .3" size=".02"/>
+    <body name="coupler" pos="0 0 .3"><joint name="elbow" axis="0 1 0" damping=".1"/>
+      <geom type="capsule" fromto="0 0 0 .8 0 0" size=".02"/></body></body>
+  <body name="rocker" pos=".8 0 0"><joint name="rocker" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 .3" size=".02"/></body>
+</worldbody>
+<equality><connect name="pin" body1="coupler" body2="rocker" anchor=".8 0 0"/></equality>
+<actuator><motor joint="crank"/></actuator></mujoco>
+"""
+
+
+def test_closed_loop_moves_as_mujoco_does_with_stiff_constraints():
+    model, mechanism = loaded(FOUR_BAR)
+    robot = Robot(mechanism.model, **mechanism.options, independent=['crank'])
+    assert robot.actuated_names == ('crank',)
+    q = robot.closed_posture([0.4, 0.0, 0.0])
+    accelerations = robot.forward_dynamics(q, [0.0], [1.5])
+    data = mujoco.MjData(model)
+    data.qpos = q
+    data.ctrl[0] = 1.5
+    mujoco.mj_forward(model, data)
+    # The accelerations that keep MuJoCo's own constraint rows at rest, without its softness.
+    M = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, M)
+    J = data.efc_J.reshape(-1, model.nv)[:data.ne]
+    J = J[np.abs(J).max(axis=1) > 1e-9]
+    system = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
+    forces = data.qfrc_actuator - data.qfrc_bias
+    solution = np.linalg.lstsq(system, np.concatenate([forces, np.zeros(len(J))]), rcond=None)[0]
+    assert accelerations[0] == pytest.approx(solution[0], rel=1e-9)
+
+
+def test_limits_are_those_of_joints_and_actuators():
+    _, mechanism = loaded(EVERYTHING)
+    joints = {body.joint.name: body.joint for body in mechanism.model.bodies}
+    assert joints['j1'].limits.effort == 6.0
+    assert (joints['slide'].limits.lower, joints['slide'].limits.upper) == (-1.0, 1.0)
+    assert joints['j4'].friction == 0.4
+    assert joints['j4'].armature == 0.3
+
+
+def test_what_is_not_used_is_named_once():
+    with pytest.warns(ModelWarning, match=r'contacts of 6 geoms; control laws of actuators: '
+                      'actuator_1') as warned:
+        load_mjcf(EVERYTHING)
+    assert len(warned) == 1
+
+
+@pytest.mark.parametrize(('source', 'error', 'message'), [
+    ('nowhere.xml', InputError, "no such file: 'nowhere.xml'; expected"),
+    ('<mujoco><worldbody><body/></worldbody></mujoco>', ModelError, 'no joint; expected'),
+    ('<mujoco><nonsense/></mujoco>', ModelError, r'(?s)nonsense.*expected a file that MuJoCo'),
+])
+def test_a_file_that_is_no_mechanism_is_refused(source, error, message):
+    with pytest.raises(error, match=message):
+        load_mjcf(source)
