@@ -48,7 +48,7 @@ def expand_xacro(path: str | os.PathLike[str],
     file = Path(path)
     if not file.is_file():
         raise UrdfError(f"no such file: '{file}'; expected the path of a xacro file")
-    mappings = {name: _text(name, value) for name, value in (arguments or {}).items()}
+    mappings = {name: argument_text(name, value) for name, value in (arguments or {}).items()}
     try:
         with _lock, _packages_found_beside(file, substitution):
             document = xacro.process_file(str(file), mappings=mappings)
@@ -71,7 +71,7 @@ def arguments_of(assignments: Sequence[str]) -> dict[str, str]:
     return arguments
 
 
-def _text(name: str, value: Any) -> str:
+def argument_text(name: str, value: Any) -> str:
     """Return the value of an argument as xacro wants it."""
     if isinstance(value, bool):
         return str(value).lower()

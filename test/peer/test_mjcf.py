@@ -4,6 +4,7 @@ from pathlib import Path
 import warnings
 
 from kane_dynamics import Closure, load_mjcf, Robot
+from kane_dynamics.cli.commands.sweep_command import read_sweep
 from kane_dynamics.errors import InputError, ModelError, ModelWarning
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ EVERYTHING = """
 
 
 def gymnasium_models():
-    """Return the MJCF files of the package gymnasium, which nobody here made."""
+    """Return the MJCF files of the package gymnasium: models by other authors."""
     gymnasium = pytest.importorskip('gymnasium')
     return sorted(Path(gymnasium.__file__).parent.glob('envs/mujoco/assets/*.xml'))
 
@@ -184,3 +185,14 @@ def test_what_is_not_used_is_named_once():
 def test_a_file_that_is_no_mechanism_is_refused(source, error, message):
     with pytest.raises(error, match=message):
         load_mjcf(source)
+
+
+def test_a_sweep_of_mjcf_keeps_the_equality_constraints(tmp_path):
+    (tmp_path / 'arm.xml').write_text(EVERYTHING)
+    path = tmp_path / 'sweep.yaml'
+    path.write_text('{urdf: arm.xml, samples: 1}')
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        robot = read_sweep(path).robot
+        mechanism = load_mjcf(tmp_path / 'arm.xml')
+    assert robot.constraint_names == Robot(mechanism.model, **mechanism.options).constraint_names

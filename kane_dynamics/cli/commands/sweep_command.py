@@ -11,17 +11,17 @@ from typing import Any
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.yaml_io import read_yaml
 from kane_dynamics.cli.commands import inspect_command
-from kane_dynamics.cli.shared import constraints_of, load, model_warnings, print_json
+from kane_dynamics.cli.shared import load, model_warnings, print_json
 from kane_dynamics.cli.tables import read_motion
 from kane_dynamics.control.constrained_law import joints_that_follow
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import GRAVITY
-from kane_dynamics.robot.robot import Robot
 from kane_dynamics.sweep import read_table, run_sweep, Sweep
+from kane_dynamics.urdf.xacro_file import argument_text
 import numpy as np
 
 FILES = ('urdf', 'supplement', 'constraints', 'motion')  # relative to the sweep's file
-ROBOT = ('urdf', 'supplement', 'constraints', 'base', 'tip', 'joints', 'gravity')
+ROBOT = ('urdf', 'xacro', 'supplement', 'constraints', 'base', 'tip', 'joints', 'gravity')
 SWEEP = tuple(field.name for field in fields(Sweep) if field.init and field.name != 'model')
 SHOWN = 5  # different errors in the summary
 
@@ -31,7 +31,8 @@ def read_sweep(path: str | os.PathLike[str], verbose: bool = False) -> Sweep:
     Return the sweep described by a YAML or JSON file.
 
     Its entries are those of `Sweep`, where `motion` is the path of a CSV or YAML file, and those
-    of the robot: `urdf`, `supplement`, `constraints`, `base`, `tip`, `joints`, `gravity`.
+    of the robot: `urdf`, `xacro` (a mapping of arguments), `supplement`, `constraints`, `base`,
+    `tip`, `joints`, `gravity`.
 
     Raises
     ------
@@ -52,19 +53,18 @@ def read_sweep(path: str | os.PathLike[str], verbose: bool = False) -> Sweep:
             if not isinstance(given[key], str):
                 raise InputError(f'{path}: {key}: {given[key]!r}; expected the path of a file')
             given[key] = str(Path(path).parent / Path(given[key]).expanduser())
-    model, _ = load(Namespace(
-        urdf=given['urdf'], supplement=given.get('supplement'), base=given.get('base'),
-        tip=given.get('tip'), joints=_names(path, given.get('joints')),
+    _, robot = load(Namespace(
+        urdf=given['urdf'], xacro=_assignments(path, given.get('xacro')),
+        supplement=given.get('supplement'), constraints=given.get('constraints'),
+        base=given.get('base'), tip=given.get('tip'), joints=_names(path, given.get('joints')),
         gravity=_gravity(path, given.get('gravity')), no_strict=False, no_friction=False,
         verbose=verbose))
     chosen = {key: given[key] for key in SWEEP if given.get(key) is not None}
-    loops = constraints_of(Namespace(constraints=given.get('constraints')))
-    robot = Robot(model, **loops)
     if 'motion' in chosen:
         chosen['motion'] = read_motion(chosen['motion'], tuple(
-            model.coordinate_names[k] for k in joints_that_follow(robot)))
+            robot.model.coordinate_names[k] for k in joints_that_follow(robot)))
     try:
-        return Sweep(robot if loops else model, **chosen)
+        return Sweep(robot, **chosen)
     except InputError as error:
         raise InputError(f'{path}: {error}') from None
 
@@ -114,6 +114,16 @@ def _names(path: Any, joints: Any) -> list[str] | None:
     if joints is None or (isinstance(joints, list) and all(isinstance(x, str) for x in joints)):
         return joints
     raise InputError(f'{path}: joints: {joints!r}; expected a list of names')
+
+
+def _assignments(path: Any, arguments: Any) -> list[str] | None:
+    """Return the arguments of a xacro file as assignments NAME:=VALUE."""
+    if arguments is None:
+        return None
+    if not isinstance(arguments, dict):
+        raise InputError(f'{path}: xacro: {SHORT.repr(arguments)}; expected a mapping of the '
+                         'arguments, such as {prefix: left_}')
+    return [f'{name}:={argument_text(name, value)}' for name, value in arguments.items()]
 
 
 def _gravity(path: Any, gravity: Any) -> Any:

@@ -1,6 +1,7 @@
 """xacro files load like URDFs, with and without ROS."""
 
 from kane_dynamics import expand_xacro, load_urdf
+from kane_dynamics.cli.commands.sweep_command import read_sweep
 from kane_dynamics.errors import InputError, UrdfError
 from kane_dynamics.urdf.xacro_file import arguments_of
 import pytest
@@ -76,3 +77,12 @@ def test_a_missing_file_and_an_argument_of_another_type_are_named(arm):
         load_urdf('nowhere.xacro')
     with pytest.raises(InputError, match=r"xacro argument 'mass': \[1\]; expected a text"):
         expand_xacro(arm, {'mass': [1]})
+
+
+def test_a_sweep_passes_arguments_to_its_xacro_file(arm):
+    path = arm.parent / 'sweep.yaml'
+    path.write_text('{urdf: arm.urdf.xacro, xacro: {mass: 3, tool: true}, samples: 1}')
+    assert read_sweep(path).robot.model.bodies[0].inertial.mass == 3.5
+    path.write_text('{urdf: arm.urdf.xacro, xacro: [mass, 3], samples: 1}')
+    with pytest.raises(InputError, match='xacro: .*expected a mapping of the arguments'):
+        read_sweep(path)
