@@ -84,5 +84,5 @@ def test_a_sweep_passes_arguments_to_its_xacro_file(arm):
     path.write_text('{urdf: arm.urdf.xacro, xacro: {mass: 3, tool: true}, samples: 1}')
     assert read_sweep(path).robot.model.bodies[0].inertial.mass == 3.5
     path.write_text('{urdf: arm.urdf.xacro, xacro: [mass, 3], samples: 1}')
-    with pytest.raises(InputError, match='xacro: .*expected a mapping of the arguments'):
+    with pytest.raises(InputError, match=r'xacro: .*expected a mapping of the arguments'):
         read_sweep(path)
