@@ -1,14 +1,25 @@
-"""Import a module while one of its dependencies is imported at its first use."""
+"""Import a module while a large package that it imports is imported at its first use."""
 
+import builtins
+from contextlib import suppress
 from functools import cache
 from importlib import import_module
-from importlib.util import find_spec
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
+import os
+from pathlib import Path
 import sys
+import threading
 from types import ModuleType
 from typing import Any
 
+# A process that is forked during an import inherits locks that no thread of it releases, and would
+# wait for them for ever. So a fork waits until the import has ended.
+_IMPORTING = threading.RLock()
+os.register_at_fork(before=_IMPORTING.acquire, after_in_parent=_IMPORTING.release,
+                    after_in_child=_IMPORTING.release)
 
-class _Deferred(ModuleType):
+
+class _DeferredPackage(ModuleType):
     """Stand-in for a package: forwards attributes to the real one once `ready` is set."""
 
     ready = False
@@ -19,38 +30,74 @@ class _Deferred(ModuleType):
         return getattr(import_module(self.__name__), name) if self.ready else Any  # annotations
 
 
+class _PrivateCopies:
+    """
+    Private copies of a module and of the submodules that it imports from a package.
+
+    The copies are not in `sys.modules`: other threads never see them, and later imports of module
+    and package are ordinary ones. Import statements of the copies find a stand-in for the package.
+
+    Parameters
+    ----------
+    package : str
+        Name of the top-level package.
+
+    """
+
+    def __init__(self, package: str) -> None:
+        self.stand_in = _DeferredPackage(package)
+        self._copies: dict[str, ModuleType] = {package: self.stand_in}
+
+    def load(self, name: str) -> ModuleType:
+        """Execute a module, `package.module`, as a private copy; ImportError without its file."""
+        package, _, last = name.rpartition('.')
+        parent = find_spec(package.partition('.')[0])
+        folders = (parent and parent.submodule_search_locations) or ['']
+        file = Path(folders[0], *name.split('.')[1:]).with_suffix('.py')
+        spec = spec_from_file_location(name, file)
+        if spec is None or spec.loader is None or not file.is_file():
+            raise ImportError(f'{name}: no file {file}')
+        copy = module_from_spec(spec)
+        vars(copy)['__builtins__'] = vars(builtins) | {'__import__': self._import}
+        self._copies[name] = copy
+        spec.loader.exec_module(copy)
+        if package in self._copies:
+            vars(self._copies[package])[last] = copy
+        return copy
+
+    def _import(self, name: str, variables: Any = None, local: Any = None, names: Any = (),
+                level: int = 0) -> Any:
+        """Import as the statement does, but with copies of the modules of the package."""
+        absolute = name
+        if level == 1:
+            absolute = '.'.join(filter(None, [variables['__package__'], name]))
+        package = self.stand_in.__name__
+        if self.stand_in.ready or level > 1 or absolute.partition('.')[0] != package:
+            return __import__(name, variables, local, names, level)
+        copy = self._copies.get(absolute) or self.load(absolute)
+        return copy if names else self.stand_in  # `import a.b` binds a
+
+
 @cache
 def import_deferring(module: str, package: str) -> Any:
     """
     Return a module; a package that it imports is imported at its first use.
 
-    While the module is imported, a stand-in takes the package's place. Submodules of the package
-    that the module imports itself are imported at once. If the module needs more of the package,
-    or one of the two is imported already, this is a plain import.
+    The module is a private copy, and so are the submodules of the package that it imports itself.
+    If the module needs more of the package, or one of the two is imported already, this is a plain
+    import. Threads wait for one another.
 
     Parameters
     ----------
     module, package : str
-        Names of the module, and of the top-level package that it imports.
+        Names of the module, `package.module`, and of the top-level package that it imports.
 
     """
-    spec = find_spec(package)
-    if {module, package} & set(sys.modules) or spec is None:
+    with _IMPORTING:
+        if not {module, package} & set(sys.modules) and find_spec(package) is not None:
+            copies = _PrivateCopies(package)
+            with suppress(Exception):  # it needs more of the package than names in annotations
+                copy = copies.load(module)
+                copies.stand_in.ready = True
+                return copy
         return import_module(module)
-    stand_in = _Deferred(package)
-    stand_in.__path__ = spec.submodule_search_locations or []
-    sys.modules[package] = stand_in
-    try:
-        return import_module(module)
-    except Exception:  # it needs more of the package than names in annotations
-        _forget(module)
-    finally:
-        _forget(package)
-        stand_in.ready = True
-    return import_module(module)
-
-
-def _forget(package: str) -> None:
-    """Remove a package and its modules from those imported."""
-    for name in [name for name in sys.modules if name.partition('.')[0] == package]:
-        del sys.modules[name]

@@ -74,7 +74,7 @@ def _tree(root: Element, notices: Notices) -> UrdfTree:
 def read_robot(root: Element, children: dict[str, tuple[str, ...]]) -> Any:
     """Parse XML with yourdfpy, reduced to the elements that `children` lists."""
     # Only scenes need trimesh, which imports scipy and networkx: a second of processor time.
-    yourdfpy = import_deferring('yourdfpy', 'trimesh')
+    yourdfpy = import_deferring('yourdfpy.urdf', 'trimesh')
     clean = rebuilt(root, children)
     try:
         return yourdfpy.URDF.load(io.BytesIO(clean), load_meshes=False,

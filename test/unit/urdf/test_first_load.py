@@ -1,4 +1,4 @@
-"""The first load of a URDF: nothing is imported that only scenes need."""
+"""The first load of a URDF: it imports no mesh library, and threads and forks may do it."""
 
 import subprocess
 import sys
@@ -14,24 +14,68 @@ load_urdf(path)
 print(*sorted({name.partition('.')[0] for name in sys.modules}
               & {'yourdfpy', 'trimesh', 'scipy', 'networkx'}))
 """
-SCENE = """
-import yourdfpy
-scene = yourdfpy.URDF.load(path, load_meshes=False).scene
-import trimesh
-print(type(scene) is trimesh.Scene, yourdfpy.urdf.trimesh.Trimesh is trimesh.Trimesh)
+DEFERRED_USE = """
+import sys
+from kane_dynamics._util.deferred_import import import_deferring
+reader = import_deferring('yourdfpy.urdf', 'trimesh')
+print('trimesh' in sys.modules)
+scene = reader.URDF.load(sys.argv[1], load_meshes=False).scene
+import trimesh, yourdfpy
+print(type(scene) is trimesh.Scene, yourdfpy.urdf.trimesh is trimesh)
+"""
+SLOW_IMPORT = """
+import os, sys, threading, time, warnings
+warnings.simplefilter('ignore')
+from kane_dynamics import load_urdf
+
+class SlowImport:
+    def find_spec(self, name, path=None, target=None):
+        if name == 'six':  # which the parser imports
+            entered.set()
+            time.sleep(0.5)
+
+entered, models = threading.Event(), []
+sys.meta_path.insert(0, SlowImport())
+path = sys.argv[1]
+thread = threading.Thread(target=lambda: models.append(load_urdf(path)))
+thread.start()
+assert entered.wait(20.0)
+"""
+THREADS = SLOW_IMPORT + """
+import trimesh.version
+models.append(load_urdf(path))
+thread.join()
+print(hasattr(trimesh.Trimesh, 'vertices'), len(models), len({x.digest() for x in models}))
+"""
+FORK = SLOW_IMPORT + """
+if os.fork() == 0:
+    import signal
+    signal.alarm(20)  # ends a child that waits for ever
+    load_urdf(path)
+    os._exit(7)
+thread.join()
+print(os.waitstatus_to_exitcode(os.wait()[1]))
 """
 
 
 def run(code, tmp_path, monkeypatch):
-    monkeypatch.setenv('KANE_DYNAMICS_CACHE', str(tmp_path))
+    monkeypatch.setenv('KANE_DYNAMICS_CACHE', str(tmp_path / 'cache'))
     done = subprocess.run([sys.executable, '-c', code, str(resource_path('urdf', 'fr3.urdf'))],
                           check=True, capture_output=True, text=True)
     return done.stdout.split('\n')[:-1]
 
 
 def test_the_first_load_of_a_urdf_imports_no_mesh_library(tmp_path, monkeypatch):
-    assert run(FIRST_LOAD, tmp_path, monkeypatch) == ['yourdfpy']
+    assert run(FIRST_LOAD, tmp_path, monkeypatch) == ['']
 
 
-def test_scenes_of_yourdfpy_work_after_a_urdf_was_loaded(tmp_path, monkeypatch):
-    assert run(FIRST_LOAD + SCENE, tmp_path, monkeypatch)[1:] == ['True True']
+def test_the_deferred_package_is_imported_when_it_is_used(tmp_path, monkeypatch):
+    assert run(DEFERRED_USE, tmp_path, monkeypatch) == ['False', 'True True']
+
+
+def test_a_thread_may_load_a_urdf_and_use_meshes_during_the_first_load(tmp_path, monkeypatch):
+    assert run(THREADS, tmp_path, monkeypatch) == ['True 2 1']
+
+
+def test_a_process_forked_during_the_first_load_can_load(tmp_path, monkeypatch):
+    assert run(FORK, tmp_path, monkeypatch) == ['7']
