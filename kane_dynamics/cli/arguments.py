@@ -7,14 +7,16 @@ from typing import Any
 
 from kane_dynamics.cli.plot_arguments import add_plot, KINDS
 
+WITHIN = 'zeros, or the middle of limits that exclude 0'
 STEP = 0.01  # s, between samples of a motion given by points
 
 
 def _torque(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_constraints(sub)
-    for name, text in (('q', 'positions, rad or m'), ('u', 'speeds'), ('udot', 'accelerations')):
-        sub.add_argument(f'--{name}', nargs='+', metavar='X', help=f'{text} (default: zeros)')
+    for name, text, default in (('q', 'positions, rad or m', WITHIN), ('u', 'speeds', 'zeros'),
+                                ('udot', 'accelerations', 'zeros')):
+        sub.add_argument(f'--{name}', nargs='+', metavar='X', help=f'{text} (default: {default})')
     _add_motion(sub, 'CSV or YAML file; prints the torques of every row')
     sub.add_argument('--step', type=float, metavar='S', help='time between samples of the motion '
                      f'(default: {STEP:g} between points of a YAML file; rows of a CSV file)')
@@ -28,15 +30,16 @@ def _simulate(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_constraints(sub)
     sub.add_argument('--q0', nargs='+', metavar='X',
-                     help='initial positions (default: those of the motion, else zeros)')
+                     help=f'initial positions (default: those of the motion, else {WITHIN})')
     sub.add_argument('--u0', nargs='+', metavar='X',
                      help='initial speeds (default: those of the motion, else zeros)')
     sub.add_argument('--duration', type=float, metavar='S',
                      help='simulated time in s (default: that of the motion, else 1)')
     sub.add_argument('--step', type=float, default=1e-3, metavar='S',
                      help='integration step in s; default: 0.001')
-    sub.add_argument('--integrator', choices=INTEGRATORS, default='rk4',
-                     help='implicit: for stiff friction, springs and beams; default: rk4')
+    sub.add_argument('--integrator', choices=INTEGRATORS,
+                     help='implicit: for stiff friction, springs and beams (default: rk4 where '
+                     'the step is stable, else implicit)')
     sub.add_argument('--stops', action='store_true',
                      help='joints hit rigid, inelastic stops at their position limits')
     source = sub.add_mutually_exclusive_group()

@@ -6,24 +6,32 @@ from contextlib import contextmanager
 from dataclasses import replace
 import json
 import math
+import re
 import sys
 from typing import Any
 import warnings
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.analysis.model_checks import listed
 from kane_dynamics.cli.wording import in_options
 from kane_dynamics.control.quasi_static import QuasiStatic, rigid_and_bending
 from kane_dynamics.errors import InputError, ModelWarning, UnusedWarning
 from kane_dynamics.kinematics.mechanism_motion import velocity_rows
+from kane_dynamics.mechanics.ball_joints import neutral
 from kane_dynamics.mjcf import is_mjcf, load_mjcf
 from kane_dynamics.model.model import GRAVITY, Model
-from kane_dynamics.robot.methods.configuration_methods import suspected_degrees
+from kane_dynamics.robot.methods.configuration_methods import outside_limits, suspected_degrees
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf import expand_xacro, load_urdf
 from kane_dynamics.urdf.xacro_file import arguments_of
 import numpy as np
 
 LONGEST = 180  # characters of a warning
+LIST = 4  # entries of a list of names that is shortened
+# A name, with a number or a remark in brackets behind it: "joint_1 45.2 rad (limits -1 to 1)".
+_NAME = r'(?:joint |link )?[^\s,;()]+(?: -?\d[\d.e+-]*(?: rad| m)?)?(?: \([^()]*\))?'
+ENTRY = re.compile(_NAME)
+NAMES = re.compile(rf'(?<=: ){_NAME}(?:, {_NAME}){{{LIST - 1},}}')
 ROUNDING = 1e-13  # relative to the largest number of a table
 
 
@@ -123,19 +131,40 @@ def model_warnings(caught: list[str] | None = None, *, verbose: bool = False) ->
 
 
 def brief(text: str) -> str:
-    """Return a message of at most two lines; a long list of names is shortened."""
-    if len(text) <= LONGEST:
-        return text
-    end = text.rfind(', ', 0, LONGEST)
-    end = text.find(', ') if end < 0 else end
-    if end < 0 or text.count(', ', end) < 2:
-        return text
-    return f'{text[:end]} and {text.count(", ", end)} more (--verbose names all)'
+    """
+    Return a message whose long lists of names are shortened; its sentences stay whole.
+
+    A list follows a colon and has at least `LIST` entries. The last list is shortened first,
+    until the message has at most `LONGEST` characters.
+    """
+    for names in reversed(list(NAMES.finditer(text))):
+        if len(text) <= LONGEST:
+            break
+        entries = ENTRY.findall(names[0])
+        room = len(names[0]) - (len(text) - LONGEST)
+        kept = 1
+        while kept < len(entries) and len(', '.join(entries[:kept + 1])) <= room:
+            kept += 1
+        if len(entries) - kept < 2:
+            continue
+        shorter = f'{", ".join(entries[:kept])} and {len(entries) - kept} more '
+        text = (text[:names.start()] + shorter + '(--verbose names all)'
+                + text[names.end():])
+    return text
 
 
-def without_rounding(values: Array) -> Array:
-    """Return numbers with 0 in place of rounding errors, relative to the largest."""
-    return np.where(np.abs(values) < ROUNDING * np.abs(values).max(initial=0.0), 0.0, values)
+def without_rounding(values: Array, size: float = 0.0) -> Array:
+    """Return numbers with 0 in place of rounding errors of the largest, or of a larger size."""
+    largest = max(size, float(np.abs(values).max(initial=0.0)))
+    return np.where(np.abs(values) < ROUNDING * largest, 0.0, values)
+
+
+def torque_size(model: Model) -> float:
+    """Return the weight of all bodies at the length of all links in one line, N m."""
+    length = sum(float(np.linalg.norm(body.joint.translation)
+                       + np.linalg.norm(body.inertial.com)) for body in model.bodies)
+    mass = sum(body.inertial.mass for body in model.bodies)
+    return mass * float(np.linalg.norm(model.gravity)) * length
 
 
 def warn_degrees(robot: Robot, q: Array, what: str) -> None:
@@ -147,6 +176,23 @@ def warn_degrees(robot: Robot, q: Array, what: str) -> None:
     warning = suspected_degrees(robot, q)
     if warning:
         print(f'kane-dynamics: warning: {what}: {brief(warning)}', file=sys.stderr)
+
+
+def warn_outside(robot: Robot, q: Array, what: str) -> None:
+    """Print a warning if positions of all joints, (n_q,), are outside their limits."""
+    outside = outside_limits(robot, q) if q.shape == (robot.n_q,) else []
+    if outside:
+        print(f'kane-dynamics: warning: {what}: outside the limits: {listed(outside)}',
+              file=sys.stderr)
+
+
+def say_start(robot: Robot, q: Array, what: str) -> None:
+    """Print the coordinates that do not start at 0 because their limits exclude it."""
+    moved = np.flatnonzero(q != neutral(robot.model))
+    if len(moved):
+        values = [f'{robot.coordinate_names[k]} {q[k]:.4g}' for k in moved]
+        print(f'kane-dynamics: {what}: 0 is outside the limits of these joints; they start in '
+              f'the middle of their limits: {listed(values)}', file=sys.stderr)
 
 
 def vector(options: Namespace, name: str, robot: Robot) -> Array:
@@ -161,11 +207,16 @@ def positions(options: Namespace, name: str, robot: Robot, default: Array | None
 
     With constraints, positions of the independent joints are enough: the loops are closed from the
     configuration of the constraints file. `default` are positions of the independent joints; its
-    default is that configuration, and zeros for a tree.
+    default is that configuration, and `Robot.feasible_configuration` for a tree.
     """
     missing = getattr(options, name) is None
-    if not robot.constraint_names:
-        q = default if missing and default is not None else vector(options, name, robot)
+    if not robot.constraint_names and missing and default is not None:
+        q = default
+    elif not robot.constraint_names and missing:
+        q = robot.feasible_configuration()
+        say_start(robot, q, f'--{name}')
+    elif not robot.constraint_names:
+        q = _numbers(options, name, [robot.coordinate_names])
     elif missing and default is not None:
         q = _closed_near(robot, robot.speed_names, default)
     elif missing:
@@ -175,6 +226,7 @@ def positions(options: Namespace, name: str, robot: Robot, default: Array | None
         q = _numbers(options, name, [*independent, robot.coordinate_names])
     if name == 'q':
         warn_degrees(robot, q, f'--{name}')
+        warn_outside(robot, q, f'--{name}')
     return q if len(q) == robot.n_q else _closed_near(robot, robot.speed_names, q)
 
 

@@ -5,7 +5,8 @@ OPTIONS = {  # arguments as messages of the library name them, and the options
     'construct it with payload_frame=': 'give --payload-frame',
     'construct the Robot with wrench_frames=': 'give --wrench-frames',
     ", integrator='implicit'": ', --integrator implicit', "integrator='implicit'":
-    '--integrator implicit', ', or its XML as str or bytes': '', ', or a dict': ''}
+    '--integrator implicit', "integrator 'implicit' is used": '--integrator implicit is used',
+    ', or its XML as str or bytes': '', ', or a dict': ''}
 
 
 def in_options(text: str) -> str:

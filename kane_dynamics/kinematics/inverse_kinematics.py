@@ -58,8 +58,8 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike, q0: ArrayLik
     target : (4, 4) or (3,) array_like
         Pose of the frame in the world, or position of its origin alone, m.
     q0 : (n_q,) array_like, optional
-        Initial guess, rad or m; a solution near it is preferred. Default: `neutral`, moved to
-        the nearest limits.
+        Initial guess, rad or m; a solution near it is preferred. Default:
+        `Robot.feasible_configuration`.
     tolerance : float
         Largest remaining distance, m, and angle, rad.
     iterations : int
@@ -127,7 +127,7 @@ class _Search:
 
     def first(self, q0: ArrayLike | None) -> Array:
         """Return q0 clipped to the limits and closed."""
-        given = self.robot.neutral() if q0 is None else finite_row(
+        given = self.robot.feasible_configuration() if q0 is None else finite_row(
             q0, 'q0', self.robot.model.coordinate_names)
         self.robot.frame_pose(self.frame, given)  # raises InputError
         q = np.clip(given, self.lower, self.upper)

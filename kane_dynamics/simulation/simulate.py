@@ -25,7 +25,7 @@ from kane_dynamics.simulation.simulation_arguments import (
     checked_torque, initial_states, MOST_STEPS, require_arguments, steps_per_sample, whole_steps)
 from kane_dynamics.simulation.speed_switching import SwitchingInput
 from kane_dynamics.simulation.step_kernels import state_names
-from kane_dynamics.simulation.step_size import diverged_error, step_warning
+from kane_dynamics.simulation.step_size import diverged_error, stable_integrator
 from kane_dynamics.simulation.stops.joint_stops import JointStops, require_stops
 from kane_dynamics.simulation.torque_input import evaluated_torque, torque_input
 from kane_dynamics.simulation.trajectory import Trajectory
@@ -42,7 +42,7 @@ Progress = Callable[[float], bool | None]
 
 def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1e-3,
              torque: Any = None, sample: float | None = None,
-             progress: Progress | None = None, integrator: str = 'rk4',
+             progress: Progress | None = None, integrator: str | None = None,
              t0: float = 0.0, stops: bool = False) -> Trajectory:
     """
     Integrate the equations of motion with steps of one length.
@@ -75,11 +75,12 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     progress : callable, optional
         Called with the simulated time at intervals of about 20 ms at most, or of eight steps of
         all N states if those take longer; returning False ends the simulation there.
-    integrator : {'rk4', 'implicit'}
+    integrator : {'rk4', 'implicit'}, optional
         The fourth-order Runge-Kutta method; or a second-order Rosenbrock method whose step
         friction, springs and beams do not limit (`mechanics.integrators.rosenbrock`). The first
         is more accurate for smooth motions; the second is faster by orders of magnitude where
-        joints stick.
+        joints stick. By default 'rk4' if the step is stable at the (first) initial
+        configuration (`longest_step`), else 'implicit', with a warning that says so.
     t0 : float
         Initial time, s, for functions of time.
     stops : bool
@@ -111,7 +112,8 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     ModelWarning
         An initial position looks like degrees (see the page on limits).
         The step is too long for the Runge-Kutta method with this friction, these springs or beams
-        at the (first) initial configuration: the motion near rest is inaccurate (`longest_step`).
+        at the (first) initial configuration (`longest_step`): 'implicit' is chosen by default,
+        and with 'rk4' the motion near rest is inaccurate.
         The error of the energy balance is above that expected of the step: names the time of its
         begin. Both are in `Trajectory.warnings` too.
 
@@ -124,7 +126,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     count = whole_steps('duration', positive_time(duration, 'duration'), step, MOST_STEPS)
     warn_of_degrees(robot, starts[:, :robot.n_q], 'q0')
     jumps = JumpWatch(robot, starts, t0, step, count, single)
-    step_text = step_warning(robot, starts[0, :robot.n_q], step, integrator, t0) if N else None
+    integrator, step_text = stable_integrator(robot, starts[:1, :robot.n_q], step, integrator, t0)
     if step_text is not None:
         warnings.warn(step_text, ModelWarning, stacklevel=2)
     every = steps_per_sample(count, step, sample, N, single)
@@ -152,7 +154,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
                for part in np.split(states, [robot.n_q, robot.n_q + robot.n], axis=2))
     if not callable(torque):
         tau = source.torques(kept, q, u)
-    missed = balance.warning(single, step_text)
+    missed = balance.warning(single, step_text if integrator == 'rk4' else None)
     if missed is not None:
         warnings.warn(missed, ModelWarning, stacklevel=2)
     arrays = {'q': q, 'u': u, 'tau': tau, **source.results(kept, states, tau)}

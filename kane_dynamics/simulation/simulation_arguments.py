@@ -27,7 +27,8 @@ def require_arguments(robot: Any, t0: Any, progress: Any, integrator: Any) -> No
         raise InputError(f't0: {t0!r}; expected a finite number, s')
     if not (progress is None or callable(progress)):
         raise InputError(f'progress: {progress!r}; expected None or a function of the time')
-    integrator_of(integrator)
+    if integrator is not None:
+        integrator_of(integrator)
     for name, low, high in zip(robot.coordinate_names, robot.limits.lower, robot.limits.upper):
         if math.isnan(low) or math.isnan(high):
             raise InputError(f"limits: of joint '{name}' {low:g} to {high:g}; expected numbers, "

@@ -96,6 +96,25 @@ def step_warning(robot: Robot, q: Any, step: float, integrator: str = 'rk4',
             "integrator 'implicit', or shorten the step")
 
 
+def stable_integrator(robot: Robot, q: Array, step: float, integrator: str | None,
+                      t: float) -> tuple[str, str | None]:
+    """
+    Return the integrator of a simulation, and the warning about its step or its choice, if any.
+
+    `q` has the first initial configuration as its only row; no row without initial states.
+    """
+    if not len(q):
+        return integrator or 'rk4', None
+    if integrator is not None:
+        return integrator, step_warning(robot, q[0], step, integrator, t)
+    longest, name = longest_step(robot, q[0], t=t)
+    if step <= longest:
+        return 'rk4', None
+    return 'implicit', (f"integrator 'implicit' is used: a step of {step:g} s is too long for "
+                        f"'{name}' with 'rk4', which needs at most {longest:.2g} s with its "
+                        'friction, springs or bending')
+
+
 def _may_limit_step(model: Model, friction: bool) -> bool:
     """Return whether friction, springs or beams may limit the step."""
     return any(body.beam is not None or body.joint.stiffness
@@ -119,4 +138,5 @@ def diverged_error(which: str, t: float, step: float, entry: str = '') -> InputE
     """Return the error for a simulation whose state is not finite at t, s."""
     first = f" ('{entry}' first)" if entry else ''
     return InputError(f'{which}: the state diverged (is not finite) at {t:.6g} s{first} with a '
-                      f'step of {step} s; expected a regular mass matrix and a shorter step')
+                      f'step of {step} s; expected a regular mass matrix and a shorter step, or '
+                      "integrator='implicit' if friction, springs or bending are stiff")

@@ -14,6 +14,9 @@ from numpy.typing import ArrayLike
 
 __all__ = ['load_urdf']
 
+# Nearly every URDF has transmissions. Filters that users set come before this one.
+warnings.simplefilter('ignore', UnusedWarning, append=True)
+
 
 def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None,
               tip: str | None = None, joints: Sequence[str] | None = None,
@@ -65,7 +68,9 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
     Warns
     -----
     ModelWarning
-        One warning per kind of problem, which names all links or joints concerned.
+        One warning per kind of problem, which names all links or joints concerned. That of
+        elements of actuators and simulators (transmissions), an UnusedWarning, is ignored unless
+        a filter shows it.
 
     Raises
     ------

@@ -70,7 +70,7 @@ class Window:
         if trajectory is None:
             require_angles(robot.model, 'view')
             self._turned = _turned_joints(robot)
-            self._q = _neutral(robot)
+            self._q = robot.feasible_configuration()
             self._largest = LoadArrows.at_rest(robot, sampled_configurations(robot)).largest
         else:
             trajectory.require(robot, 'the view')
@@ -248,13 +248,6 @@ def _turned_joints(robot: Robot) -> tuple[int, ...]:
     if set(speeds) <= set(names):
         return tuple(names.index(name) for name in speeds)
     return followed_joints(robot)
-
-
-def _neutral(robot: Robot) -> Array:
-    """Return a closed configuration: the robot's own, or zero within the limits."""
-    q = np.zeros(robot.n_q) if robot.configuration is None else np.asarray(robot.configuration)
-    q = np.clip(q, robot.limits.lower, robot.limits.upper)
-    return robot.closed_posture(q) if robot.constraint_names else q
 
 
 def _quietly() -> redirect_stdout[io.StringIO]:

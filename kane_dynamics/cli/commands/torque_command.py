@@ -5,8 +5,8 @@ import sys
 
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands.inspect_command import print_table
-from kane_dynamics.cli.shared import (load, positions, print_json, vector, warn_degrees,
-                                      without_rounding)
+from kane_dynamics.cli.shared import (load, positions, print_json, torque_size, vector,
+                                      warn_degrees, without_rounding)
 from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
@@ -60,7 +60,7 @@ def _print_state(options: Namespace, model: Model, robot: Robot) -> None:
                     'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})
         return
     slides = model.sliding
-    rows = without_rounding(np.column_stack([tau, *terms]))
+    rows = without_rounding(np.column_stack([tau, *terms]), torque_size(model))
     print_table(['joint', 'torque', '', *TORQUE_TERMS], [
         [name, row[0], 'N' if name in slides else 'N m', *row[1:]]
         for name, row in zip(robot.joint_names, rows, strict=True)

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 NEARBY = 21  # initial guesses about 0 for loop closure
+ON_LIMIT = 1e-9  # rad or m
 TURN = 2.0 * np.pi
 TRIES = 200  # random initial guesses for loop closure
 
@@ -43,6 +44,14 @@ def suspected_degrees(robot: 'Configurations', q: Array) -> str | None:
             limits = '' if free else f' (limits {lower[j]:.4g} to {upper[j]:.4g})'
             words.append(f'{name} {value:.4g} rad{limits}')
     return f'far outside: {", ".join(words)}; expected rad: are these degrees?' if words else None
+
+
+def outside_limits(robot: 'Configurations', q: Array) -> list[str]:
+    """Return 'name value (limits lower to upper)' of each entry of q, (n_q,), beyond a limit."""
+    lower, upper = robot.limits.lower, robot.limits.upper
+    return [f'{name} {value:.4g} (limits {low:.4g} to {high:.4g})'
+            for name, value, low, high in zip(robot.coordinate_names, q, lower, upper)
+            if value < low - ON_LIMIT or value > high + ON_LIMIT]
 
 
 def warn_of_degrees(robot: 'Configurations', q: Array, what: str, stacklevel: int = 3) -> None:
@@ -105,6 +114,37 @@ class Configurations(ConstraintMethods, Dispatch):
                 failure = failure or error
         assert failure is not None
         raise failure
+
+    def feasible_configuration(self) -> Array:
+        """
+        Return a configuration within the limits, (n_q,), from which commands and searches start.
+
+        Every coordinate is 0 where its limits admit that, else the middle of its limits, or the
+        only limit. With closed loops it is the closed configuration near those values; if that is
+        outside the limits, a random one within them. A robot with a `configuration` starts there.
+
+        Raises
+        ------
+        ConstraintError
+            None is found that meets constraints and limits.
+
+        """
+        lower, upper = self.limits.lower, self.limits.upper
+        if self.configuration is not None:
+            stated: Array = np.asarray(self.configuration, dtype=np.float64)
+            return self.closed_posture(stated) if self.constraint_names else stated.copy()
+        q = neutral(self.equations.model)
+        for k in np.flatnonzero((q < lower) | (q > upper)):
+            bounds = [bound for bound in (lower[k], upper[k]) if np.isfinite(bound)]
+            q[k] = np.mean(bounds)
+        if not self.constraint_names:
+            return q
+        try:
+            q = self.closed_posture(q)
+        except ConstraintError:  # far from every closed configuration
+            return self.random_configuration(0)
+        inside = bool((q >= lower).all() and (q <= upper).all())
+        return q if inside else self.random_configuration(0)
 
     def random_configuration(self, seed: int | np.random.Generator | None = None,
                              count: int | None = None) -> Array:

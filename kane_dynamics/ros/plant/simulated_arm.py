@@ -121,13 +121,16 @@ class SimulatedArm:
         """
         Put the arm at rest at q, (n,), without torque and wrenches.
 
-        With closed loops the independent joints are at q; None is the configuration of the robot.
+        With closed loops the independent joints are at q. None is the configuration of the robot,
+        for a tree `Robot.feasible_configuration`.
         """
         self.u[:], self._u[:], self.effort[:] = 0.0, 0.0, 0.0
         if self._constrained:
             self._q[:] = self._closed(q)
+        elif q is None:  # without the modes of beams, which are behind the joints
+            self.q[:] = self.robot.feasible_configuration()[:len(self.q)]
         else:
-            self.q[:] = 0.0 if q is None else q
+            self.q[:] = q
         if self._bending is not None:
             self._q[:] = self._bending.configuration(self.q.copy())
         self.wrenches.clear()

@@ -62,7 +62,8 @@ def test_an_arm_stands_still_within_the_step_and_creeps_or_trembles_beyond(arm):
 
     def speeds(h):
         count = round(0.05 / h)
-        return simulate(arm, POSTURE, np.full(6, 1e-4), count * h, step=h, torque=tau).u[-1]
+        return simulate(arm, POSTURE, np.full(6, 1e-4), count * h, step=h, torque=tau,
+                        integrator='rk4').u[-1]
     assert abs(speeds(0.98 * step)[5]) < 1e-5
     with pytest.warns(ModelWarning, match=r"too long for 'wrist_3_joint'.*at most 6.*'implicit'"):
         assert abs(speeds(4.0 * step)[5]) > 1e-3
@@ -100,17 +101,56 @@ def test_friction_in_a_closed_loop_counts_by_the_speeds_that_remain():
     assert "'crank'" in said and "'implicit'" in said
 
 
+DAMPED = """<robot name="damped"><link name="base"/>
+<link name="arm"><inertial><origin xyz="0.3 0 0"/><mass value="1"/>
+<inertia ixx="0.001" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="wrist"><inertial><mass value="0.1"/>
+<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="arm"/>
+<axis xyz="0 1 0"/><limit lower="0.2" upper="2.2" velocity="3" effort="50"/>
+<dynamics damping="10"/></joint>
+<joint name="roll" type="revolute"><parent link="arm"/><child link="wrist"/><origin xyz="0.6 0 0"/>
+<axis xyz="1 0 0"/><limit lower="-3" upper="3" velocity="3" effort="20"/>
+<dynamics damping="10"/></joint></robot>"""
+
+
+def test_a_urdf_with_strong_damping_simulates_with_the_defaults_and_says_how():
+    robot = Robot(load_urdf(DAMPED))
+    q0, u0 = [1.0, 0.0], [0.0, 0.5]
+    with pytest.warns(ModelWarning, match="'implicit' is used: a step of 0.001 s is too long for "
+                      "'roll'"):
+        run = simulate(robot, q0, u0, 0.5)
+    finely = simulate(robot, q0, u0, 0.5, step=2e-5, integrator='rk4')
+    # The roll stops within a step, in which it moves by less than its speed times the step.
+    np.testing.assert_allclose(run.q[-1], finely.q[-1], atol=1e-3 * u0[1])
+    assert run.warnings and 'implicit' in run.warnings[0]
+    with pytest.warns(ModelWarning, match='too long'), pytest.raises(
+            InputError, match=r"diverged.*integrator='implicit'"):
+        simulate(robot, q0, u0, 0.5, integrator='rk4')
+
+
+def test_the_default_is_runge_kutta_where_its_step_is_stable():
+    robot = Robot(wheel().model)
+    np.testing.assert_array_equal(simulate(robot, [0.1], [1.0], 0.1).q,
+                                  simulate(robot, [0.1], [1.0], 0.1, integrator='rk4').q)
+    assert np.abs(simulate(robot, [0.1], [1.0], 0.1, integrator='implicit').q
+                  - simulate(robot, [0.1], [1.0], 0.1).q).max() < 1e-6
+
+
 def test_commands_and_sweeps_say_it_too(tmp_path, capsys):
     urdf, supplement = str(resource_path('urdf', 'two_link.urdf')), tmp_path / 'rubs.yaml'
     supplement.write_text('joints: {joint2: {friction: 40.0, friction_speed: 0.01}}')
     assert main(['simulate', urdf, '--supplement', str(supplement), '--duration', '0.01',
                  '--step', '0.0005']) == 0
-    assert "warning: a step of 0.0005 s is too long for 'joint2'" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert ("warning: --integrator implicit is used: a step of 0.0005 s is too long for "
+            "'joint2'") in said
     supplement.write_text('joints: {joint2: {damping: 400.0}}')
     assert main(['simulate', urdf, '--supplement', str(supplement), '--duration', '10',
-                 '--step', '0.01', '--u', '1', '1']) == 2
+                 '--step', '0.01', '--u', '1', '1', '--integrator', 'rk4']) == 2
     told = capsys.readouterr().err
     assert told.index('0.01 s is too long for') < told.index('the state diverged')
+    assert '--integrator implicit if' in told  # the advice is whole
     with pytest.warns(ModelWarning, match="0.0005 s is too long for 'joint2'"):
         run_sweep(Sweep(load_urdf(urdf, supplement=supplement), samples=2, duration=0.01,
                         step=0.0005), tmp_path / 'table', workers=1)

@@ -1,6 +1,8 @@
 """Warnings: one per kind of legal but questionable content, naming links and joints."""
 
 import math
+import subprocess
+import sys
 import warnings
 
 from kane_dynamics.urdf import load_urdf
@@ -133,3 +135,15 @@ def test_axis_rounded_in_decimal_causes_no_warning():
 
 def test_thin_plate_and_rod_rounded_in_decimal_satisfy_the_triangle_inequality():
     load(robot(A, link('b', 1, (0.0333333, 0.0333333, 0.06666664)), joint('j', 'a', 'b')))
+
+
+def test_transmissions_are_reported_only_where_a_filter_asks_for_it(tmp_path):
+    path = tmp_path / 'arm.urdf'
+    path.write_text(WARNINGS['transmission'][0])
+    load = f'from kane_dynamics import load_urdf; load_urdf({str(path)!r})'
+    quiet = subprocess.run([sys.executable, '-c', load], capture_output=True, text=True,
+                           check=True)
+    assert quiet.stderr == ''
+    asked = subprocess.run([sys.executable, '-W', 'always', '-c', load], capture_output=True,
+                           text=True, check=True)
+    assert '<transmission>: j' in asked.stderr
