@@ -41,7 +41,7 @@ help:
 	@echo 'make test-slow    tests of endurance (also: make soak)'
 	@echo 'make bench        speed, against peers; a report in build/bench'
 	@echo 'make kernel-sizes records the arithmetic and code size of the shipped kernels'
-	@echo 'make picture      docs/view.png anew, by a headless Chromium'
+	@echo 'make picture      docs/view.png, by a headless Chromium, and docs/demo.webp, by OSMesa'
 	@echo 'make lint         ruff, mypy --strict, ament_flake8, ament_pep257'
 	@echo 'make docs         the documentation site, in build/docs'
 	@echo 'make docs-test    tries what the pages of the site and the README show'
@@ -179,6 +179,8 @@ bench: install $(VENV)/.bench $(VENV)/.torch $(CROCODDYL_VENV)/.tools
 
 picture: install
 	PYTHONPATH='$(CURDIR):$(CURDIR)/test/helpers' $(BIN)/python docs/view.py docs/view.png
+	MUJOCO_GL=$${MUJOCO_GL:-osmesa} AMENT_PREFIX_PATH='$(CURDIR)/$(VENV)' PYTHONPATH='$(CURDIR)' \
+	  $(BIN)/python docs/moving_demo.py docs/demo.webp
 
 kernel-sizes: install
 	PYTHONPATH='$(CURDIR)' $(BIN)/python benchmarks/kernel_sizes.py
@@ -201,7 +203,7 @@ docs: install
 NODE_PAGES = test/docs/test_node_pages.py
 
 docs-test: install $(VENV)/.torch
-	$(PYTEST) -n auto --dist worksteal test/docs/test_pages.py
+	$(PYTEST) -n auto --dist worksteal test/docs/test_pages.py test/docs/test_notebook.py
 	$(PYTEST) $(NODE_PAGES) || { $(REPEATED) $(PYTEST) $(FAILED_ONES) $(NODE_PAGES); }
 
 # ---------------------------------------------------------------------- colcon

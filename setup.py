@@ -31,6 +31,7 @@ test = ['pytest>=8.0', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5',  # on all pro
         'hypothesis>=6.100', 'pin>=3.0', *mjcf, *xacro, 'mpmath>=1.3',
         'gymnasium>=1.0',  # MJCF files that others made
         'build>=1.2',  # wheel and source distribution, as for a release
+        'nbclient>=0.10', 'ipykernel>=6.29',  # the notebook is executed
         'example-robot-data>=4.1', 'toppra>=0.6.2', *casadi, *equations, *identify, *jax,
         *ptxas, *sweep, *plot, *view,
         'cyclonedds>=0.10']  # a client of the node that shares nothing with ROS

@@ -18,6 +18,7 @@ extensions = ['sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'sphinx.ext.viewco
 html_theme = 'furo'
 html_static_path = ['static']
 html_css_files = ['site.css']
+html_search_scorer = str(ROOT / 'docs' / 'static' / 'search_scorer.js')
 html_math_renderer = 'mathml'  # the browser's own: no script, nothing to fetch
 html_show_sphinx = html_show_copyright = False
 html_copy_source = False

@@ -17,6 +17,7 @@ import pkgutil
 import re
 
 import kane_dynamics
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.cli.examples import EXAMPLES
 from kane_dynamics.cli.parser import main
 from sphinx.util.docutils import SphinxDirective
@@ -145,22 +146,38 @@ def summary(names):
 def class_page(path, thing):
     """Return the page of a class: a summary of its methods, then each of them."""
     title = path.rpartition('.')[2]
-    own = [base for base in thing.__mro__ if base.__module__.startswith('kane_dynamics')]
+    bases = [base for base in thing.__mro__ if base.__module__.startswith('kane_dynamics')]
     source = (f'Import: ``from {path.rpartition(".")[0]} import {title}``. '
               f'Defined in ``{thing.__module__}``.')
     lines = [title, '=' * len(title), '', source, '']
-    for heading, wanted in (('Methods', callable), ('Attributes', inspect.isdatadescriptor)):
-        names = []
-        for base in own:
-            for name, value in vars(base).items():
-                given = getattr(value, '__func__', value)  # of a class method
-                if (not name.startswith('_') and name not in names and wanted(given)
-                        and getattr(given, '__doc__', None)):
-                    names.append(name)
+    for heading, belongs in (('Methods', is_method), ('Attributes', is_attribute)):
+        names = documented_names(bases, belongs)
         if names:
             lines += [f'.. rubric:: {heading}', '', *summary([f'{path}.{n}' for n in names])]
-    options = ['   :members:'] + ['   :inherited-members:'] * (len(own) > 1)
+    options = ['   :members:'] + ['   :inherited-members:'] * (len(bases) > 1)
     return '\n'.join([*lines, f'.. autoclass:: {path}', *options, ''])
+
+
+def is_attribute(value):
+    """Return True for a property of a class."""
+    return inspect.isdatadescriptor(value) or isinstance(value, lazy_property)
+
+
+def is_method(value):
+    """Return True for a function of a class, also for one that is compiled at its first call."""
+    function = getattr(value, '__func__', value)  # of a class method
+    return callable(function) or (hasattr(function, '__get__') and not is_attribute(function))
+
+
+def documented_names(bases, belongs):
+    """Return the public names of classes with a docstring; those of the first class come last."""
+    names = []
+    for base in (*bases[1:], bases[0]):
+        for name, value in vars(base).items():
+            documented = getattr(getattr(value, '__func__', value), '__doc__', None)
+            if not name.startswith('_') and name not in names and belongs(value) and documented:
+                names.append(name)
+    return names
 
 
 def write_class_pages(app):
