@@ -14,8 +14,10 @@ from typing import Any
 
 from kane_dynamics.mechanics.algebra.vector import is_zero
 import numpy as np
+from numpy.typing import NDArray
 
-Matrix = list[list[Any]]
+Row = list[Any]
+Matrix = list[Row]
 PIVOT_THRESHOLD = 0.1  # least size of a pivot relative to the largest constant of its row
 ROUNDING = 1e-12  # relative size below which a constant is treated as zero after elimination
 # Least size of a constant pivot beside traced entries, whose size is unknown: direction cosines
@@ -43,187 +45,242 @@ def solution(A: Any, B: Any) -> Any:
         If A is structurally singular; the argument is the index of an unsolvable row.
 
     """
-    n = len(A)
     left: Matrix = [list(row) for row in np.asarray(A, dtype=object)]
     right: Matrix = [list(row) for row in np.asarray(B, dtype=object)]
-    least = [ROUNDING * _largest_constant(row) for row in left]
-    solved: dict[int, int] = {}  # column of an unknown: its pivot row
-    while (pivot := _constant_pivot(left, solved, least)) is not None:
+    pivot_rows = _eliminate_constants(left, right)
+    by_blocks = _solve_blocks(left, right, pivot_rows)
+    X: Matrix = []
+    for c in range(len(left)):
+        if c in by_blocks:
+            X.append(by_blocks[c])
+        else:
+            r = pivot_rows[c]
+            X.append(_minus_products(right[r], left[r], by_blocks))
+    return np.array(X)
+
+
+def _eliminate_constants(left: Matrix, right: Matrix) -> dict[int, int]:
+    """Eliminate by Gauss-Jordan, in place; return the pivot row of each solved column."""
+    smallest = [ROUNDING * _largest_constant(row) for row in left]
+    pivot_rows: dict[int, int] = {}
+    while (pivot := _constant_pivot(left, pivot_rows, smallest)) is not None:
         row, column = pivot
-        solved[column] = row
+        pivot_rows[column] = row
         scale = 1.0 / left[row][column]
-        left[row] = [_product(scale, x) for x in left[row]]
-        right[row] = [_product(scale, x) for x in right[row]]
-        for r in range(n):
+        left[row] = _scaled(scale, left[row])
+        right[row] = _scaled(scale, right[row])
+        for r in range(len(left)):
             factor = left[r][column]
             if r != row and not is_zero(factor):
-                left[r] = [_minus_product(x, factor, y) for x, y in zip(left[r], left[row])]
-                right[r] = [_minus_product(x, factor, y) for x, y in zip(right[r], right[row])]
+                left[r] = _minus_multiple(left[r], factor, left[row])
+                right[r] = _minus_multiple(right[r], factor, right[row])
                 left[r][column] = 0.0
-    rest: Matrix = [[] for _ in range(n)]  # rows of X that the blocks determine
-    for rows, columns in _triangular_blocks(left, solved):
-        block = [[left[r][c] for c in columns] for r in rows]
-        before = [c for c in range(n) if rest[c] and not all(is_zero(left[r][c]) for r in rows)]
-        given, factors = [right[r] for r in rows], [[left[r][c] for c in before] for r in rows]
-        known = [rest[c] for c in before]
-        for c, unknown in zip(columns, _block_unknowns(block, given, factors, known)):
-            rest[c] = unknown
-    answer: Matrix = []
-    for c in range(n):
-        if c in solved:
-            row = solved[c]
-            known = right[row]
-            for k in range(n):
-                if k not in solved and not is_zero(left[row][k]):
-                    known = [_minus_product(x, left[row][k], y) for x, y in zip(known, rest[k])]
-            answer.append(known)
-        else:
-            answer.append(rest[c])
-    return np.array(answer)
+    return pivot_rows
 
 
-def _largest_constant(row: list[Any]) -> float:
-    return max((abs(x) for x in row if isinstance(x, (int, float))), default=0.0)
+def _solve_blocks(left: Matrix, right: Matrix, pivot_rows: dict[int, int]) -> dict[int, Row]:
+    """Return the unknowns that no constant pivot has solved, by their columns."""
+    X: dict[int, Row] = {}
+    for rows, columns in _triangular_blocks(left, pivot_rows):
+        diagonal = _part(left, rows, columns)
+        # Unknowns of earlier blocks that the rows of this block contain.
+        earlier = [c for c in sorted(X) if not all(is_zero(left[r][c]) for r in rows)]
+        coupling = _part(left, rows, earlier)
+        known = [X[c] for c in earlier]
+        unknowns = _block_unknowns(diagonal, [right[r] for r in rows], coupling, known)
+        X.update(zip(columns, unknowns))
+    return X
 
 
-def _constant_pivot(A: Matrix, solved: dict[int, int],
-                    least: list[float]) -> tuple[int, int] | None:
-    """Return (row, column) of the best constant pivot, or None if there is none."""
-    best: tuple[float, int, int] | None = None
-    taken = set(solved.values())
+def _part(A: Matrix, rows: list[int], columns: list[int]) -> Matrix:
+    """Return the submatrix of some rows and columns."""
+    return [[A[r][c] for c in columns] for r in rows]
+
+
+def _minus_products(row: Row, factors: Row, X: dict[int, Row]) -> Row:
+    """Return row - sum over c of factors[c] X[c]."""
+    for c in sorted(X):
+        if not is_zero(factors[c]):
+            row = _minus_multiple(row, factors[c], X[c])
+    return row
+
+
+def _largest_constant(row: Row) -> float:
+    return max((abs(x) for x in row if _is_constant(x)), default=0.0)
+
+
+def _is_constant(entry: Any) -> bool:
+    """Return whether an entry is a number, the same in every state."""
+    return isinstance(entry, (int, float))
+
+
+def _constant_pivot(A: Matrix, pivot_rows: dict[int, int],
+                    smallest: list[float]) -> tuple[int, int] | None:
+    """
+    Return (row, column) of the best constant pivot, or None if there is none.
+
+    The best one is large beside the other constants of its row, and its row has few entries, so
+    that elimination fills few zeros.
+    """
+    pivot: tuple[int, int] | None = None
+    best_rank = -np.inf
     for r, row in enumerate(A):
-        if r in taken:
+        if r in pivot_rows.values():
             continue
-        constants = {c: abs(x) for c, x in enumerate(row)
-                     if c not in solved and isinstance(x, (int, float))}
-        top = max(constants.values(), default=0.0)
-        traced = any(c not in solved and not isinstance(x, (int, float))
-                     for c, x in enumerate(row))
-        if traced and top < ALONE:
+        unsolved = [c for c in range(len(row)) if c not in pivot_rows]
+        sizes = {c: abs(row[c]) for c in unsolved if _is_constant(row[c])}
+        largest = max(sizes.values(), default=0.0)
+        if len(sizes) < len(unsolved) and largest < ALONE:
             continue
-        for c, size in constants.items():
-            if size > least[r] and size >= PIVOT_THRESHOLD * top:
-                filled = sum(not is_zero(x) for x in row)
-                rank = (size / top - filled, r, c)
-                if best is None or rank[0] > best[0]:
-                    best = rank
-    return None if best is None else best[1:]
+        filled = sum(not is_zero(x) for x in row)
+        for c, size in sizes.items():
+            if size <= smallest[r] or size < PIVOT_THRESHOLD * largest:
+                continue
+            rank = size / largest - filled
+            if rank > best_rank:
+                best_rank = rank
+                pivot = (r, c)
+    return pivot
 
 
-def _triangular_blocks(A: Matrix,
-                       solved: dict[int, int]) -> list[tuple[list[int], list[int]]]:
+def _triangular_blocks(A: Matrix, pivot_rows: dict[int, int]
+                       ) -> list[tuple[list[int], list[int]]]:
     """Return rows and columns of the diagonal blocks; each depends on earlier columns only."""
-    n, taken = len(A), set(solved.values())
-    columns = {r: [c for c in range(n) if c not in solved and not is_zero(A[r][c])]
-               for r in range(n) if r not in taken}
-    owner: dict[int, int] = {}  # of a column: its row on the diagonal
-    for r in columns:
-        if not _matched(r, columns, owner, set()):
+    n = len(A)
+    rows = [r for r in range(n) if r not in pivot_rows.values()]
+    unsolved = [c for c in range(n) if c not in pivot_rows]
+    columns = {r: [c for c in unsolved if not is_zero(A[r][c])] for r in rows}
+    # A permutation with a full diagonal: each row gets a column in which it has an entry.
+    owner: dict[int, int] = {}  # of a column: its row
+    for r in rows:
+        if not _match(r, columns, owner, set()):
             raise ZeroDivisionError(r)
     column = {r: c for c, r in owner.items()}
-    blocks = _components({r: [owner[c] for c in columns[r]] for r in columns})
-    return [(sorted(block), sorted(column[r] for r in block)) for block in blocks]
+    # A row needs the rows that own the other columns in which it has entries. Rows that need one
+    # another are a block.
+    needs = {r: [owner[c] for c in columns[r]] for r in rows}
+    return [(sorted(block), sorted(column[r] for r in block)) for block in _components(needs)]
 
 
-def _matched(row: int, columns: dict[int, list[int]], owner: dict[int, int],
-             seen: set[int]) -> bool:
+def _match(row: int, columns: dict[int, list[int]], owner: dict[int, int],
+           visited: set[int]) -> bool:
     """Give a row a column of its own, moving other rows if needed; return whether it has one."""
     for c in columns[row]:
-        if c not in seen:
-            seen.add(c)
-            if c not in owner or _matched(owner[c], columns, owner, seen):
-                owner[c] = row
-                return True
+        if c in visited:
+            continue
+        visited.add(c)
+        if c not in owner or _match(owner[c], columns, owner, visited):
+            owner[c] = row
+            return True
     return False
 
 
 def _components(needs: dict[int, list[int]]) -> list[list[int]]:
-    """Return the strongly connected components of a graph, those needed by others first."""
+    """
+    Return the strongly connected components of a graph, those needed by others first.
+
+    Tarjan's algorithm: `lowest` is the smallest number of an open node that a node reaches.
+    """
     number: dict[int, int] = {}
     lowest: dict[int, int] = {}
-    open_: list[int] = []
-    found: list[list[int]] = []
+    open_nodes: list[int] = []
+    components: list[list[int]] = []
 
     def visit(node: int) -> None:
         number[node] = lowest[node] = len(number)
-        open_.append(node)
-        for other in needs[node]:
-            if other not in number:
-                visit(other)
-                lowest[node] = min(lowest[node], lowest[other])
-            elif other in open_:
-                lowest[node] = min(lowest[node], number[other])
-        if lowest[node] == number[node]:
-            place = open_.index(node)
-            found.append(open_[place:])
-            del open_[place:]
+        open_nodes.append(node)
+        for neighbour in needs[node]:
+            if neighbour not in number:
+                visit(neighbour)
+                lowest[node] = min(lowest[node], lowest[neighbour])
+            elif neighbour in open_nodes:
+                lowest[node] = min(lowest[node], number[neighbour])
+        if lowest[node] == number[node]:  # the first node of its component
+            place = open_nodes.index(node)
+            components.append(open_nodes[place:])
+            del open_nodes[place:]
+
     for node in needs:
         if node not in number:
             visit(node)
-    return found
+    return components
 
 
 def _block_unknowns(A: Matrix, B: Matrix, C: Matrix, X: Matrix) -> Matrix:
     """Return A^-1 (B - C X) or A^-1 B - (A^-1 C) X, whichever takes fewer multiplications."""
     m = len(A)
-    b, c, x = ([[not is_zero(entry) for entry in row] for row in part] for part in (B, C, X))
-    products = [[c[r][k] and x[k][s] for k in range(len(X))] for r in range(m)
-                for s in range(len(B[0]))]
-    filled = sum(any(row) or b[r][s] for row, (r, s) in zip(products, np.ndindex(m, len(B[0]))))
-    apart = m * (np.sum(b) + np.sum(c) + np.sum(x))
-    if apart < np.sum(products) + m * filled:
+    k = len(B[0])
+    b, c, x = _filled(B, k), _filled(C, len(X)), _filled(X, k)
+    products = c.astype(int) @ x.astype(int)  # of each entry of C X
+    together = products.sum() + m * np.sum((products > 0) | b)
+    apart = m * (b.sum() + c.sum() + x.sum())
+    if apart < together:
         both = _block_solution(A, [[*row, *factors] for row, factors in zip(B, C)])
-        k = len(B[0])
         return [_minus_combination(row[:k], row[k:], X) for row in both]
-    return _block_solution(A, [_minus_combination(*row, X) for row in zip(B, C)])
+    right = [_minus_combination(row, factors, X) for row, factors in zip(B, C)]
+    return _block_solution(A, right)
 
 
-def _minus_combination(row: list[Any], factors: list[Any], X: Matrix) -> list[Any]:
+def _filled(A: Matrix, columns: int) -> NDArray[np.bool_]:
+    """Return which entries are not structurally zero; A may have no rows."""
+    flags = [[not is_zero(entry) for entry in row] for row in A]
+    return np.array(flags, dtype=bool).reshape(len(A), columns)
+
+
+def _minus_combination(row: Row, factors: Row, X: Matrix) -> Row:
     """Return row - factors @ X."""
     for factor, known in zip(factors, X):
-        row = [_minus_product(x, factor, y) for x, y in zip(row, known)]
+        row = _minus_multiple(row, factor, known)
     return row
 
 
 def _block_solution(A: Matrix, B: Matrix) -> Matrix:
-    """Solve a block without constant pivots."""
+    """Return A^-1 B of a block without constant pivots."""
     n = len(A)
     if n > 3:
         return _solve_by_gram_schmidt(A, B)
-    minors = ([[1.0]] if n == 1 else
-              [[_minor(A, r, c) for r in range(n)] for c in range(n)])
-    scale = 1.0 / sum(A[0][c] * minors[c][0] for c in range(n))
-    return [_combination([_product(scale, x) for x in row], B) for row in minors]
+    if n == 1:
+        adjugate: Matrix = [[1.0]]
+    else:
+        adjugate = [[_cofactor(A, r, c) for r in range(n)] for c in range(n)]
+    determinant = sum(A[0][c] * adjugate[c][0] for c in range(n))
+    scale = 1.0 / determinant
+    return [_combination(_scaled(scale, row), B) for row in adjugate]
 
 
-def _minor(A: Matrix, row: int, column: int) -> Any:
+def _cofactor(A: Matrix, row: int, column: int) -> Any:
     """Return the cofactor of an entry of a 2 x 2 or 3 x 3 matrix."""
-    rest = [[x for c, x in enumerate(line) if c != column] for r, line in enumerate(A) if r != row]
-    value = rest[0][0]
-    if len(rest) == 2:
-        value = rest[0][0] * rest[1][1] - rest[0][1] * rest[1][0]
+    rows = [r for r in range(len(A)) if r != row]
+    columns = [c for c in range(len(A)) if c != column]
+    minor = _part(A, rows, columns)
+    value = minor[0][0]
+    if len(minor) == 2:
+        value = minor[0][0] * minor[1][1] - minor[0][1] * minor[1][0]
     return value if (row + column) % 2 == 0 else -value
 
 
 def _solve_by_gram_schmidt(A: Matrix, B: Matrix) -> Matrix:
-    """Solve by modified Gram-Schmidt, A^T = Q R: X = Q R^-T B."""
+    """Return A^-1 B by modified Gram-Schmidt, A^T = Q R: X = Q R^-T B."""
     n = len(A)
     basis: Matrix = []  # rows of Q^T
     weights: Matrix = []  # rows of R^-T B
     for k in range(n):
-        row, weight = list(A[k]), list(B[k])
+        row = list(A[k])
+        weight = list(B[k])
         for _ in range(2):  # twice: orthogonal to rounding even for nearly dependent rows
-            for unit, share in zip(basis, weights):
+            for unit, unit_weight in zip(basis, weights):
                 along = _dot(row, unit)
-                row = [_minus_product(x, along, y) for x, y in zip(row, unit)]
-                weight = [_minus_product(x, along, y) for x, y in zip(weight, share)]
+                row = _minus_multiple(row, along, unit)
+                weight = _minus_multiple(weight, along, unit_weight)
         scale = 1.0 / np.sqrt(_dot(row, row))
-        basis.append([_product(scale, x) for x in row])
-        weights.append([_product(scale, x) for x in weight])
+        basis.append(_scaled(scale, row))
+        weights.append(_scaled(scale, weight))
     return [_combination([unit[c] for unit in basis], weights) for c in range(n)]
 
 
-def _dot(a: list[Any], b: list[Any]) -> Any:
+# ---------------------------------------------------------------- rows without zero arithmetic
+
+def _dot(a: Row, b: Row) -> Any:
     total: Any = 0.0
     for x, y in zip(a, b):
         if not (is_zero(x) or is_zero(y)):
@@ -231,14 +288,17 @@ def _dot(a: list[Any], b: list[Any]) -> Any:
     return total
 
 
-def _combination(weights: list[Any], rows: Matrix) -> list[Any]:
+def _combination(weights: Row, rows: Matrix) -> Row:
+    """Return weights @ rows."""
     return [_dot(weights, [row[c] for row in rows]) for c in range(len(rows[0]))]
 
 
-def _product(a: Any, b: Any) -> Any:
-    return 0.0 if is_zero(a) or is_zero(b) else a * b
+def _scaled(scale: Any, row: Row) -> Row:
+    return [0.0 if is_zero(scale) or is_zero(x) else scale * x for x in row]
 
 
-def _minus_product(x: Any, factor: Any, y: Any) -> Any:
-    """Return x - factor y."""
-    return x if is_zero(factor) or is_zero(y) else x - factor * y
+def _minus_multiple(row: Row, factor: Any, other: Row) -> Row:
+    """Return row - factor other."""
+    if is_zero(factor):
+        return row
+    return [x if is_zero(y) else x - factor * y for x, y in zip(row, other)]
