@@ -14,7 +14,7 @@ from kane_dynamics._util.resources import package_version
 from kane_dynamics.cli.arguments import ADD
 from kane_dynamics.cli.examples import EXAMPLES
 from kane_dynamics.cli.wording import in_options
-from kane_dynamics.errors import KaneError
+from kane_dynamics.errors import InputError, KaneError
 
 # Description of each command; its module and function in `cli.commands`.
 COMMANDS = {
@@ -65,6 +65,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if rest and options.command != 'demo':
         _unknown(parser, options)
     try:
+        if sys.stdout is None:
+            raise InputError('standard output: closed; expected an open one')
         module, function = options.run.split('.')  # import only the chosen command
         commands = import_module(f'kane_dynamics.cli.commands.{module}')
         code = int(getattr(commands, function)(options) or 0)

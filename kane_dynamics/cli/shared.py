@@ -38,6 +38,8 @@ ROUNDING = 1e-13  # relative to the largest number of a table
 def source_of(options: Namespace) -> str | bytes:
     """Return the URDF for load_urdf: a path, or its text from standard input or from xacro."""
     if options.urdf == '-':
+        if sys.stdin is None:
+            raise InputError('standard input: closed; expected a URDF')
         options.urdf = sys.stdin.buffer.read()  # standard input can be read only once
     if options.xacro:
         options.urdf = expand_xacro(options.urdf, arguments_of(options.xacro))

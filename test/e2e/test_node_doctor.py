@@ -58,7 +58,7 @@ def test_a_weak_arm_and_an_invalid_configuration_are_reported_by_name(tmp_path):
     code, found = doctor(path, '--config', str(wrong))
     assert code == 1
     for words in ("the arm cannot hold itself in every configuration: 'lift'",
-                  "parameter 'mod': unknown and ignored; did you mean 'mode'?",
+                  "parameter 'mod': unknown and ignored; expected 'mode'",
                   "parameter 'gains.kp': -1.0"):
         assert words in found['problem']
     wrong.write_text('/**: {ros__parameters: {gravity: [0, 0, 9.81], joints: [turn, elbow]}}')

@@ -114,8 +114,8 @@ def test_an_invalid_initial_parameter_ends_the_process_with_the_reason(start, wo
 
 def test_an_unknown_parameter_gives_a_warning(start):
     node = start(robot_description="''", state_timout=0.2)
-    node.wait_for("parameter 'state_timout': unknown and ignored; did you mean "
-                  "'state_timeout'?")
+    node.wait_for("parameter 'state_timout': unknown and ignored; expected "
+                  "'state_timeout'")
 
 
 def test_names_follow_namespace_and_remapping(client, start):

@@ -30,7 +30,7 @@ def resolve_path(parameter: str, name: str) -> Path:
             return resource_path(folder, file)
         try:
             path = Path(get_package_share_directory(package)) / rest
-        except (PackageNotFoundError, ValueError):
+        except (PackageNotFoundError, ValueError, OSError):
             raise InputError(f"parameter '{parameter}': package '{package}' of '{name}' is not "
                              'installed; expected an installed package') from None
     else:

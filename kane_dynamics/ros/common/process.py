@@ -13,7 +13,7 @@ import sys
 import threading
 from typing import Any, TypeVar
 
-from kane_dynamics.errors import KaneError
+from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.ros.common.early_signals import SIGNALS
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -97,7 +97,7 @@ def stop_on_signal(stop: Future) -> None:
     threading.Thread(target=wait, name='signals', daemon=True).start()
 
 
-def run_until_signal(run: Callable[[Future], int], arguments: Sequence[str] | None) -> int:
+def run_until_signal(run: Callable[[Future], int], arguments: Sequence[str]) -> int:
     """
     Initialize rclpy, call `run`, shut rclpy down, and return the exit code.
 
@@ -105,14 +105,23 @@ def run_until_signal(run: Callable[[Future], int], arguments: Sequence[str] | No
     ----------
     run : callable
         Receives a future that a signal completes; returns the exit code.
-    arguments : sequence of str, optional
-        Command-line arguments; default: those of this process.
+    arguments : sequence of str
+        The program and its arguments.
+
+    Raises
+    ------
+    InputError
+        An argument for ROS is invalid.
 
     """
     stop = Future()
     stop_on_signal(stop)
-    rclpy.init(args=None if arguments is None else list(arguments),
-               signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # several classes of rclpy
+        reason = str(error).partition(', at /')[0]
+        raise InputError(f'arguments: {reason}; expected arguments of ROS 2 after '
+                         '--ros-args') from None
     try:
         return run(stop)
     finally:

@@ -1,6 +1,6 @@
 """The checks of `kane-dynamics doctor` for a parameter file of the dynamics node."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,13 +18,13 @@ from kane_dynamics.ros.monitors.optional_topics import check_optional_topics
 from kane_dynamics.ros.parameters.parameter_checks import (controller_settings, FOREIGN, FRAMES,
                                                            per_joint, read, unknown_parameters,
                                                            with_prefix)
+from kane_dynamics.ros.parameters.parameter_files import parameter_blocks, WILDCARD
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
 from kane_dynamics.ros.plant.plant_parameters import SPECS as PLANT_SPECS
 from kane_dynamics.ros.torque_path.gravity_payload import parameter_loads
 import numpy as np
-import yaml
 
-WILDCARD = '/**'  # parameters of all nodes
+PROGRAM = 'dynamics_node'  # which runs the node kane_dynamics
 PLANT_PARAMETERS = frozenset(spec.name for spec in PLANT_SPECS)
 # Values that disable the checks of check_optional_topics.
 DISABLED: dict[str, Any] = {'wrench.frames': (), 'observer.enabled': False,
@@ -105,15 +105,15 @@ class ConfigurationExamination:
     def __init__(self, where: str, block: ParameterBlock) -> None:
         self._where, self._block = where, block
         self.found: list[Finding] = []
+        self._loads = True  # whether the node would load the arm
+        self._joints_known = True
+        self._check_node_name()
         for warning in unknown_parameters(list(block.own), BY_NAME):
             self._find('problem', warning)
 
     def robot(self, urdf: str, prefix: str, told: Collection[str]) -> Robot | None:
         """Check the block; return the robot that the node would load, None if it cannot."""
-        values = {name: self._attempt(read, spec, self._block.given.get(name, spec.default))
-                  for name, spec in BY_NAME.items()}
-        if any(value is None for value in values.values()):
-            return None
+        values = self._read_values()
         values = with_prefix(values | {'prefix': prefix or values['prefix']})
         gravity = values['gravity']
         if gravity[2] > 0.0 or not np.isclose(np.linalg.norm(gravity), 9.81, 0.01):
@@ -121,23 +121,86 @@ class ConfigurationExamination:
                        'upright base')
         warnings: list[str] = []
         model = self._load(values, urdf, warnings)
-        robot = None if model is None else self._fit(values, model)
+        robot = None
+        if model is not None:
+            robot = self._fit(values, model)
+            self._compare_urdf(values, model, urdf)
         if not self.found:
             self._find('fine', 'all parameters are known and fit the arm')
+        self._describe_launch(values)
         for warning in warnings:
             if warning not in told:
                 self._find('warning', f'URDF: {warning}')
-        return robot
+        return robot if self._loads else None
+
+    def _read_values(self) -> dict[str, Any]:
+        """Return the values of all parameters; invalid ones are reported, and have defaults."""
+        values = {}
+        for name, spec in BY_NAME.items():
+            value = self._attempt(read, spec, self._block.given.get(name, spec.default))
+            if value is None:
+                self._loads = False
+                value = read(spec, spec.default)
+            values[name] = value
+        return values
 
     def _load(self, values: dict[str, Any], urdf: str, warnings: list[str]) -> Model | None:
-        """Return the model; clear parameters in `values` whose files do not exist."""
+        """
+        Return the model; clear parameters in `values` whose files do not exist.
+
+        If it cannot be loaded, return that of the whole arm, with which further parameters are
+        checked.
+        """
         for name in ('urdf', 'supplement', 'constraints'):
             if values[name] and self._attempt(resolve_path, name, values[name]) is None:
                 values[name] = ''
+                self._loads = False
         source: str | Path = values['robot_description'] or (
             resolve_path('urdf', values['urdf']) if values['urdf'] else urdf)
         model: Model | None = self._attempt(load_model, source, values, warnings.append)
-        return model
+        if model is not None:
+            return model
+        self._loads = self._joints_known = False
+        values.update(joints=(), base='', tip='', supplement='', constraints='')
+        try:
+            return load_model(source, values, warnings.append)
+        except KaneError:  # already reported
+            return None
+
+    def _compare_urdf(self, values: Mapping[str, Any], model: Model, urdf: str) -> None:
+        """Report an examined URDF that is not the one that the parameters name."""
+        parameter = 'robot_description' if values['robot_description'] else 'urdf'
+        if not values[parameter]:
+            return
+        try:
+            same = load_model(urdf, {**values, 'xacro_arguments': ()},
+                              lambda warning: None).digest() == model.digest()
+        except KaneError:
+            same = False
+        if not same:
+            what = f"'{values['urdf']}'" if parameter == 'urdf' else 'another URDF'
+            self._find('problem', f"parameter '{parameter}': {what} is loaded, not the examined "
+                       'URDF; expected that of the same arm, or to launch with urdf:=')
+
+    def _describe_launch(self, values: Mapping[str, Any]) -> None:
+        """Report what a launch loads, for which node, and which parameters take effect."""
+        if not self._loads:
+            return
+        node = 'every node' if self._block.node == WILDCARD else f'node {self._block.node}'
+        if values['robot_description']:
+            source = 'the URDF of robot_description'
+        elif values['urdf']:
+            source = f"'{resolve_path('urdf', values['urdf'])}'"
+        else:
+            source = 'the URDF of the launch argument urdf or of topic robot_description'
+        for name in ('supplement', 'constraints'):
+            if values[name]:
+                source += f", {name} '{resolve_path(name, values[name])}'"
+        changed = [name for name, value in self._block.given.items() if name in BY_NAME
+                   and not np.array_equal(read(BY_NAME[name], value),
+                                          read(BY_NAME[name], BY_NAME[name].default))]
+        effect = f'other than default: {", ".join(changed)}' if changed else 'all as by default'
+        self._find('fine', f'{node} loads {source}; parameters {effect}')
 
     def _fit(self, values: dict[str, Any], model: Model) -> Robot:
         """Check the parameters against the robot; return it, with rigid links."""
@@ -147,12 +210,8 @@ class ConfigurationExamination:
         robot: Robot = self._attempt(Robot, rigid, **options) or Robot(rigid)
         if model.flexible:
             self._attempt(lambda: QuasiStatic(flexible_robot(model, options)))
-        joints = robot.joint_names
-        for spec in SPECS:
-            part = spec.name.partition('.')[0]
-            if spec.kind == 'per_joint' and values.get(f'{part}.enabled', True):
-                self._attempt(per_joint, values, spec.name, joints, 0.0)
-        self._attempt(controller_settings, values, joints)
+        if self._joints_known:
+            self._check_lists(values, robot.joint_names)
         for name in DISABLED:
             self._attempt(check_optional_topics, {**values, **DISABLED, name: values[name]}, robot)
         if values['imu.topic']:
@@ -163,6 +222,25 @@ class ConfigurationExamination:
         if loads is not None:
             loads.apply(robot)
         return robot
+
+    def _check_node_name(self) -> None:
+        """Report a block that takes no effect because of its name."""
+        name = self._block.node.rpartition('/')[2]
+        if name == PROGRAM:
+            self._loads = False
+            self._find('problem', f"'{name}': the program, whose parameters take no effect; "
+                       f'expected the name of its node, {PACKAGE}, or {WILDCARD}')
+        elif self._block.node != WILDCARD and name != PACKAGE:
+            self._find('warning', f'takes effect only for a node of this name (-r __node:={name})'
+                       f'; expected {PACKAGE}, the name in the launch file')
+
+    def _check_lists(self, values: Mapping[str, Any], joints: Sequence[str]) -> None:
+        """Report lists that do not have an entry for every joint."""
+        for spec in SPECS:
+            part = spec.name.partition('.')[0]
+            if spec.kind == 'per_joint' and values.get(f'{part}.enabled', True):
+                self._attempt(per_joint, values, spec.name, joints, 0.0)
+        self._attempt(controller_settings, values, joints)
 
     def _check_frames(self, values: dict[str, Any], model: Model) -> None:
         """Report frames that do not exist, and replace them for the further checks."""
@@ -198,44 +276,19 @@ class ConfigurationExamination:
 
 def _blocks(path: Path) -> list[ParameterBlock]:
     """Return the parameter blocks of dynamics nodes, merged as in ROS 2."""
-    try:
-        data = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f'{path}: {error}') from None
-    nodes = dict(_nodes('', data))
+    nodes = parameter_blocks(path)
     ours = {node: own for node, own in nodes.items() if _is_ours(node, own)}
     if not ours:
-        others = f'ros__parameters of {listed(nodes)}' if nodes else 'no ros__parameters'
-        raise InputError(f'{path}: {others}; expected ros__parameters of a dynamics node, such as '
-                         f'{PACKAGE}, or {WILDCARD}')
+        raise InputError(f'{path}: ros__parameters of {listed(nodes)}; expected ros__parameters '
+                         f'of a dynamics node, such as {PACKAGE}, or {WILDCARD}')
     shared = ours.get(WILDCARD, {})
     return [ParameterBlock(node, own, {**shared, **own}) for node, own in ours.items()]
-
-
-def _nodes(node: str, data: Any) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the full names of nodes and their parameters."""
-    if not isinstance(data, Mapping):
-        return
-    for key, value in data.items():
-        if key != 'ros__parameters':
-            yield from _nodes(f"{node}/{str(key).strip('/')}", value)
-        elif node and isinstance(value, Mapping):
-            yield node, dict(_flat('', value))
-
-
-def _flat(prefix: str, block: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the dotted names and the values of parameters."""
-    for key, value in block.items():
-        if isinstance(value, Mapping):
-            yield from _flat(f'{prefix}{key}.', value)
-        else:
-            yield f'{prefix}{key}', value
 
 
 def _is_ours(node: str, own: Mapping[str, Any]) -> bool:
     """Return whether a block is of a dynamics node, by name or by its parameters."""
     name = node.rpartition('/')[2]
-    if node == WILDCARD or name == PACKAGE:
+    if node == WILDCARD or name in (PACKAGE, PROGRAM):
         return True
     given = {each for each in own if each.partition('.')[0] not in FOREIGN}
     known = len(given & BY_NAME.keys())

@@ -12,6 +12,17 @@ SWITCH_INTERVAL = 5e-5
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `dynamics_node`; return the exit code."""
     exit_on_signal()
+    from kane_dynamics.ros.common.program_arguments import Program, run_program
+    program = Program(
+        'dynamics_node', 'kane_dynamics',
+        'Publish the torques of an arm for each of its joint states.',
+        ('--ros-args -p urdf:=arm.urdf', '--ros-args --params-file arm.yaml',
+         '--ros-args -p urdf:=arm.urdf -r commands:=/forward_effort_controller/commands'))
+    return run_program(program, arguments, run_node)
+
+
+def run_node(arguments: Sequence[str]) -> int:
+    """Run the node with checked arguments; return the exit code."""
     from kane_dynamics.ros.common.process import run_until_signal
     from kane_dynamics.ros.dynamics_node.spinning import run
     sys.setswitchinterval(SWITCH_INTERVAL)

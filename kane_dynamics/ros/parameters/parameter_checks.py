@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Mapping, Sequence
 import difflib
 import math
+import re
 from typing import Any
 
 from kane_dynamics.control.controller import Terms
@@ -130,11 +131,33 @@ def unknown_parameters(given: Sequence[str], known: Collection[str]) -> list[str
     for name in given:
         if name in known or name.split('.')[0] in FOREIGN:
             continue
-        near = difflib.get_close_matches(name, known, n=1)
-        warnings.append(f"parameter '{name}': unknown and ignored"
-                        + (f"; did you mean '{near[0]}'?" if near else
-                           '; expected a parameter of the node'))
+        near = similar_parameter(name, known)
+        expected = f"'{near}'" if near else 'a parameter of the node'
+        warnings.append(f"parameter '{name}': unknown and ignored; expected {expected}")
     return warnings
+
+
+def similar_parameter(name: str, known: Collection[str]) -> str:
+    """
+    Return the known parameter that is most similar to a name; empty if none is similar.
+
+    Names that have the words of `name` in any order come first (``kp``: ``gains.kp``,
+    ``effort_limit``: ``limits.effort``), the shortest of them; then similar spellings, also of
+    the last word.
+    """
+    wanted = _words(name)
+    same_words = [candidate for candidate in known if wanted <= _words(candidate)]
+    if same_words:
+        return min(same_words, key=len)
+    by_spelling = {candidate.rpartition('.')[2]: candidate for candidate in known}
+    by_spelling |= {candidate: candidate for candidate in known}
+    near = difflib.get_close_matches(name, by_spelling, n=1)
+    return by_spelling[near[0]] if near else ''
+
+
+def _words(name: str) -> set[str]:
+    """Return the stems of the words of a parameter's name."""
+    return {word[:6].rstrip('s') for word in re.split(r'[._/-]', name.lower()) if word}
 
 
 def per_joint(values: Mapping[str, Any], name: str, joints: Sequence[str],

@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState
 
 URDF = Path(resource_path('urdf', 'two_link.urdf')).read_text(encoding='utf-8')
 FITS = 'all parameters are known and fit the arm'
+LOADS = 'loads the URDF of the launch argument urdf or of topic robot_description'
 POSE = [0.3, 0.5]
 NOW = 1_000 * NANO
 
@@ -42,7 +43,9 @@ def test_blocks_of_other_nodes_are_ignored(examine):
         plant: {ros__parameters: {urdf: no.urdf}}
         simulator: {ros__parameters: {urdf: no.urdf, supplement: no.yaml, rate: 500.0}}
         kane_dynamics: {ros__parameters: {mode: computed_torque}}""")
-    assert found == [('fine', f'arm.yaml, /kane_dynamics: {FITS}')]
+    block, changed = 'arm.yaml, /kane_dynamics', 'parameters other than default: mode'
+    assert found == [('fine', f'{block}: {FITS}'),
+                     ('fine', f'{block}: node /kane_dynamics {LOADS}; {changed}')]
     with pytest.raises(InputError, match='ros__parameters of /controller_manager; expected'):
         examine('controller_manager: {ros__parameters: {update_rate: 500, mode: x}}')
     with pytest.raises(InputError, match='no ros__parameters; expected'):
@@ -59,8 +62,12 @@ def test_each_arm_of_a_file_is_checked_separately(examine):
     (level, words), *others = found
     assert level == 'problem'
     assert words.startswith("arm.yaml, /left/kane_dynamics: parameter 'mode': 'comptued_torque'")
-    assert others == [('fine', f'arm.yaml, {name}: {FITS}')
-                      for name in ('/right/kane_dynamics', '/third/arm_feedforward')]
+    assert [words.partition('; ')[0] for level, words in others if level == 'fine'] == [
+        f'arm.yaml, /right/kane_dynamics: {FITS}',
+        f'arm.yaml, /right/kane_dynamics: node /right/kane_dynamics {LOADS}',
+        f'arm.yaml, /third/arm_feedforward: node /third/arm_feedforward {LOADS}']
+    warning, = [words for level, words in others if level == 'warning']
+    assert 'takes effect only for a node of this name (-r __node:=arm_feedforward)' in warning
     assert robot.joint_names == ('right_joint2',)
 
 
@@ -68,7 +75,8 @@ def test_the_robot_is_that_of_the_file(examine):
     found, robot = examine("""
         /**: {ros__parameters: {tip: link1, limits: {effort: [9.0]}, gravity: [0, 0, -9.8],
               payload: {frame: link1, mass: 2.0, com: [0.5, 0, 0]}}}""", prefix='left_')
-    assert found == [('fine', f'arm.yaml: {FITS}')]
+    assert [words.partition('; ')[0] for _, words in found] == [
+        f'arm.yaml: {FITS}', f'arm.yaml: every node {LOADS}']
     assert robot.joint_names == ('left_joint1',)
     bare = load_urdf(URDF, tip='link1', gravity=(0, 0, -9.8))
     np.testing.assert_allclose(robot.gravity_force([0.0]),
@@ -99,7 +107,39 @@ def test_unused_parameters_are_not_checked(examine):
     found, _ = examine("""
         /**: {ros__parameters: {observer: {threshold: [1.0], frame: paw}, imu: {frame: ear},
               estimator: {torque_deviation: [1.0]}, use_sim_time: true}}""")
-    assert found == [('fine', f'arm.yaml: {FITS}')]
+    assert found[0] == ('fine', f'arm.yaml: {FITS}')
+
+
+def test_parameters_of_the_program_instead_of_its_node_are_a_problem(examine):
+    found, robot = examine('dynamics_node: {ros__parameters: {mode: computed_torque}}')
+    assert robot is None
+    (level, words), = found
+    assert level == 'problem'
+    assert 'expected the name of its node, kane_dynamics, or /**' in words
+
+
+def test_a_file_that_loads_another_arm_is_a_problem_and_says_which(examine):
+    text = '/**: {ros__parameters: {urdf: "package://kane_dynamics/urdf/%s.urdf"}}'
+    found, _ = examine(text % 'ur10e')
+    (level, words), (_, launch) = found
+    assert level == 'problem'
+    assert "ur10e.urdf' is loaded, not the examined URDF" in words
+    assert f"every node loads '{resource_path('urdf', 'ur10e.urdf')}'" in launch
+    found, _ = examine(text % 'two_link')
+    assert {level for level, _ in found} == {'fine'}
+
+
+def test_problems_of_other_parameters_are_reported_beside_unknown_joints(examine):
+    found, robot = examine("""
+        /**: {ros__parameters: {joints: [a, b, c], mode: fly, kp: 5.0, gains: {kd: -1.0},
+              payload: {frame: claw}, observer: {enabled: true, frame: paw}}}""")
+    text = '\n'.join(words for _, words in found)
+    assert robot is None
+    for words in ("joints: 'a' is no joint", "'mode': 'fly'", "'gains.kd': -1.0",
+                  "'kp': unknown and ignored; expected 'gains.kp'", "'payload.frame': claw",
+                  "'observer.frame': paw"):
+        assert words in text, text
+    assert len(found) == 6
 
 
 def states(stamp=None, now=NOW, names=('joint2', 'joint1'), count=200, **arrays):

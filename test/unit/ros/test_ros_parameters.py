@@ -7,7 +7,9 @@ import re
 from kane_dynamics import load_urdf
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.configuration_files import resolve_path
-from kane_dynamics.ros.parameters.parameter_checks import per_joint, read, unknown_parameters
+from kane_dynamics.ros.parameters.parameter_checks import (per_joint, read,
+                                                           similar_parameter,
+                                                           unknown_parameters)
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
 from kane_dynamics.ros.plant import plant_parameters as plant_specs
 import numpy as np
@@ -86,7 +88,16 @@ def test_an_unknown_parameter_gives_the_most_similar_name():
     known = ['state_timeout', 'use_sim_time', 'qos_overrides./clock.depth']
     assert unknown_parameters(known, BY_NAME) == []
     warning, = unknown_parameters(['gains.pk'], BY_NAME)
-    assert "did you mean 'gains.kp'" in warning
+    assert warning == "parameter 'gains.pk': unknown and ignored; expected 'gains.kp'"
+
+
+@pytest.mark.parametrize(('name', 'similar'), [
+    ('kp', 'gains.kp'), ('effort_limit', 'limits.effort'), ('max_effort', 'limits.effort'),
+    ('payload_mass', 'payload.mass'), ('joint_names', 'joints'), ('urdf_path', 'urdf'),
+    ('gravity_compensation', 'compensate.gravity'), ('robot_descripton', 'robot_description'),
+    ('foo', '')])
+def test_similar_parameters_have_the_same_words_or_a_similar_spelling(name, similar):
+    assert similar_parameter(name, BY_NAME) == similar
 
 
 def test_a_package_that_is_not_installed_is_named():

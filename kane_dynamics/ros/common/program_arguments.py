@@ -1,0 +1,202 @@
+"""
+Check the command line of a node before it starts.
+
+rclpy ignores arguments that are not behind ``--ros-args``, and parameters of other nodes: a node
+would run without them, and wait for ever for a URDF that they name.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import sys
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.ros.parameters.parameter_files import (parameter_blocks, takes_effect,
+                                                          WILDCARD)
+
+ROS_ARGUMENTS = '--ros-args'
+INVALID = 2  # exit code of an invalid command line
+OPTIONS_OF_ROS = ('-p', '--param', '-r', '--remap', '--params-file', '-e', '--enclave',
+                  '--log-level', '--log-config-file')
+
+
+@dataclass(frozen=True)
+class Program:
+    """
+    A program that runs one node.
+
+    Attributes
+    ----------
+    name, node : str
+        Names of the executable and of its node.
+    purpose : str
+        One sentence for the help.
+    examples : tuple of str
+        Command lines for the help, without the program.
+
+    """
+
+    name: str
+    node: str
+    purpose: str
+    examples: tuple[str, ...]
+
+    @property
+    def help_text(self) -> str:
+        """Return the text for --help."""
+        usage = '--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...'
+        lines = [f'usage: {self.name} {usage}', '', self.purpose,
+                 f'Parameter files name the node, {self.node}, or {WILDCARD}.', '', 'examples:']
+        lines += [f'  {self.name} {example}' for example in self.examples]
+        return '\n'.join(lines)
+
+
+def run_program(program: Program, arguments: Sequence[str] | None,
+                run: Callable[[Sequence[str]], int]) -> int:
+    """
+    Check the command line, then run the program; return its exit code.
+
+    Parameters
+    ----------
+    program : Program
+    arguments : sequence of str, optional
+        The program and its arguments; default: those of this process.
+    run : callable
+        Imports what the node needs, and runs it with the arguments.
+
+    """
+    _open_standard_streams()
+    command_line = list(sys.argv if arguments is None else arguments)
+    outside, ros_arguments = split_arguments(command_line[1:])
+    if {'-h', '--help'} & {*outside, *ros_arguments}:
+        print(program.help_text)
+        return 0
+    try:
+        check_arguments(program, outside, ros_arguments)
+        return run(command_line)
+    except InputError as error:
+        print(f'{program.name}: {error}', file=sys.stderr)
+    except ModuleNotFoundError as error:
+        package = str(error.name).partition('.')[0]
+        if package == 'kane_dynamics':
+            raise
+        print(f"{program.name}: '{package}' is not installed; expected ROS 2 with this package, "
+              "from a sourced workspace or pip install 'kane_dynamics[ros]'", file=sys.stderr)
+    return INVALID
+
+
+def _open_standard_streams() -> None:
+    """Open closed standard streams; else a socket gets the number to which logs are written."""
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
+
+
+def split_arguments(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the arguments outside and behind ``--ros-args``, which ``--`` ends."""
+    outside: list[str] = []
+    ros_arguments: list[str] = []
+    active = outside
+    for argument in arguments:
+        if argument == ROS_ARGUMENTS:
+            active = ros_arguments
+        elif argument == '--' and active is ros_arguments:
+            active = outside
+        else:
+            active.append(argument)
+    return outside, ros_arguments
+
+
+def check_arguments(program: Program, outside: Sequence[str],
+                    ros_arguments: Sequence[str]) -> None:
+    """
+    Check the arguments of a program.
+
+    Parameters
+    ----------
+    program : Program
+    outside, ros_arguments : sequence of str
+        Arguments outside and behind ``--ros-args``.
+
+    Raises
+    ------
+    InputError
+        An argument would be ignored, or a parameter file is unusable or of other nodes.
+
+    """
+    if outside:
+        raise InputError(f"argument '{outside[0]}': outside of {ROS_ARGUMENTS}; expected "
+                         f'{program.name} {ROS_ARGUMENTS} {_intended(outside)}')
+    options = _options(ros_arguments)
+    node = _node_name(program, options)
+    for option, value in options:
+        if not option:
+            raise InputError(f"argument '{value}': after {ROS_ARGUMENTS}; expected {program.name} "
+                             f'{ROS_ARGUMENTS} {_intended([value])}')
+        if option == '--params-file':
+            _check_file(program, Path(value), node)
+        elif option in ('-p', '--param'):
+            _check_parameter(value, node)
+
+
+def _intended(outside: Sequence[str]) -> str:
+    """Return the arguments that were probably meant."""
+    first = outside[0]
+    if first in OPTIONS_OF_ROS:
+        return ' '.join(outside)
+    if ':=' in first:
+        return f'-p {first}'
+    if first.endswith(('.yaml', '.yml')):
+        return f'--params-file {first}'
+    if first.endswith(('.urdf', '.xacro')):
+        return f'-p urdf:={first}'
+    return '-p NAME:=VALUE ... (see --help)'
+
+
+def _options(ros_arguments: Sequence[str]) -> list[tuple[str, str]]:
+    """Return options of ROS with their values; an argument without option has an empty one."""
+    options = []
+    pending = ''
+    for argument in ros_arguments:
+        if pending:
+            options.append((pending, argument))
+            pending = ''
+        elif argument in OPTIONS_OF_ROS:
+            pending = argument
+        elif not argument.startswith('-'):
+            options.append(('', argument))
+    return options  # rclpy refuses other options, and those without a value
+
+
+def _node_name(program: Program, options: Sequence[tuple[str, str]]) -> str:
+    """Return the full name of the node after the remappings of the options."""
+    name, namespace = program.node, ''
+    for option, value in options:
+        rule, _, target = value.partition(':=')
+        if option in ('-r', '--remap'):
+            if rule.endswith(('__node', '__name')):
+                name = target
+            elif rule.endswith('__ns'):
+                namespace = target.rstrip('/')
+    return f'{namespace}/{name}'
+
+
+def _check_file(program: Program, path: Path, node: str) -> None:
+    """Raise InputError unless a file has parameters of the node."""
+    blocks = parameter_blocks(path)
+    if not any(takes_effect(block, node) for block in blocks):
+        raise InputError(f"parameter file '{path}': parameters of {', '.join(blocks)}; expected "
+                         f'those of {node}, the node of {program.name}, or of {WILDCARD}')
+
+
+def _check_parameter(rule: str, node: str) -> None:
+    """Raise InputError if a parameter has no value, or is of another node."""
+    target, separator, _ = rule.partition(':=')
+    block, _, _ = target.rpartition(':')
+    if not separator:
+        raise InputError(f"argument '-p {rule}': without ':='; expected -p NAME:=VALUE")
+    if block and not takes_effect(block, node) and block != node.rpartition('/')[2]:
+        raise InputError(f"argument '-p {rule}': a parameter of {block}; expected one of {node}")
