@@ -60,6 +60,7 @@ def run_program(program: Program, arguments: Sequence[str] | None,
     Parameters
     ----------
     program : Program
+        The program.
     arguments : sequence of str, optional
         The program and its arguments; default: those of this process.
     run : callable
@@ -118,6 +119,7 @@ def check_arguments(program: Program, outside: Sequence[str],
     Parameters
     ----------
     program : Program
+        The program.
     outside, ros_arguments : sequence of str
         Arguments outside and behind ``--ros-args``.
 
