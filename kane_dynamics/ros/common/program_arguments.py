@@ -12,8 +12,7 @@ from pathlib import Path
 import sys
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.ros.parameters.parameter_files import (parameter_blocks, takes_effect,
-                                                          WILDCARD)
+from kane_dynamics.ros.common.parameter_files import parameter_blocks, takes_effect, WILDCARD
 
 ROS_ARGUMENTS = '--ros-args'
 INVALID = 2  # exit code of an invalid command line

@@ -12,13 +12,13 @@ from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.configuration_files import (load_model, PACKAGE, resolve_path,
                                                           robot_options)
+from kane_dynamics.ros.common.parameter_files import parameter_blocks, WILDCARD
 from kane_dynamics.ros.monitors.contact_monitor import observed_frame
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics
 from kane_dynamics.ros.parameters.parameter_checks import (controller_settings, FOREIGN, FRAMES,
                                                            per_joint, read, unknown_parameters,
                                                            with_prefix)
-from kane_dynamics.ros.parameters.parameter_files import parameter_blocks, WILDCARD
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
 from kane_dynamics.ros.plant.plant_parameters import SPECS as PLANT_SPECS
 from kane_dynamics.ros.torque_path.gravity_payload import parameter_loads

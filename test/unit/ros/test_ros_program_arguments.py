@@ -8,7 +8,7 @@ import sys
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.program_arguments import (check_arguments, Program, run_program,
                                                         split_arguments)
-from kane_dynamics.ros.parameters.parameter_files import parameter_blocks, takes_effect
+from kane_dynamics.ros.common.parameter_files import parameter_blocks, takes_effect
 import pytest
 
 NODES = {'dynamics_node': 'kane_dynamics.ros.dynamics_node.main',
