@@ -29,6 +29,7 @@ from kane_dynamics.ros.services.trajectory_filling import FillSettings
 from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader, command_fault
 from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload, GravityAndPayload,
                                                            parameter_loads)
+from kane_dynamics.ros.torque_path.guard_messages import arm_digest
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
@@ -83,6 +84,7 @@ class ConfiguredRobot:
     def __init__(self, node: LifecycleNode, server: Services, model: Model,
                  values: Mapping[str, Any], statistics: Statistics,
                  warn: Callable[[str, str], None]) -> None:
+        self._digest = arm_digest(model, values)
         controller = path_controller(model, values)
         self.robot, bending = controller.robot, controller.bending
         model = self.robot.model
@@ -150,7 +152,8 @@ class ConfiguredRobot:
         self.optional_topics = OptionalTopics(node, server, self.path, values, self._now,
                                               self._reject, publisher, opened)
         self.guard = GuardLink(node, self.path, values['guard.lease'], opened,
-                               len(self.path.messages.joints)) if guarded else None
+                               len(self.path.messages.joints),
+                               self._digest) if guarded else None
         self.path.arbiter = self.guard
         self._distribute()
         self._states = node.create_subscription(

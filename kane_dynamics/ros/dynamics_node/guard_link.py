@@ -41,11 +41,15 @@ class GuardLink:
         Closes the topics.
     count : int
         Number of joints.
+    digest : float
+        Digest of the arm, which must be that of the guard.
 
     """
 
     def __init__(self, node: Node, path: TorquePath, lease: float, opened: ExitStack,
-                 count: int) -> None:
+                 count: int, digest: float) -> None:
+        self._digest = digest
+        self._guard = 0.0  # identity of the guard
         self._path, self._log = path, node.get_logger()
         self._shortest = SHARE * lease
         self._seen = 0.0  # time of the last heartbeat; 0: none yet
@@ -71,7 +75,8 @@ class GuardLink:
 
     def publish_loads(self, loads: GravityAndPayload) -> None:
         """Publish gravity and payload for the guard; callable from any thread."""
-        self._loads.publish(Float64MultiArray(data=loads_to_numbers(self._configuration, loads)))
+        self._loads.publish(Float64MultiArray(data=loads_to_numbers(
+            self._configuration, loads, self._digest)))
 
     @property
     def warning(self) -> str:
@@ -80,7 +85,8 @@ class GuardLink:
         if silent is not None and silent < LOST:
             return ''
         return ('torque_guard ' + ('not found' if silent is None else f'silent for {silent:.1f} s')
-                + ': the last torque would stay if this node died; start torque_guard')
+                + ': the last torque would stay if this node died; start torque_guard, or read in '
+                'its log why it does not guard')
 
     @property
     def overdue(self) -> bool:
@@ -159,8 +165,11 @@ class GuardLink:
         now = time.perf_counter()
         if not self._state.read(data):
             return
+        number, acting, commanded, guard, *_ = self._state.numbers.tolist()
+        if guard > self._guard > 0.0 and now - self._seen < LOST:
+            return  # of a second guard, which stops when it finds the first one
+        self._guard = guard
         first, self._seen = not self._seen, now
-        number, acting, commanded, *_ = self._state.numbers.tolist()
         if not self._asked:
             return
         if number != self._number:

@@ -12,7 +12,8 @@ from kane_dynamics.ros.guard.guard_path import GuardPath
 from kane_dynamics.ros.torque_path.cdr import float64_multi_array
 from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.guard_messages import FIELDS, REQUEST, STATE, STOPPED
+from kane_dynamics.ros.torque_path.guard_messages import (arm_digest, FIELDS, REQUEST, STATE,
+                                                          STOPPED)
 from kane_dynamics.ros.torque_path.path_controller import path_controller
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
@@ -42,7 +43,10 @@ class ConfiguredGuard:
     warn : callable
         Called with the reason and the details of each dropped state.
     report : callable
-        Called with each change between watching and commanding.
+        Called with level ('error' or 'info') and text of each change between watching and
+        commanding.
+    identity : float
+        Number of this guard, larger than those of guards that started before.
 
     Raises
     ------
@@ -52,7 +56,9 @@ class ConfiguredGuard:
     """
 
     def __init__(self, node: Node, target: str, model: Model, values: Mapping[str, Any],
-                 warn: Callable[[str, str], None], report: Callable[[str], None]) -> None:
+                 warn: Callable[[str, str], None], report: Callable[[str, str], None],
+                 identity: float) -> None:
+        self.digest, self._identity = arm_digest(model, values), identity
         controller = path_controller(model, values)
         self.robot, self.statistics = controller.robot, Statistics()
         self.verified = max(robot.verify() for robot in (
@@ -70,7 +76,7 @@ class ConfiguredGuard:
         self.path.start()
 
     def _open(self, node: Node, target: str, controller: Any, values: Mapping[str, Any],
-              warn: Callable[[str, str], None], report: Callable[[str], None],
+              warn: Callable[[str, str], None], report: Callable[[str, str], None],
               opened: ExitStack) -> None:
         """Open the topics and register them with `opened`."""
         def publisher(kind: Any, name: str) -> Any:
@@ -121,7 +127,8 @@ class ConfiguredGuard:
     def _send(self, number: float, acting: bool) -> None:
         """Send the state of the guard, as the answer to a request."""
         watch = self.path.watch
-        self._message.numbers[:FIELDS] = number, acting, watch.commanded_last
+        self._message.numbers[:FIELDS] = (number, acting, watch.commanded_last,
+                                          self._identity)
         self._message.numbers[FIELDS:] = watch.torque
         self._state.publish(self._message.serialized())
 
@@ -135,7 +142,7 @@ class ConfiguredGuard:
         acted = self.path.hand_over()
         self._send(float(self._request.numbers[0]), acted)
         if acted:
-            self._report('the dynamics node is back; watching it')
+            self._report('info', 'the dynamics node is back; watching it')
 
     def _on_deadline(self, event: Any) -> None:
         self.missed_deadlines += event.total_count_change
@@ -145,12 +152,17 @@ class ConfiguredGuard:
         if not self.node_alive:
             self.path.watch.check(time.perf_counter(), lost=True)
 
+    def abandon(self) -> None:
+        """Close the topics without zeros, because another guard commands."""
+        self.path.hand_over()
+        self.close()
+
     def close(self) -> None:
         """Command zeros if the guard commands, then close the topics."""
         acting = self.path.commanding
         self.path.stop()
         if acting and not self._commands.wait_for_all_acked(
                 Duration(seconds=ACKNOWLEDGE_TIMEOUT)):
-            self._report('commands: zeros not acknowledged by a subscriber within '
+            self._report('error', 'commands: zeros not acknowledged by a subscriber within '
                          f'{ACKNOWLEDGE_TIMEOUT} s')
         self._opened.close()

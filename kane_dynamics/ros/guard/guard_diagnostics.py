@@ -13,6 +13,7 @@ class DiagnosedGuard(Protocol):
 
     guard: ConfiguredGuard | None
     reason: str
+    refused: bool
     target: str
 
     def get_fully_qualified_name(self) -> str:
@@ -24,7 +25,8 @@ def guard_status(node: DiagnosedGuard, period: float) -> DiagnosticStatus:
     guard = node.guard
     name = f'{node.get_fully_qualified_name()}: guard'
     if guard is None:
-        return status(name, '', DiagnosticStatus.WARN, node.reason, {})
+        level = DiagnosticStatus.ERROR if node.refused else DiagnosticStatus.WARN
+        return status(name, '', level, node.reason, {})
     watch = guard.path.watch
     _, _, figures = guard.statistics.period(period)
     level, message = DiagnosticStatus.OK, f'watching {node.target}'

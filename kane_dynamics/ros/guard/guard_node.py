@@ -15,9 +15,9 @@ from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard
 from kane_dynamics.ros.guard.guard_diagnostics import guard_status
 from kane_dynamics.ros.guard.node_parameters import NodeParameters, SHARED, SIMULATED_TIME
-from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.guard_messages import (HEARTBEAT_PERIOD, LOADS,
-                                                          loads_from_numbers, LOADS_LENGTH)
+from kane_dynamics.ros.torque_path.guard_messages import (arm_digest, FIELDS, HEARTBEAT_PERIOD,
+                                                          LOADS, loads_from_numbers,
+                                                          LOADS_LENGTH, LOST, NodeLoads, STATE)
 import numpy as np
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
@@ -28,7 +28,12 @@ from std_msgs.msg import Float64MultiArray, String
 BACK = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1),
                      on_clock_change=False)
 FIXED = tuple(spec.name for spec in SHARED if not spec.live)
+DIFFERENT = ('{model}: another arm than that of {target}, so this guard does not hold it; '
+             'expected the same URDF, supplement and constraints for both processes')
+ANOTHER = ('another torque_guard guards this arm, so this one commands nothing until that one '
+           'ends; expected one guard for each arm')
 PERIOD = 0.02  # s between two checks of the joint states and of the dynamics node
+REMINDER = 10.0  # s between two log lines that say why the guard does not guard
 
 
 class GuardNode(Node):
@@ -36,7 +41,8 @@ class GuardNode(Node):
     The node `torque_guard`.
 
     It reads the parameters of the dynamics node whenever ~/loads of that node has a new id, and
-    builds the same robot. While its torque acts, a new configuration waits.
+    builds the same robot. While its torque acts, a new configuration waits. It refuses to guard an
+    arm of other equations of motion, and one that an older guard guards already.
     """
 
     def __init__(self) -> None:
@@ -49,7 +55,11 @@ class GuardNode(Node):
         self._warn = ThrottledWarning(self.get_logger())
         self._description = ''
         self._configuration = 0.0
-        self._loads: GravityAndPayload | None = None
+        self._loads: NodeLoads | None = None
+        self.refused = False  # whether this guard refuses to guard
+        self._identity = float(time.time_ns() // 1000)  # exact in a double until 2255
+        self._older_heard = -LOST  # time of the last message of an older guard, s
+        self._others_listed = 0.0  # since when the graph lists other guards, s; 0: it lists none
         self._values: Mapping[str, Any] = {}
         self._next: Mapping[str, Any] | None = None  # parameters that wait
         self._source = NodeParameters(self, self.target, self._on_parameters)
@@ -57,9 +67,11 @@ class GuardNode(Node):
         self.create_subscription(String, 'robot_description', self._on_description, LATCHED)
         self.create_subscription(Float64MultiArray, f'{self.target}/{LOADS}', self._on_loads,
                                  LATCHED)
+        self.create_subscription(Float64MultiArray, f'{self.target}/{STATE}',
+                                 self._on_guard_state, RELIABLE)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._reported = time.monotonic()
+        self._reported = self._reminded = time.monotonic()
         self.create_timer(HEARTBEAT_PERIOD, self._heartbeat, clock=steady)
         self.create_timer(PERIOD, self._check, clock=steady)
 
@@ -75,12 +87,43 @@ class GuardNode(Node):
             self._warn(LOADS, f'{len(message.data)} numbers; expected {LOADS_LENGTH}, from a node '
                        'of the same version')
             return
-        configuration, self._loads = loads_from_numbers(np.array(message.data))
-        if configuration != self._configuration:
-            self._configuration = configuration
+        self._loads = loads_from_numbers(np.array(message.data))
+        if self._loads.configuration != self._configuration:
+            self._configuration = self._loads.configuration
             self._source.request()
         elif self.guard is not None:
-            self.guard.set_loads(self._loads)
+            self.guard.set_loads(self._loads.loads)
+
+    def _on_guard_state(self, message: Float64MultiArray) -> None:
+        """Stop guarding if an older guard guards the same arm."""
+        if len(message.data) < FIELDS or message.data[FIELDS - 1] >= self._identity:
+            return  # of this guard, or of a younger one, which stops
+        self._older_heard = time.monotonic()
+        if self.guard is not None:
+            self._refuse(ANOTHER)
+            self._next = self._next or self._values
+            guard, self.guard = self.guard, None
+            guard.abandon()
+
+    def _other_guards(self) -> bool:
+        """Return whether an older guard guards the arm, or may do so."""
+        now = time.monotonic()
+        if now - self._older_heard < LOST:
+            if not self.refused:
+                self._refuse(ANOTHER)
+            return True
+        if self.count_publishers(f'{self.target}/{STATE}') == 0:
+            self._others_listed = 0.0
+            return False
+        # The graph lists a killed guard too; a living one is heard soon.
+        self._others_listed = self._others_listed or now
+        return now - self._others_listed < LOST
+
+    def _refuse(self, reason: str) -> None:
+        """Report that this guard does not guard."""
+        self.refused, self.reason = True, reason
+        self._reminded = time.monotonic()
+        self.get_logger().error(reason)
 
     def _on_parameters(self, values: Mapping[str, Any]) -> None:
         self._next = values
@@ -91,14 +134,14 @@ class GuardNode(Node):
         self._source.poll()
         if self.guard is not None:
             self.guard.path.check_timeout()
-        if self._next is not None and not (self.guard and self.guard.path.watch.holding):
+        holding = self.guard is not None and self.guard.path.watch.holding
+        if self._next is not None and not holding and (self.guard or not self._other_guards()):
             values, self._next = self._next, None
             try:
                 self._configure(values)
             except Exception as error:
                 kind = '' if isinstance(error, KaneError) else f'{type(error).__name__}: '
-                self.reason = f'not configured: {kind}{error}'
-                self.get_logger().error(self.reason)
+                self._refuse(f'not configured: {kind}{error}')
                 self.close()
 
     def _configure(self, values: Mapping[str, Any]) -> None:
@@ -107,7 +150,8 @@ class GuardNode(Node):
         simulated = values[SIMULATED_TIME]
         if self.get_parameter(SIMULATED_TIME).value != simulated:
             self.set_parameters([Parameter(SIMULATED_TIME, value=simulated)])
-        same = self.guard is not None and all(
+        digest = None if self._loads is None else self._loads.digest
+        same = self.guard is not None and self.guard.digest == digest and all(
             np.array_equal(before[name], values[name]) for name in (*FIXED, SIMULATED_TIME))
         if not same:
             self.close()
@@ -115,13 +159,14 @@ class GuardNode(Node):
         if self.guard is not None:
             self.guard.path.update(values)
             if self._loads is not None:
-                self.guard.set_loads(self._loads)
+                self.guard.set_loads(self._loads.loads)
 
     def _build(self, values: Mapping[str, Any]) -> None:
         """Compile the robot and open the topics; `reason` says why not."""
         began, log = time.perf_counter(), self.get_logger()
         source: str | Path = values['robot_description'] or (
             resolve_path('urdf', values['urdf']) if values['urdf'] else self._description)
+        self.refused = False
         self.reason = ('guard.enabled of the dynamics node is false; expected true'
                        if not values['guard.enabled'] else
                        'waiting for a URDF on topic robot_description' if not source else '')
@@ -129,12 +174,20 @@ class GuardNode(Node):
             log.warning(self.reason)
             return
         model = load_model(source, values, lambda warning: None)  # the node logs them
-        self.guard = ConfiguredGuard(self, self.target, model, values, self._warn, log.error)
+        if self._loads is not None and arm_digest(model, values) != self._loads.digest:
+            self._refuse(DIFFERENT.format(model=model.name, target=self.target))
+            return
+        self.guard = ConfiguredGuard(self, self.target, model, values, self._warn, self._report,
+                                     self._identity)
         realtime.exclude_existing_objects()
         realtime.apply_realtime_settings(values, log.warning)
         log.info(f'{model.name}: watching {self.target}, kernels ready in '
                  f'{time.perf_counter() - began:.2f} s, verified to {self.guard.verified:.1e}')
         self.guard.send_heartbeat()
+
+    def _report(self, level: str, text: str) -> None:
+        """Log a change between watching and commanding, as 'error' or 'info'."""
+        getattr(self.get_logger(), level)(text)
 
     def close(self) -> None:
         """Close the topics; command zeros first if the guard commands."""
@@ -152,6 +205,9 @@ class GuardNode(Node):
         if self.guard is not None:
             self.guard.send_heartbeat()
         now = time.monotonic()
+        if self.guard is None and now - self._reminded > REMINDER:
+            self._reminded = now
+            self.get_logger().warning(f'not guarding: {self.reason}')
         period = now - self._reported
         if period < 1.0 / self._values.get('diagnostics_rate', 1.0) - 0.5 * HEARTBEAT_PERIOD:
             return

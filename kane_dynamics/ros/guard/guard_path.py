@@ -56,13 +56,14 @@ class GuardPath(TorquePath):
     warn : callable
         As for TorquePath.
     report : callable
-        Called with each change between watching and commanding.
+        Called with level ('error' or 'info') and text of each change between watching and
+        commanding.
 
     """
 
     def __init__(self, controller: Controller, commands: Publisher, torques: Publisher,
                  now: Callable[[], int], values: Mapping[str, Any], statistics: Statistics,
-                 warn: Callable[[str, str], None], report: Callable[[str], None]) -> None:
+                 warn: Callable[[str, str], None], report: Callable[[str, str], None]) -> None:
         super().__init__(controller, commands, torques, now, values['state_timeout'], statistics,
                          warn, loops=closed_loop_reader(controller, values))
         joints = self.messages.joints
@@ -93,7 +94,7 @@ class GuardPath(TorquePath):
         self.commanding &= self.watch.acting
         if self._pending_report:  # after the command, which must not wait for the log
             text, self._pending_report = self._pending_report, ''
-            self._report(text)
+            self._report('error', text)
 
     def _command(self, stamp: int, motion: Motion | None, moment: float,
                  external: Array | None) -> Command:
@@ -138,7 +139,7 @@ class GuardPath(TorquePath):
             if not torque.any():
                 self.on_stopped()
                 return
-            self._report('the dynamics node commands without a request; watching it')
+            self._report('info', 'the dynamics node commands without a request; watching it')
         self.commanding = False
         if self.loops is not None and self.loops.lost:
             self.loops.restart()  # the node knows the assembly mode again
@@ -148,7 +149,7 @@ class GuardPath(TorquePath):
         """Note that the node commanded zeros; that message itself may be lost."""
         if self.watch.acting:
             self.command_zeros()
-            self._report('the dynamics node commands zeros; watching it')
+            self._report('info', 'the dynamics node commands zeros; watching it')
         self.commanding = False
         self.watch.note_node_command(np.zeros(len(self.messages.joints)), time.perf_counter())
 

@@ -1,40 +1,78 @@
 """
 The messages between the dynamics node and torque_guard, as std_msgs/Float64MultiArray.
 
-~/loads (node to guard, latched): id of the configuration, gravity, payload.
+~/loads (node to guard, latched): id of the configuration, gravity, payload, digest of the arm.
 ~/guard_request (node to guard): number of a request for the topic `commands`; 0 after zeros.
 ~/guard_state (guard to node): number of the request that it answers, whether the guard commanded
-until then, whether the last torques are the guard's, the last torques. Without a request it is
-sent with number 0 as a heartbeat.
+until then, whether the last torques are the guard's, the identity of the guard (larger for one
+that started later), the last torques. Without a request it is sent with number 0 as a heartbeat.
 """
 
+from collections.abc import Mapping
+from dataclasses import replace
+import hashlib
+from typing import Any, NamedTuple
+
 from kane_dynamics.model.inertial import Inertial
+from kane_dynamics.model.model import Model
 from kane_dynamics.ros.common.commanders import GUARD_STATE
+from kane_dynamics.ros.common.configuration_files import resolve_path
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 import numpy as np
 
 LOADS, REQUEST, STATE = 'loads', 'guard_request', GUARD_STATE  # names of topics of the node
-LOADS_LENGTH = 14
+LOADS_LENGTH = 15
 STOPPED = 0.0  # request number of a node that commanded zeros
-FIELDS = 3  # numbers before the torques
+FIELDS = 4  # numbers before the torques
 HEARTBEAT_PERIOD = 0.1  # s between two heartbeats of the guard
 LOST = 0.5  # s without a heartbeat after which the guard counts as dead
+DIGITS = 13  # hexadecimal digits of a digest, which a double holds exactly
 _UPPER = np.triu_indices(3)
 
 
-def loads_to_numbers(configuration: float, loads: GravityAndPayload) -> list[float]:
-    """Return the content of ~/loads: id, gravity (3), mass, com (3), central inertia (6)."""
+class NodeLoads(NamedTuple):
+    """The content of ~/loads: id of the configuration, gravity and payload, digest of the arm."""
+
+    configuration: float
+    loads: GravityAndPayload
+    digest: float
+
+
+def arm_digest(model: Model, values: Mapping[str, Any]) -> float:
+    """
+    Return a number that differs for arms of other equations of motion.
+
+    It covers the model and the file of constraints, but not gravity, which may change.
+
+    Parameters
+    ----------
+    model : Model
+        Model that the parameters describe.
+    values : mapping
+        The parameters of the dynamics node.
+
+    """
+    content = replace(model, gravity=np.zeros(3)).digest().encode()
+    if values['constraints']:
+        content += resolve_path('constraints', values['constraints']).read_bytes()
+    return float(int(hashlib.sha256(content).hexdigest()[:DIGITS], 16))
+
+
+def loads_to_numbers(configuration: float, loads: GravityAndPayload,
+                     digest: float) -> list[float]:
+    """Return the content of ~/loads: id, gravity, mass, com, central inertia (6), digest."""
     payload = loads.payload or Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
     return [configuration, *loads.gravity, payload.mass, *payload.com,
-            *payload.inertia[_UPPER]]
+            *payload.inertia[_UPPER], digest]
 
 
-def loads_from_numbers(numbers: Array) -> tuple[float, GravityAndPayload]:
-    """Return the id of the configuration and the loads of a message on ~/loads, (14,)."""
+def loads_from_numbers(numbers: Array) -> NodeLoads:
+    """Return the content of a message on ~/loads, (15,)."""
     configuration, gravity, mass, com = numbers[0], numbers[1:4], numbers[4], numbers[5:8]
     inertia = np.zeros((3, 3))
     inertia[_UPPER] = numbers[8:14]
     inertia = inertia + np.triu(inertia, 1).T
-    return float(configuration), GravityAndPayload(
-        gravity, Inertial(float(mass), com, inertia) if mass else None)
+    payload = Inertial(float(mass), com, inertia) if mass else None
+    return NodeLoads(float(configuration), GravityAndPayload(gravity, payload),
+                     float(numbers[14]))

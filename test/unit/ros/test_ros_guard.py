@@ -6,6 +6,7 @@ Both sides are the ones of the real processes; a stopped process receives and se
 
 from collections import defaultdict, deque
 from contextlib import ExitStack
+from dataclasses import replace
 import os
 import re
 import subprocess
@@ -29,13 +30,15 @@ from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
 from kane_dynamics.ros.torque_path.cdr import float64_multi_array, write_joint_state  # noqa: E402
 from kane_dynamics.ros.torque_path.cdr import PreparedMessage  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
-from kane_dynamics.ros.torque_path.guard_messages import (loads_from_numbers,  # noqa: E402
-                                                          loads_to_numbers)
+from kane_dynamics.ros.torque_path.guard_messages import (arm_digest,  # noqa: E402
+                                                          loads_from_numbers,
+                                                          LOADS_LENGTH, loads_to_numbers)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 
 NANO = 10**9
+DIGEST = 2.0**52 - 1.0
 MODEL = load_urdf(resource_path('urdf', 'two_link.urdf'))
 LEASE, RATE, TAU = 0.012, 500.0, np.zeros(2)
 Q = np.array([0.4, -0.3])
@@ -142,7 +145,9 @@ class Pair:
         self._speeds = self._state.doubles(offsets[1], 2)
         self.guard_process = Process(self.machine, 'guard')
         self.guard = ConfiguredGuard(self.guard_process, 'node', MODEL, self.values,
-                                     lambda *words: None, self.guard_process.log.append)
+                                     lambda *words: None,
+                                     lambda level, text: self.guard_process.log.append(text),
+                                     identity=1.0)
         self.controller = controller
         self.start_node()
         self.run(0.4)
@@ -156,7 +161,7 @@ class Pair:
             self.controller, process.create_publisher(None, 'commands', None),
             process.create_publisher(None, '~/joint_torques', None),
             lambda: round(self.machine.now * NANO), 0.1, Statistics(), lambda *words: None)
-        self.link = self.path.arbiter = GuardLink(process, self.path, LEASE, ExitStack(), 2)
+        self.link = self.path.arbiter = GuardLink(process, self.path, LEASE, ExitStack(), 2, 0.0)
         self.path.start()
         process.create_subscription(None, 'joint_states', self.path.on_state, None)
 
@@ -419,9 +424,9 @@ def test_loads_arrive_as_they_were_sent():
     payload = Inertial(1.5, np.array([0.1, 0.2, 0.3]),
                        np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.3], [0.2, 0.3, 5.0]]))
     for sent in (payload, None):
-        number, loads = loads_from_numbers(np.array(
-            loads_to_numbers(7.0, GravityAndPayload(np.array([0.1, 0.2, -9.8]), sent))))
-        assert number == 7.0
+        number, loads, digest = loads_from_numbers(np.array(
+            loads_to_numbers(7.0, GravityAndPayload(np.array([0.1, 0.2, -9.8]), sent), DIGEST)))
+        assert (number, digest) == (7.0, DIGEST)
         np.testing.assert_array_equal(loads.gravity, [0.1, 0.2, -9.8])
         assert (loads.payload is None) == (sent is None)
         if sent is not None:
@@ -439,9 +444,38 @@ def test_the_guard_uses_the_loads_of_the_node(pair):
     np.testing.assert_allclose(both.machine.commands[-1][2], gravity, rtol=1e-12)
 
 
+def test_the_digest_of_an_arm_changes_with_its_equations_but_not_with_gravity(tmp_path):
+    digest = arm_digest(MODEL, {'constraints': ''})
+    assert 0.0 < digest == int(digest) < 2.0**53
+    assert digest == arm_digest(replace(MODEL, gravity=np.array([0.0, 0.0, -5.0])),
+                                {'constraints': ''})
+    heavier = load_urdf(resource_path('urdf', 'two_link.urdf').read_text().replace('2.4', '2.5'))
+    assert digest != arm_digest(heavier, {'constraints': ''})
+    constraints = tmp_path / 'constraints.yaml'
+    digests = {digest}
+    for text in ('a: 1', 'a: 2'):
+        constraints.write_text(text)
+        digests.add(arm_digest(MODEL, {'constraints': str(constraints)}))
+    assert len(digests) == 3
+
+
+def test_the_node_follows_the_first_of_two_guards(pair):
+    both = pair()
+    message = float64_multi_array(6)
+    message.numbers[:] = both.link._number, True, True, 2.0, 50.0, 50.0  # of a second guard
+    began = both.machine.now
+    both.node_process.running = False
+    both.run(0.05)
+    both.node_process.resume()
+    both.machine.publish('node/guard_state', message.serialized())
+    both.run(0.2)
+    assert both.voices(began) == ['guard', 'node']
+    assert both.largest_step(began) <= 1.0 + 1e-9
+
+
 def test_a_message_of_loads_is_a_float64_multi_array():
-    data = loads_to_numbers(1.0, GravityAndPayload(np.zeros(3)))
-    assert len(Float64MultiArray(data=data).data) == 14
+    data = loads_to_numbers(1.0, GravityAndPayload(np.zeros(3)), 5.0)
+    assert len(Float64MultiArray(data=data).data) == LOADS_LENGTH
 
 
 def test_a_parameter_of_the_wrong_type_ends_the_guard_with_one_line():

@@ -6,9 +6,9 @@ import subprocess
 import sys
 
 from kane_dynamics.errors import InputError
+from kane_dynamics.ros.common.parameter_files import parameter_blocks, takes_effect
 from kane_dynamics.ros.common.program_arguments import (check_arguments, Program, run_program,
                                                         split_arguments)
-from kane_dynamics.ros.common.parameter_files import parameter_blocks, takes_effect
 import pytest
 
 NODES = {'dynamics_node': 'kane_dynamics.ros.dynamics_node.main',
