@@ -37,8 +37,11 @@ class OperationCount:
 
     def __add__(self, other: 'OperationCount') -> 'OperationCount':
         """Return the sum of two counts."""
-        return OperationCount(*(getattr(self, f) + getattr(other, f)
-                                for f in self.__dataclass_fields__))
+        return OperationCount(self.multiplications + other.multiplications,
+                              self.additions + other.additions,
+                              self.divisions + other.divisions,
+                              self.functions + other.functions,
+                              self.negations + other.negations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,49 +141,58 @@ def trace_program(name: str, function: Callable[..., Any],
 
     """
     trace = Trace()
-    result = np.asarray(function(*(trace.inputs(key, *shape) for key, shape in inputs)),
-                        dtype=object)
+    arguments = [trace.inputs(key, *shape) for key, shape in inputs]
+    result = np.asarray(function(*arguments), dtype=object)
     outputs = tuple(x if isinstance(x, Expr) else float(x) for x in result.ravel())
     return factored(Program(name, tuple(inputs), outputs, result.shape))
 
 
 def factored(program: Program) -> Program:
     """Rewrite ``a*c + b*c`` as ``(a + b)*c`` where both products have no other use."""
-    schedule = program.schedule()
-    uses: dict[int, int] = {}
-    for node in schedule:
-        for arg in operands(node):
-            uses[arg.index] = uses.get(arg.index, 0) + 1
-    for x in program.outputs:
-        if isinstance(x, Expr):
-            uses[x.index] = uses.get(x.index, 0) + 1
+    uses = _number_of_uses(program)
     trace = Trace()
-    new: dict[int, Any] = {}
+    rewritten: dict[int, Any] = {}
 
-    def of(arg: Any) -> Any:
-        return new[arg.index] if isinstance(arg, Expr) else arg
+    def value_of(arg: Any) -> Any:
+        return rewritten[arg.index] if isinstance(arg, Expr) else arg
 
-    for node in schedule:
+    for node in program.schedule():
+        args = [value_of(arg) for arg in node.args]
         common = _common_factor(node, uses) if node.op in ('add', 'sub') else None
         if common is not None:
-            factor, left, right = (of(x) for x in common)
-            new[node.index] = factor * (left + right if node.op == 'add' else left - right)
+            factor, left, right = (value_of(x) for x in common)
+            difference = applied(node.op, [left, right])
+            rewritten[node.index] = factor * difference
+        elif node.op in KEPT:
+            rewritten[node.index] = trace.node(node.op, *args)
         else:
-            args = [of(arg) for arg in node.args]
-            new[node.index] = (trace.node(node.op, *args)
-                               if node.op in KEPT else applied(node.op, args))
-    outputs = tuple(of(x) for x in program.outputs)
+            rewritten[node.index] = applied(node.op, args)
+    outputs = tuple(value_of(x) for x in program.outputs)
     return Program(program.name, program.inputs, outputs, program.shape)
+
+
+def _number_of_uses(program: Program) -> dict[int, int]:
+    """Return how often each node is an operand or an output, by its index."""
+    uses: dict[int, int] = {}
+    operand_lists = [operands(node) for node in program.schedule()]
+    for values in [*operand_lists, program.outputs]:
+        for x in values:
+            if isinstance(x, Expr):
+                uses[x.index] = uses.get(x.index, 0) + 1
+    return uses
 
 
 def _common_factor(node: Expr, uses: dict[int, int]) -> tuple[Any, Any, Any] | None:
     """Return (c, a, b) if the node is a*c +- b*c and both products have no other use."""
-    if not all(isinstance(x, Expr) and x.op == 'mul' and uses[x.index] == 1 for x in node.args):
-        return None
-    (p, q), (r, s) = node.args[0].args, node.args[1].args
+    for product in node.args:
+        if not (isinstance(product, Expr) and product.op == 'mul' and uses[product.index] == 1):
+            return None
+    p, q = node.args[0].args
+    r, s = node.args[1].args
     for factor, left in ((p, q), (q, p)):
         for candidate, right in ((r, s), (s, r)):
-            if candidate is factor or (not isinstance(factor, Expr) and factor == candidate):
+            equal_constants = not isinstance(factor, Expr) and factor == candidate
+            if candidate is factor or equal_constants:
                 return factor, left, right
     return None
 
@@ -190,9 +202,13 @@ def applied(op: str, args: list[Any]) -> Any:
     if op == 'less':
         return args[0] < args[1]
     if op == 'select':
-        return args[0].select(*args[1:]) if isinstance(args[0], Expr) else args[
-            1 if args[0] else 2]
-    return OPERATORS[op](*args) if op in OPERATORS else getattr(np, op)(args[0])
+        condition, if_true, if_false = args
+        if isinstance(condition, Expr):
+            return condition.select(if_true, if_false)
+        return if_true if condition else if_false
+    if op in OPERATORS:
+        return OPERATORS[op](*args)
+    return getattr(np, op)(args[0])
 
 
 def evaluate(program: Program, inputs: Sequence[Any], dtype: Any = np.float64) -> Any:
@@ -209,28 +225,30 @@ def evaluate(program: Program, inputs: Sequence[Any], dtype: Any = np.float64) -
         In which every operation is rounded.
 
     """
-    given = {name: np.ravel(np.asarray(value, dtype=np.float64)).astype(dtype)
-             for (name, _), value in zip(program.inputs, inputs, strict=True)}
-    known: dict[int, Any] = {}
+    entries: dict[str, Any] = {}
+    for (name, _), value in zip(program.inputs, inputs, strict=True):
+        entries[name] = np.ravel(np.asarray(value, dtype=np.float64)).astype(dtype)
+    values: dict[int, Any] = {}
 
-    def of(x: Any) -> Any:
-        return known[x.index] if isinstance(x, Expr) else dtype(x)
+    def value_of(x: Any) -> Any:
+        return values[x.index] if isinstance(x, Expr) else dtype(x)
 
     for node in program.schedule():
         if node.op == 'input':
-            found = given[node.args[0]][node.args[1]]
+            name, k = node.args
+            values[node.index] = entries[name][k]
         elif node.op == 'call':
-            callee, *flat = node.args
-            values = iter(flat)
-            found = evaluate(callee, [[of(next(values)) for _ in range(size_of(shape))]
-                                      for _, shape in callee.inputs], dtype).ravel()
+            callee, *arguments = node.args
+            flat = np.array([value_of(x) for x in arguments])
+            ends = np.cumsum([size_of(shape) for _, shape in callee.inputs])
+            values[node.index] = evaluate(callee, np.split(flat, ends[:-1]), dtype).ravel()
         elif node.op == 'output':
-            found = known[node.args[0].index][node.args[1]]
+            results, k = node.args
+            values[node.index] = values[results.index][k]
         else:
             function = NUMPY.get(node.op) or getattr(np, node.op)
-            found = function(*map(of, node.args))
-        known[node.index] = found
-    return np.array([of(x) for x in program.outputs], dtype=dtype).reshape(program.shape)
+            values[node.index] = function(*map(value_of, node.args))
+    return np.array([value_of(x) for x in program.outputs], dtype=dtype).reshape(program.shape)
 
 
 def size_of(shape: Shape) -> int:

@@ -9,6 +9,8 @@ from kane_dynamics.native.tracing.program import (applied, Program, Shape, size_
                                                   trace_program)
 import numpy as np
 
+Pattern = tuple[float | None, ...]
+
 
 class Subroutines:
     """
@@ -39,22 +41,23 @@ class Subroutines:
             One-dimensional.
 
         """
-        pattern = tuple(tuple(None if isinstance(x, Expr) else float(x) for x in argument)
-                        for argument in arguments)
-        given = [[x for x in argument if isinstance(x, Expr)] for argument in arguments]
-        if not any(given):
+        # Constants are part of the subroutine, traced entries are its inputs.
+        patterns = tuple(_constants(argument) for argument in arguments)
+        traced_entries = [[x for x in argument if isinstance(x, Expr)] for argument in arguments]
+        inputs = [(f'x{k}', (len(entries),)) for k, entries in enumerate(traced_entries) if entries]
+        if not inputs:
             return function(*arguments)
-        program = self._programs.get((name, pattern))
+        program = self._programs.get((name, patterns))
         if program is None:
-            def traced(*rows: Any) -> Any:
-                rest = iter(rows)
-                return function(*(_filled(kept, next(rest)) if None in kept else np.array(kept)
-                                  for kept in pattern))
-            program = self._programs[name, pattern] = self.trace(
-                name, traced, [(f'x{k}', (len(row),)) for k, row in enumerate(given) if row])
-        results = call(program, *(row for row in given if row))
-        return np.array([result if isinstance(x, Expr) else x
-                         for result, x in zip(results, program.outputs)]).reshape(program.shape)
+            def with_constants(*entries: Any) -> Any:
+                return function(*_filled_arguments(patterns, entries))
+
+            program = self._programs[name, patterns] = self.trace(name, with_constants, inputs)
+        results: list[Any] = list(call(program, *filter(None, traced_entries)))
+        for k, output in enumerate(program.outputs):
+            if not isinstance(output, Expr):
+                results[k] = output
+        return np.array(results).reshape(program.shape)
 
     def trace(self, name: str, function: Callable[..., Any],
               inputs: Sequence[tuple[str, Shape]]) -> Program:
@@ -62,10 +65,23 @@ class Subroutines:
         return trace_program(f'{name}_{next(self._numbers)}', function, inputs)
 
 
-def _filled(pattern: tuple[float | None, ...], traced: Any) -> Any:
-    """Return an argument's entries: the pattern's constants and the traced values."""
-    rest = iter(traced)
-    return np.array([next(rest) if x is None else x for x in pattern], dtype=object)
+def _constants(argument: Any) -> Pattern:
+    """Return the constant entries of an argument, and None for its traced entries."""
+    return tuple(None if isinstance(x, Expr) else float(x) for x in argument)
+
+
+def _filled_arguments(patterns: tuple[Pattern, ...], entries: Sequence[Any]) -> list[Any]:
+    """Return arguments with the constants of the patterns, and traced entries in their order."""
+    remaining = iter(entries)
+    arguments: list[Any] = []
+    for pattern in patterns:
+        if None in pattern:
+            traced = iter(next(remaining))
+            values = [next(traced) if x is None else x for x in pattern]
+            arguments.append(np.array(values, dtype=object))
+        else:
+            arguments.append(np.array(pattern))
+    return arguments
 
 
 def call(program: Any, *arguments: Iterable[Any]) -> list[Expr]:
@@ -80,9 +96,11 @@ def call(program: Any, *arguments: Iterable[Any]) -> list[Expr]:
         The entries of each of its inputs, in order.
 
     """
-    flat: list[Scalar] = [x for argument in arguments for x in np.ravel(np.asarray(argument))]
-    trace = next(x.trace for x in flat if isinstance(x, Expr))
-    node = trace.node('call', program, *flat)
+    entries: list[Scalar] = []
+    for argument in arguments:
+        entries += list(np.ravel(np.asarray(argument)))
+    trace = next(x.trace for x in entries if isinstance(x, Expr))
+    node = trace.node('call', program, *entries)
     return [trace.node('output', node, k) for k in range(program.n_outputs)]
 
 
@@ -98,29 +116,42 @@ def inlined(program: Program, values: Sequence[Any]) -> list[Any]:
         The entries of all of its inputs, in order: traced values of another program, or numbers.
 
     """
-    rest = iter(values)
-    given = {name: [next(rest) for _ in range(size_of(shape))] for name, shape in program.inputs}
-    return replayed(program, lambda node: given[node.args[0]][node.args[1]])
+    remaining = iter(values)
+    entries: dict[str, list[Any]] = {}
+    for name, shape in program.inputs:
+        entries[name] = [next(remaining) for _ in range(size_of(shape))]
+
+    def leaf(node: Expr) -> Any:
+        name, k = node.args
+        return entries[name][k]
+
+    return replayed(program, leaf)
 
 
 def replayed(program: Program, leaf: Callable[[Expr], Any]) -> list[Any]:
     """Return the outputs of a program as a flat list, with `leaf(node)` for its input nodes."""
-    new: dict[int, Any] = {}  # of a call: the list of its results
+    values: dict[int, Any] = {}  # by the index of a node; of a call the list of its results
 
-    def of(x: Any) -> Any:
-        return new[x.index] if isinstance(x, Expr) else x
+    def value_of(x: Any) -> Any:
+        return values[x.index] if isinstance(x, Expr) else x
 
     for node in program.schedule():
         if node.op == 'input':
-            found = leaf(node)
+            value = leaf(node)
         elif node.op == 'output':
-            found = of(node.args[0])[node.args[1]]
+            results, k = node.args
+            value = value_of(results)[k]
         elif node.op == 'call':
-            callee, *flat = node.args
-            arguments = [of(x) for x in flat]
-            found = (call(callee, arguments) if any(isinstance(x, Expr) for x in arguments)
-                     else inlined(callee, arguments))
+            callee, *entries = node.args
+            value = _called(callee, [value_of(x) for x in entries])
         else:
-            found = applied(node.op, [of(x) for x in node.args])
-        new[node.index] = found
-    return [of(x) for x in program.outputs]
+            value = applied(node.op, [value_of(x) for x in node.args])
+        values[node.index] = value
+    return [value_of(x) for x in program.outputs]
+
+
+def _called(program: Program, arguments: list[Any]) -> list[Any]:
+    """Return the outputs of a subroutine; without traced arguments they are numbers."""
+    if any(isinstance(x, Expr) for x in arguments):
+        return call(program, arguments)
+    return inlined(program, arguments)
