@@ -236,7 +236,7 @@ class ConstrainedTorques:
 
     def _traced(self, name: str, function: Callable[..., Any],
                 given: tuple[Array, ...]) -> Kernel:
-        """Return the kernel of a function."""
+        """Trace a function of arrays and the time, and return its compiled kernel."""
         robot, timed = self._robot, self._equations.timed
         block = robot.parameters.block
         arguments = [Argument(f'x{k}', x.shape) for k, x in enumerate(given)]

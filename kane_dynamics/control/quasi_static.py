@@ -141,7 +141,11 @@ class QuasiStatic:
         return rows.reshape(Q.shape), U, A
 
     def _balanced(self, Q: Array, U: Array, A: Array) -> tuple[Array, Array, Array]:
-        """Return the state with the modes in equilibrium; with closed loops a single one."""
+        """
+        Return the state with the modes of the beams in equilibrium.
+
+        With closed loops, Q, U and A are those of one state; without, also of a batch.
+        """
         if self._tracker is not None:
             self._tracker.restart(Q)
         least, grown = np.inf, 0

@@ -91,7 +91,7 @@ def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
     if steps[k] < CLOSE * steps.sum():
         raise InputError(f'path: waypoints {kept[k]} and {kept[k + 1]} are {steps[k]:.3g} apart; '
                          f'expected equal ones, or at least {CLOSE:g} of the length of the path, '
-                         'since a spline turns far away between close waypoints')
+                         'since a spline through close waypoints swings far off the path')
     times = np.concatenate([[0.0], np.cumsum(steps)])
     return Motion(tuple(names), times, q, segment_coefficients(
         times, q, free_velocities(times, q), None))

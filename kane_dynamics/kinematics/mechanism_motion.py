@@ -115,6 +115,7 @@ def _closed(robot: Robot, driving: list[int], t: Array, q: Array) -> Array:
     start = robot.closed_posture(start, t=float(t[0]), fixed=fixed)
     moves = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1, initial=0.0)
     if (far := int(moves.argmax())) and moves[far] > FARTHEST:
-        raise InputError(f'motion: a move of {moves[far]:.4g} rad or m until {t[far]:.4g} s; '
-                         f'expected at most {FARTHEST:g} from one time to the next')
+        raise InputError(f'motion: a joint moves by {moves[far]:.4g} rad or m in the interval '
+                         f'that ends at {t[far]:.4g} s; expected at most {FARTHEST:g} between '
+                         'two times')
     return loops.followed(start, Q, t, lambda k: f'motion: at {t[k]:.4g} s')

@@ -43,7 +43,7 @@ Screen = Callable[[Array, Array, Any], tuple[Array, Array]]
 
 class JumpWatch:
     """
-    Raise an error where a user-defined function of a robot jumps within simulated steps.
+    Watch of user-defined functions, which raises an error if one jumps within a step.
 
     Parameters
     ----------

@@ -24,7 +24,9 @@ class JointRow(NamedTuple):
 
 def joint_rows(robot: Robot, q: Array, tau: Array) -> Iterator[JointRow]:
     """
-    Yield the text of every joint; of a ball joint, whose position is a rotation, the moments.
+    Yield the row of every joint.
+
+    The row of a ball joint, whose position is a rotation, has its moments only.
 
     Parameters
     ----------

@@ -103,10 +103,10 @@ class Polynomials:
 
 
 class _Trig:
-    """Atoms of expressions: trigonometric sums are expanded, roots are those of primes."""
+    """The symbols and functions (sin, cos, roots) of which expressions are polynomials."""
 
     def __init__(self, expressions: Sequence[Any]) -> None:
-        """Collect the atoms."""
+        """Collect the symbols and functions of the expressions."""
         self.atoms: set[Any] = set()
         self._forms: dict[Any, Any] = {}
         waiting, seen = list(expressions), set()

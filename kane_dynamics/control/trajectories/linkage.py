@@ -193,6 +193,6 @@ def _driving(robot: Robot, given: tuple[str, ...]) -> tuple[str, ...]:
     if not wanted <= set(given):
         what = 'the joints with actuators' if acting else f'{n} joints that determine the motion'
         raise InputError(f'joint_names: {list(given)}; expected {what}, '
-                         f'{", ".join(name for name in robot.joint_names if name in wanted)}, and '
-                         'others only beside these')
+                         f'{", ".join(name for name in robot.joint_names if name in wanted)}, '
+                         'alone or with further joints')
     return tuple(name for name in given if name in wanted)

@@ -166,8 +166,8 @@ def _quantity(columns: Mapping[str, Any], name: str, joint_names: Sequence[str],
         if lacking:
             raise InputError(f'{path}: no columns {lacking}; expected one per joint')
         if any(columns[column].ndim != 1 for column in wanted):
-            raise InputError(f"{path}: '{wanted[0]}' and so on: several columns; expected shapes "
-                             '(N,)')
+            raise InputError(f"{path}: '{wanted[0]}' or the same of another joint has several "
+                             'columns; expected arrays of shape (N,)')
         return np.column_stack([columns[column] for column in wanted])
     return None
 

@@ -161,7 +161,7 @@ class ConstrainedEquations(ConstrainedKinematics):
 
     def actual_joint_forces(self, q: Any, u: Any, tau: Any, parameters: Any,
                             t: Any = 0.0) -> Any:
-        """Return the joint forces of torques and constraints together, (n_q,)."""
+        """Return the joint forces, (n_q,), of actuators and constraint forces together."""
         if self.n == self.tree.n:
             here = self.mechanism.state(q, t, self.tree.geometry)
             return here.speed_rows(self.speed_names)[0].T @ tau

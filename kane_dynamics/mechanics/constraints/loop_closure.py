@@ -132,7 +132,7 @@ def closing_iterations(mechanism: Mechanism, start: Array, moves: Array, t: floa
 def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0,
                      fixed: Sequence[str] = (), rows: Rows | None = None) -> Array:
     """
-    Return the closed configuration on the same branch as another one.
+    Return a closed configuration in the assembly mode of another closed configuration.
 
     The fixed coordinates move in small steps from their values at the start to those of q; loop
     closure after each step gives the other coordinates.

@@ -177,8 +177,9 @@ class Mechanism:
 
     def system(self, here: MechanismState) -> tuple[Any, Any]:
         """
-        Return S, (n_q, n_q), and s at u_I = 0, (n_q,).
+        Return S, (n_q, n_q), and s, (n_q,), of S q' = s at zero independent speeds.
 
+        The first rows define the independent speeds, Y q' = u - Z, the others are the constraints.
         Rows of wheels with all rows kept are `Rolling.surface_rows`.
         """
         Y, Z = here.speed_rows(self.speed_names)

@@ -88,8 +88,9 @@ def require_transmission(mechanism: Mechanism, T: Array, places: Sequence[int], 
             'the actuation' if actuated else
             f'followed: {names} do not determine the motion at {at}')
     raise ConstraintError(f'{where}{what}: the mechanism moves {many}; expected at most '
-                          f'{MOST:g} times, away from that configuration, or '
-                          f'{"more actuators" if actuated else "other joints"}')
+                          f'{MOST:g} times; choose '
+                          f'{"more actuators" if actuated else "other joints"}, or stay away from '
+                          'that configuration')
 
 
 def _names(mechanism: Mechanism, places: Sequence[int]) -> str:

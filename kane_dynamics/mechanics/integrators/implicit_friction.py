@@ -72,7 +72,7 @@ def _speed_after(equations: TreeEquations, q: Any, u: Any, tau: Any, h: Any,
 
 
 def slides(equations: TreeEquations) -> bool:
-    """Return whether a joint has Coulomb friction, which is no linear function of the rate."""
+    """Return whether a joint has Coulomb friction, for which an implicit step is linearized."""
     return equations.friction and any(body.joint.friction for body in equations.model.bodies)
 
 

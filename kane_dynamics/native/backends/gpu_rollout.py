@@ -70,7 +70,7 @@ def rollout_text(program: Program, layout: StepLayout, real: Real, host: bool = 
 
 
 class _Rollout:
-    """The kernel around the step."""
+    """Kernel that loads a state, calls the step repeatedly and stores the results."""
 
     def __init__(self, program: Program, layout: StepLayout, real: Real, host: bool) -> None:
         self._layout, self._type = layout, real.name

@@ -110,7 +110,11 @@ class Rows:
 
 
 def _runs(outputs: Sequence[Any]) -> Iterator[tuple[int, Expr, int, int]]:
-    """Yield place, row, first lane and length of results that are consecutive values of a row."""
+    """
+    Yield (place, row, first lane, length) of each run of outputs.
+
+    A run is a sequence of outputs, from `place` on, that are consecutive lanes of one row.
+    """
     k = 0
     while k < len(outputs):
         x, count = outputs[k], 1

@@ -44,7 +44,8 @@ class Subroutines:
         # Constants are part of the subroutine, traced entries are its inputs.
         patterns = tuple(_constants(argument) for argument in arguments)
         traced_entries = [[x for x in argument if isinstance(x, Expr)] for argument in arguments]
-        inputs = [(f'x{k}', (len(entries),)) for k, entries in enumerate(traced_entries) if entries]
+        inputs = [(f'x{k}', (len(entries),))
+                  for k, entries in enumerate(traced_entries) if entries]
         if not inputs:
             return function(*arguments)
         program = self._programs.get((name, patterns))

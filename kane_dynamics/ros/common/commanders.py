@@ -24,9 +24,10 @@ def commanders(node: Node, topic: str) -> list[str]:
 
 class CommanderCount:
     """
-    Keeps `commanders` of a topic; asks the graph for the name of one only after a change.
+    The number of publishers of a topic, and the name of one.
 
-    Queries for names hold the interpreter's lock, which delays the torque path.
+    The graph is asked for the name only after the number changed: a query for names holds the
+    interpreter's lock, which delays the torque path.
 
     Parameters
     ----------

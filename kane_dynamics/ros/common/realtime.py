@@ -89,7 +89,7 @@ class Awake:
         self._file = file
 
     def release(self) -> None:
-        """End the request, if there is one."""
+        """Close the device, so that processors may sleep again; without effect if it is closed."""
         file, self._file = self._file, None
         if file is not None:
             os.close(file)

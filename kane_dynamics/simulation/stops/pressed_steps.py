@@ -165,7 +165,11 @@ def _corrected(robot: Robot, stopped: list[int], touching: list[Any], stops: lis
 
 
 def _system_of(robot: Robot, q: Any, time: list[Any], parameters: Any) -> tuple[Any, Any]:
-    """Return functions of q: T, X of q' = T u + X and M^-1; and q with closed loops."""
+    """
+    Return two functions of the configuration q.
+
+    The first returns T and X of q' = T u + X, and M^-1. The second closes the loops of q.
+    """
     equations: Any = robot.equations
     n_q, n = robot.n_q, robot.n
     inputs: list[tuple[str, Shape]] = [('q', (n_q,)), *(('t', ()) for _ in time),
