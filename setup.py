@@ -57,7 +57,7 @@ setup(
     long_description=Path('README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     packages=find_packages(include=['kane_dynamics', 'kane_dynamics.*']),
-    package_data={'kane_dynamics': ['py.typed']},
+    package_data={'kane_dynamics': ['py.typed', 'analysis/*.yaml']},
     python_requires='>=3.11',
     install_requires=['numpy>=1.26', 'llvmlite>=0.42', 'yourdfpy>=0.0.56', 'PyYAML>=6.0'],
     extras_require={'ros': ros, 'casadi': casadi, 'torch': torch, 'jax': jax, 'plot': plot,

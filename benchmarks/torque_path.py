@@ -82,7 +82,8 @@ class Rig:
     def __init__(self, settings: str, cycles: int) -> None:
         joints = tuple(n for n in load_urdf(URDF).joint_names if 'finger' not in n)
         values = {spec.name: read(spec, spec.default) for spec in SPECS} | {
-            'mode': 'computed_torque', 'joints': joints, 'state_timeout': 5.0}
+            'mode': 'computed_torque', 'joints': joints, 'state_timeout': 5.0,
+            'arm_compensates': ('none',)}
         values |= REALTIME if settings == ON else {}
         controller = path_controller(load_model(URDF, values, _ignore), values)
         controller.compile()

@@ -3,7 +3,7 @@ Start the dynamics node, its guard and, optionally, a simulated robot and robot_
 
     ros2 launch kane_dynamics kane_dynamics.launch.py config:=ur10e.yaml
     ros2 launch kane_dynamics kane_dynamics.launch.py config:=/my/arm.yaml namespace:=left
-    ros2 launch kane_dynamics kane_dynamics.launch.py urdf:=/my/arm.urdf state_publisher:=true
+    ros2 launch kane_dynamics kane_dynamics.launch.py urdf:=/my/arm.urdf arm_compensates:=none
     ros2 launch kane_dynamics kane_dynamics.launch.py config:=ur10e.yaml plant:=plant.yaml
 """
 
@@ -20,6 +20,8 @@ PACKAGE = 'kane_dynamics'
 ARGUMENTS = {
     'config': ('', 'parameter file: a path, or a file name in share/kane_dynamics/config'),
     'urdf': ('', 'path of the URDF; overrides the parameter files'),
+    'arm_compensates': ('', 'torque terms that the arm adds to commanded efforts itself, separated '
+                        'by commas, or none; overrides the parameter files'),
     'namespace': ('', 'namespace of all nodes'),
     'prefix': ('', 'prefix of names of joints and frames; overrides the parameter files'),
     'commands': ('commands', 'topic of the commanded efforts, for example <controller>/commands'),
@@ -52,7 +54,8 @@ def nodes(context):
     """Return the nodes to start with the values of the arguments."""
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     # Only given arguments override the parameter files.
-    chosen = [{name: value[name]} for name in ('urdf', 'prefix') if value[name]]
+    chosen = [{name: value[name]} for name in ('urdf', 'prefix', 'arm_compensates')
+              if value[name]]
     clock, clock_source = [], []
     if value['use_sim_time']:
         simulated = truth('use_sim_time', value['use_sim_time'])

@@ -2,9 +2,9 @@
 Sphinx extension: pages that are generated from the code that they describe.
 
 `command-line` shows the help of every command, `parameters` the table of a node's parameters,
-`interfaces` the messages, services and actions. `public-names` lists the functions and classes of
-a package, `modules` the contents of its modules. Each public class has a page in `api/classes`,
-which is written when the build begins.
+`arms` the table of arms, `interfaces` the messages, services and actions. `public-names` lists the
+functions and classes of a package, `modules` the contents of its modules. Each public class has a
+page in `api/classes`, which is written when the build begins.
 """
 
 from contextlib import redirect_stdout
@@ -18,6 +18,7 @@ import re
 
 import kane_dynamics
 from kane_dynamics._util.fork_safety import lazy_property
+from kane_dynamics.analysis.known_arms import known_arms, TABLE, UNCONFIRMED, words
 from kane_dynamics.cli.examples import EXAMPLES
 from kane_dynamics.cli.parser import main
 from sphinx.util.docutils import SphinxDirective
@@ -71,6 +72,33 @@ class Parameters(Generated):
                      spec.description, spec.constraint)
             rows.append('| ' + ' | '.join(cell.replace('|', r'\|') for cell in cells) + ' |')
         return '\n'.join(rows)
+
+
+class Arms(Generated):
+    """The table of arms; Markdown."""
+
+    def text(self):
+        """Return a table, and its sources below."""
+        self.env.note_dependency(str(TABLE))
+        rows = ['| arm | interface | it adds | reported efforts | notes |',
+                '|---|---|---|---|---|']
+        sources = []
+        for arm in known_arms():
+            added = words(arm.compensates) if arm.compensates else (
+                'unconfirmed' if arm.commandable else 'efforts cannot be commanded')
+            cells = (f'{arm.vendor} {arm.arm}', f'{arm.interface}; {arm.versions}', f'**{added}**',
+                     '; '.join(map(reported, arm.efforts)), arm.note)
+            rows.append('| ' + ' | '.join(cell.replace('|', r'\|') for cell in cells) + ' |')
+            sources += [f'- {arm.vendor} {arm.arm}: {"; ".join(arm.sources)}']
+        return '\n'.join([*rows, '', 'Sources:', '', *sources])
+
+
+def reported(effort):
+    """Return what an effort in the joint states is, in words."""
+    if effort.kind == UNCONFIRMED:
+        return UNCONFIRMED
+    gravity = 'with' if effort.gravity else 'without'
+    return f'{effort.kind.replace("_", " ")} {gravity} gravity ({effort.versions})'
 
 
 class Interfaces(Generated):
@@ -248,9 +276,9 @@ def without_backlinks(app, page, template, context, tree):
 
 def setup(app):
     """Register the directives."""
-    for name, directive in (('command-line', CommandLine), ('parameters', Parameters),
-                            ('interfaces', Interfaces), ('public-names', PublicNames),
-                            ('modules', Modules)):
+    for name, directive in (('arms', Arms), ('command-line', CommandLine),
+                            ('parameters', Parameters), ('interfaces', Interfaces),
+                            ('public-names', PublicNames), ('modules', Modules)):
         app.add_directive(name, directive)
     app.connect('builder-inited', write_class_pages)
     app.connect('autodoc-process-docstring', with_formulas)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.analysis.known_arms import arms_named, words
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.model.model import Model
@@ -40,6 +41,7 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[F
     """Return the findings about a robot model."""
     found = [Finding('problem' if warning.startswith(NO_INERTIAL) else 'warning',
                      f'URDF: {warning}') for warning in warnings]
+    found += _compensation(model)
     found += examine_masses(robot)
     limits, names = robot.limits, model.joint_names
     actuated = robot.actuated_names  # pins of closed loops have no motor
@@ -62,6 +64,19 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[F
         if missing:
             found.append(Finding('warning', f'no {what} is known of {listed(missing)}: '
                                  f'{consequence}'))
+    return found
+
+
+def _compensation(model: Model) -> list[Finding]:
+    """Return what a known arm adds to commanded efforts itself."""
+    found = []
+    for row in arms_named(model.name, model.joint_names):
+        if not row.commandable:
+            found.append(Finding('warning', f'efforts cannot be commanded: {row}'))
+        elif row.compensates is not None:
+            found.append(Finding(
+                'fine', f'{row} adds {words(row.compensates)} to commanded efforts itself; state '
+                f'it as arm_compensates [{", ".join(row.compensates)}]'))
     return found
 
 
@@ -190,7 +205,7 @@ def examine_efforts(robot: Robot, q: Array, effort: Array) -> list[Finding]:
                         'sign: efforts or joint axes are reversed, and torques would act in '
                         'the wrong direction')]
     return [Finding('warning', f'at rest the measured efforts hold {share:.0%} of the weight: the '
-                    'arm adds gravity itself (then compensate.gravity: false), or its efforts '
+                    'arm adds gravity itself (then arm_compensates needs gravity), or its efforts '
                     'leave it out')]
 
 

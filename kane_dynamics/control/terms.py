@@ -1,7 +1,9 @@
-"""Control modes, and switches for the terms of the torque that is commanded."""
+"""Control modes, and the terms of the torque that is commanded."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, fields
 from enum import StrEnum
+from typing import Any
 
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
@@ -27,6 +29,25 @@ class Terms:
     coriolis: bool = True
     inertia: bool = True
     friction: bool = True
+
+    @classmethod
+    def beside(cls, arm_compensates: Collection[str]) -> 'Terms':
+        """
+        Return the terms to command beside those that the arm adds itself.
+
+        Parameters
+        ----------
+        arm_compensates : collection of str
+            Some of gravity, friction, coriolis and inertia, or 'none'.
+
+        Raises
+        ------
+        InputError
+            A name is unknown, or 'none' is one of several.
+
+        """
+        added = stated_terms(arm_compensates, 'arm_compensates')
+        return cls(**{name: False for name in added if name != NO_TERM})
 
     def __post_init__(self) -> None:
         """Raise InputError unless each switch is True or False."""
@@ -55,3 +76,37 @@ class Terms:
 
 
 EVERY_TERM = Terms()
+ARM_TERMS = ('gravity', 'friction', 'coriolis', 'inertia')  # that an arm may add itself
+NO_TERM = 'none'
+STATEMENT = f'a list of {", ".join(ARM_TERMS)}, or {NO_TERM} alone'
+
+
+def stated_terms(value: Any, what: str) -> tuple[str, ...]:
+    """
+    Return a statement of which torque terms an arm adds to commanded efforts itself.
+
+    Parameters
+    ----------
+    value : str or collection of str
+        Names of terms, as text separated by commas, or 'none'.
+    what : str
+        Name of the value in errors.
+
+    Raises
+    ------
+    InputError
+        A name is unknown or occurs twice, 'none' is one of several, or there is no name.
+
+    """
+    names = value
+    if isinstance(value, str):
+        names = [name.strip() for name in value.split(',')]
+    wrong = InputError(f'{what}: {value!r}; expected {STATEMENT}')
+    if not isinstance(names, list | tuple | set | frozenset):
+        raise wrong
+    distinct = [name for name in names if isinstance(name, str)]
+    if len(set(distinct)) < len(names) or not names:
+        raise wrong
+    if distinct != [NO_TERM] and not set(distinct) <= set(ARM_TERMS):
+        raise wrong
+    return tuple(distinct)

@@ -66,9 +66,10 @@ class DemoRobot:
     @property
     def parameters(self) -> dict[str, str]:
         """Return the parameters that describe the robot to the node."""
+        common = {'urdf': str(self.urdf), 'arm_compensates': 'none'}  # MuJoCo adds nothing
         if self.constraints is None:
-            return {'urdf': str(self.urdf), 'joints': f'[{",".join(self.joints)}]'}
-        return {'urdf': str(self.urdf), 'constraints': str(self.constraints)}
+            return common | {'joints': f'[{",".join(self.joints)}]'}
+        return common | {'constraints': str(self.constraints)}
 
 
 FR3 = DemoRobot(

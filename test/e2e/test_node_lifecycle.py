@@ -127,9 +127,14 @@ def test_names_follow_namespace_and_remapping(client, start):
             '/left/kane_dynamics/joint_torques', '/diagnostics'} <= set(topics)
 
 
-@pytest.mark.parametrize('name', ['fr3.yaml', 'ur10e.yaml', 'two_link.yaml'])
-def test_every_shipped_configuration_starts_a_node(start, name):
+@pytest.mark.parametrize(('name', 'words'), [
+    ('fr3.yaml', 'the arm adds gravity and friction to commanded efforts itself'),
+    ('ur10e.yaml', 'the arm adds gravity and friction to commanded efforts itself'),
+    ('two_link.yaml', 'the arm adds nothing to commanded efforts itself')])
+def test_every_shipped_configuration_starts_a_node(start, name, words):
     node = start('--params-file', str(resource_path('config', name)), robot_description='""')
-    node.wait_for('active, mode inverse_dynamics')
+    node.wait_for('active, mode ')
+    assert words in node.log
+    assert 'expected' not in node.log
     assert 'unknown and ignored' not in node.log
     assert node.end()[0] == 0

@@ -137,10 +137,10 @@ class Traffic:
     def _parameters(self, chance, good):
         change = chance.choice([
             {'limits__rate': chance.uniform(100.0, 1000.0)},
-            {'compensate__friction': chance.random() < 0.5},
+            {'gains__kd': chance.uniform(10.0, 20.0)},
             {'gravity': [0.0, 0.0, -chance.uniform(5.0, 10.0)]}] if good else [
             {'state_timeout': -1.0}, {'mode': 'fly'}, {'gravity': [0.0, np.nan, 0.0]},
-            {'compensate__friction': True, 'limits__rate': -5.0}])
+            {'gains__kd': 10.0, 'limits__rate': -5.0}])
         answer = self.client.adjust(**change)
         self.changed += 1
         if answer.successful != good or (not good and not answer.reason):

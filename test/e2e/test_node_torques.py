@@ -4,7 +4,7 @@ import math
 import time
 
 from graph import JOINTS, model, URDF, wait_until
-from kane_dynamics import Controller, Motion, Robot, Terms
+from kane_dynamics import Controller, Motion, Robot
 from kane_dynamics.ros.parameters.parameter_table import SPECS
 from lifecycle_msgs.msg import Transition
 import numpy as np
@@ -36,7 +36,6 @@ def node(module_node, client):
     """Return a client of a node that is as it was at its start."""
     assert client.adjust(
         mode='inverse_dynamics', state_timeout=1.0, limits__effort=math.inf,
-        compensate__gravity=True, compensate__friction=True,
         gravity=[0.0, 0.0, -9.81]).successful
     client.connect()
     client.transition(Transition.TRANSITION_DEACTIVATE)
@@ -68,13 +67,12 @@ def test_commands_equal_the_efforts_of_joint_torques(node, robot):
 
 @pytest.mark.parametrize('mode', ['inverse_dynamics', 'computed_torque'])
 def test_along_a_motion_the_torques_equal_those_of_the_library(node, robot, mode):
-    assert node.adjust(mode=mode, compensate__friction=False, limits__effort=1000.0).successful
+    assert node.adjust(mode=mode, limits__effort=1000.0).successful
     points = [(0.0, [0, 0, 0]), (0.6, [0.5, -0.4, 0.3]), (1.5, [0.1, 0.2, -0.2])]
     start = time.time_ns() + 50_000_000
     node.follow(points, start=start)
     motion = Motion.from_points(*zip(*points), joint_names=JOINTS)
-    controller = Controller(robot, mode=mode, compensate=Terms(friction=False),
-                            effort_limit=1000.0)
+    controller = Controller(robot, mode=mode, effort_limit=1000.0)
     time.sleep(0.1)
     assert 'rejected' not in node.process.log.splitlines()[-1]
     for q, u in states(30):
@@ -82,11 +80,6 @@ def test_along_a_motion_the_torques_equal_those_of_the_library(node, robot, mode
         expected = controller.command(stamp / 1e9, q, u, motion, (stamp - start) / 1e9).tau
         assert close(node.ask(q, u, stamp=stamp), expected)
         time.sleep(0.02)
-
-
-def test_a_switched_off_term_is_absent_at_once(node, robot):
-    assert node.adjust(compensate__gravity=False).successful
-    assert not node.ask([0.3, -0.4, 0.2], np.zeros(3)).any()
 
 
 def test_gravity_changes_at_run_time(node, robot):
@@ -202,12 +195,14 @@ def test_an_invalid_trajectory_is_rejected_with_the_reason(node, robot, words, a
     ("'diagnostics_rate': 1e-12", {'diagnostics_rate': 1e-12}),
     ('clean up first', {'urdf': '/some/other.urdf'}),
     ('clean up first', {'joints': ['lift']}),
+    ('clean up first', {'arm_compensates': ['gravity']}),
+    ('none alone', {'arm_compensates': ['gravity', 'none']}),
     ("'gravity': [", {'gravity': [0.0, 1.0]}),
     ('', {'autostart': False}),
 ])
 def test_an_invalid_parameter_is_refused_with_the_reason_and_changes_nothing(node, robot, words,
                                                                              values):
-    answer = node.adjust(compensate__gravity=False, **values)
+    answer = node.adjust(limits__effort=1e-3, **values)
     assert not answer.successful
     assert words in answer.reason
     q = np.array([0.3, -0.4, 0.2])
@@ -215,7 +210,7 @@ def test_an_invalid_parameter_is_refused_with_the_reason_and_changes_nothing(nod
 
 
 BAD = {'text': 3, 'flag': 2.5, 'number': -1e12, 'count': 0.5, 'names': 'one', 'vector': [1.0],
-       'six': [1.0], 'numbers': 1, 'per_joint': [np.nan]}
+       'six': [1.0], 'numbers': 1, 'per_joint': [np.nan], 'terms': 'weight'}
 
 
 def test_live_parameters_may_be_set_while_active_and_invalid_values_are_refused_by_name(node):

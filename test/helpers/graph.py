@@ -27,6 +27,7 @@ from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 NAME = '/kane_dynamics'
+DYNAMICS_NODE = 'kane_dynamics.ros.dynamics_node.main'
 JOINTS = ('turn', 'lift', 'reach')
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 DEEP = QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE)
@@ -65,10 +66,14 @@ def model():
 class Process:
     """A node in its own process; the dynamics node unless another module or program is given."""
 
-    def __init__(self, *arguments, module='kane_dynamics.ros.dynamics_node.main', program=None,
+    def __init__(self, *arguments, module=DYNAMICS_NODE, program=None,
                  environment=None, **parameters):
         command = [sys.executable, *(program or ['-m', module, '--ros-args'])]
+        if module == DYNAMICS_NODE and program is None and '--params-file' not in arguments:
+            parameters = {'arm_compensates': 'none', **parameters}
         for name, value in parameters.items():
+            if value is None:  # not stated
+                continue
             command += ['-p', f'{name.replace("__", ".")}:={value}']
         self.log = ''
         environment = os.environ | (environment or {}) | {

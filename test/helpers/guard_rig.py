@@ -140,10 +140,13 @@ class Rig:
         Simulate the arm by MuJoCo, else by plant_node.
     node : str
         Module of the dynamics node.
+    arm_compensates : str
+        What the arm adds itself, for plant_node and the node.
 
     """
 
-    def __init__(self, folder: Path, arm=PLANT_ARM, *, mujoco=False, node=NODE, **parameters):
+    def __init__(self, folder: Path, arm=PLANT_ARM, *, mujoco=False, node=NODE,
+                 arm_compensates='none', **parameters):
         if not rclpy.ok():
             rclpy.init()
         urdf = folder / 'arm.urdf'
@@ -151,6 +154,7 @@ class Rig:
         self.arm, self._mujoco, self._module = arm, mujoco, node
         self.urdf = {'urdf': str(urdf)}
         self.parameters = {
+            'arm_compensates': arm_compensates,
             'mode': 'computed_torque', 'guard__enabled': 'true', 'limits__rate': arm.rate,
             'gains__kp': 400.0, 'gains__kd': 40.0, 'realtime__priority': 20,
             'realtime__keep_awake': 'true', 'guard__damping': DAMPING, **parameters}
@@ -164,7 +168,7 @@ class Rig:
             '-m', 'kane_dynamics.demo.mujoco_plant', 'fr3',
             str(folder / 'record.npz')]) if mujoco else Process(
             module='kane_dynamics.ros.plant.plant_main', **self.urdf, command_timeout=100.0,
-            after_timeout='hold')
+            after_timeout='hold', arm_compensates=arm_compensates)
         self.start_node()
         self.start_guard()
 

@@ -4,8 +4,10 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from kane_dynamics.analysis.known_arms import words
 from kane_dynamics.analysis.model_checks import Finding, listed
 from kane_dynamics.control.quasi_static import flexible_robot, QuasiStatic
+from kane_dynamics.control.terms import NO_TERM
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.model.flexible_model import stiffened
 from kane_dynamics.model.model import Model
@@ -16,6 +18,7 @@ from kane_dynamics.ros.common.parameter_files import parameter_blocks, WILDCARD
 from kane_dynamics.ros.monitors.contact_monitor import observed_frame
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics
+from kane_dynamics.ros.parameters.arm_statement import examine_statement
 from kane_dynamics.ros.parameters.parameter_checks import (controller_settings, FOREIGN, FRAMES,
                                                            per_joint, read, unknown_parameters,
                                                            with_prefix)
@@ -122,11 +125,17 @@ class ConfigurationExamination:
         warnings: list[str] = []
         model = self._load(values, urdf, warnings)
         robot = None
+        stated = values['arm_compensates']
         if model is not None:
+            contradiction = self._attempt(examine_statement, values, model)
+            if contradiction:
+                self._find('warning', contradiction)
+            values['arm_compensates'] = stated or (NO_TERM,)  # for the other checks
             robot = self._fit(values, model)
             self._compare_urdf(values, model, urdf)
         if not self.found:
-            self._find('fine', 'all parameters are known and fit the arm')
+            self._find('fine', 'all parameters are known and fit the arm, which adds '
+                       f'{words(stated)} to commanded efforts itself')
         self._describe_launch(values)
         for warning in warnings:
             if warning not in told:

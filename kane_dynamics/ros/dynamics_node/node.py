@@ -5,6 +5,7 @@ from pathlib import Path
 import time
 from typing import Any
 
+from kane_dynamics.analysis.known_arms import words
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.ros.common import realtime
 from kane_dynamics.ros.common.configuration_files import load_model, resolve_path
@@ -16,6 +17,7 @@ from kane_dynamics.ros.dynamics_node.configured_robot import (ACKNOWLEDGE_TIMEOU
                                                               ConfiguredRobot)
 from kane_dynamics.ros.dynamics_node.node_timers import NodeTimers
 from kane_dynamics.ros.dynamics_node.sim_time_watchdog import SimTimeWatchdog
+from kane_dynamics.ros.parameters.arm_statement import examine_statement
 from kane_dynamics.ros.parameters.live_parameters import LiveParameters
 from kane_dynamics.ros.parameters.parameter_table import SPECS
 from kane_dynamics.ros.services.services import Services
@@ -165,6 +167,8 @@ class DynamicsNode(LifecycleNode):
                              'message on topic robot_description')
         log = self.get_logger()
         model = load_model(source, self.values, log.warning)
+        if contradiction := examine_statement(self.values, model):
+            log.warning(contradiction)
         self.statistics = Statistics()
         self.arm = ConfiguredRobot(self, self.server, model, self.values, self.statistics,
                                    self._warn)
@@ -178,6 +182,8 @@ class DynamicsNode(LifecycleNode):
                      '~/torque_by_source treat flexible links as rigid')
         log.info(f'{model.name}: {len(joints)} joints ({", ".join(joints)}), kernels ready in '
                  f'{time.perf_counter() - began:.2f} s, verified to {self.arm.verified:.1e}')
+        added = words(self.values['arm_compensates'])
+        log.info(f'the arm adds {added} to commanded efforts itself')
         if fault := self._activation_fault():
             log.info(f'the node remains inactive: {fault}')
 

@@ -18,7 +18,7 @@ class AppliedTorque:
     Determines the torque that acts on the joints.
 
     Parameter `observer.torque` selects the effort of the joint states, or the command of the node
-    plus the terms that the arm adds itself (those that are switched off by compensate.*).
+    plus the terms that the arm adds itself (arm_compensates).
 
     Of an arm with beams it is the torque on the rigid model: without what the quasi-static
     deflection at the measured state, without acceleration, adds to its inverse dynamics.

@@ -6,7 +6,7 @@ import math
 import re
 from typing import Any
 
-from kane_dynamics.control.controller import Terms
+from kane_dynamics.control.terms import stated_terms, STATEMENT, Terms
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.parameters.parameter_table import Kind, Spec
 import numpy as np
@@ -81,10 +81,20 @@ def _per_joint(spec: Spec, value: Any) -> NDArray[np.float64]:
     return np.array([_number(spec, item) for item in value])
 
 
+def _terms(spec: Spec, value: Any) -> tuple[str, ...]:
+    """Return torque terms, or 'none'; empty: not stated."""
+    if not isinstance(value, str) and not len(value):
+        return ()
+    try:
+        return stated_terms(value if isinstance(value, str) else list(value), spec.name)
+    except InputError:
+        raise ValueError from None
+
+
 _READERS: dict[Kind, Callable[[Spec, Any], Any]] = {
     'text': _text, 'flag': _flag, 'number': _number, 'count': _count, 'names': _names,
     'vector': _vector, 'six': _vector, 'numbers': _numbers,
-    'per_joint': _per_joint}
+    'per_joint': _per_joint, 'terms': _terms}
 
 
 def read(spec: Spec, value: Any) -> Any:
@@ -199,10 +209,20 @@ def per_joint_of_effort(values: Mapping[str, Any], name: str, joints: Sequence[s
     return result
 
 
+def unstated(hint: str = '') -> InputError:
+    """Return the error that parameter arm_compensates is not set, with a hint."""
+    return InputError(
+        "parameter 'arm_compensates': not stated; expected what the arm adds to commanded "
+        f'efforts itself, {STATEMENT}: a wrong one doubles the weight or drops the arm'
+        f'{hint}. The table of arms is on the page "Arms with built-in gravity compensation"; '
+        '`kane-dynamics doctor URDF --config FILE` compares a configuration with it')
+
+
 def terms(values: Mapping[str, Any]) -> Terms:
-    """Return the term switches of the parameters compensate.*."""
-    return Terms(**{name: values[f'compensate.{name}']
-                    for name in ('gravity', 'coriolis', 'inertia', 'friction')})
+    """Return the terms of `commands`; raise InputError if arm_compensates is not stated."""
+    if not values['arm_compensates']:
+        raise unstated()
+    return Terms.beside(values['arm_compensates'])
 
 
 def controller_settings(values: Mapping[str, Any], joints: Sequence[str]) -> dict[str, Any]:

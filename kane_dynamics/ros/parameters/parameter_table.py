@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import math
 from typing import Any, Literal
 
-from kane_dynamics.control.controller import Mode
+from kane_dynamics.control.terms import Mode, STATEMENT
 from kane_dynamics.mechanics.integrators import INTEGRATORS
 
 Kind = Literal['text', 'flag', 'number', 'count', 'names', 'vector', 'six', 'numbers',
-               'per_joint']
+               'per_joint', 'terms']
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Spec:
                 'vector': 'three finite numbers', 'six': 'six finite numbers',
                 'numbers': f'a list of integers, each {number}',
                 'number': f'a number, {number}',
-                'count': f'an integer, {number}',
+                'count': f'an integer, {number}', 'terms': STATEMENT,
                 'per_joint': f'one number or one per joint, each {number}'}[self.kind]
 
 
@@ -118,12 +118,8 @@ SPECS = (
          positive=True, low=0.0),
     live('mode', 'text', 'inverse_dynamics', 'control mode, which decides what `commands` '
          'contains', choices=tuple(Mode)),
-    live('compensate.gravity', 'flag', True, 'include gravity in `commands`; false for an arm '
-         'that adds it itself'),
-    live('compensate.coriolis', 'flag', True, 'include Coriolis and centrifugal forces in '
-         '`commands`'),
-    live('compensate.inertia', 'flag', True, 'include the inertia force M(q) udot in `commands`'),
-    live('compensate.friction', 'flag', True, 'include joint friction in `commands`'),
+    Spec('arm_compensates', 'terms', [], 'torque terms that the arm adds to commanded efforts '
+         'itself; `commands` leave them out; without this statement the node does not configure'),
     live('gains.kp', 'per_joint', 100.0, 'mode computed_torque: gain of position errors, '
          '1/s^2', low=0.0),
     live('gains.kd', 'per_joint', 20.0, 'mode computed_torque: gain of velocity errors, '

@@ -36,6 +36,8 @@ SPECS = (
     live('initial.position', 'per_joint', [], 'initial positions, at rest, at the start and after '
          '~/reset, rad or m; empty: 0, or the limit nearest to it; with closed loops those of the '
          'independent joints count, and empty is the configuration of the constraints file'),
+    Spec('arm_compensates', 'terms', ['none'], 'torque terms that the simulated arm adds to '
+         'commanded efforts itself, all but inertia; efforts in joint_states are without them'),
     live('hold_until_command', 'flag', True, 'hold the arm with brakes until the first command; '
          'false: the arm moves freely from the start'),
     live('command_timeout', 'number', 0.1, "age, s of the plant's time, above which the last "

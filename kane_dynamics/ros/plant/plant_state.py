@@ -9,7 +9,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
 from kane_dynamics.ros.plant.delay_line import DelayLine
-from kane_dynamics.ros.plant.simulated_arm import joint_count, SimulatedArm
+from kane_dynamics.ros.plant.simulated_arm import added_terms, joint_count, SimulatedArm
 from kane_dynamics.ros.torque_path.gravity_payload import parameter_loads
 from kane_dynamics.ros.torque_path.wrench_input import check_frames
 import numpy as np
@@ -60,7 +60,7 @@ class PlantState:
         self.robot, self._values = robot, values
         self.period: float = NANO / values['rate']  # ns
         self.arm = SimulatedArm(robot, 1.0 / (values['rate'] * values['substeps']),
-                                values['integrator'])
+                                values['integrator'], values['arm_compensates'])
         self.states: DelayLine[Measurement] = DelayLine()
         self.commands: DelayLine[Array] = DelayLine()
         self.timeouts = self.ticks = 0
@@ -77,6 +77,7 @@ class PlantState:
         for name in ('noise.position', 'noise.velocity', 'noise.effort', 'limits.effort'):
             per_joint(values, name, names, 0.0)
         parameter_loads(robot.model, values)
+        added_terms(values['arm_compensates'])
         check_frames(robot.model, values['wrench.frames'])
         if values['initial.position'].shape != (0,):
             initial = per_joint(values, 'initial.position', names, 0.0)

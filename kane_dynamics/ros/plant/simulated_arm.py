@@ -1,10 +1,13 @@
 """The simulated arm: equations of motion, joint stops, motors and external wrenches."""
 
+from collections.abc import Collection
+
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
+from kane_dynamics.control.terms import NO_TERM, Terms
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.conditioning import described
-from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 from kane_dynamics.ros.plant.energy_check import EnergyCheck
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.step_kernels import state_names, step_kernel, StepChoice
@@ -13,6 +16,27 @@ from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_step
 from kane_dynamics.simulation.torque_input import TorqueInput
 import numpy as np
+
+
+def added_terms(arm_compensates: Collection[str]) -> Array | None:
+    """
+    Return the weight of each torque term that the simulated arm adds itself; None without any.
+
+    Raises
+    ------
+    InputError
+        The list is empty or invalid, or has inertia, which needs a desired acceleration.
+
+    """
+    commanded = Terms.beside(arm_compensates)
+    if not commanded.inertia:
+        raise InputError(f"parameter 'arm_compensates': {list(arm_compensates)}; expected no "
+                         'inertia, which needs a desired acceleration')
+    if commanded.complete:
+        return None
+    # The rows are those of `torque_terms`; the springs are part of the arm.
+    return np.array([not getattr(commanded, name, True) for name in TORQUE_TERMS],
+                    dtype=np.float64)
 
 
 def joint_count(robot: Robot) -> int:
@@ -41,6 +65,9 @@ class SimulatedArm:
         Integration step, s.
     integrator : str
         One of `step_kernels.INTEGRATORS`.
+    arm_compensates : collection of str
+        Torque terms that the arm adds to the commanded torques itself, at the state at the start
+        of each step; effort limits apply to the commanded torques only.
 
     Attributes
     ----------
@@ -49,7 +76,7 @@ class SimulatedArm:
     q, u : (n,) arrays
         Positions and rates of the joints, rad or m, and s; in fixed memory.
     effort : (n,) array
-        Effort of the motors in the last step, N m or N.
+        Commanded effort of the last step, within the limits, N m or N: without what the arm adds.
     limit : (n,) array
         Effort limit of the motors.
     lower, upper : (n,) arrays
@@ -66,8 +93,16 @@ class SimulatedArm:
 
     """
 
-    def __init__(self, robot: Robot, step: float, integrator: str = 'rk4') -> None:
+    def __init__(self, robot: Robot, step: float, integrator: str = 'rk4',
+                 arm_compensates: Collection[str] = (NO_TERM,)) -> None:
         """Compile the kernels of a step."""
+        self._added = added_terms(arm_compensates)
+        if self._added is not None:
+            robot.compile('torque_terms')
+        self._at_rest = np.zeros(robot.n)
+        # The arm's own controller acts on joints, not on flexible modes.
+        modes = {robot.model.coordinate_names[k] for k in robot.model.modal_coordinates}
+        self._driven = np.array([name not in modes for name in robot.speed_names])
         self._integrator = integrator
         n, n_q = joint_count(robot), robot.n_q
         self.robot, self.joint_names = robot, robot.joint_names[:n]
@@ -171,6 +206,9 @@ class SimulatedArm:
         else:
             self._total[0, :len(self.effort)] = self.effort
             self._total[0, len(self.effort):] = 0.0
+        if self._added is not None:
+            terms = self.robot.torque_terms(self._q, self._u, self._at_rest)
+            self._total[0] += np.where(self._driven, self._added @ terms, 0.0)
         if self.wrenches:
             self._total[0] += self._external()
         self._advance()

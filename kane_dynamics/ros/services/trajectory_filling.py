@@ -24,7 +24,7 @@ FIELDS = ('positions', 'velocities', 'accelerations')
 @dataclass(frozen=True)
 class FillSettings:
     """
-    Settings of filled trajectories: parameters feedforward.*, compensate.* and limits.effort.
+    Settings of filled trajectories: parameters feedforward.*, arm_compensates and limits.effort.
 
     Attributes
     ----------

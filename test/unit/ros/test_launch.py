@@ -90,6 +90,14 @@ def test_urdf_overrides_the_configuration(launch_file):
     assert node.parameters[1:3] == [{'urdf': '/my/arm.urdf'}, {'use_sim_time': True}]
 
 
+def test_the_statement_of_what_the_arm_adds_holds_for_the_node_and_for_the_simulated_arm(
+        launch_file):
+    node, _, plant = start(launch_file, config='ur10e.yaml', plant='plant.yaml',
+                           arm_compensates='gravity,friction')
+    assert {'arm_compensates': 'gravity,friction'} in node.parameters
+    assert {'arm_compensates': 'gravity,friction'} in plant.parameters
+
+
 def test_topics_are_remapped_and_namespaced(launch_file):
     node, _ = start(launch_file, commands='effort/commands', namespace='left')
     assert node.remappings == [('commands', 'effort/commands')]

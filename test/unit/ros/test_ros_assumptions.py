@@ -34,6 +34,7 @@ def served(bending=True, **changes):
     model = load_urdf(URDF, supplement=resource_path('urdf', 'two_link.bending.yaml'))
     robot = Robot(stiffened(model))
     values = {spec.name: read(spec, spec.default) for spec in SPECS} | {
+        'arm_compensates': ('none',)} | {
         name.replace('__', '.'): value for name, value in changes.items()}
     return ServedRobot(robot, robot, GravityAndPayload(robot.parameters.gravity), values,
                        WrenchFrames(robot), QuasiStatic(Robot(model)) if bending else None)

@@ -297,7 +297,8 @@ def test_reasons_are_different_words():
 
 
 def all_values(**changes):
-    return {spec.name: read(spec, spec.default) for spec in SPECS} | changes
+    values = {spec.name: read(spec, spec.default) for spec in SPECS}
+    return values | {'arm_compensates': ('none',)} | changes
 
 
 def test_the_guard_holds_an_arm_with_closed_loops(monkeypatch):
@@ -365,8 +366,7 @@ def test_torque_of_deflected_beams_is_that_of_the_rigid_model_whatever_the_arm_a
     flexible, rigid = bending_palletizer()
     bent, rest = QuasiStatic(flexible), np.zeros(4)
     q, u = positions(rigid, *POSE), np.array([0.1, -0.2, 0.3, 0.4])
-    values = {'observer.torque': 'command',
-              **{f'compensate.{name}': name != off for name in TORQUE_TERMS}}
+    values = {'observer.torque': 'command', 'arm_compensates': (off or 'none',)}
     terms = Terms(**({off: False} if off else {}))
     command = np.zeros(rigid.n_q)
     command[[rigid.joint_names.index(name) for name in DRIVEN]] = (

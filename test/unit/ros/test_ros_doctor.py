@@ -15,7 +15,7 @@ import pytest
 from sensor_msgs.msg import JointState
 
 URDF = Path(resource_path('urdf', 'two_link.urdf')).read_text(encoding='utf-8')
-FITS = 'all parameters are known and fit the arm'
+FITS = 'all parameters are known and fit the arm, which adds nothing to commanded efforts itself'
 LOADS = 'loads the URDF of the launch argument urdf or of topic robot_description'
 POSE = [0.3, 0.5]
 NOW = 1_000 * NANO
@@ -42,8 +42,9 @@ def test_blocks_of_other_nodes_are_ignored(examine):
         controller_manager: {ros__parameters: {update_rate: 500}}
         plant: {ros__parameters: {urdf: no.urdf}}
         simulator: {ros__parameters: {urdf: no.urdf, supplement: no.yaml, rate: 500.0}}
-        kane_dynamics: {ros__parameters: {mode: computed_torque}}""")
-    block, changed = 'arm.yaml, /kane_dynamics', 'parameters other than default: mode'
+        kane_dynamics: {ros__parameters: {mode: computed_torque, arm_compensates: none}}""")
+    block, changed = 'arm.yaml, /kane_dynamics', 'parameters other than default: '
+    changed += 'mode, arm_compensates'
     assert found == [('fine', f'{block}: {FITS}'),
                      ('fine', f'{block}: node /kane_dynamics {LOADS}; {changed}')]
     with pytest.raises(InputError, match='ros__parameters of /controller_manager; expected'):
@@ -54,7 +55,7 @@ def test_blocks_of_other_nodes_are_ignored(examine):
 
 def test_each_arm_of_a_file_is_checked_separately(examine):
     found, robot = examine("""
-        /**: {ros__parameters: {joints: [joint2]}}
+        /**: {ros__parameters: {joints: [joint2], arm_compensates: [none]}}
         left: {kane_dynamics: {ros__parameters: {mode: comptued_torque}}}
         /right/kane_dynamics: {ros__parameters: {limits: {effort: [5.0]}, prefix: right_}}
         /third/arm_feedforward: {ros__parameters: {mode: computed_torque, joints: []}}""",
@@ -74,6 +75,7 @@ def test_each_arm_of_a_file_is_checked_separately(examine):
 def test_the_robot_is_that_of_the_file(examine):
     found, robot = examine("""
         /**: {ros__parameters: {tip: link1, limits: {effort: [9.0]}, gravity: [0, 0, -9.8],
+              arm_compensates: [none],
               payload: {frame: link1, mass: 2.0, com: [0.5, 0, 0]}}}""", prefix='left_')
     assert [words.partition('; ')[0] for _, words in found] == [
         f'arm.yaml: {FITS}', f'arm.yaml: every node {LOADS}']
@@ -86,6 +88,7 @@ def test_the_robot_is_that_of_the_file(examine):
 def test_all_problems_are_reported_at_once(examine):
     found, _ = examine("""
         /**: {ros__parameters: {urdf: /no/such.urdf, supplement: /no/such.yaml, gains: {kp: [1.0]},
+              arm_compensates: none,
               limits: {effort: [1.0, 2.0, 3.0]}, payload: {mass: 2.0}, wrench: {frames: [claw]},
               observer: {enabled: true, threshold: [1.0], frame: paw},
               estimator: {enabled: true, torque_deviation: 1.0}}}""")
@@ -99,19 +102,40 @@ def test_all_problems_are_reported_at_once(examine):
                   'payload: parameter payload.frame is empty; expected a frame'):
         assert words in text, text
     assert len(found) == 9
-    (_, words), = examine('/**: {ros__parameters: {tip: nonsense}}')[0]
+    (_, words), = examine('/**: {ros__parameters: {tip: nonsense, arm_compensates: none}}')[0]
     assert "tip: 'nonsense' is no link; expected one of" in words
+
+
+def test_a_missing_statement_of_what_the_arm_adds_is_a_problem_and_names_the_table(examine):
+    (level, words), *_ = examine('/**: {ros__parameters: {mode: computed_torque}}')[0]
+    assert level == 'problem'
+    assert "parameter 'arm_compensates': not stated; expected what the arm adds" in words
+    path = resource_path('urdf', 'ur10e.urdf')
+    found, _ = examine(f'/**: {{ros__parameters: {{urdf: {path}}}}}')
+    assert any(level == 'problem' and 'ur10e is known: gravity, friction for Universal' in words
+               for level, words in found)
+
+
+def test_a_statement_that_contradicts_the_table_of_arms_gives_a_warning(examine):
+    path = resource_path('urdf', 'fr3.urdf')
+    text = '/**: {{ros__parameters: {{urdf: {}, arm_compensates: {}}}}}'
+    (level, words), *_ = examine(text.format(path, 'none'))[0]
+    assert level == 'warning'
+    assert 'arm_compensates: none, where gravity would count twice; expected gravity' in words
+    found, _ = examine(text.format(path, '[gravity, friction]'), prefix='left_')
+    assert not any('where gravity' in words for _, words in found)
 
 
 def test_unused_parameters_are_not_checked(examine):
     found, _ = examine("""
         /**: {ros__parameters: {observer: {threshold: [1.0], frame: paw}, imu: {frame: ear},
+              arm_compensates: [none],
               estimator: {torque_deviation: [1.0]}, use_sim_time: true}}""")
     assert found[0] == ('fine', f'arm.yaml: {FITS}')
 
 
 def test_parameters_of_the_program_instead_of_its_node_are_a_problem(examine):
-    found, robot = examine('dynamics_node: {ros__parameters: {mode: computed_torque}}')
+    found, robot = examine('dynamics_node: {ros__parameters: {arm_compensates: none}}')
     assert robot is None
     (level, words), = found
     assert level == 'problem'
@@ -119,19 +143,20 @@ def test_parameters_of_the_program_instead_of_its_node_are_a_problem(examine):
 
 
 def test_a_file_that_loads_another_arm_is_a_problem_and_says_which(examine):
-    text = '/**: {ros__parameters: {urdf: "package://kane_dynamics/urdf/%s.urdf"}}'
-    found, _ = examine(text % 'ur10e')
+    text = '/**: {ros__parameters: {urdf: "package://kane_dynamics/urdf/%s.urdf", %s}}'
+    found, _ = examine(text % ('ur10e', 'arm_compensates: [gravity, friction]'))
     (level, words), (_, launch) = found
     assert level == 'problem'
     assert "ur10e.urdf' is loaded, not the examined URDF" in words
     assert f"every node loads '{resource_path('urdf', 'ur10e.urdf')}'" in launch
-    found, _ = examine(text % 'two_link')
+    found, _ = examine(text % ('two_link', 'arm_compensates: none'))
     assert {level for level, _ in found} == {'fine'}
 
 
 def test_problems_of_other_parameters_are_reported_beside_unknown_joints(examine):
     found, robot = examine("""
         /**: {ros__parameters: {joints: [a, b, c], mode: fly, kp: 5.0, gains: {kd: -1.0},
+              arm_compensates: none,
               payload: {frame: claw}, observer: {enabled: true, frame: paw}}}""")
     text = '\n'.join(words for _, words in found)
     assert robot is None

@@ -35,6 +35,7 @@ NOISE = np.array([1e-5, 5e-4])  # of positions, rad, and speeds, rad/s: of good 
 
 def settings(**changes):
     values = {spec.name: read(spec, spec.default) for spec in SPECS}
+    values['arm_compensates'] = ('none',)
     given = {'payload.frame': FRAME, 'estimator.enabled': True, 'mode': 'gravity_compensation'}
     return values | given | {f'estimator.{name}': read(BY_NAME[f'estimator.{name}'], value)
                              for name, value in changes.items()}

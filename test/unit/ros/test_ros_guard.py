@@ -136,6 +136,7 @@ class Pair:
 
     def __init__(self, monkeypatch, controller, period=0.002, **changes):
         values = {spec.name: read(spec, spec.default) for spec in SPECS}
+        values['arm_compensates'] = ('none',)
         self.values = values | {'limits.rate': np.array(RATE), 'guard.lease': LEASE, **changes}
         self.machine = Machine(monkeypatch)
         self.period = period
@@ -241,6 +242,26 @@ def test_the_guard_damps_motion_and_starts_from_the_last_torque_of_the_node(pair
     robot = Robot(MODEL)
     expected = robot.inverse_dynamics(Q, both.u, -20.0 * both.u) - robot.friction_force(both.u)
     np.testing.assert_allclose(both.machine.commands[-1][2], expected, rtol=1e-9)
+
+
+def test_the_guard_damps_alone_where_the_arm_holds_itself(pair):
+    both = pair(arm_compensates=('gravity', 'friction'))
+    both.u = np.array([0.5, -0.2])
+    both.run(0.1)
+    both.path.active_motion.follow(MOTION, round(both.machine.now * NANO), 0,
+                                   both.path.active_motion.generation)
+    both.run(0.1)
+    both.node_process.dead = True
+    both.run(0.3)
+    robot = Robot(MODEL)
+    damping = robot.inverse_dynamics(Q, both.u, -20.0 * both.u)
+    damping = damping - robot.gravity_force(Q) - robot.friction_force(both.u)
+    assert both.machine.commands[-1][1] == 'guard'
+    np.testing.assert_allclose(both.machine.commands[-1][2], damping, rtol=1e-9)
+    both.u = np.zeros(2)
+    both.run(0.1)
+    assert both.machine.commands[-1][1] == 'guard'
+    assert np.abs(both.machine.commands[-1][2]).max() < 1e-12
 
 
 def test_the_guard_changes_all_torques_in_step_with_the_slowest(pair):

@@ -22,7 +22,7 @@ TABLES = {path: plant_specs.SPECS if path.stem == 'plant' else SPECS
           for path in sorted(FOLDER.glob('*.yaml'))}
 # Parameters that a file sets for its arm; all others have their defaults.
 OWN = {'urdf', 'supplement', 'base', 'tip', 'joints', 'payload.frame', 'initial.position',
-       'wrench.frames', 'compensate.gravity', 'limits.rate'}
+       'wrench.frames', 'arm_compensates', 'limits.rate', 'mode'}
 FILES = pytest.mark.parametrize('path', TABLES, ids=lambda path: path.stem)
 
 
@@ -62,6 +62,8 @@ def test_a_shipped_file_describes_every_parameter_as_its_table_does(path):
     ('limits.effort', 0.0), ('limits.effort', [math.nan]), ('joints', 'a'), ('joints', ['a', 'a']),
     ('joints', ['']), ('joints', [1]), ('simulation.max_steps', 0),
     ('simulation.max_steps', 1.5), ('simulation.max_points', 10**9),
+    ('arm_compensates', 'weight'), ('arm_compensates', ['gravity', 'none']),
+    ('arm_compensates', ['gravity', 'gravity']), ('arm_compensates', 3), ('arm_compensates', ''),
 ])
 def test_an_invalid_value_is_refused_by_name(name, value):
     with pytest.raises(InputError, match=rf"parameter '{name}': .*; expected "):
@@ -71,6 +73,9 @@ def test_an_invalid_value_is_refused_by_name(name, value):
 @pytest.mark.parametrize(('name', 'value', 'expected'), [
     ('state_timeout', 1, 1.0), ('gains.kp', 5, np.array(5.0)), ('limits.effort', [], np.zeros(0)),
     ('limits.rate', math.inf, np.array(math.inf)), ('joints', ['b', 'a'], ('b', 'a')),
+    ('arm_compensates', [], ()), ('arm_compensates', 'none', ('none',)),
+    ('arm_compensates', 'gravity, friction', ('gravity', 'friction')),
+    ('arm_compensates', ['coriolis'], ('coriolis',)),
     ('joints', [], ()), ('gravity', [0, 0, -1], np.array([0.0, 0.0, -1.0])),
 ])
 def test_integers_and_single_numbers_are_valid_for_numbers_and_lists(name, value, expected):

@@ -9,6 +9,7 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.joint_stops import resolve_stops
 from kane_dynamics.robot.parameters import JointLimits
+from kane_dynamics.robot.robot import TORQUE_TERMS
 from kane_dynamics.ros.parameters.parameter_checks import read
 from kane_dynamics.ros.plant.delay_line import DelayLine, MAX_ITEMS
 from kane_dynamics.ros.plant.plant_parameters import SPECS
@@ -63,6 +64,57 @@ def run(which, ticks):
 
 def energy(q, u):
     return peer().kinetic_energy(q, u) + peer().potential_energy(q)
+
+
+# ------------------------------------------------------------ what the arm adds itself
+
+
+def test_an_arm_that_compensates_gravity_stays_without_torque_and_reports_none():
+    robot = Robot(MODEL)
+    held = SimulatedArm(robot, 1e-3, arm_compensates=('gravity',))
+    held.reset(np.array([0.3, 0.5]))
+    for _ in range(500):
+        held.step(np.zeros(2))
+    np.testing.assert_allclose(held.q, [0.3, 0.5], atol=1e-12)
+    assert not held.effort.any()
+
+
+@pytest.mark.parametrize('term', ['gravity', 'friction', 'coriolis'])
+def test_what_the_arm_adds_is_what_a_controller_would_have_added(term):
+    """A step with the term inside equals a step with the term in the command."""
+    supplement = {'joints': {name: {'damping': 0.5, 'friction': 0.3}
+                             for name in MODEL.joint_names}}
+    model = load_urdf(URDF, supplement=supplement)
+    inside = SimulatedArm(Robot(model), 1e-3, arm_compensates=(term,))
+    outside = SimulatedArm(Robot(model), 1e-3)
+    q, u, command = np.array([0.3, 0.5]), np.array([0.7, -1.1]), np.array([0.4, -0.2])
+    peer = Robot(model)
+    added = peer.torque_terms(q, u, np.zeros(2))[TORQUE_TERMS.index(term)]
+    assert np.abs(added).max() > 0.05
+    for simulated, torque in ((inside, command), (outside, command + added)):
+        simulated.reset(q)
+        simulated.u[:] = u
+        simulated.step(torque)
+    np.testing.assert_allclose(inside.q, outside.q, rtol=1e-12)
+    np.testing.assert_allclose(inside.u, outside.u, rtol=1e-12)
+    np.testing.assert_array_equal(inside.effort, command)
+
+
+def test_flexible_modes_are_not_driven_by_what_the_arm_adds():
+    """The joints are held; only the beam swings, from straight to its sag."""
+    robot = Robot(flexible())
+    held = SimulatedArm(robot, 1e-4, arm_compensates=('gravity',))
+    held.reset(np.zeros(2))
+    before = held._q.copy()
+    for _ in range(100):
+        held.step(np.zeros(2))
+    np.testing.assert_allclose(held._q, before, atol=1e-6)  # in its equilibrium
+    assert np.abs(before[2:]).max() > 1e-4
+
+
+def test_the_arm_cannot_add_inertia_without_a_desired_acceleration():
+    with pytest.raises(InputError, match='expected no inertia'):
+        plant(arm_compensates=['inertia'])
 
 
 # ---------------------------------------------------------------------- stops

@@ -61,10 +61,10 @@ class Log:
 class Rig:
     """A torque path with wrench input, contact monitor and a manual clock."""
 
-    def __init__(self, mode='inverse_dynamics', compensate_gravity=True, **changes):
+    def __init__(self, mode='inverse_dynamics', arm_compensates=('none',), **changes):
         self.time, self.rejected, self.log = 100 * NANO, [], Log()
         self.values = {spec.name: read(spec, spec.default) for spec in SPECS}
-        self.values |= {'compensate.gravity': compensate_gravity} | {
+        self.values |= {'arm_compensates': arm_compensates} | {
             f'observer.{name}': read(BY_NAME[f'observer.{name}'], value)
             for name, value in changes.items()}
         self.commands = Sink(Float64MultiArray)
@@ -169,6 +169,7 @@ def test_malformed_messages_are_rejected_and_what_rclpy_reads_is_accepted():
 
 def test_fixed_and_unknown_frames_are_refused_by_name():
     values = {spec.name: read(spec, spec.default) for spec in SPECS}
+    values['arm_compensates'] = ('none',)
     for name, words in (('claw', "no frame 'claw'"), (MODEL.base_name, 'does not move')):
         with pytest.raises(InputError, match=words):
             wrench_input.check_frames(MODEL, [name])
@@ -212,7 +213,7 @@ def test_a_known_wrench_is_not_a_collision():
 
 @pytest.mark.parametrize('gravity_by_arm', [False, True])
 def test_without_efforts_the_observer_uses_the_command_and_the_terms_of_the_arm(gravity_by_arm):
-    rig = Rig(compensate_gravity=not gravity_by_arm, threshold=0.1)
+    rig = Rig(arm_compensates=('gravity',) if gravity_by_arm else ('none',), threshold=0.1)
     if gravity_by_arm:
         rig.path.controller.update(compensate=rig.path.controller.compensate.__class__(
             gravity=False))

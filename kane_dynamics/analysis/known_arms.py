@@ -1,0 +1,176 @@
+"""The table of arms: which torque terms they add themselves, and what efforts they report."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+import re
+from typing import Any
+
+from kane_dynamics._util.yaml_io import mapping, read_yaml
+from kane_dynamics.control.terms import NO_TERM, stated_terms
+from kane_dynamics.errors import InputError
+
+TABLE = Path(__file__).with_name('arms.yaml')
+UNCONFIRMED = 'unconfirmed'
+NO_INTERFACE = 'no effort interface'
+EFFORT_KINDS = ('motor_current', 'motor_torque', 'joint_torque', 'external_torque')
+_KEYS = ('vendor', 'arm', 'name', 'joints', 'interface', 'versions', 'compensates', 'note',
+         'efforts', 'sources')
+
+
+@dataclass(frozen=True)
+class ReportedEffort:
+    """
+    The efforts in the joint states of one version of a driver.
+
+    Attributes
+    ----------
+    kind : str
+        One of `EFFORT_KINDS`, or `UNCONFIRMED`.
+    gravity : bool
+        Whether the weight of the arm is part of it.
+    versions : str
+
+    """
+
+    kind: str
+    gravity: bool = True
+    versions: str = ''
+
+
+@dataclass(frozen=True)
+class KnownArm:
+    """
+    One row of the table of arms.
+
+    Attributes
+    ----------
+    vendor, arm, interface, versions, note : str
+    name, joints : str
+        Regular expressions for the name of the robot and for all its joints; either identifies it.
+    compensates : tuple of str or None
+        The torque terms that the arm adds to commanded efforts; None if no source says it, or if
+        efforts cannot be commanded.
+    commandable : bool
+        Whether efforts can be commanded.
+    efforts : tuple of ReportedEffort
+    sources : tuple of str
+
+    """
+
+    vendor: str
+    arm: str
+    interface: str
+    versions: str
+    note: str
+    name: str
+    joints: str
+    compensates: tuple[str, ...] | None
+    commandable: bool
+    efforts: tuple[ReportedEffort, ...]
+    sources: tuple[str, ...]
+
+    def is_this(self, name: str, joint_names: Collection[str]) -> bool:
+        """Return whether a robot of this name, with these joints, is this arm."""
+        if re.fullmatch(self.name, name, re.IGNORECASE):
+            return True
+        return bool(self.joints and joint_names) and all(
+            re.fullmatch(self.joints, joint, re.IGNORECASE) for joint in joint_names)
+
+    def __str__(self) -> str:
+        """Return arm and interface in one line."""
+        return f'{self.vendor} {self.arm} ({self.interface}; {self.versions})'
+
+
+@cache
+def known_arms() -> tuple[KnownArm, ...]:
+    """Return the rows of the table of arms; raise InputError if a row is invalid."""
+    rows = read_yaml(TABLE, 'table of arms', InputError)
+    return tuple(_row(row, number) for number, row in enumerate(rows, start=1))
+
+
+def arms_named(name: str, joint_names: Collection[str] = ()) -> tuple[KnownArm, ...]:
+    """
+    Return the rows of an arm, which differ in interface or version; empty if it is unknown.
+
+    Parameters
+    ----------
+    name : str
+        Name of the robot in its URDF.
+    joint_names : collection of str
+        Names of its joints, without a prefix of the node.
+
+    """
+    return tuple(row for row in known_arms() if row.is_this(name, joint_names))
+
+
+def contradiction(rows: Sequence[KnownArm], compensates: Collection[str]) -> str:
+    """
+    Return how a statement of what the arm compensates contradicts the table; empty if not.
+
+    Parameters
+    ----------
+    rows : sequence of KnownArm
+        The rows of the arm, from `arms_named`.
+    compensates : collection of str
+        Torque terms, or 'none'.
+
+    """
+    stated = frozenset(compensates)
+    listed = {row: frozenset(row.compensates) for row in rows if row.compensates is not None}
+    if not listed or stated in listed.values():
+        return ''
+    expected = '; or '.join(f'{", ".join(row.compensates or ())} for {row}' for row in listed)
+    # Gravity is what throws or drops an arm.
+    by_arm = ['gravity' in terms for terms in listed.values()]
+    consequence = ''
+    if 'gravity' not in stated and all(by_arm):
+        consequence = ', where gravity would count twice'
+    if 'gravity' in stated and not any(by_arm):
+        consequence = ', where nothing would hold the weight of the arm'
+    return (f'arm_compensates: {", ".join(compensates)}{consequence}; expected {expected} '
+            '(a simulated arm: what its simulator adds)')
+
+
+def _row(data: Any, number: int) -> KnownArm:
+    """Return one checked row."""
+    what = f'table of arms, row {number}'
+    row = mapping(data, what, _KEYS, InputError)
+    missing = sorted(set(_KEYS) - {'joints', 'note'} - set(row))
+    if missing:
+        raise InputError(f'{what}: no {", ".join(missing)}; expected all of {", ".join(_KEYS)}')
+    if not row['sources']:
+        raise InputError(f'{what}: no sources; expected where it is said')
+    for key in ('name', 'joints'):
+        try:
+            re.compile(row.get(key, ''))
+        except re.error as error:
+            raise InputError(f'{what}, {key}: {row[key]!r}, {error}; expected a regular '
+                             'expression') from None
+    compensates = None
+    if row['compensates'] not in (UNCONFIRMED, NO_INTERFACE):
+        compensates = stated_terms(row['compensates'], f'{what}, compensates')
+    return KnownArm(
+        row['vendor'], row['arm'], row['interface'], str(row['versions']), row.get('note', ''),
+        row['name'], row.get('joints', ''), compensates, row['compensates'] != NO_INTERFACE,
+        tuple(_effort(entry, what) for entry in row['efforts']), tuple(row['sources']))
+
+
+def _effort(data: Any, what: str) -> ReportedEffort:
+    """Return one checked entry of the reported efforts."""
+    entry = mapping(data, f'{what}, efforts', ('kind', 'gravity', 'versions'), InputError)
+    kind = entry.get('kind')
+    if kind not in (*EFFORT_KINDS, UNCONFIRMED):
+        raise InputError(f'{what}, efforts: kind {kind!r}; expected one of '
+                         f'{", ".join((*EFFORT_KINDS, UNCONFIRMED))}')
+    gravity = entry.get('gravity', True)
+    if not isinstance(gravity, bool):
+        raise InputError(f'{what}, efforts: gravity {gravity!r}; expected true or false')
+    return ReportedEffort(kind, gravity, str(entry.get('versions', '')))
+
+
+def words(compensates: Collection[str]) -> str:
+    """Return what the arm adds itself, in words."""
+    terms = [name for name in compensates if name != NO_TERM]
+    return ' and '.join(filter(None, [', '.join(terms[:-1]), *terms[-1:]])) or 'nothing'

@@ -1,0 +1,35 @@
+"""The statement of what the arm compensates, against the table of arms."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from kane_dynamics.analysis.known_arms import arms_named, contradiction
+from kane_dynamics.model.model import Model
+from kane_dynamics.ros.parameters.parameter_checks import unstated
+
+
+def examine_statement(values: Mapping[str, Any], model: Model) -> str:
+    """
+    Return how parameter arm_compensates contradicts the table of arms; empty if it does not.
+
+    Parameters
+    ----------
+    values : mapping
+        The checked parameters of the dynamics node.
+    model : Model
+        The robot, whose name and joints identify the arm.
+
+    Raises
+    ------
+    InputError
+        The parameter is not set; the message has what the table lists for the arm.
+
+    """
+    prefix = values['prefix']
+    joints = [name.removeprefix(prefix) for name in model.joint_names]
+    rows = arms_named(model.name, joints)
+    stated = values['arm_compensates']
+    if stated:
+        return contradiction(rows, stated)
+    listed = [f'{", ".join(row.compensates)} for {row}' for row in rows if row.compensates]
+    raise unstated(f'. {model.name} is known: ' + '; or '.join(listed) if listed else '')
