@@ -20,8 +20,8 @@ PACKAGE = 'kane_dynamics'
 ARGUMENTS = {
     'config': ('', 'parameter file: a path, or a file name in share/kane_dynamics/config'),
     'urdf': ('', 'path of the URDF; overrides the parameter files'),
-    'arm_compensates': ('', 'torque terms that the arm adds to commanded efforts itself, separated '
-                        'by commas, or none; overrides the parameter files'),
+    'arm_compensates': ('', 'torque terms that the arm adds to commanded efforts itself, as '
+                        'names separated by commas, or none; overrides the parameter files'),
     'namespace': ('', 'namespace of all nodes'),
     'prefix': ('', 'prefix of names of joints and frames; overrides the parameter files'),
     'commands': ('commands', 'topic of the commanded efforts, for example <controller>/commands'),
