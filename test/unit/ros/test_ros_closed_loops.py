@@ -308,7 +308,7 @@ def test_the_guard_holds_an_arm_with_closed_loops(monkeypatch):
     values = all_values(**{'guard.ramp': 0.0})
     controller = Controller(palletizer())
     guard = GuardPath(controller, rig.commands, rig.torques, lambda: rig.time, values,
-                      Statistics(), lambda *words: None, lambda words: None)
+                      Statistics(), lambda *words: None, lambda *words: None)
     guard.start()
     guard.on_torques(rig.torques.last)
     guard.watch.known, rig.path = True, guard
