@@ -52,7 +52,7 @@ class CollisionDetector:
     """
 
     def __init__(self, joint_names: tuple[str, ...], threshold: ArrayLike, *,
-                 confirm: float = 0.005, release: float = 0.5, clear: float = 0.2) -> None:
+                 confirm: float = 0.005, release: float = 0.8, clear: float = 0.2) -> None:
         self._names = tuple(joint_names)
         self.reset()
         self.tune(threshold, confirm=confirm, release=release, clear=clear)

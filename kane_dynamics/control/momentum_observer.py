@@ -18,6 +18,7 @@ from typing import Any
 from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.friction_error import FrictionError
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless, LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
@@ -53,6 +54,9 @@ class MomentumObserver:
     held : bool
         False if `tau` is a torque measured together with the state, True if it is a command that
         acts from this sample to the next.
+    friction_error : FrictionError, optional
+        Friction beyond that of the model, which is then no part of the estimate. It adapts to the
+        estimate and may be replaced at any time.
 
     Attributes
     ----------
@@ -68,9 +72,9 @@ class MomentumObserver:
     """
 
     def __init__(self, robot: Robot, *, gain: ArrayLike = 50.0, max_gap: float = 0.1,
-                 held: bool = False) -> None:
+                 held: bool = False, friction_error: FrictionError | None = None) -> None:
         """Compile the kernels; the estimate starts at zero with the first sample."""
-        self.robot, self.held = robot, held
+        self.robot, self.held, self.friction_error = robot, held, friction_error
         self._workspace = robot.bind()
         self._momentum_terms: Callable[..., Array] | None = None
         if isinstance(robot.equations, ConstrainedEquations):
@@ -97,6 +101,8 @@ class MomentumObserver:
         """Reset; the estimate starts at zero with the next sample."""
         self._t = None
         self.torque = np.zeros(self.robot.n)
+        if self.friction_error is not None:
+            self.friction_error.forget_motion()
 
     def refresh(self) -> None:
         """Adapt to a changed payload or gravity of the robot; the estimate does not jump."""
@@ -149,6 +155,8 @@ class MomentumObserver:
             external = ((momentum - self._momentum) / elapsed - drive
                         + 0.5 * (self._beta + beta))
             self.torque = forgotten * self.torque + (1.0 - forgotten) * external
+            if self.friction_error is not None:
+                self.friction_error.adapt(elapsed, forgotten, self._workspace.u, self.torque)
         self._t, self._tau, self._momentum, self._beta = t, torques, momentum, beta
         return self.torque
 
@@ -164,6 +172,8 @@ class MomentumObserver:
         self._workspace.q[:], self._workspace.u[:], torques = arrays
         if not np.isfinite(torques).all():
             raise InputError(f'tau: {torques.tolist()}; expected finite numbers')
+        if self.friction_error is not None:
+            torques -= self.friction_error.torque(self._workspace.u)
         return torques
 
     def _terms(self, t: float) -> tuple[Array, Array]:

@@ -1,0 +1,105 @@
+"""Friction that a model lacks, known from a contact-free run and adapted slowly in motion."""
+
+from collections.abc import Sequence
+
+from kane_dynamics._util.attribute_hints import guarded
+from kane_dynamics._util.checks import finite_row, per_joint
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.friction import coulomb as coulomb_shape
+import numpy as np
+from numpy.typing import ArrayLike
+
+FRICTION_SPEED = 0.05  # rad/s or m/s, as of `model.Joint`
+LEAST_NORM = 0.1  # of the squared regressor: adaptation is slow near standstill
+UNIT_SPEED = 1.0  # rad/s or m/s, at which damping adapts as fast as Coulomb friction
+
+
+@guarded
+class FrictionError:
+    """
+    Torque of measured friction beyond that of the model, for `MomentumObserver`.
+
+    ``torque(u) = offset + coulomb tanh(u / friction_speed) + damping u`` for each joint; the
+    values may be negative. `calibrate_collision` fits them to a recording without contact.
+
+    Friction changes with temperature and wear. Coulomb friction and damping therefore follow the
+    estimate of the observer by normalized gradient steps (normalized LMS) with the time constant
+    `memory`. Both act in motion only: a force on a resting joint is never taken for friction, and
+    a constant force averages out when the joint turns back.
+
+    Parameters
+    ----------
+    joint_names : sequence of str
+        `Robot.speed_names`.
+    coulomb, damping, offset : float or (n,) array_like
+        N m or N; damping in N m s or N s/m.
+    friction_speed : float or (n,) array_like
+        rad/s or m/s, positive.
+    memory : float
+        Time constant of the adaptation in motion, s; infinite: the values are constant.
+    largest : float or (n,) array_like
+        Larger estimates adapt as slowly as estimates of this size, N m or N: use the thresholds of
+        collision detection, so that contacts change the values little.
+
+    Attributes
+    ----------
+    coulomb, damping, offset : (n,) arrays
+        The present values.
+
+    Raises
+    ------
+    InputError
+        Names the argument, the joint and the value.
+
+    """
+
+    def __init__(self, joint_names: Sequence[str], *, coulomb: ArrayLike = 0.0,
+                 damping: ArrayLike = 0.0, offset: ArrayLike = 0.0,
+                 friction_speed: ArrayLike = FRICTION_SPEED, memory: float = np.inf,
+                 largest: ArrayLike = np.inf) -> None:
+        names = tuple(joint_names)
+        self.coulomb = _signed(coulomb, 'coulomb', names)
+        self.damping = _signed(damping, 'damping', names)
+        self.offset = _signed(offset, 'offset', names)
+        self._speed = per_joint(friction_speed, 'friction_speed', names)
+        if not self._speed.all():
+            joint = names[int(np.flatnonzero(self._speed == 0.0)[0])]
+            raise InputError(f"friction_speed of joint '{joint}': 0; expected a positive number, "
+                             'rad/s or m/s')
+        if not memory > 0.0:
+            raise InputError(f'memory: {memory}; expected a positive time in s')
+        self._largest = per_joint(largest, 'largest', names, finite=False)
+        self._memory = memory
+        self.forget_motion()
+
+    def torque(self, u: Array) -> Array:
+        """Return the friction beyond the model's at the speeds u, (n,) N m or N."""
+        return self.offset + self.coulomb * coulomb_shape(u, self._speed) + self.damping * u
+
+    def forget_motion(self) -> None:
+        """Adapt to later samples only; the values stay."""
+        self._shape = self._rate = np.zeros(len(self._speed))
+
+    def adapt(self, elapsed: float, forgotten: Array, u: Array, estimate: Array) -> None:
+        """
+        Follow the observer's estimate, (n,) N m or N, by one step of `elapsed` s.
+
+        `forgotten` is the factor of the observer's low-pass over the step, (n,). The same low-pass
+        is applied to the regressor, so that the lag at reversals causes no error.
+        """
+        if self._memory == np.inf:
+            return
+        self._shape = forgotten * self._shape + (1.0 - forgotten) * coulomb_shape(u, self._speed)
+        self._rate = forgotten * self._rate + (1.0 - forgotten) * u / UNIT_SPEED
+        norm = self._shape**2 + self._rate**2 + LEAST_NORM
+        # The estimate is external torque; friction opposes the motion, hence the sign.
+        step = -elapsed / self._memory * np.clip(estimate, -self._largest, self._largest) / norm
+        self.coulomb = self.coulomb + step * self._shape
+        self.damping = self.damping + step * self._rate / UNIT_SPEED
+
+
+def _signed(value: ArrayLike, what: str, names: Sequence[str]) -> Array:
+    """Return one finite number, or one per joint, of either sign, as (n,)."""
+    one = np.ndim(value) == 0
+    return finite_row([value] * len(names) if one else value, what, names)
