@@ -166,6 +166,25 @@ def _replay(sub: ArgumentParser) -> None:
     add_plot(sub, 'measured and computed torques')
 
 
+def _collision_thresholds(sub: ArgumentParser) -> None:
+    from kane_dynamics.identification.collision_calibration import DRIFT, MARGIN
+    _add_model(sub)
+    _add_constraints(sub)
+    sub.add_argument('recording', metavar='RECORDING', help='CSV or npz file, or a ROS 2 bag, of '
+                     'motion without contact; unfiltered')
+    sub.add_argument('--topic', help='topic of joint states in a bag (default: the only one)')
+    sub.add_argument('--commands', action='store_true', help='the torques are commands that act '
+                     'until the next row (default: they are measured)')
+    for name, default, text in (
+            ('gain', 50.0, 'of the observer, 1/s'),
+            ('margin', MARGIN, 'threshold over the largest error, at least 1.25'),
+            ('drift', DRIFT, 'relative change of friction that raises no alarm')):
+        sub.add_argument(f'--{name}', type=float, default=default, metavar='X',
+                         help=f'{text}; default: %(default)g')
+    sub.add_argument('-o', '--out', metavar='YAML', help='write a parameter file for the node')
+    sub.set_defaults(cutoff=None, resample=None)
+
+
 def _feasible(sub: ArgumentParser) -> None:
     from kane_dynamics.feasibility.samples import STEP as FINE
     _add_model(sub)
@@ -299,6 +318,7 @@ ADD: dict[str, Callable[[ArgumentParser], None]] = {
     'identify': _identify,
     'excite': _excite,
     'replay': _replay,
+    'collision-thresholds': _collision_thresholds,
     'feasible': _feasible,
     'fill': _fill,
     'doctor': _doctor,

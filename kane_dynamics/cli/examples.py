@@ -90,6 +90,16 @@ which should then be filtered with --cutoff. The first half is fitted; the secon
 --out arm.urdf also writes arm.supplement.yaml: load both. With --payload the arm and its friction
 are known, and --out is the supplement with the payload; with --constraints the recording is of the
 actuated joints.""",
+    'collision-thresholds': """
+examples:
+  kane-dynamics collision-thresholds arm.urdf free.csv
+  kane-dynamics collision-thresholds arm.urdf free.mcap --tip tool0 --out thresholds.yaml
+  kane-dynamics collision-thresholds press.urdf run.csv --constraints press.yaml --json
+
+The recording is as for identify, of half a minute or more: the task at its speeds with its payload
+and no contact. Friction beyond that of the model is fitted; thresholds are 1.4 times the largest
+error that remains plus a tenth of the friction, which may change so much. --out is a parameter
+file: ros2 run kane_dynamics dynamics_node --ros-args --params-file thresholds.yaml ...""",
     'excite': """
 examples:
   kane-dynamics excite arm.urdf --out motion.csv

@@ -28,6 +28,8 @@ COMMANDS = {
     'identify': ('Friction and inertials from a recording', 'identify_command.identification'),
     'excite': ('A motion to record for identify', 'excite_command.excitation'),
     'replay': ('Computed and measured torques of a recording', 'replay_command.replay'),
+    'collision-thresholds': ('Collision detection calibrated to a recording without contact',
+                             'collision_thresholds_command.collision_thresholds'),
     'feasible': ('Check of a motion against the limits of the joints',
                  'feasible_command.feasible'),
     'fill': ('Efforts for a trajectory of joint_trajectory_controller', 'fill_command.fill'),

@@ -75,7 +75,8 @@ class FrictionError:
 
     def torque(self, u: Array) -> Array:
         """Return the friction beyond the model's at the speeds u, (n,) N m or N."""
-        return self.offset + self.coulomb * coulomb_shape(u, self._speed) + self.damping * u
+        sliding = self.coulomb * coulomb_shape(u, self._speed)
+        return np.asarray(self.offset + sliding + self.damping * u)
 
     def forget_motion(self) -> None:
         """Adapt to later samples only; the values stay."""
@@ -101,5 +102,6 @@ class FrictionError:
 
 def _signed(value: ArrayLike, what: str, names: Sequence[str]) -> Array:
     """Return one finite number, or one per joint, of either sign, as (n,)."""
-    one = np.ndim(value) == 0
-    return finite_row([value] * len(names) if one else value, what, names)
+    if np.ndim(value) == 0:
+        value = np.full(len(names), value)
+    return finite_row(value, what, names)

@@ -2,6 +2,8 @@
 
 from kane_dynamics.identification.base_regressor import (base_parameters, base_speeds, BaseFit,
                                                          BaseParameters, fit_base)
+from kane_dynamics.identification.collision_calibration import (calibrate_collision,
+                                                                CollisionCalibration)
 from kane_dynamics.identification.excitation.optimal_excitation import Excitation, excite
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.payload.payload_estimator import PayloadEstimator
@@ -12,7 +14,8 @@ from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.recordings.torque_delay import torque_delays, TorqueDelays
 from kane_dynamics.identification.regression import friction_speeds, rows
 
-__all__ = ['BaseFit', 'BaseParameters', 'Excitation', 'Finding', 'Identification', 'Payload',
-           'PayloadEstimator', 'Recording', 'TorqueDelays', 'base_parameters',
-           'base_speeds', 'diagnose', 'excite', 'fit_base', 'friction_speeds', 'identify',
-           'identify_payload', 'read_recording', 'rows', 'torque_delays']
+__all__ = ['BaseFit', 'BaseParameters', 'CollisionCalibration', 'Excitation', 'Finding',
+           'Identification', 'Payload', 'PayloadEstimator', 'Recording', 'TorqueDelays',
+           'base_parameters', 'base_speeds', 'calibrate_collision', 'diagnose', 'excite',
+           'fit_base', 'friction_speeds', 'identify', 'identify_payload', 'read_recording',
+           'rows', 'torque_delays']

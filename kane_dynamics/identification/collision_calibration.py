@@ -30,7 +30,9 @@ CONTACT = 4.0  # largest over the 99th percentile of estimates: suspect of a con
 @dataclass(frozen=True, eq=False)
 class CollisionCalibration:
     """
-    Thresholds of collision detection and friction beyond the model; result of `calibrate_collision`.
+    Thresholds of collision detection, and friction beyond the model.
+
+    The result of `calibrate_collision`.
 
     Attributes
     ----------
@@ -106,9 +108,11 @@ def calibrate_collision(robot: Robot, recording: Recording, *, gain: float = 50.
     Return thresholds of collision detection from a recording without contact.
 
     `MomentumObserver` runs over the recording. What the model's friction lacks (Coulomb friction,
-    damping, offset of each joint) is fitted to its estimates. Thresholds are `margin` times the sum
-    of the largest estimates that remain and of `drift` times the friction. The recording should be of the task at its speeds, with the
-    payload and at the temperature of use, at the rate of the states that the observer will get.
+    damping, offset of each joint) is fitted to its estimates. Thresholds are `margin` times the
+    sum of the largest estimates that remain and of `drift` times the friction.
+
+    The recording should be of the task at its speeds, with the payload and at the temperature of
+    use, at the rate of the states that the observer will get.
 
     Parameters
     ----------
@@ -232,7 +236,7 @@ def _columns(estimates: _Estimates, j: int) -> Iterator[Array]:
 
 def _least_squares(A: Array, b: Array) -> tuple[Array, float]:
     """Return the solution and the norm of its residual."""
-    x = np.linalg.lstsq(A, b, rcond=1e-6)[0]
+    x: Array = np.asarray(np.linalg.lstsq(A, b, rcond=1e-6)[0])
     return x, float(np.linalg.norm(b - A @ x))
 
 

@@ -15,7 +15,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.configuration_files import (load_model, PACKAGE, resolve_path,
                                                           robot_options)
 from kane_dynamics.ros.common.parameter_files import parameter_blocks, WILDCARD
-from kane_dynamics.ros.monitors.contact_monitor import observed_frame
+from kane_dynamics.ros.monitors.contact_monitor import observed_frame, UNCALIBRATED
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics
 from kane_dynamics.ros.parameters.arm_statement import examine_statement
@@ -223,6 +223,8 @@ class ConfigurationExamination:
             self._check_lists(values, robot.joint_names)
         for name in DISABLED:
             self._attempt(check_optional_topics, {**values, **DISABLED, name: values[name]}, robot)
+        if values['observer.enabled'] and not values['observer.threshold'].size:
+            self._find('warning', UNCALIBRATED)
         if values['imu.topic']:
             self._attempt(GravityFromImu, rigid, values['imu.frame'],
                           float(np.linalg.norm(values['gravity'])), values['imu.time_constant'],

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
+from kane_dynamics.control.friction_error import FrictionError
 from kane_dynamics.control.momentum_observer import MomentumObserver, OBSERVED
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import KaneError
@@ -12,7 +13,7 @@ from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.monitors.applied_torque import AppliedTorque
-from kane_dynamics.ros.parameters.parameter_checks import per_joint, per_joint_of_effort
+from kane_dynamics.ros.parameters.parameter_checks import per_joint
 from kane_dynamics.ros.torque_path.cdr import joint_state_of_efforts, wrench_stamped
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
 import numpy as np
@@ -21,7 +22,8 @@ from std_msgs.msg import Bool
 
 DAMPING = 0.05  # m, of the wrench: estimated torques are noisy, and divided by it
 OBSERVED_BENDING = 'quasi-static deflection at the measured state, not of acceleration and contact'
-DEFAULT_THRESHOLD = 0.02  # fraction of the effort limit
+UNCALIBRATED = ('observer.threshold: empty, so ~/collision stays silent; expected thresholds, as '
+                'of `kane-dynamics collision-thresholds` for a recording without contact')
 
 
 class ContactPublishers(NamedTuple):
@@ -36,24 +38,39 @@ def observer_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]
     """
     Return the settings of momentum observer and collision detector.
 
-    Raise InputError if a list has the wrong length, or a joint has neither a threshold
-    nor an effort limit.
+    The thresholds are infinite if none are set. Raise InputError if a list has the wrong length.
     """
     joints = robot.speed_names  # all joints, or with closed loops the independent ones
-    limits = np.minimum(np.array(robot.limits.effort),
-                        per_joint(values, 'limits.effort', robot.joint_names, np.inf))
-    limits = limits[[robot.joint_names.index(name) for name in joints]]
-    threshold = per_joint_of_effort(values, 'observer.threshold', joints, limits,
-                                    DEFAULT_THRESHOLD)
-    return {'gain': per_joint(values, 'observer.gain', joints, 0.0), 'threshold': threshold,
+    return {'gain': per_joint(values, 'observer.gain', joints, 0.0),
+            'threshold': per_joint(values, 'observer.threshold', joints, np.inf),
             'confirm': values['observer.confirm'], 'release': values['observer.release'],
             'clear': values['observer.clear']}
+
+
+def friction_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
+    """Return the arguments of `FrictionError`; raise InputError if a list has a wrong length."""
+    joints = robot.speed_names
+    settings: dict[str, Any] = {
+        name: per_joint(values, f'observer.friction.{name}', joints, 0.0)
+        for name in ('coulomb', 'damping', 'offset')}
+    settings['friction_speed'] = per_joint(values, 'observer.friction.speed', joints, 0.0)
+    threshold = per_joint(values, 'observer.threshold', joints, np.inf)
+    # Without thresholds nothing tells contact from friction: the friction stays as stated.
+    calibrated = bool(np.isfinite(threshold).all())
+    settings['memory'] = values['observer.friction.memory'] if calibrated else np.inf
+    return settings | {'largest': threshold}
 
 
 def observed_frame(values: Mapping[str, Any], model: Model) -> str:
     """Return the frame of the estimated wrench: observer.frame, else tip, else the last link."""
     return str(values['observer.frame'] or (values['tip'] and values['prefix'] + values['tip'])
                or model.bodies[-1].name)
+
+
+def _same(settings: Mapping[str, Any], others: Mapping[str, Any]) -> bool:
+    """Return whether two mappings have equal numbers."""
+    return settings.keys() == others.keys() and all(
+        np.array_equal(value, others[name]) for name, value in settings.items())
 
 
 class ContactMonitor:
@@ -101,6 +118,8 @@ class ContactMonitor:
         self._pose = self._workspace.at_frame('frame_pose', frame)
         self._partials = self._workspace.at_frame('partial_velocities', frame)
         self._origin = self._last = 0
+        self._friction: dict[str, Any] = {}
+        self._silent = self._started = False
         self._pose(), self._partials()  # compile before the first cycle
         self.update(values)
 
@@ -110,15 +129,26 @@ class ContactMonitor:
         self._observer.tune(given.pop('gain'), values['state_timeout'])
         self.detector.tune(**given)
         self._thresholds = given['threshold']
+        was_silent, self._silent = self._silent, not values['observer.threshold'].size
+        if self._silent and not was_silent:
+            self._log.warning(UNCALIBRATED)
+        if self._started and was_silent and not self._silent:
+            self._publishers.collision.publish(Bool(data=self.detector.collision))
+        friction = friction_settings(values, self._robot)
+        if not _same(friction, self._friction):  # else what it has adapted to stays
+            self._friction = friction
+            self._observer.friction_error = FrictionError(self._robot.speed_names, **friction)
         self._applied_torque.update(values)
         self._period = round(NANO / values['observer.rate'])
 
     def start(self) -> None:
-        """Reset observer and detector, and publish that there is no collision."""
+        """Reset observer and detector; publish that there is no collision if it is known."""
         self._observer.reset()
         self.detector.reset()
         self._origin = self._last = 0
-        self._publishers.collision.publish(Bool(data=False))
+        self._started = True
+        if not self._silent:
+            self._publishers.collision.publish(Bool(data=False))
 
     stop = start
 
@@ -176,7 +206,8 @@ class ContactMonitor:
 
     def figures(self) -> dict[str, str]:
         """Return the entries for the diagnostics."""
-        figures = {'collision': self.detector.joint or 'none',
+        collision = 'not detected: ' + UNCALIBRATED if self._silent else 'none'
+        figures = {'collision': self.detector.joint or collision,
                    'joints above threshold': ', '.join(self.detector.beyond) or 'none'}
         if self._bending is not None:
             figures['observer: flexible links'] = OBSERVED_BENDING

@@ -10,7 +10,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.qos import BEST_EFFORT, LATCHED, RELIABLE
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor, ContactPublishers,
-                                                        observed_frame, observer_settings)
+                                                        friction_settings, observed_frame,
+                                                        observer_settings)
 from kane_dynamics.ros.monitors.payload_monitor import estimator_settings, PayloadMonitor
 from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic
 from kane_dynamics.ros.services.services import Services
@@ -42,6 +43,7 @@ def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
         check_frames(robot.model, [values['payload.frame']], 'payload.frame')
     if values['observer.enabled']:
         observer_settings(values, robot)
+        friction_settings(values, robot)
         check_frames(robot.model, [observed_frame(values, robot.model)], 'observer.frame')
     if values['estimator.enabled']:
         estimator_settings(values, robot)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import math
 from typing import Any, Literal
 
+from kane_dynamics.control.friction_error import FRICTION_SPEED
 from kane_dynamics.control.terms import Mode, STATEMENT
 from kane_dynamics.mechanics.integrators import INTEGRATORS
 
@@ -148,11 +149,22 @@ SPECS = (
     live('observer.gain', 'per_joint', 50.0, 'bandwidth of the estimate, 1/s; it reaches 63 % of '
          'a step after 1/gain', positive=True, low=0.0, high=1e4),
     live('observer.threshold', 'per_joint', [], 'external torque above which there is a '
-         'collision, N m or N; it must exceed the errors of the model, mainly friction; empty: 2 '
-         '% of the effort limits', positive=True, infinite=True, low=0.0),
+         'collision, N m or N, as of `kane-dynamics collision-thresholds` for a recording without '
+         'contact; empty: no collision is detected', positive=True, infinite=True, low=0.0),
+    live('observer.friction.coulomb', 'per_joint', [], 'Coulomb friction beyond that of the '
+         'model, N m or N, as of `kane-dynamics collision-thresholds`; empty: 0'),
+    live('observer.friction.damping', 'per_joint', [], 'damping beyond that of the model, N m s '
+         'or N s/m; empty: 0'),
+    live('observer.friction.offset', 'per_joint', [], 'constant torque beyond the model, N m or '
+         'N; empty: 0'),
+    live('observer.friction.speed', 'per_joint', FRICTION_SPEED, 'friction speed of that Coulomb '
+         'friction, rad/s or m/s', positive=True, low=0.0),
+    live('observer.friction.memory', 'number', 20.0, 'time constant in which that friction '
+         'follows the estimate while the arm moves, s; infinite: never', positive=True,
+         infinite=True, low=0.0),
     live('observer.confirm', 'number', 0.005, 'time above a threshold that confirms a collision, '
          's', low=0.0, high=10.0),
-    live('observer.release', 'number', 0.5, 'fraction of the thresholds below which a collision '
+    live('observer.release', 'number', 0.8, 'fraction of the thresholds below which a collision '
          'ends', positive=True, low=0.0, high=1.0),
     live('observer.clear', 'number', 0.2, 'time below it after which a collision ends, s', low=0.0,
          high=60.0),

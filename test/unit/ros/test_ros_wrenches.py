@@ -14,7 +14,7 @@ from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,  # noqa: E402
-                                                        ContactPublishers, observer_settings)
+                                                        ContactPublishers)
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics  # noqa: E402
 from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
@@ -305,13 +305,33 @@ def test_the_rate_limits_the_messages_but_not_the_flag():
     assert [flag.data for flag in rig.outputs.collision.sent] == [False, True, False]
 
 
-def test_default_thresholds_need_effort_limits():
-    rig = Rig()
-    robot = SimpleNamespace(joint_names=('a', 'b'), speed_names=('a', 'b'), limits=SimpleNamespace(
-        effort=np.array([100.0, math.inf])))
-    with pytest.raises(InputError, match="joint 'b' has no effort limit; expected one number"):
-        observer_settings(rig.values, robot)
-    limited = observer_settings(rig.values | {'limits.effort': np.array([50.0, 10.0])}, robot)
-    assert limited['threshold'].tolist() == [1.0, 0.2]
-    given = observer_settings(rig.values | {'observer.threshold': np.array(3.0)}, robot)
-    assert given['threshold'].tolist() == [3.0, 3.0]
+def test_without_thresholds_no_flag_is_published_and_the_log_says_what_is_expected():
+    rig = Rig(confirm=0.0)
+    for _ in range(20):
+        rig.state(gravity() - 20.0, after=0.01)
+    assert rig.outputs.torques.sent
+    assert not rig.outputs.collision.sent
+    assert 'collision-thresholds' in ' '.join(rig.log.lines)
+    assert rig.contact.figures()['collision'].startswith('not detected: observer.threshold: empty')
+    rig.contact.update(rig.values | {'observer.threshold': np.array(1.0)})
+    assert [flag.data for flag in rig.outputs.collision.sent] == [False]
+    rig.state(gravity() - 20.0, after=0.01)
+    assert [flag.data for flag in rig.outputs.collision.sent] == [False, True]
+
+
+def test_stated_friction_beyond_the_model_is_no_external_torque():
+    offset = np.array([0.4, -0.3])
+    rig = Rig(threshold=[0.1, 0.1], confirm=0.0, **{'friction.offset': offset.tolist()})
+    for _ in range(50):
+        rig.state(gravity() + offset, after=0.01)
+    assert not rig.contact.detector.collision
+    assert [flag.data for flag in rig.outputs.collision.sent] == [False]
+
+
+def test_other_parameters_leave_the_adapted_friction():
+    rig = Rig(threshold=[0.1, 0.1])
+    friction = rig.contact._observer.friction_error
+    rig.contact.update(rig.values | {'observer.clear': 0.3})
+    assert rig.contact._observer.friction_error is friction
+    rig.contact.update(rig.values | {'observer.friction.coulomb': np.array([0.2, 0.1])})
+    assert rig.contact._observer.friction_error.coulomb.tolist() == [0.2, 0.1]

@@ -1,0 +1,62 @@
+"""Promises of `kane-dynamics collision-thresholds`."""
+
+import json
+
+from kane_dynamics import load_urdf, Robot
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.cli.parser import main
+from kane_dynamics.ros.parameters.parameter_table import BY_NAME
+import numpy as np
+import pytest
+from recordings import exciting
+import yaml
+
+URDF = str(resource_path('urdf', 'two_link.urdf'))
+LACKING = np.array([0.3, -0.2])  # N m, of Coulomb friction
+
+
+@pytest.fixture
+def recording(tmp_path):
+    """Return a CSV file of a motion without contact, with other friction than the model's."""
+    t, q, u, udot = exciting(2, 1, duration=12.0, rate=200.0)
+    robot = Robot(load_urdf(URDF))
+    tau = robot.inverse_dynamics(q, u, udot) + LACKING * np.tanh(u / 0.05)
+    tau += 0.01 * np.random.default_rng(0).normal(size=tau.shape)
+    header = ','.join(['t', *(f'{word}{k + 1}' for word in ('q', 'v', 'a', 'tau')
+                              for k in range(2))])
+    path = tmp_path / 'free.csv'
+    np.savetxt(path, np.column_stack([t, q, u, udot, tau]), delimiter=',', header=header,
+               comments='')
+    return str(path)
+
+
+def test_the_parameter_file_has_thresholds_and_friction_by_names_of_the_node(
+        recording, tmp_path, capsys):
+    out = tmp_path / 'thresholds.yaml'
+    assert main(['collision-thresholds', URDF, recording, '--out', str(out)]) == 0
+    printed = capsys.readouterr()
+    assert not printed.err
+    assert f'wrote {out}' in printed.out
+    observer = yaml.safe_load(out.read_text())['/**']['ros__parameters']['observer']
+    flat = {f'observer.{name}': value for name, value in observer.items() if name != 'friction'}
+    flat |= {f'observer.friction.{name}': value for name, value in observer['friction'].items()}
+    assert set(flat) <= set(BY_NAME)
+    np.testing.assert_allclose(flat['observer.friction.coulomb'], LACKING, atol=0.02)
+    assert flat['observer.friction.speed'] == pytest.approx([0.05, 0.05], rel=0.4)
+    # Without the fitted friction the first threshold would be above 1.4 times 0.3 N m.
+    assert 0.0 < max(flat['observer.threshold']) < LACKING[0]
+
+
+def test_json_has_the_same_numbers_and_a_threshold_above_the_error(recording, capsys):
+    assert main(['collision-thresholds', URDF, recording, '--json', '--drift', '0']) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data['held_out_alarms'] == 0
+    assert data['joint_names'] == ['joint1', 'joint2']
+    for threshold, error in zip(data['threshold'], data['error'], strict=True):
+        assert threshold > 1.3 * error
+    assert data['node_parameters']['threshold'] == pytest.approx(data['threshold'], rel=1e-3)
+
+
+def test_an_invalid_margin_is_named_as_an_option(recording, capsys):
+    assert main(['collision-thresholds', URDF, recording, '--margin', '1']) == 2
+    assert '--margin: 1.0; expected a number of at least 1.25' in capsys.readouterr().err
