@@ -50,7 +50,7 @@ def node_parameters(found: CollisionCalibration) -> dict[str, Any]:
 
 
 def remarks(found: CollisionCalibration) -> list[str]:
-    """Return what makes the thresholds doubtful."""
+    """Return warnings about the recording."""
     lines = []
     for name in found.suspected:
         j = found.joint_names.index(name)

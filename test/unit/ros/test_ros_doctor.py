@@ -162,9 +162,9 @@ def test_problems_of_other_parameters_are_reported_beside_unknown_joints(examine
     assert robot is None
     for words in ("joints: 'a' is no joint", "'mode': 'fly'", "'gains.kd': -1.0",
                   "'kp': unknown and ignored; expected 'gains.kp'", "'payload.frame': claw",
-                  "'observer.frame': paw"):
+                  "'observer.frame': paw", 'observer.threshold: empty'):
         assert words in text, text
-    assert len(found) == 6
+    assert len(found) == 7
 
 
 def states(stamp=None, now=NOW, names=('joint2', 'joint1'), count=200, **arrays):
