@@ -44,7 +44,9 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[F
     found += _compensation(model)
     found += examine_masses(robot)
     limits, names = robot.limits, model.joint_names
-    actuated = robot.actuated_names  # pins of closed loops have no motor
+    base = model.floating_base
+    actuated = [name for name in robot.actuated_names  # pins of closed loops have no motor
+                if name not in base]
     for what, values, consequence in (
             ('effort limit', limits.effort, 'torques on them are not bounded'),
             ('speed limit', limits.velocity, 'speeds of motions are not checked')):
@@ -52,11 +54,19 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[F
                    if name in actuated and not np.isfinite(value)]
         if without:
             found.append(Finding('warning', f'no {what}: {listed(without)}; {consequence}'))
-    found += _weight_of_mechanism(robot) if isinstance(
-        robot.equations, ConstrainedEquations) else _weight(robot)
+    if base:
+        found.append(Finding('warning', f"floating base on '{base[0].rpartition('/')[0]}': its "
+                             'contacts, which a URDF does not state, determine the torques that '
+                             'hold the robot; expected a check of your own with wrenches at the '
+                             'contacts'))
+    elif isinstance(robot.equations, ConstrainedEquations):
+        found += _weight_of_mechanism(robot)
+    else:
+        found += _weight(robot)
     joints = model.coordinate_joints
     for what, missing, consequence in (
-            ('friction', [j.name for j in joints if not (j.damping or j.friction)],
+            ('friction', [j.name for j in joints
+                          if not (j.damping or j.friction) and j.name not in base],
              '`kane-dynamics identify` finds it from a recording'),
             ('rotor inertia (armature)', [j.name for j in joints
                                           if j.name in actuated and not j.armature],

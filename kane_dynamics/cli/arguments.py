@@ -284,6 +284,9 @@ def _add_model(sub: ArgumentParser) -> None:
                        help='moving joints; fixes the order of all values')
     group.add_argument('--base', metavar='LINK', help='base link of the moving part')
     group.add_argument('--tip', metavar='LINK', help='last link of the moving part')
+    group.add_argument('--root-joint', choices=('fixed', 'free', 'floating', 'planar'),
+                       default='fixed', help='joint between the world and the base; free: a '
+                       'floating base with a quaternion, floating: with three angles')
     group.add_argument('--gravity', nargs=3, type=float, default=GRAVITY, metavar=('X', 'Y', 'Z'),
                        help='m/s^2; default: 0 0 -9.81')
     group.add_argument('--supplement', metavar='YAML',

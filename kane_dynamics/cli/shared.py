@@ -52,7 +52,8 @@ def selection(options: Namespace) -> dict[str, Any]:
     """Return the arguments of load_urdf that choose the moving part and gravity."""
     joints = None if options.joints is None else split(options.joints)
     return {'base': options.base, 'tip': options.tip, 'joints': joints,
-            'gravity': tuple(options.gravity), 'strict': not options.no_strict}
+            'gravity': tuple(options.gravity), 'strict': not options.no_strict,
+            'root_joint': getattr(options, 'root_joint', 'fixed')}
 
 
 def load(options: Namespace, caught: list[str] | None = None, **choices: Any
@@ -81,9 +82,10 @@ def _chosen(options: Namespace) -> tuple[Model, dict[str, Any]]:
 
 def _chosen_mjcf(options: Namespace) -> tuple[Model, dict[str, Any]]:
     """Return the model of an MJCF file and the arguments of Robot."""
-    for name in ('base', 'tip', 'joints', 'supplement', 'xacro', 'constraints'):
-        if getattr(options, name, None):
-            raise InputError(f"--{name}: given with the MJCF file '{options.urdf}'; expected it "
+    for name in ('base', 'tip', 'joints', 'supplement', 'xacro', 'constraints',
+                 'root_joint'):
+        if getattr(options, name, None) not in (None, 'fixed'):
+            raise InputError(f"--{name.replace('_', '-')}: given with the MJCF file '{options.urdf}'; expected it "
                              'with a URDF only')
     mechanism = load_mjcf(options.urdf, strict=not options.no_strict)
     model = mechanism.model

@@ -7,18 +7,21 @@ Robotics 27(5), 2011: regular at singular configurations, quadratic near a solut
 coordinates are an active set: a coordinate that would move beyond its limit is fixed.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from kane_dynamics._util.checks import finite_row, instance, integer, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.kinematics.poses import checked_pose, pose_error
-from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.mechanics.ball_joints import (angle_places, angles, balls,
+                                                 joint_positions, joint_speeds, moved,
+                                                 require_unit)
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.methods.configuration_methods import random_generator
 from kane_dynamics.robot.robot import Robot
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 LONGEST = 0.5  # longest step, rad or m
 MOST = 1e-2  # largest squared damping, so that unreachable targets do not slow the search
@@ -44,8 +47,9 @@ class InverseKinematics(NamedTuple):
 
 
 def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike, q0: ArrayLike | None = None,
-                       *, tolerance: float = 1e-8, iterations: int = 100, starts: int = 20,
-                       seed: int = 0) -> InverseKinematics:
+                       *, joints: Sequence[str] | None = None, tolerance: float = 1e-8,
+                       iterations: int = 100, starts: int = 20, seed: int = 0
+                       ) -> InverseKinematics:
     """
     Return a configuration within the limits at which a frame has a desired pose or position.
 
@@ -60,6 +64,9 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike, q0: ArrayLik
     q0 : (n_q,) array_like, optional
         Initial guess, rad or m; a solution near it is preferred. Default:
         `Robot.feasible_configuration`.
+    joints : sequence of str, optional
+        The joints that may move, such as those of a leg; the others stay as in q0. By default
+        all, also those of a floating base. Not with closed loops.
     tolerance : float
         Largest remaining distance, m, and angle, rad.
     iterations : int
@@ -83,11 +90,11 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike, q0: ArrayLik
     iterations, starts = integer(iterations, 'iterations', 1), integer(starts, 'starts', 1)
     tolerance = number(tolerance, 'tolerance', 'a positive number, m and rad', lambda x: x > 0.0)
     rng = random_generator(seed)
-    search = _Search(robot, frame, goal, tolerance)
+    search = _Search(robot, frame, goal, tolerance, joints)
     best: InverseKinematics | None = None
     count = 0
     for start in range(starts):
-        q = search.first(q0) if start == 0 else robot.random_configuration(rng)
+        q = search.first(q0) if start == 0 else search.another(rng)
         found = search.run(q, iterations)
         count += found.iterations
         if best is None or np.abs(found.error).max() < np.abs(best.error).max():
@@ -116,22 +123,58 @@ def _checked_target(target: ArrayLike) -> Array:
 
 
 class _Search:
-    """Iterations towards one target from several initial configurations."""
+    """
+    Iterations towards one target from several initial configurations.
 
-    def __init__(self, robot: Robot, frame: str, goal: Array, tolerance: float) -> None:
-        require_angles(robot.model, 'inverse_kinematics')
+    Steps are rates of the joints, (n_j,), over unit time: ball joints turn about an axis of their
+    body. Limits are those of the joints; a ball joint has none.
+    """
+
+    def __init__(self, robot: Robot, frame: str, goal: Array, tolerance: float,
+                 joints: Sequence[str] | None) -> None:
         self.robot, self.frame, self.goal, self.tolerance = robot, frame, goal, tolerance
         self.rows = 3 if goal.ndim == 1 else 6
         self.constrained = isinstance(robot.equations, ConstrainedEquations)
-        self.lower, self.upper = robot.limits.lower, robot.limits.upper
+        self.looped = bool(robot.constraint_names)
+        model = robot.model
+        self.lower, self.upper = np.full(model.n, -np.inf), np.full(model.n, np.inf)
+        self.lower[angles(model)] = robot.limits.lower[angle_places(model)]
+        self.upper[angles(model)] = robot.limits.upper[angle_places(model)]
+        self.start = np.zeros(robot.n_q)
+        self.still = self._still(joints)
+
+    def _still(self, joints: Sequence[str] | None) -> NDArray[np.bool_]:
+        """Return which joints may not move, (n_j,)."""
+        names = self.robot.joint_names
+        if joints is None:
+            return np.zeros(len(names), dtype=bool)
+        if isinstance(joints, str) or not len(joints) or not set(joints) <= set(names):
+            raise InputError(f'joints: {joints!r}; expected some of {", ".join(names)}')
+        if self.looped:
+            raise InputError(f'joints: {list(joints)}, of a robot with closed loops; expected '
+                             'None: the loops determine which joints move together')
+        return np.array([name not in joints for name in names])
 
     def first(self, q0: ArrayLike | None) -> Array:
         """Return q0 clipped to the limits and closed."""
         given = self.robot.feasible_configuration() if q0 is None else finite_row(
             q0, 'q0', self.robot.model.coordinate_names)
         self.robot.frame_pose(self.frame, given)  # raises InputError
-        q = np.clip(given, self.lower, self.upper)
-        return self.robot.closed_posture(q) if self.constrained else q
+        given = require_unit(self.robot.model, given, 'q0')
+        q = np.clip(given, self.robot.limits.lower, self.robot.limits.upper)
+        self.start = self.robot.closed_posture(q) if self.looped else q
+        return self.start
+
+    def another(self, rng: np.random.Generator) -> Array:
+        """Return a random configuration in which the joints that do not move are as at first."""
+        q = self.robot.random_configuration(rng)
+        for joint, place in enumerate(self.robot.model.places):
+            if place is not None and self.still[joint]:
+                q[place] = self.start[place]
+        for ball in balls(self.robot.model):
+            if self.still[ball.speed]:
+                ball.quaternion(q)[...] = ball.quaternion(self.start)
+        return q
 
     def run(self, q: Array, iterations: int) -> InverseKinematics:
         """Return the best configuration of a search from q."""
@@ -165,10 +208,14 @@ class _Search:
     def step(self, q: Array, error: Array) -> Array | None:
         """Return the configuration after one damped step, or None if none is possible."""
         J = self.robot.jacobian(self.frame, q)[:self.rows]
-        rates = self._rates(q)  # of the coordinates by the speeds
-        low, high = q <= self.lower + AT_LIMIT, q >= self.upper - AT_LIMIT
-        free, held = np.eye(self.robot.n), np.zeros(len(q), dtype=bool)
+        rates = self._rates(q)  # of the joints by the speeds
+        positions = joint_positions(self.robot.model, q)
+        low, high = positions <= self.lower + AT_LIMIT, positions >= self.upper - AT_LIMIT
+        held = self.still.copy()
         while True:
+            free = _motions_without(rates, held)
+            if not free.shape[1]:
+                return None
             A = J @ free
             square = min(float(error @ error), MOST) + BIAS
             step = rates @ (free @ np.linalg.solve(A.T @ A + square * np.eye(A.shape[1]),
@@ -177,36 +224,44 @@ class _Search:
             if not beyond.any():
                 break
             held |= beyond
-            _, size, right = np.linalg.svd(rates[held])
-            free = right[int((size > 1e-10).sum()):].T
-            if not free.shape[1]:
-                return None
         longest = float(np.abs(step).max(initial=0.0))
         if longest == 0.0:
             return None
         with np.errstate(divide='ignore', invalid='ignore'):
-            room = np.where(step < 0.0, (self.lower - q) / step, (self.upper - q) / step)
+            room = np.where(step < 0.0, (self.lower - positions) / step,
+                            (self.upper - positions) / step)
         room = np.where(held | (step == 0.0), np.inf, room)
         return self._moved(q, step * min(1.0, LONGEST / longest, max(float(room.min()), 0.0)))
 
     def _moved(self, q: Array, step: Array) -> Array | None:
         """Return q after a step within limits and constraints, shortened if necessary."""
-        if not self.constrained:
-            return np.clip(q + step, self.lower, self.upper)
+        model, limits = self.robot.model, self.robot.limits
+        if not self.looped:
+            return np.clip(moved(model, q, step), limits.lower, limits.upper)
         for _ in range(12):
             try:
-                moved = self.robot.closed_posture(q + step)
+                closed = self.robot.closed_posture(moved(model, q, step))
             except ConstraintError:
-                moved = np.full(len(q), np.inf)
-            if (moved >= self.lower - AT_LIMIT).all() and (moved <= self.upper + AT_LIMIT).all():
-                return moved
+                closed = np.full(len(q), np.inf)
+            if (closed >= limits.lower - AT_LIMIT).all() and (
+                    closed <= limits.upper + AT_LIMIT).all():
+                return closed
             step = 0.5 * step
         return None
 
     def _rates(self, q: Array) -> Array:
-        """Return the rates of the coordinates per unit of each independent speed, (n_q, n)."""
+        """Return the rates of the joints per unit of each independent speed, (n_j, n)."""
         n = self.robot.n
         if not self.constrained:
             return np.eye(n)
         drift = self.robot.joint_rates(q, np.zeros(n))
-        return np.stack([self.robot.joint_rates(q, unit) - drift for unit in np.eye(n)], axis=1)
+        return np.stack([joint_speeds(self.robot.model, q, self.robot.joint_rates(q, unit) - drift)
+                         for unit in np.eye(n)], axis=1)
+
+
+def _motions_without(rates: Array, held: NDArray[np.bool_]) -> Array:
+    """Return a basis, (n, k), of the speeds at which the held joints do not move."""
+    if not held.any():
+        return np.eye(rates.shape[1])
+    _, size, right = np.linalg.svd(rates[held])
+    return np.asarray(right[int((size > 1e-10).sum()):].T)

@@ -263,6 +263,17 @@ class Model:
             self.joint_names, self.coordinate_joints) if joint.kind == 'prismatic')
 
     @property
+    def floating_base(self) -> tuple[str, ...]:
+        """Return the six joints of a free or floating base on the world; empty without one."""
+        joints = [body.joint for body in self.bodies[:6]]
+        name = joints[0].name.rpartition('/')[0] if joints else ''
+        in_series = [body.parent for body in self.bodies[:6]] == [WORLD, *range(5)]
+        kinds = [joint.kind for joint in joints] == 3 * ['prismatic'] + 3 * ['revolute']
+        one_joint = bool(name) and all(joint.name.startswith(f'{name}/') for joint in joints)
+        return tuple(joint.name for joint in joints) if (
+            in_series and kinds and one_joint) else ()
+
+    @property
     def flexible(self) -> bool:
         """Return whether any body is a beam."""
         return any(body.beam is not None for body in self.bodies)

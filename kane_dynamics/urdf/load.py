@@ -22,7 +22,8 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
               tip: str | None = None, joints: Sequence[str] | None = None,
               locked: Mapping[str, float] | None = None, drop: Sequence[str] = (),
               supplement: Any = None, gravity: ArrayLike = GRAVITY,
-              strict: bool = True, floating: str = 'angles') -> Model:
+              strict: bool = True, floating: str = 'angles',
+              root_joint: str = 'fixed') -> Model:
     """
     Load the model of a robot from URDF; meshes are never opened.
 
@@ -53,6 +54,11 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
         its master determines, locked or moving.
     drop : sequence of str, optional
         Links whose own inertial is removed; attached links and frames are kept.
+    root_joint : {'fixed', 'free', 'floating', 'planar'}
+        The joint between the world and the base link, one of the kinds of `ModelBuilder.body`.
+        'free' is a floating base with a quaternion, 'floating' one with three angles, which may
+        have motions; 'planar' moves in x and y and turns about z. Its coordinates are
+        root_joint/x and so on, and come first; the base of the model is 'world'.
     supplement : path or dict, optional
         Data that URDF cannot express; see `kane_dynamics.urdf.supplement`.
     gravity : (3,) array
@@ -63,7 +69,8 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
         Coordinates of floating joints: three angles, singular where the second is 90 degrees, or
         after <joint>/x, /y, /z a quaternion <joint>/qx, /qy, /qz, /qw, whose speeds are the
         angular velocity <joint>/wx, /wy, /wz on the axes of the child link. As joints, these
-        three move or are locked together.
+        three move or are locked together. 'quaternion' without a floating joint in the URDF is
+        an error: `root_joint` adds one.
 
     Warns
     -----
@@ -85,7 +92,7 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
     text = read_source(source)
     options: dict[str, Any] = {'base': base, 'tip': tip, 'joints': joints, 'locked': locked,
                                'drop': drop, 'gravity': gravity, 'strict': strict,
-                               'floating': floating}
+                               'floating': floating, 'root_joint': root_joint}
     name = model_cache.key(text, supplement, options)
     found = None if name is None else model_cache.load(name)
     if found is None:

@@ -18,15 +18,15 @@ from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.schema import check_schema, CHILDREN
 from kane_dynamics.urdf.selection import select, Selection
 from kane_dynamics.urdf.supplement import check_joints, read_supplement, Supplement
-from kane_dynamics.urdf.tree import build_tree, UrdfTree
+from kane_dynamics.urdf.tree import build_tree, ROOT_PARENT, UrdfTree, with_root_joint
 import numpy as np
 from numpy.typing import ArrayLike
 
 
 def read_model(text: str, supplement: Any, *, base: str | None, tip: str | None,
                joints: Sequence[str] | None, locked: Mapping[str, float] | None,
-               drop: Sequence[str], gravity: ArrayLike, strict: bool, floating: str = 'angles'
-               ) -> tuple[Model, list[str]]:
+               drop: Sequence[str], gravity: ArrayLike, strict: bool, floating: str = 'angles',
+               root_joint: str = 'fixed') -> tuple[Model, list[str]]:
     """Return the model of a URDF text and the warnings; arguments as in `load_urdf`."""
     if floating not in ('angles', 'quaternion'):
         raise InputError(f"floating: {floating!r}; expected 'angles' or 'quaternion'")
@@ -35,9 +35,15 @@ def read_model(text: str, supplement: Any, *, base: str | None, tip: str | None,
     check_schema(root, notices)
     tree = _tree(root, notices)
     if floating == 'quaternion':
+        if not any(joint.kind == 'floating' for joint in tree.joints):
+            raise InputError("floating: 'quaternion', and the URDF has no floating joint; expected "
+                             "root_joint='free' for a base that moves freely")
         tree = replace(tree, joints=tuple(
             replace(joint, kind='free') if joint.kind == 'floating' else joint
             for joint in tree.joints))
+    if root_joint != 'fixed':
+        tree = with_root_joint(tree, root_joint, base, joints)
+        base = ROOT_PARENT
     selection = select(tree, base=base, tip=tip, joints=joints, locked=locked, drop=drop)
     extra = read_supplement(supplement)
     check_joints(extra, [x.name for x in selection.singles.values() if x.kind != 'fixed'])

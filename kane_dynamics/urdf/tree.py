@@ -8,14 +8,20 @@ freedom, and nothing is selected, locked or merged.
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from kane_dynamics._util.text import listing
-from kane_dynamics.errors import ModelError, UrdfError
+from kane_dynamics.errors import InputError, ModelError, UrdfError
 from kane_dynamics.model.inertial import Inertial
-from kane_dynamics.model.joint_expansion import Mimic, StatedJoint
+from kane_dynamics.model.joint_expansion import expand_joint, Mimic, StatedJoint
+import numpy as np
 
 MOVING = ('revolute', 'continuous', 'prismatic')
 TYPES = (*MOVING, 'fixed', 'floating', 'planar')
+
+
+ROOT_KINDS = ('free', 'floating', 'planar')
+ROOT_JOINT, ROOT_PARENT = 'root_joint', 'world'
 
 
 @dataclass(frozen=True)
@@ -124,3 +130,62 @@ def check_mimics(joints: Sequence[StatedJoint]) -> dict[str, Mimic]:
                                      f'{getattr(resolved[follower], key):g} through its chain of '
                                      'masters; expected less than 1e60')
     return resolved
+
+
+def with_root_joint(tree: UrdfTree, kind: str, base: Any = None,
+                    moving: Any = None) -> UrdfTree:
+    """
+    Return the tree with a joint between a new link 'world' and the base link.
+
+    Parameters
+    ----------
+    tree : UrdfTree
+    kind : str
+        One of `ROOT_KINDS`.
+    base : str, optional
+        The base link; by default the root.
+    moving : sequence of str, optional
+        The joints that the user chose to move.
+
+    Raises
+    ------
+    InputError
+        The kind or the base is unknown, 'world' names a link that stays, or the chosen joints
+        leave out those of the new joint.
+
+    """
+    if kind not in ROOT_KINDS:
+        raise InputError(f"root_joint: {kind!r}; expected one of fixed, {', '.join(ROOT_KINDS)}")
+    base = tree.root if base is None else base
+    if base not in tree.links:
+        raise InputError(f'base: {base!r} is no link; expected one of {listing(tree.links)}')
+    if base == ROOT_PARENT:
+        children = [joint.child for joint in tree.joints if joint.parent == base]
+        raise InputError(f"root_joint: '{kind}', and the base link is '{ROOT_PARENT}'; expected "
+                         f'base= one of {listing(children)}')
+    kept, joints = _behind(tree, base)
+    if ROOT_PARENT in kept:
+        raise InputError(f"root_joint: '{kind}', and a link behind '{base}' is "
+                         f"'{ROOT_PARENT}'; expected another name of that link")
+    if any(joint.name == ROOT_JOINT for joint in joints):
+        raise InputError(f"root_joint: '{kind}', and a joint of the URDF is '{ROOT_JOINT}'; "
+                         'expected another name of that joint')
+    added = StatedJoint(ROOT_JOINT, kind, ROOT_PARENT, base, np.eye(3), np.zeros(3),
+                        np.array([0.0, 0.0, 1.0]))
+    parts = [single.name for single in expand_joint(added)]
+    if moving is not None and not isinstance(moving, str) and not set(parts) & set(moving):
+        raise InputError(f"root_joint: '{kind}', and joints: without {', '.join(parts)}; expected "
+                         'them among the joints that move')
+    return UrdfTree(tree.name, {ROOT_PARENT: None, **kept}, (*joints, added), ROOT_PARENT)
+
+
+def _behind(tree: UrdfTree, base: str
+            ) -> tuple[dict[str, Inertial | None], tuple[StatedJoint, ...]]:
+    """Return the links that a base carries, itself included, and the joints between them."""
+    carried, grows = {base}, True
+    while grows:
+        children = {joint.child for joint in tree.joints if joint.parent in carried}
+        grows = not children <= carried
+        carried |= children
+    joints = tuple(joint for joint in tree.joints if joint.parent in carried)
+    return {name: tree.links[name] for name in tree.links if name in carried}, joints

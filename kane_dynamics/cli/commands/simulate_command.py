@@ -60,6 +60,9 @@ def simulation(options: Namespace) -> None:
         print_table(['joint', 'q'], zip(robot.joint_names, last[0], strict=True))
         print_table(['independent joint', 'u', 'tau'], zip(robot.speed_names, *last[1:],
                                                            strict=True))
+    elif robot.n_q > robot.n:  # quaternions
+        print_table(['coordinate', 'q'], zip(robot.coordinate_names, last[0], strict=True))
+        print_table(['speed', 'u', 'tau'], zip(robot.speed_names, *last[1:], strict=True))
     else:
         print_table(['joint', 'q', 'u', 'tau'], zip(robot.joint_names, *last, strict=True))
     more = len(events) - _MOST_EVENTS
