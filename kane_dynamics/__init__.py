@@ -18,7 +18,8 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.errors import (CompileError, ConstraintError, DeviceError, InputError,
                                       KaneError, ModelError, ModelWarning, SweepError, UrdfError)
     from kane_dynamics.kinematics import (inverse_kinematics, InverseKinematics, pose_error,
-                                          pose_exp, pose_log, rotation_exp, rotation_log)
+                                          pose_exp, pose_from, pose_log, rotation_exp,
+                                          rotation_log, rotation_quaternion, rotation_rpy)
     from kane_dynamics.kinematics.closed_path import LoopLimits
     from kane_dynamics.kinematics.loop_error import LoopError
     from kane_dynamics.kinematics.loop_tracker import LoopTracker
@@ -30,6 +31,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
     from kane_dynamics.mjcf import load_mjcf
     from kane_dynamics.model.builder import ModelBuilder
+    from kane_dynamics.model.editing import with_locked, with_model, with_names, with_tool
     from kane_dynamics.model.flexible_link import FlexibleLink
     from kane_dynamics.model.flexible_model import stiffened, with_beam
     from kane_dynamics.model.mode_shapes import Bending, Torsion
@@ -52,9 +54,10 @@ __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'C
            'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'disc', 'expand_xacro',
            'fill_trajectory', 'frame_wrench', 'inverse_kinematics', 'knife_edge',
            'load_constraints', 'load_mjcf', 'load_urdf', 'longest_step',
-           'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_log',
-           'power_balance', 'rod', 'rotation_exp', 'rotation_log', 'simulate', 'stiffened',
-           'with_beam']
+           'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_from', 'pose_log',
+           'power_balance', 'rod', 'rotation_exp', 'rotation_log', 'rotation_quaternion',
+           'rotation_rpy', 'simulate', 'stiffened', 'with_beam', 'with_locked', 'with_model',
+           'with_names', 'with_tool']
 
 _NAMES_BY_MODULE = {
     'analysis.power_balance': 'power_balance',
@@ -71,8 +74,8 @@ _NAMES_BY_MODULE = {
         'CompileError ConstraintError DeviceError InputError KaneError ModelError ModelWarning '
         'SweepError UrdfError',
     'kinematics':
-        'inverse_kinematics InverseKinematics pose_error pose_exp pose_log rotation_exp '
-        'rotation_log',
+        'inverse_kinematics InverseKinematics pose_error pose_exp pose_from pose_log '
+        'rotation_exp rotation_log rotation_quaternion rotation_rpy',
     'kinematics.closed_path': 'LoopLimits',
     'kinematics.loop_error': 'LoopError', 'kinematics.loop_tracker': 'LoopTracker',
     'mechanics.constraints':
@@ -81,6 +84,7 @@ _NAMES_BY_MODULE = {
     'mechanics.constraints.yaml_file': 'load_constraints',
     'mjcf': 'load_mjcf',
     'model.builder': 'ModelBuilder',
+    'model.editing': 'with_locked with_model with_names with_tool',
     'model.flexible_link': 'FlexibleLink',
     'model.flexible_model': 'stiffened with_beam',
     'model.mode_shapes': 'Bending Torsion',

@@ -21,6 +21,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError, ModelWarning
 from kane_dynamics.mechanics.constraints.constraint_types.closure import Closure
 from kane_dynamics.mechanics.constraints.constraint_types.position_constraints import Coupling
+from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
+                                                                 coordinates_by_name)
 from kane_dynamics.model.builder import ModelBuilder
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.model import Limits, Model
@@ -43,7 +45,8 @@ class MjcfMechanism(NamedTuple):
         Bodies, joints and frames.
     options : dict
         Arguments of `Robot`: `constraints` and the `configuration` at which the loops close, if
-        the file has equality constraints; `actuated` joints, if only some have actuators.
+        the file has equality constraints; `actuated` joints, if only some have actuators, and not
+        fewer than there are independent speeds.
 
     """
 
@@ -85,6 +88,8 @@ def load_mjcf(source: str | os.PathLike[str], *, strict: bool = True) -> MjcfMec
     ------
     InputError
         If mujoco is not installed, or the file cannot be read.
+    ConstraintError
+        If the equality constraints contradict each other.
     ModelError
         If MuJoCo refuses the file (with its reason), or the mechanism has no joint.
 
@@ -147,10 +152,17 @@ class _Reader:
         if constraints:
             options['constraints'] = tuple(constraints)
             options['configuration'] = self._reference(model)
+        unused = self._unused()
         actuated = self._actuated_joints()
         if constraints and actuated:
-            options['actuated'] = actuated
-        unused = self._unused()
+            start = coordinates_by_name(model, options['configuration'])
+            free = choose_independent(model, None, constraints, configuration=start).free
+            if len(actuated) < len(free):
+                unused.append(f'which joints have actuators ({", ".join(actuated)}), for they are '
+                              f'fewer than the {len(free)} independent speeds, to which tau is '
+                              'dual instead')
+            else:
+                options['actuated'] = actuated
         if unused:
             warnings.warn(f'MJCF: not used: {"; ".join(unused)}', ModelWarning, stacklevel=3)
         return MjcfMechanism(model, options)

@@ -1,8 +1,9 @@
 """Poses, their errors, and inverse kinematics."""
 
 from kane_dynamics.kinematics.inverse_kinematics import inverse_kinematics, InverseKinematics
-from kane_dynamics.kinematics.poses import (pose_error, pose_exp, pose_log, rotation_exp,
-                                            rotation_log)
+from kane_dynamics.kinematics.poses import (pose_error, pose_exp, pose_from, pose_log,
+                                            rotation_exp, rotation_log, rotation_quaternion,
+                                            rotation_rpy)
 
-__all__ = ['InverseKinematics', 'inverse_kinematics', 'pose_error', 'pose_exp', 'pose_log',
-           'rotation_exp', 'rotation_log']
+__all__ = ['InverseKinematics', 'inverse_kinematics', 'pose_error', 'pose_exp', 'pose_from',
+           'pose_log', 'rotation_exp', 'rotation_log', 'rotation_quaternion', 'rotation_rpy']

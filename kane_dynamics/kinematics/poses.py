@@ -14,7 +14,99 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 ORTHONORMAL = 1e-6  # largest difference of R R^T of a rotation from the identity
+UNIT = 1e-3  # largest difference of a quaternion's length from 1, as of rounded messages
+UPRIGHT = 1e-9  # cosine of the pitch at which roll and yaw are one rotation
 LARGEST = 1e12  # rad, the limit of joint positions too
+
+
+def pose_from(position: ArrayLike = (0.0, 0.0, 0.0), *, rpy: ArrayLike | None = None,
+              quaternion: ArrayLike | None = None) -> Array:
+    """
+    Return the pose of a position and an orientation, which is none by default.
+
+    Parameters
+    ----------
+    position : (3,) or (..., 3) array_like
+        Origin, m.
+    rpy : (3,) or (..., 3) array_like, optional
+        Roll, pitch and yaw about the fixed x, y and z axes, rad, as in URDF.
+    quaternion : (4,) or (..., 4) array_like, optional
+        x, y, z, w, as in ROS, instead of `rpy`; it is normalized.
+
+    Returns
+    -------
+    (4, 4) or (..., 4, 4) array
+
+    Raises
+    ------
+    InputError
+        Both orientations are given, a shape is wrong, a number is not finite, or the length of a
+        quaternion is far from 1.
+
+    """
+    p = _numbers(position, (3,), 'position')
+    if rpy is not None and quaternion is not None:
+        raise InputError('rpy: given with quaternion; expected one of them')
+    if quaternion is not None:
+        R = _quaternion_rotation(_numbers(quaternion, (4,), 'quaternion'))
+    else:
+        angles = _numbers(np.zeros(3) if rpy is None else rpy, (3,), 'rpy')
+        x, y, z = (rotation_exp(angles[..., k, None] * axis) for k, axis in enumerate(np.eye(3)))
+        R = z @ y @ x
+    shape = np.broadcast_shapes(p.shape[:-1], R.shape[:-2])
+    return _homogeneous(np.broadcast_to(R, (*shape, 3, 3)), np.broadcast_to(p, (*shape, 3)))
+
+
+def rotation_rpy(rotation: ArrayLike) -> Array:
+    """
+    Return roll, pitch and yaw of a rotation about the fixed x, y and z axes, as in URDF.
+
+    Where the pitch is a quarter turn, roll and yaw are about one axis, and yaw is 0.
+
+    Parameters
+    ----------
+    rotation : (3, 3) or (..., 3, 3) array_like
+
+    Returns
+    -------
+    (3,) or (..., 3) array
+        rad.
+
+    Raises
+    ------
+    InputError
+        It is not a rotation matrix.
+
+    """
+    R = _rotation(_numbers(rotation, (3, 3), 'rotation'), 'rotation')
+    level = np.hypot(R[..., 0, 0], R[..., 1, 0])  # cosine of the pitch
+    upright = level < UPRIGHT
+    roll = np.where(upright, np.arctan2(-R[..., 1, 2], R[..., 1, 1]),
+                    np.arctan2(R[..., 2, 1], R[..., 2, 2]))
+    yaw = np.where(upright, 0.0, np.arctan2(R[..., 1, 0], R[..., 0, 0]))
+    return np.stack([roll, np.arctan2(-R[..., 2, 0], level), yaw], axis=-1)
+
+
+def rotation_quaternion(rotation: ArrayLike) -> Array:
+    """
+    Return the unit quaternion x, y, z, w of a rotation, with w >= 0.
+
+    Parameters
+    ----------
+    rotation : (3, 3) or (..., 3, 3) array_like
+
+    Returns
+    -------
+    (4,) or (..., 4) array
+
+    Raises
+    ------
+    InputError
+        It is not a rotation matrix.
+
+    """
+    q = _scalar_first(_rotation(_numbers(rotation, (3, 3), 'rotation'), 'rotation'))
+    return np.concatenate([q[..., 1:], q[..., :1]], axis=-1)
 
 
 def rotation_exp(vector: ArrayLike) -> Array:
@@ -177,8 +269,20 @@ def _angle(w: Array, what: str) -> Array:
     return np.asarray(np.linalg.norm(w, axis=-1)[..., None, None])
 
 
-def _logarithm(R: Array) -> Array:
-    """Return the rotation vectors of checked rotations."""
+def _quaternion_rotation(q: Array) -> Array:
+    """Return the rotation matrices of quaternions x, y, z, w."""
+    length = np.linalg.norm(q, axis=-1)
+    off = np.abs(length - 1.0)
+    if (off > UNIT).any():
+        worst = float(length.ravel()[np.argmax(off)])
+        raise InputError(f'quaternion: length {worst:.6g}; expected 1, in the order x, y, z, w')
+    v, w = q[..., :3] / length[..., None], (q[..., 3] / length)[..., None, None]
+    V = _skew(v)
+    return np.asarray(np.eye(3) + 2.0 * w * V + 2.0 * (V @ V))
+
+
+def _scalar_first(R: Array) -> Array:
+    """Return the unit quaternions w, x, y, z of checked rotations, with w >= 0."""
     trace = np.trace(R, axis1=-2, axis2=-1)
     products = np.empty((*R.shape[:-2], 4, 4))  # 4 q q^T of the quaternion q = (w, x, y, z)
     products[..., 0, 0] = 1.0 + trace
@@ -191,7 +295,12 @@ def _logarithm(R: Array) -> Array:
     largest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
     q = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    q = np.where(q[..., :1] < 0.0, -q, q)
+    return np.where(q[..., :1] < 0.0, -q, q)
+
+
+def _logarithm(R: Array) -> Array:
+    """Return the rotation vectors of checked rotations."""
+    q = _scalar_first(R)
     size = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
     angle = 2.0 * np.arctan2(size, q[..., :1])
     return np.asarray(q[..., 1:] * np.where(size > 0.0, angle / np.where(size > 0.0, size, 1.0),

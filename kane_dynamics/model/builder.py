@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import guarded
-from kane_dynamics._util.checks import constant
+from kane_dynamics._util.checks import constant, instance
 from kane_dynamics._util.text import listing
 from kane_dynamics.errors import ModelError
 from kane_dynamics.model.builder_checks import (check_ball_property, check_matter,
@@ -12,7 +12,7 @@ from kane_dynamics.model.builder_checks import (check_ball_property, check_matte
                                                 direction, pose)
 from kane_dynamics.model.flexible_link import AssumedModes, FlexibleLink
 from kane_dynamics.model.joint_expansion import expand_joint, StatedJoint
-from kane_dynamics.model.model import Body, GRAVITY, Inertial, Joint
+from kane_dynamics.model.model import Body, GRAVITY, Inertial, Joint, Model
 from kane_dynamics.model.model_assembly import ModelAssembly, NOTHING, ORIGIN
 from kane_dynamics.model.placement import Placement
 import numpy as np
@@ -55,6 +55,25 @@ class ModelBuilder(ModelAssembly):
         """Create a mechanism without bodies."""
         super().__init__(name, constant(gravity, (3,), 'gravity'), strict)
         self._shapes: dict[str, tuple[AssumedModes, tuple[int, ...]]] = {}
+
+    @classmethod
+    def from_model(cls, model: Model, *, strict: bool = True) -> 'ModelBuilder':
+        """
+        Return a builder that goes on from a model, such as one of `load_urdf`.
+
+        Its frames and bodies carry further ones, by name; the world is called `model.base_name`.
+
+        Parameters
+        ----------
+        model : Model
+        strict : bool
+            As of the class, for what is added.
+
+        """
+        instance(model, Model, 'model')
+        builder = cls(model.name, gravity=model.gravity, strict=strict)
+        builder._continue(model)
+        return builder
 
     def body(self, name: str, on: str = 'world', kind: str = 'revolute', *,
              axis: ArrayLike = (0.0, 0.0, 1.0), at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,

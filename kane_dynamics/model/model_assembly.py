@@ -30,6 +30,17 @@ class ModelAssembly:
         self._balls: list[int] = []  # as `Model.balls`
         self._placements = {'world': Placement(WORLD)}
         self._base = NOTHING
+        self._base_name = 'world'
+
+    def _continue(self, model: Model) -> None:
+        """Start with the bodies, joints and frames of a model."""
+        self._base_name, self._base = model.base_name, model.base_inertial
+        self._bodies, self._coordinates = list(model.bodies), list(model.joint_names)
+        self._balls = list(model.balls)
+        self._placements = {model.base_name: Placement(WORLD)}
+        for frame in model.frames:
+            self._placements[frame.name] = Placement(frame.body, frame.rotation,
+                                                     frame.translation)
 
     def load(self, on: str, matter: Inertial) -> None:
         """
@@ -135,7 +146,7 @@ class ModelAssembly:
         coordinates = quaternion_names(self._coordinates, [
             self._bodies[k].joint.coordinate for k in self._balls])
         return Model(self.name, tuple(self._bodies), coordinates, tuple(frames), self.gravity,
-                     'world', self._base, tuple(self._balls))
+                     self._base_name, self._base, tuple(self._balls))
 
     def _check_moments(self, on: str, matter: Inertial) -> None:
         """Raise ModelError for impossible moments of inertia, or store them for a warning."""

@@ -3,14 +3,18 @@
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, TYPE_CHECKING
+import warnings
 
 from kane_dynamics._util.attribute_hints import fixed, missing, refused
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.mechanics.constraints.conditioning import EXCESS
+from kane_dynamics.model.inertial import principal_moments
 from kane_dynamics.model.model import Frame, Inertial, Model
 import numpy as np
+
+NEAR = 1.0  # m: the center of mass of a payload may be so far away, whatever the arm
 
 
 @fixed
@@ -31,7 +35,7 @@ class JointLimits:
 class Parameters:
     """Gravity, payload and closure tolerance, which may change without compiling again."""
 
-    __slots__ = ('_excess', '_frame', '_payload', '_tolerance', 'block', 'physical')
+    __slots__ = ('_excess', '_frame', '_payload', '_reach', '_tolerance', 'block', 'physical')
 
     def __init__(self, model: Model, payload_frame: Frame | None, watched: int = 0,
                  excess: float = EXCESS) -> None:
@@ -43,6 +47,7 @@ class Parameters:
         self._excess = excess
         self._frame = payload_frame
         self._payload: Inertial | None = None
+        self._reach = sum(float(np.linalg.norm(body.joint.translation)) for body in model.bodies)
         self._tolerance: tuple[float, float] | None = None
         self.physical = 3 if payload_frame is None else 13  # entries before the limits
         self.block = np.zeros(self.physical + watched)
@@ -124,10 +129,29 @@ class Parameters:
     def payload(self, value: Inertial | None) -> None:
         if self._frame is None:
             raise InputError('payload: given to a robot without payload frame; expected '
+                             "robot.with_payload('<frame>', payload), or "
                              "Robot(..., payload_frame='...')")
         if not (value is None or isinstance(value, Inertial)):
             raise InputError(f'payload: a {type(value).__name__}; expected an Inertial or None')
+        if value is not None:
+            _check_payload(value, self._reach)
         P = np.zeros((4, 4)) if value is None else value.pseudo_inertia
         self.block[3:13] = [P[3, 3], *P[:3, 3], P[0, 0], P[0, 1], P[0, 2], P[1, 1], P[1, 2],
                             P[2, 2]]
         self._payload = value
+
+
+def _check_payload(payload: Inertial, reach: float) -> None:
+    """
+    Raise InputError for moments that no body has; warn of a center of mass far from the arm.
+
+    `reach` is the length of all links in one line, m.
+    """
+    moments = principal_moments(payload.inertia)
+    if not moments.possible:
+        raise InputError(f'payload: principal moments of inertia are {moments}; expected none '
+                         'negative or larger than the sum of the others')
+    distance = float(np.linalg.norm(payload.com))
+    if distance > max(reach, NEAR):
+        warnings.warn(f'payload: center of mass {distance:.4g} m from its frame, and all links '
+                      f'in one line reach {reach:.4g} m; expected m', ModelWarning, stacklevel=4)

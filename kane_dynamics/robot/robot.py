@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from kane_dynamics._util.attribute_hints import missing, refused
-from kane_dynamics._util.text import short
+from kane_dynamics._util.text import short, SHORT
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_equations import BallEquations
@@ -19,6 +19,7 @@ from kane_dynamics.mechanics.constraints.independent_speeds import (choose_indep
                                                                     coordinates_by_name)
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import Inertial, Model
+from kane_dynamics.model.with_payload import with_payload
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.methods.configuration_methods import Configurations
@@ -76,9 +77,10 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
         larger value accepts loops with a rounded description (a URDF's rpy="1.5708"); their
         residual may then be up to this value, m or rad.
     wrench_frames : sequence of str
-        Frames at which external wrenches may act (`wrench=`, one row each).
+        Frames whose external wrenches are arrays, one row each, in `wrench=`; others are given by
+        name, as a mapping.
     payload_frame : str, optional
-        Frame in which `parameters.payload` is given.
+        Frame in which `parameters.payload` is given; `with_payload` chooses another.
     friction : bool
         Include damping and Coulomb friction.
     frame_reduction : bool
@@ -146,12 +148,16 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
                 f'{key}{actuated!r}{redundant}', self.parameters)
             self.kernels = self.speed_sets.kernels(mechanism.free, mechanism.kept)
             self.equations = self.kernels.equations
-        self._entries = {}
+        self._others: dict[tuple[str, ...], Robot] = {}  # with other wrench frames
+        self._entries = {}  # from here on, attributes cannot be assigned
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Raise AttributeError for all attributes but `limits`."""
         if '_entries' in self.__dict__ and name != 'limits':
             raise AttributeError(refused(self, name, (*self._choices, *self._options)))
+        if name == 'limits' and not isinstance(value, JointLimits):
+            raise InputError(f'limits: {SHORT.repr(value)}; expected JointLimits, such as '
+                             'dataclasses.replace(robot.limits, velocity=...)')
         super().__setattr__(name, value)
 
     if not TYPE_CHECKING:  # type checkers report missing attributes themselves
@@ -190,6 +196,7 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
             setattr(other, name, getattr(self, name))
         other._choices = {**self._choices, 'independent': kernels.equations.speed_names}
         other.kernels, other.equations = kernels, kernels.equations
+        other._others = {}
         other.limits, other._entries = self.limits, {}
         return other
 
@@ -210,7 +217,56 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
             other.speed_sets = self.speed_sets.with_parameters(other.parameters)
             other.kernels = other.speed_sets.kernels(self.mechanism.free, self.mechanism.kept)
             other.equations = other.kernels.equations
+        other._others = {}
         other.limits, other._entries = self.limits, {}
+        return other
+
+    def with_payload(self, frame: str, payload: Inertial | None) -> 'Robot':
+        """
+        Return a robot that carries a payload at a frame, with the present gravity and limits.
+
+        Its kernels compile at their first use, unless `frame` is the `payload_frame`: then only a
+        parameter changes. A payload that this robot has at another frame stays, as a part of the
+        model.
+
+        Parameters
+        ----------
+        frame : str
+            One of `frame_names`; the payload is given from its origin and in its axes.
+        payload : Inertial or None
+
+        Raises
+        ------
+        InputError
+            The frame is unknown, or the payload is no possible Inertial.
+
+        """
+        if frame == self._options['payload_frame']:
+            robot = self.copy()
+        else:
+            model, previous = self.model, self.parameters.payload
+            if previous is not None:
+                model = with_payload(model, self._options['payload_frame'], previous)
+            robot = Robot(model, **{**self.options, 'payload_frame': frame})
+            robot.limits = self.limits
+            robot.parameters.gravity = self.parameters.gravity
+        robot.parameters.payload = payload
+        return robot
+
+    def _declaring(self, frames: tuple[str, ...]) -> 'Robot':
+        """Return this robot with other wrench frames, which shares the parameters."""
+        other = self._others.get(frames)
+        if other is None:
+            other = Robot(self.model, **{**self.options, 'wrench_frames': frames})
+            if other.speed_sets is None:
+                kernels = other.kernels.with_parameters(self.parameters.block)
+            else:
+                mechanism = other.mechanism
+                kernels = other.speed_sets.with_parameters(self.parameters).kernels(
+                    mechanism.free, mechanism.kept)
+            # The robot is not in use yet, so that its attributes may still change.
+            other.__dict__.update(kernels=kernels, parameters=self.parameters)
+            self._others[frames] = other
         return other
 
     def equals(self, other: 'Robot') -> bool:

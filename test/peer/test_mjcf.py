@@ -161,6 +161,32 @@ def test_closed_loop_moves_as_mujoco_does_with_stiff_constraints():
     assert accelerations[0] == pytest.approx(solution[0], rel=1e-9)
 
 
+UNDERACTUATED = """
+<mujoco model="hanging loop"><compiler angle="radian"/><worldbody>
+  <body name="base"><freejoint name="root"/><geom type="box" size=".2 .1 .1"/>
+    <body name="left" pos="-.1 0 -.1"><joint name="left" axis="0 1 0"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02"/>
+      <body name="foot" pos="0 0 -.3"><joint name="ankle" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 .2 0 0" size=".02"/></body></body>
+    <body name="right" pos=".1 0 -.1"><joint name="right" axis="0 1 0"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02"/></body></body></worldbody>
+<equality><connect name="pin" body1="foot" body2="right" anchor=".2 0 0"/></equality>
+<actuator><motor joint="left"/></actuator></mujoco>
+"""
+
+
+def test_fewer_actuators_than_independent_speeds_still_make_a_robot():
+    with pytest.warns(ModelWarning, match=r'which joints have actuators \(left\), for they are '
+                      'fewer than the 7 independent speeds'):
+        mechanism = load_mjcf(UNDERACTUATED)
+    robot = Robot(mechanism.model, **mechanism.options)
+    assert robot.n == 7 and 'actuated' not in mechanism.options
+    q = robot.feasible_configuration()
+    falling = robot.forward_dynamics(q, np.zeros(7), np.zeros(7))
+    z = robot.speed_names.index('root/z')
+    assert falling[z] == pytest.approx(-9.81)
+
+
 def test_limits_are_those_of_joints_and_actuators():
     _, mechanism = loaded(EVERYTHING)
     joints = {body.joint.name: body.joint for body in mechanism.model.bodies}

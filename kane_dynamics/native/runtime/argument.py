@@ -45,6 +45,9 @@ def converted(argument: Argument, value: Any) -> Array:
     """Return a value as a C-contiguous float64 array of one state or a batch."""
     name, shape = argument.name, argument.shape
     expected = f'{shape} or (N, {", ".join(map(str, shape))})'
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        raise InputError(f'{name}: a masked array with {int(np.ma.count_masked(value))} masked '
+                         f'entries; expected numbers of shape {expected}')
     try:
         array = np.asarray(value)
     except ValueError:

@@ -130,7 +130,7 @@ class ConstraintMethods(Dispatch):
         `wrench` is as in `inverse_dynamics`.
         """
         self._require('constraint_forces')
-        return self._loaded(self.kernels.quantity('constraint_forces'), (q, u, tau), wrench, out,
+        return self._loaded('constraint_forces', (q, u, tau), wrench, out,
                             t)
 
     def constraint_residual(self, q: ArrayLike, *, t: ArrayLike = 0.0,

@@ -187,6 +187,11 @@ class DerivativeMethods(Dispatch):
     def _derived(self, name: str, derivative: Derivative, leading: tuple[Any, ...],
                  arguments: tuple[Any, ...], wrench: Any, t: Any) -> Array:
         """Call the kernel of a derivative, whose `leading` arguments precede those of `name`."""
+        if isinstance(wrench, Mapping):
+            robot, rows = self._under(wrench)
+            of_frames: Array = robot._derived(  # type: ignore[attr-defined]
+                name, derivative, leading, arguments, rows, t)
+            return of_frames
         quantity, at = place_of(name)
         expected = self.kernels.arguments(quantity)
         if len(arguments) != len(expected):

@@ -1,6 +1,6 @@
 """Dispatch of a robot's methods to their compiled kernels."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
 from typing import Any, TypeVar
@@ -9,6 +9,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.native.runtime.argument import Argument, converted
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.native.tracing.program import OperationCount
@@ -41,6 +42,13 @@ def compiled(method: Method) -> Method:
     return _Compiled(method)  # type: ignore[return-value]
 
 
+def _of_one_frame(wrench: Any, batch: tuple[int, ...], frames: int) -> Any:
+    """Return wrenches (6,), or (N, 6) of N states, as (1, 6) or (N, 1, 6) of a single frame."""
+    if frames == 1 and np.ndim(wrench) == 1 + len(batch) and np.shape(wrench) == (*batch, 6):
+        return np.asarray(wrench)[..., None, :]
+    return wrench
+
+
 class Dispatch:
     """Calls of the kernels of a robot, for one state or a batch."""
 
@@ -54,18 +62,53 @@ class Dispatch:
         result: Array = self.kernels.quantity(name)(*self._at_time(arguments, t), out=out)
         return result
 
-    def _loaded(self, kernel: Kernel, arguments: tuple[Any, ...], wrench: Any,
-                out: Array | None, t: Any = 0.0) -> Array:
-        """Call a kernel with wrenches, if the robot declares wrench frames."""
-        if self.equations.wrench_frames:
-            given = (*arguments, wrench)
+    def _loaded(self, name: str, arguments: tuple[Any, ...], wrench: Any,
+                out: Array | None, t: Any = 0.0, at: str = '') -> Array:
+        """
+        Call the kernel of a quantity with wrenches; `at` is the joint of a joint reaction.
+
+        A mapping of frames to wrenches is for the declared frames, or for kernels of its own
+        frames, which compile at their first use.
+        """
+        if isinstance(wrench, Mapping):
+            robot, rows = self._under(wrench)
+            result: Array = robot._loaded(name, arguments, rows, out, t, at)
+            return result
+        frames = len(self.equations.wrench_frames)
+        if frames:
+            given = (*arguments, _of_one_frame(wrench, np.shape(arguments[0])[:-1], frames))
         elif wrench is None:
             given = arguments
         else:
-            raise InputError('wrench: given to a robot without wrench frames; expected '
-                             'Robot(..., wrench_frames=[...])')
-        result: Array = kernel(*self._at_time(given, t), out=out)
+            raise InputError('wrench: an array, given to a robot without wrench frames; expected '
+                             'a mapping {frame: wrench}, or Robot(..., wrench_frames=[...])')
+        result = self.kernels.kernel(name, at)(*self._at_time(given, t), out=out)
         return result
+
+    def _under(self, wrenches: Mapping[str, Any]) -> 'tuple[Dispatch, Array]':
+        """Return a robot that declares the frames of wrenches, and the rows of its argument."""
+        rows = {}
+        for frame, wrench in wrenches.items():
+            self.equations.model.frame(frame)  # raises InputError
+            rows[frame] = converted(Argument(f"wrench of '{frame}'", (6,)), wrench)
+        declared = tuple(frame.name for frame in self.equations.wrench_frames)
+        known = bool(rows) and set(rows) <= set(declared)
+        frames = declared if known or not rows else tuple(sorted(rows))
+        shapes = {row.shape for row in rows.values()}
+        if len(shapes) > 1:
+            raise InputError(f'wrench: shapes {", ".join(map(str, sorted(shapes)))}; expected one '
+                             'shape, (6,) or (N, 6), for all frames')
+        shape = shapes.pop() if shapes else (6,)
+        stacked = np.zeros((*shape[:-1], len(frames), 6))
+        for k, frame in enumerate(frames):
+            stacked[..., k, :] = rows.get(frame, 0.0)
+        if frames == declared:
+            return self, stacked if frames else None  # type: ignore[return-value]
+        return self._declaring(frames), stacked
+
+    def _declaring(self, frames: tuple[str, ...]) -> 'Dispatch':
+        """Return this robot with other wrench frames, which shares the parameters."""
+        raise NotImplementedError
 
     def _at_time(self, arguments: tuple[Any, ...], t: Any) -> tuple[Any, ...]:
         """Append the time if the equations depend on it: one for all states, or one each."""

@@ -32,9 +32,11 @@ class DynamicsMethods(Dispatch):
         ----------
         q, u, udot : (n,) or (N, n) arrays
             Coordinates, speeds and their rates; rad or m, s.
-        wrench : (k, 6) or (N, k, 6) array, optional
-            External wrench at each of `wrench_frames`: force then moment, at the frame's origin,
-            world axes, N and N m.
+        wrench : mapping of str to (6,) or (N, 6) arrays; or (k, 6) or (N, k, 6) array, optional
+            External wrenches by frame: force then moment, at the frame's origin, world axes, N
+            and N m. An array has one row for each of the `wrench_frames`, and is the fastest; of
+            a single frame it may be (6,). Other frames need a mapping; their kernels compile at
+            the first call.
         t : float or (N,) array
             Time, s; ignored unless speeds or constraints depend on it.
         out : array, optional
@@ -46,7 +48,7 @@ class DynamicsMethods(Dispatch):
             Names the argument, what was given and what is expected.
 
         """
-        return self._loaded(self.kernels.quantity('inverse_dynamics'), (q, u, udot), wrench, out,
+        return self._loaded('inverse_dynamics', (q, u, udot), wrench, out,
                             t)
 
     @compiled
@@ -54,7 +56,7 @@ class DynamicsMethods(Dispatch):
                          wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
                          out: Array | None = None) -> Array:
         """Return udot = M^-1 (tau + external - bias), (n,); arguments as inverse_dynamics."""
-        return self._loaded(self.kernels.quantity('forward_dynamics'), (q, u, tau), wrench, out,
+        return self._loaded('forward_dynamics', (q, u, tau), wrench, out,
                             t)
 
     @compiled
@@ -116,7 +118,7 @@ class DynamicsMethods(Dispatch):
     def external_force(self, q: ArrayLike, *, wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
                        out: Array | None = None) -> Array:
         """Return the generalized force of wrenches at the declared frames, (n,), N m or N."""
-        return self._loaded(self.kernels.quantity('external_force'), (q,), wrench, out, t)
+        return self._loaded('external_force', (q,), wrench, out, t)
 
     @compiled
     def torque_terms(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *, t: ArrayLike = 0.0,
@@ -139,7 +141,7 @@ class DynamicsMethods(Dispatch):
                         wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
                         out: Array | None = None) -> Array:
         """Return `joint_reaction` of every body's joint, (n_bodies, 6), in order of bodies."""
-        return self._loaded(self.kernels.quantity('joint_reactions'), (q, u, udot), wrench, out,
+        return self._loaded('joint_reactions', (q, u, udot), wrench, out,
                             t)
 
     def explain(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
@@ -220,4 +222,4 @@ class DynamicsMethods(Dispatch):
         if wrench is None and not self.equations.timed:
             result: Array = entry(q, u, udot)
             return result
-        return self._loaded(self.kernels.reaction(joint), (q, u, udot), wrench, None, t)
+        return self._loaded('joint_reaction', (q, u, udot), wrench, None, t, joint)

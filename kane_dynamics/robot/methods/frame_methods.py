@@ -14,6 +14,13 @@ DIRECTIONS = ('x', 'y', 'z', 'rx', 'ry', 'rz')  # linear, then angular, world ax
 SINGULAR = 1e12  # condition number of J M^-1 J^T at which a direction counts as singular
 
 
+def _listed(frames: Sequence[str]) -> list[str]:
+    """Return several frames; InputError for a single name or none."""
+    if isinstance(frames, str) or not len(frames):
+        raise InputError(f'frames: {frames!r}; expected a sequence of at least one frame name')
+    return list(frames)
+
+
 class FrameMethods(Dispatch):
     """The methods of `Robot` for poses and motion of frames, in world axes."""
 
@@ -35,15 +42,39 @@ class FrameMethods(Dispatch):
         """Return the (4, 4) pose of a frame in the world, m; the same as `frame_pose`."""
         return self._at_frame('frame_pose', frame, (q,), out)
 
-    def jacobian(self, frame: str, q: ArrayLike, *, t: ArrayLike = 0.0,
+    def frame_poses(self, frames: Sequence[str], q: ArrayLike) -> Array:
+        """
+        Return the poses of several frames, (k, 4, 4) or (N, k, 4, 4), m, as `frame_pose`.
+
+        Parameters
+        ----------
+        frames : sequence of str
+            k of the `frame_names`.
+        q : (n_q,) or (N, n_q) array_like
+            Coordinates, rad or m.
+
+        Raises
+        ------
+        InputError
+            Names the argument, what was given and what is expected.
+
+        """
+        return np.stack([self.frame_pose(frame, q) for frame in _listed(frames)], axis=-3)
+
+    def jacobians(self, frames: Sequence[str], q: ArrayLike, *, t: ArrayLike = 0.0,
+                  axes: str = 'world') -> Array:
+        """Return the Jacobians of several frames, (k, 6, n) or (N, k, 6, n), as `jacobian`."""
+        return np.stack([self.jacobian(frame, q, t=t, axes=axes) for frame in _listed(frames)],
+                        axis=-3)
+
+    def jacobian(self, frame: str, q: ArrayLike, *, t: ArrayLike = 0.0, axes: str = 'world',
                  out: Array | None = None) -> Array:
         """
         Return the geometric Jacobian of a frame, (6, n): its partial velocities.
 
         Column r is the frame's velocity per unit of u_r, linear at the frame's origin, then
-        angular, in world axes (Pinocchio's LOCAL_WORLD_ALIGNED). Under constraints the columns
-        are those of the independent speeds. In axes of the frame itself, with R its rotation:
-        ``(R.T @ J.reshape(2, 3, -1)).reshape(6, -1)``.
+        angular, in world axes (Pinocchio's LOCAL_WORLD_ALIGNED) or the frame's own (LOCAL). Under
+        constraints the columns are those of the independent speeds.
 
         Parameters
         ----------
@@ -53,6 +84,8 @@ class FrameMethods(Dispatch):
             Coordinates, rad or m.
         t : float or (N,) array_like
             Time, s; ignored unless speeds or constraints depend on it.
+        axes : {'world', 'frame'}
+            The axes of the six rows; 'frame' is the body Jacobian.
         out : array, optional
             Written to and returned.
 
@@ -62,7 +95,15 @@ class FrameMethods(Dispatch):
             Names the argument, what was given and what is expected.
 
         """
-        return self._at_frame('partial_velocities', frame, (q,), out, t)
+        if axes not in ('world', 'frame'):
+            raise InputError(f"axes: {axes!r}; expected 'world' or 'frame'")
+        J = self._at_frame('partial_velocities', frame, (q,), out, t)
+        if axes == 'world':
+            return J
+        to_frame = np.swapaxes(self.frame_pose(frame, q)[..., :3, :3], -1, -2)
+        J[..., :3, :] = to_frame @ J[..., :3, :]
+        J[..., 3:, :] = to_frame @ J[..., 3:, :]
+        return J
 
     def jacobian_rate(self, frame: str, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
                       out: Array | None = None) -> Array:

@@ -4,7 +4,8 @@ from functools import cache
 from pathlib import Path
 
 from kane_dynamics import (Inertial, InputError, inverse_kinematics, load_urdf, ModelBuilder,
-                           pose_error, pose_exp, pose_log, Robot, rod, rotation_exp, rotation_log)
+                           pose_error, pose_exp, pose_from, pose_log, Robot, rod, rotation_exp,
+                           rotation_log, rotation_quaternion, rotation_rpy)
 from kane_dynamics.mechanics.constraints.speeds import absolute_rates
 from kane_dynamics.mechanics.definition import kinematics
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
@@ -341,3 +342,32 @@ def test_random_and_neutral_configurations_of_a_loop_close_it():
     for q in (*robot.random_configuration(0, 10), robot.neutral()):
         assert np.abs(robot.constraint_gap(q)).max() < 1e-9
     assert robot.random_configuration(0).shape == (3,)
+
+
+def test_orientations_as_quaternions_and_roll_pitch_yaw_are_those_of_scipy():
+    rotation = pytest.importorskip('scipy.spatial.transform').Rotation
+    turns = rotation.random(40, random_state=5)
+    angles, quaternions = turns.as_euler('xyz'), turns.as_quat()
+    for pose in (pose_from(rpy=angles), pose_from(np.zeros((40, 3)), quaternion=quaternions)):
+        np.testing.assert_allclose(pose[:, :3, :3], turns.as_matrix(), atol=1e-14)
+    np.testing.assert_allclose(rotation_rpy(turns.as_matrix()), angles, atol=1e-12)
+    signs = np.where(quaternions[:, 3:] < 0.0, -1.0, 1.0)
+    np.testing.assert_allclose(rotation_quaternion(turns.as_matrix()), signs * quaternions,
+                               atol=1e-14)
+
+
+@pytest.mark.parametrize('pitch', [np.pi / 2, -np.pi / 2])
+def test_roll_and_yaw_of_an_upright_rotation_are_one(pitch):
+    R = pose_from(rpy=(0.3, pitch, 0.5))[:3, :3]
+    roll, found, yaw = rotation_rpy(R)
+    assert yaw == 0.0 and found == pytest.approx(pitch)
+    np.testing.assert_allclose(pose_from(rpy=(roll, found, yaw))[:3, :3], R, atol=1e-14)
+
+
+@pytest.mark.parametrize(('options', 'words'), [
+    ({'rpy': (0, 0, 0), 'quaternion': (0, 0, 0, 1)}, 'rpy: given with quaternion'),
+    ({'quaternion': (0, 0, 0, 2)}, 'quaternion: length 2; expected 1, in the order x, y, z, w'),
+    ({'rpy': (0, 0)}, r'rpy: shape \(2,\)'), ({'quaternion': (0, 0, np.nan, 1)}, 'not finite')])
+def test_an_orientation_that_is_none_is_refused(options, words):
+    with pytest.raises(InputError, match=words):
+        pose_from(**options)

@@ -1,0 +1,152 @@
+"""Wrenches and payloads without declaring their frames, several frames a call, body Jacobians."""
+
+from functools import cache
+
+from kane_dynamics import (Inertial, InputError, load_urdf, ModelWarning, point_mass, pose_from,
+                           Robot)
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.model.with_payload import with_payload
+from linkages import four_bar
+import numpy as np
+from numpy.testing import assert_allclose, assert_array_equal
+import pytest
+
+LOAD = Inertial(2.0, (0.02, 0.0, 0.1), np.diag([0.02, 0.03, 0.02]))
+
+
+@cache
+def arm(**options):
+    """Return the shipped six-axis arm."""
+    return Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')), **options)
+
+
+def states(count=None):
+    """Return q, u, udot and wrenches on the tool."""
+    rng = np.random.default_rng(4)
+    shape = () if count is None else (count,)
+    return (*rng.uniform(-1.0, 1.0, (3, *shape, 6)), rng.normal(size=(*shape, 6)))
+
+
+@pytest.mark.parametrize('count', [None, 3])
+def test_a_wrench_by_name_acts_as_the_jacobian_says(count):
+    q, u, udot, wrench = states(count)
+    robot = arm()
+    force = (np.swapaxes(robot.jacobian('tool0', q), -1, -2) @ wrench[..., None])[..., 0]
+    tau = robot.inverse_dynamics(q, u, udot)
+    assert_allclose(robot.inverse_dynamics(q, u, udot, wrench={'tool0': wrench}), tau - force,
+                    atol=1e-12)
+    assert_allclose(robot.external_force(q, wrench={'tool0': wrench}), force, atol=1e-12)
+    assert_allclose(robot.forward_dynamics(q, u, tau - force, wrench={'tool0': wrench}), udot,
+                    atol=1e-9)
+    both = {'tool0': wrench, 'forearm_link': wrench}
+    forearm = (np.swapaxes(robot.jacobian('forearm_link', q), -1, -2) @ wrench[..., None])[..., 0]
+    assert_allclose(robot.external_force(q, wrench=both), force + forearm, atol=1e-12)
+
+
+def test_names_and_rows_of_declared_frames_are_one_thing():
+    robot, (q, u, udot, wrench) = arm(wrench_frames=('tool0',)), states()
+    expected = robot.inverse_dynamics(q, u, udot, wrench=wrench[None])
+    for given in (wrench, {'tool0': wrench}, list(wrench)):
+        assert_array_equal(robot.inverse_dynamics(q, u, udot, wrench=given), expected)
+    assert_array_equal(robot.inverse_dynamics(q, u, udot, wrench={}),
+                       robot.inverse_dynamics(q, u, udot))
+    q, u, udot, wrench = states(3)
+    assert_array_equal(robot.inverse_dynamics(q, u, udot, wrench=wrench),
+                       robot.inverse_dynamics(q, u, udot, wrench=wrench[:, None]))
+    base = robot.joint_reaction('shoulder_pan_joint', q[0], u[0], udot[0],
+                                wrench={'tool0': wrench[0]})
+    free = robot.joint_reaction('shoulder_pan_joint', q[0], u[0], udot[0])
+    assert_allclose((base - free)[:3], -wrench[0, :3], atol=1e-10)
+
+
+def test_kernels_of_other_frames_use_the_present_gravity_and_payload():
+    robot, (q, u, udot, wrench) = Robot(arm().model, payload_frame='tool0'), states()
+    for gravity, payload in (((0, 0, -9.81), None), ((1, 2, 3), LOAD)):
+        robot.parameters.gravity, robot.parameters.payload = gravity, payload
+        assert_allclose(robot.inverse_dynamics(q, u, udot, wrench={'forearm_link': wrench}),
+                        robot.inverse_dynamics(q, u, udot)
+                        - robot.jacobian('forearm_link', q).T @ wrench, atol=1e-12)
+
+
+def test_wrenches_by_name_act_on_closed_loops():
+    robot = four_bar('crank')
+    q = robot.random_configuration(1)
+    u, wrench = np.array([0.7]), np.array([1.0, 0.0, 2.0, 0.0, 0.3, 0.0])
+    frame = robot.frame_names[-1]
+    assert_allclose(robot.external_force(q, wrench={frame: wrench}),
+                    robot.jacobian(frame, q).T @ wrench, atol=1e-12)
+    assert np.isfinite(robot.constraint_forces(q, u, u, wrench={frame: wrench})).all()
+
+
+@pytest.mark.parametrize(('wrench', 'words'), [
+    ({'tol0': np.zeros(6)}, "no frame 'tol0'"),
+    ({'tool0': np.zeros(5)}, r"wrench of 'tool0': shape \(5,\); expected \(6,\)"),
+    ({'tool0': np.zeros(6), 'forearm_link': np.zeros((2, 6))}, 'expected one shape'),
+    (np.zeros((1, 6)), 'expected a mapping')])
+def test_a_wrong_wrench_is_refused_by_name(wrench, words):
+    q, u, udot, _ = states()
+    with pytest.raises(InputError, match=words):
+        arm().inverse_dynamics(q, u, udot, wrench=wrench)
+
+
+def test_a_payload_at_any_frame_is_the_model_with_it():
+    robot, (q, u, udot, _) = arm(), states()
+    carrying = robot.with_payload('tool0', LOAD)
+    model = with_payload(robot.model, 'tool0', LOAD)
+    expected = Robot(model).inverse_dynamics(q, u, udot)
+    assert_allclose(carrying.inverse_dynamics(q, u, udot), expected, rtol=1e-12)
+    more = carrying.with_payload('forearm_link', point_mass(1.0))
+    model = with_payload(model, 'forearm_link', point_mass(1.0))
+    assert_allclose(more.inverse_dynamics(q, u, udot), Robot(model).inverse_dynamics(q, u, udot),
+                    rtol=1e-12)
+    empty = carrying.with_payload('tool0', None)
+    assert_allclose(empty.inverse_dynamics(q, u, udot), robot.inverse_dynamics(q, u, udot),
+                    rtol=1e-12)
+    assert carrying.parameters.payload is LOAD
+
+
+def test_impossible_payloads_are_refused_and_far_ones_warned_of():
+    with pytest.raises(InputError, match='principal moments of inertia are'):
+        arm().with_payload('tool0', Inertial(1.0, (0, 0, 0), np.diag([1.0, 0.1, 0.1])))
+    with pytest.warns(ModelWarning, match='center of mass 80 m from its frame.*expected m'):
+        arm().with_payload('tool0', point_mass(1.0, at=(80.0, 0.0, 0.0)))
+
+
+@pytest.mark.parametrize('count', [None, 2])
+def test_several_frames_are_those_of_single_calls(count):
+    q, *_ = states(count)
+    frames = ['tool0', 'forearm_link', 'base_link']
+    poses, jacobians = arm().frame_poses(frames, q), arm().jacobians(frames, q)
+    for k, frame in enumerate(frames):
+        assert_array_equal(poses[..., k, :, :], arm().frame_pose(frame, q))
+        assert_array_equal(jacobians[..., k, :, :], arm().jacobian(frame, q))
+    with pytest.raises(InputError, match="frames: 'tool0'; expected a sequence"):
+        arm().frame_poses('tool0', q)
+
+
+def test_the_body_jacobian_is_pinocchios_local_one():
+    pin = pytest.importorskip('pinocchio')
+    peer = pin.buildModelFromUrdf(str(resource_path('urdf', 'ur10e.urdf')))
+    data, (q, *_) = peer.createData(), states()
+    local = pin.computeFrameJacobian(peer, data, q, peer.getFrameId('tool0'),
+                                     pin.ReferenceFrame.LOCAL)
+    assert_allclose(arm().jacobian('tool0', q, axes='frame'), local, atol=1e-12)
+    batch = arm().jacobian('tool0', np.stack([q, q]), axes='frame')
+    assert_allclose(batch[1], local, atol=1e-12)
+    with pytest.raises(InputError, match="axes: 'body'; expected 'world' or 'frame'"):
+        arm().jacobian('tool0', q, axes='body')
+
+
+def test_a_pose_of_roll_pitch_yaw_reaches_inverse_kinematics():
+    assert pose_from((1, 2, 3), rpy=(0, 0, np.pi / 2))[:3] == pytest.approx(np.array(
+        [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3]]))
+
+
+def test_masked_entries_are_refused():
+    with pytest.raises(InputError, match='q: a masked array with 1 masked entries'):
+        arm().gravity_force(np.ma.masked_array(np.zeros(6), [0, 1, 0, 0, 0, 0]))
+
+
+def test_limits_that_are_no_limits_are_refused():
+    with pytest.raises(InputError, match=r'limits: \(-1, 1\); expected JointLimits'):
+        Robot(arm().model).limits = (-1, 1)
