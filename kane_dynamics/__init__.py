@@ -1,6 +1,5 @@
 """Manipulator dynamics by Kane's method, compiled for one robot at a time."""
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take a while
@@ -54,10 +53,10 @@ __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'C
            'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'disc', 'expand_xacro',
            'fill_trajectory', 'frame_wrench', 'inverse_kinematics', 'knife_edge',
            'load_constraints', 'load_mjcf', 'load_urdf', 'longest_step',
-           'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_from', 'pose_log',
-           'power_balance', 'rod', 'rotation_exp', 'rotation_log', 'rotation_quaternion',
-           'rotation_rpy', 'simulate', 'stiffened', 'with_beam', 'with_locked', 'with_model',
-           'with_names', 'with_tool']
+           'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_from',
+           'pose_log', 'power_balance', 'rod', 'rotation_exp', 'rotation_log',
+           'rotation_quaternion', 'rotation_rpy', 'simulate', 'stiffened', 'with_beam',
+           'with_locked', 'with_model', 'with_names', 'with_tool']
 
 _NAMES_BY_MODULE = {
     'analysis.power_balance': 'power_balance',
@@ -97,6 +96,9 @@ _NAMES_BY_MODULE = {
     'simulation.trajectory': 'Trajectory',
     'urdf': 'expand_xacro load_urdf',
 }
+_PACKAGES = ('analysis', 'control', 'errors', 'feasibility', 'gpu', 'identification', 'kinematics',
+             'mechanics', 'model', 'motion', 'optimal_control', 'plot', 'robot', 'simulation',
+             'sweep', 'urdf', 'view')
 _MODULES = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
 
 
@@ -104,6 +106,10 @@ if not TYPE_CHECKING:  # or a type checker would take every name for a public on
 
     def __getattr__(name: str) -> object:
         """Import a public name, or a subpackage, at its first use."""
+        from importlib import import_module
+        if name == '__version__':
+            from kane_dynamics._util.resources import package_version
+            return package_version()
         if name in _MODULES:
             value = getattr(import_module(f'{__name__}.{_MODULES[name]}'), name)
             globals()[name] = value
@@ -115,9 +121,12 @@ if not TYPE_CHECKING:  # or a type checker would take every name for a public on
             except ModuleNotFoundError as error:
                 if error.name != module:
                     raise
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+        from kane_dynamics._util.attribute_hints import module_hint
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}'
+                             f'{module_hint(name, __all__)}')
 
 
 def __dir__() -> list[str]:
-    """Return all names, including public names that are not imported yet."""
-    return sorted({*globals(), *__all__})
+    """Return the public names, the subpackages and the version."""
+    special = [name for name in globals() if name.startswith('__')]
+    return sorted({*__all__, *_PACKAGES, *special, '__version__'})

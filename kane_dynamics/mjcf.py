@@ -7,6 +7,8 @@ The body is where the XML puts it at the joint's reference position (`ref`). A f
 pose of the body in the world. Quaternions are w, x, y, z.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 import math
 import os

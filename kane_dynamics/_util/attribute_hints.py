@@ -1,31 +1,34 @@
 """Errors for unknown attributes and for refused assignments, with the name that is meant."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import FrozenInstanceError
 import difflib
 from functools import wraps
 from inspect import signature
-from typing import Any, TypeVar
+from typing import Any, TYPE_CHECKING, TypeVar
 
 Class = TypeVar('Class', bound=type)
+Function = TypeVar('Function', bound=Callable[..., Any])
 
 # Names in Pinocchio, Drake, MuJoCo and RBDL, in lower case without underscores.
 COUNTERPARTS = {
-    'inverse_dynamics(q, u, udot)': 'rnea calcinversedynamics inversedynamics id mjinverse tau',
+    'inverse_dynamics(q, u, udot)': 'rnea rne calcinversedynamics inversedynamics id mjinverse '
+                                    'tau',
     'forward_dynamics(q, u, tau)': 'aba forwarddynamics fd calcforwarddynamics mjforward',
     'mass_matrix(q)': 'crba calcmassmatrix m inertiamatrix jointspaceinertia massmatrix h',
     'inverse_mass_matrix(q)': 'computeminverse minverse minv',
     'bias_force(q, u)': 'nle nonlineareffects calcbiasterm bias qfrcbias biasforces',
     'gravity_force(q)': 'computegeneralizedgravity calcgravitygeneralizedforces '
-                        'gravitycompensation gravitytorque gravityvector g generalizedgravity',
+                        'gravitycompensation gravitytorque gravityvector g generalizedgravity '
+                        'gravload gravity_load gravityload',
     'coriolis_matrix(q, u)': 'computecoriolismatrix coriolis c',
     'jacobian(frame, q)': 'jac framejacobian computeframejacobian getframejacobian jacobians '
                           'computejointjacobians computejointjacobian mjjac j '
                           'calcjacobianspatialvelocity geometricjacobian calcbodyjacobian',
     'jacobian_rate(frame, q, u)': 'jacobiandot jdot jacobiantimederivative djacobian '
                                   'computejointjacobianstimevariation jacobianderivative',
-    'forward_kinematics(frame, q)': 'fk framesforwardkinematics updateframeplacements pose omf '
-                                    'framepose calcrelativetransform transform placement',
+    'forward_kinematics(frame, q)': 'fk fkine framesforwardkinematics updateframeplacements pose '
+                                    'omf framepose calcrelativetransform transform placement',
     'center_of_mass(q)': 'com centerofmass calccenterofmasspositioninworld subtreecom',
     'center_of_mass_jacobian(q)': 'jacobiancenterofmass comjacobian jcom '
                                   'calcjacobiancenterofmasstranslationalvelocity',
@@ -52,6 +55,41 @@ COUNTERPARTS = {
     'model.name': 'name',
 }
 _BY_NAME = {name: ours for ours, names in COUNTERPARTS.items() for name in names.split()}
+# What is no method of Robot here, but one in other libraries.
+FUNCTIONS = {
+    'kane_dynamics.inverse_kinematics(robot, frame, target)':
+        'inversekinematics ik ikine ikinelm iksolve solveik computeinversekinematics',
+    'kane_dynamics.simulate(robot, q0, u0, duration)':
+        'simulate simulation sim fdyn step rollout',
+    'kane_dynamics.load_urdf(path), and Robot(model)':
+        'fromurdf loadurdf buildmodelfromurdf buildfromurdf buildmodelfromxml parseurdf '
+        'addmodels addmodelfromfile load urdf read frommodel',
+    'kane_dynamics.load_mjcf(path), and Robot(model, **options)':
+        'frommjcf loadmjcf buildmodelfrommjcf fromxmlpath',
+    'the functions of kane_dynamics.plot': 'plot plots draw',
+    'kane_dynamics.view.Window(robot)': 'teach view show display viewer visualize render',
+    'sum(body.inertial.mass for body in model.bodies)': 'mass totalmass computetotalmass',
+    'kane_dynamics.Motion.from_points(times, positions, joint_names=...)':
+        'trajectory jtraj plan',
+}
+_FUNCTION_BY_NAME = {name: ours for ours, names in FUNCTIONS.items() for name in names.split()}
+# Keyword arguments of other libraries, with ours in the order of preference.
+KEYWORDS = {
+    'dt': ('step',), 'timestep': ('step',), 'h': ('step',), 'stepsize': ('step',),
+    't': ('duration',), 'time': ('duration',), 'tf': ('duration',), 'tend': ('duration',),
+    'tau': ('torque',), 'torques': ('torque',), 'control': ('torque',), 'method': ('integrator',),
+    'solver': ('integrator',), 'qd0': ('u0',), 'v0': ('u0',), 'dq0': ('u0',),
+    'payloadlink': ('payload_frame',), 'toollink': ('payload_frame', 'tip'),
+    'payload': ('payload_frame',), 'tool': ('tip', 'payload_frame'),
+    'endeffector': ('tip', 'frame'), 'ee': ('tip', 'frame'), 'eelink': ('tip',),
+    'tiplink': ('tip',), 'endlink': ('tip',), 'baselink': ('base',), 'root': ('base',),
+    'rootlink': ('base',), 'lockedjoints': ('locked',), 'lock': ('locked',),
+    'jointstolock': ('locked',), 'activejoints': ('joints',), 'floatingbase': ('root_joint',),
+    'freeflyer': ('root_joint',), 'fixedbase': ('root_joint',), 'fts': ('wrench_frames',),
+    'wrenches': ('wrench_frames',), 'pose': ('target',), 'goal': ('target',),
+    'tol': ('tolerance',), 'maxiter': ('iterations',), 'maxiterations': ('iterations',),
+    'q': ('q0',), 'qinit': ('q0',), 'initialguess': ('q0',),
+}
 # Of other classes, where they have these attributes.
 SHORT_NAMES = {name: ours for ours, names in {
     'tau': 'torque torques effort efforts', 'q': 'position positions configuration qpos',
@@ -105,6 +143,67 @@ def _guarded(cls: Class, refuses: Callable[[Any, str], bool]) -> Class:
     return cls
 
 
+def function_hint(name: str) -> str | None:
+    """Return what stands for a name of another library that is no attribute here, or None."""
+    return _FUNCTION_BY_NAME.get(name.lower().replace('_', ''))
+
+
+def module_hint(name: str, public: Sequence[str]) -> str:
+    """Return a hint to what an unknown name of the package probably means, or an empty text."""
+    if name.startswith('_'):
+        return ''
+    plain = name.lower().replace('_', '')
+    text = _FUNCTION_BY_NAME.get(plain)
+    if text is None and plain in _BY_NAME:
+        text = f'robot.{_BY_NAME[plain]}'
+    if text is None:
+        text = next(iter(difflib.get_close_matches(name, public, 1)), None)
+    return '' if text is None else f'; expected {text}'
+
+
+def keyword_error(what: str, given: Iterable[str], known: Sequence[str]) -> str | None:
+    """Return the message for the first unknown keyword argument, with the closest, or None."""
+    unknown = next((name for name in given if name not in known), None)
+    if unknown is None:
+        return None
+    plain = unknown.lower().replace('_', '')
+    meant = [name for name in KEYWORDS.get(plain, ()) if name in known]
+    meant = meant or difflib.get_close_matches(unknown, known, 1)
+    hint = f'; expected {meant[0]}=' if meant else f'; expected some of {", ".join(known)}'
+    return f"{what}() got an unexpected keyword argument '{unknown}'{hint}"
+
+
+def hinting(function: Function) -> Function:
+    """Decorate a function: an unknown keyword argument raises TypeError with the closest one."""
+    known = tuple(signature(function).parameters)
+
+    @wraps(function)
+    def call(*values: Any, **named: Any) -> Any:
+        message = keyword_error(function.__name__, named, known)
+        if message is not None:
+            raise TypeError(message)
+        return function(*values, **named)
+    return call  # type: ignore[return-value]
+
+
+class HintingClass(type):
+    """Class of classes whose unknown keyword arguments and attributes raise errors with hints."""
+
+    if not TYPE_CHECKING:  # type checkers report them themselves
+        def __call__(cls, *values: Any, **named: Any) -> Any:
+            message = keyword_error(cls.__name__, named,
+                                    tuple(signature(cls.__init__).parameters)[1:])
+            if message is not None:
+                raise TypeError(message)
+            return super().__call__(*values, **named)
+
+        def __getattr__(cls, name: str) -> Any:
+            text = function_hint(name)
+            hint = '' if text is None or name.startswith('_') else f'; expected {text}'
+            raise AttributeError(
+                f"type object '{cls.__name__}' has no attribute '{name}'{hint}")
+
+
 def missing(owner: object, name: str) -> str:
     """Return the message for a missing attribute, with the closest existing one."""
     return f"'{type(owner).__name__}' object has no attribute '{name}'{_hint(owner, name)}"
@@ -138,6 +237,8 @@ def _hint(owner: object, name: str) -> str:
         names = {known: known for known in own} | {
             known.partition('(')[0].rpartition('.')[2]: known for known in COUNTERPARTS}
         ours = _BY_NAME.get(plain)
+        if ours is None and (function := function_hint(name)) is not None:
+            return f'; expected {function}'
     else:
         names = {known: known for known in own}
         names |= {other: ours for other, ours in SHORT_NAMES.items() if ours in own}

@@ -1,5 +1,7 @@
 """Power balance: power of joints and environment, dissipation, rate of energy."""
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array

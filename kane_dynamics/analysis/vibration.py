@@ -1,5 +1,7 @@
 """Small vibrations of a robot about a configuration."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

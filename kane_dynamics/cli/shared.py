@@ -82,10 +82,10 @@ def _chosen(options: Namespace) -> tuple[Model, dict[str, Any]]:
 
 def _chosen_mjcf(options: Namespace) -> tuple[Model, dict[str, Any]]:
     """Return the model of an MJCF file and the arguments of Robot."""
-    for name in ('base', 'tip', 'joints', 'supplement', 'xacro', 'constraints',
-                 'root_joint'):
+    for name in ('base', 'tip', 'joints', 'supplement', 'xacro', 'constraints', 'root_joint'):
         if getattr(options, name, None) not in (None, 'fixed'):
-            raise InputError(f"--{name.replace('_', '-')}: given with the MJCF file '{options.urdf}'; expected it "
+            option = name.replace('_', '-')
+            raise InputError(f"--{option}: given with the MJCF file '{options.urdf}'; expected it "
                              'with a URDF only')
     mechanism = load_mjcf(options.urdf, strict=not options.no_strict)
     model = mechanism.model

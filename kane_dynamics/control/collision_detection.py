@@ -1,5 +1,7 @@
 """Collision detection by estimated external torques, and the wrench at a frame."""
 
+from __future__ import annotations
+
 from typing import NamedTuple
 import warnings
 

@@ -1,5 +1,7 @@
 """Computed torque on a desired motion, for simulations."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

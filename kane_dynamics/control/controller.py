@@ -1,5 +1,7 @@
 """Controller: the torques to command for a measured state and a desired motion, without ROS."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 import math
 

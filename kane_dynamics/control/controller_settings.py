@@ -1,5 +1,7 @@
 """The settings of `Controller`, which change between two commands."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 from kane_dynamics._util.checks import per_joint

@@ -11,6 +11,8 @@ q' = T u + X, and beta includes the rate of T (`ConstrainedEquations.momentum_te
 forces do no work in an admissible motion and drop out.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 import math
 from typing import Any

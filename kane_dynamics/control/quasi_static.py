@@ -1,5 +1,7 @@
 """Quasi-static dynamics of a flexible robot: its modes are in equilibrium with the load."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from typing import Any
 

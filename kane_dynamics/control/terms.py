@@ -1,5 +1,7 @@
 """Control modes, and the terms of the torque that is commanded."""
 
+from __future__ import annotations
+
 from collections.abc import Collection
 from dataclasses import dataclass, fields
 from enum import StrEnum

@@ -6,6 +6,8 @@ command. The efforts are those of the motion that it executes between the points
 `kane_dynamics.motion.controller_points`.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math

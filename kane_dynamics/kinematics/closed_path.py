@@ -1,5 +1,7 @@
 """Configurations of closed loops along a trajectory of the joints that drive them."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 

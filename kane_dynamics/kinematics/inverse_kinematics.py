@@ -7,9 +7,12 @@ Robotics 27(5), 2011: regular at singular configurations, quadratic near a solut
 coordinates are an active set: a coordinate that would move beyond its limit is fixed.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import finite_row, instance, integer, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
@@ -46,6 +49,7 @@ class InverseKinematics(NamedTuple):
     iterations: int
 
 
+@hinting
 def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike, q0: ArrayLike | None = None,
                        *, joints: Sequence[str] | None = None, tolerance: float = 1e-8,
                        iterations: int = 100, starts: int = 20, seed: int = 0

@@ -1,5 +1,7 @@
 """`LoopError`: why a configuration does not follow from measured joints."""
 
+from __future__ import annotations
+
 from kane_dynamics.errors import ConstraintError
 
 SINGULAR, BRANCH, CONTRADICTION, UNKNOWN = (

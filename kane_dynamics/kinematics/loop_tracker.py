@@ -15,6 +15,8 @@ configuration; no step is longer than a part of that distance, so that no step o
 crosses it. What the mechanism does between two measurements is not seen; see `LoopTracker`.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 import math
 

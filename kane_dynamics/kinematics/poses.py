@@ -6,6 +6,8 @@ matrix, a pose a (4, 4) one; twists are linear then angular, as the rows of `Rob
 Source: K. M. Lynch, F. C. Park, "Modern Robotics", 2017, sections 3.2 and 3.3.
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 from kane_dynamics._util.typing import Array
@@ -295,7 +297,7 @@ def _scalar_first(R: Array) -> Array:
     largest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
     q = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    return np.where(q[..., :1] < 0.0, -q, q)
+    return np.asarray(np.where(q[..., :1] < 0.0, -q, q))
 
 
 def _logarithm(R: Array) -> Array:

@@ -1,5 +1,7 @@
 """Build a `Model` in Python: bodies, joints, inertias, frames."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from typing import Any
 
@@ -57,7 +59,7 @@ class ModelBuilder(ModelAssembly):
         self._shapes: dict[str, tuple[AssumedModes, tuple[int, ...]]] = {}
 
     @classmethod
-    def from_model(cls, model: Model, *, strict: bool = True) -> 'ModelBuilder':
+    def from_model(cls, model: Model, *, strict: bool = True) -> ModelBuilder:
         """
         Return a builder that goes on from a model, such as one of `load_urdf`.
 

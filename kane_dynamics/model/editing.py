@@ -4,6 +4,8 @@ Change a model without its XML: attach tools and models, lock joints, rename.
 Each function returns a new model. `ModelBuilder.from_model` adds anything else.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import replace
 import math

@@ -1,5 +1,7 @@
 """Flexible links: description of a beam and computation of its modal integrals."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
@@ -65,7 +67,7 @@ class FlexibleLink:
     @classmethod
     def tube(cls, length: float, radius: float, bore: float, young: float, shear: float,
              matter: float, modes: int | Sequence[int] = 3, twists: int = 0,
-             **options: Any) -> 'FlexibleLink':
+             **options: Any) -> FlexibleLink:
         """
         Return a beam of round section, solid or hollow.
 
@@ -96,7 +98,7 @@ class FlexibleLink:
         return cls(length, matter * math.pi * (radius**2 - bore**2), 0.5 * young * polar, modes,
                    torsion=torsion, **options)
 
-    def checked(self, name: str) -> 'AssumedModes':
+    def checked(self, name: str) -> AssumedModes:
         """Check the description and return the assumed modes; errors name the link."""
         what = f"beam '{name}'"
         numbers = {key: float(constant(getattr(self, key), (), f'{what}: {key}'))

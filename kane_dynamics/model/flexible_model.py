@@ -1,5 +1,7 @@
 """Replace links of a model by beams, and beams by rigid links."""
 
+from __future__ import annotations
+
 from collections.abc import Collection
 from dataclasses import replace
 from typing import Any

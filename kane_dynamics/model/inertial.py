@@ -1,5 +1,7 @@
 """Inertial properties of a body (mass, center of mass, inertia), and their checks."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -49,6 +51,12 @@ class Inertial:
             raise ModelError(f'inertia: {inertia.tolist()}; expected a symmetric tensor')
         freeze(self, 'inertia', constant(0.5 * (inertia + inertia.T), (3, 3), 'inertia'))
 
+    def __repr__(self) -> str:
+        """Return mass, center of mass and moments on one line."""
+        moments = ', '.join(f'{moment:.4g}' for moment in np.diag(self.inertia).tolist())
+        return (f'<Inertial: {self.mass:.6g} kg at {self.com.round(6).tolist()} m, moments '
+                f'{moments} kg m^2>')
+
     @property
     def pseudo_inertia(self) -> Array:
         """
@@ -63,7 +71,7 @@ class Inertial:
         return np.block([[second, first], [first.T, np.array([[self.mass]])]])
 
     @classmethod
-    def from_pseudo_inertia(cls, pseudo: ArrayLike) -> 'Inertial':
+    def from_pseudo_inertia(cls, pseudo: ArrayLike) -> Inertial:
         """Return the inertial with this pseudo-inertia about the body's origin, (4, 4)."""
         P = np.asarray(pseudo, dtype=np.float64)
         mass = P[3, 3]
@@ -71,12 +79,12 @@ class Inertial:
         central = P[:3, :3] - mass * np.outer(com, com)
         return cls(mass, com, np.trace(central) * np.eye(3) - central)
 
-    def moved(self, rotation: ArrayLike, translation: ArrayLike) -> 'Inertial':
+    def moved(self, rotation: ArrayLike, translation: ArrayLike) -> Inertial:
         """Return the inertial in the axes of a frame in which this one is at (R, p)."""
         R, p = np.asarray(rotation), np.asarray(translation)
         return Inertial(self.mass, R @ self.com + p, R @ self.inertia @ R.T)
 
-    def __add__(self, other: 'Inertial') -> 'Inertial':
+    def __add__(self, other: Inertial) -> Inertial:
         """Return the combined inertial of two rigidly connected bodies in one frame."""
         if other.mass == 0.0 and not other.inertia.any():
             return self  # avoids rounding

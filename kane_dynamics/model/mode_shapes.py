@@ -1,5 +1,7 @@
 """Assumed mode shapes of beams in bending and torsion: closed-form or user-defined."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -35,19 +37,19 @@ class Bending:
     function: Function | None = None
 
     @classmethod
-    def clamped_free(cls, tip_mass: float = 0.0) -> 'Bending':
+    def clamped_free(cls, tip_mass: float = 0.0) -> Bending:
         """Return the modes of a beam clamped at its root, with a mass at its tip, kg."""
         if not (math.isfinite(tip_mass) and tip_mass >= 0.0):
             raise ModelError(f'tip_mass: {tip_mass}; expected a nonnegative number')
         return cls('clamped_free', float(tip_mass))
 
     @classmethod
-    def pinned_free(cls) -> 'Bending':
+    def pinned_free(cls) -> Bending:
         """Return the modes of a beam pinned at its root, without the rigid-body mode."""
         return cls('pinned_free')
 
     @classmethod
-    def shapes(cls, function: Function) -> 'Bending':
+    def shapes(cls, function: Function) -> Bending:
         """
         Return user-defined shapes.
 
@@ -104,7 +106,7 @@ class Torsion:
     modes: int = 1
     tip_inertia: float = 0.0
 
-    def checked(self, what: str) -> 'Torsion':
+    def checked(self, what: str) -> Torsion:
         """Return the torsion with checked numbers; raise ModelError that names the fault."""
         numbers = {key: float(constant(getattr(self, key), (), f'{what}: torsion: {key}'))
                    for key in ('stiffness', 'inertia', 'tip_inertia')}

@@ -7,6 +7,8 @@ topological order, parents first, so that one pass over them is an outward recur
 is three bodies whose joints share a quaternion in q.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 import hashlib
@@ -16,6 +18,7 @@ from typing import Literal
 from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.frozen import freeze, plain
+from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
@@ -133,6 +136,17 @@ class Joint:
                 raise ModelError(f'{what}: {name} 0; expected a positive number')
             freeze(self, name, value)
 
+    def __repr__(self) -> str:
+        """Return kind, axis and what differs from a free, ideal joint, on one line."""
+        words = [f'{self.kind} about {self.axis.round(6).tolist()}' if self.kind == 'revolute'
+                 else f'{self.kind} along {self.axis.round(6).tolist()}']
+        if self.limits != Limits():
+            words.append(f'{self.limits.lower:.6g} to {self.limits.upper:.6g}')
+        for name in ('damping', 'friction', 'armature', 'stiffness'):
+            if getattr(self, name):
+                words.append(f'{name} {getattr(self, name):.6g}')
+        return f"<Joint '{self.name}': {', '.join(words)}>"
+
 
 @fixed
 @dataclass(frozen=True, eq=False)
@@ -145,6 +159,13 @@ class Body:
     inertial: Inertial = field(default_factory=Inertial)
     beam: Beam | None = None
 
+    def __repr__(self) -> str:
+        """Return name, joint, parent and mass on one line."""
+        carrier = 'the base' if self.parent == WORLD else f'body {self.parent}'
+        bends = ', a beam' if self.beam is not None else ''
+        return (f"<Body '{self.name}': {self.inertial.mass:.6g} kg{bends}, {self.joint.kind} "
+                f"joint '{self.joint.name}' on {carrier}>")
+
 
 @fixed
 @dataclass(frozen=True, eq=False)
@@ -155,6 +176,13 @@ class Frame:
     body: int
     rotation: Array = field(default_factory=lambda: np.eye(3))
     translation: Array = field(default_factory=lambda: np.zeros(3))
+
+    def __repr__(self) -> str:
+        """Return name and place on one line."""
+        carrier = 'the base' if self.body == WORLD else f'body {self.body}'
+        turned = '' if np.array_equal(self.rotation, np.eye(3)) else ', rotated'
+        return (f"<Frame '{self.name}': at {self.translation.round(6).tolist()} m of "
+                f'{carrier}{turned}>')
 
 
 @fixed
@@ -283,6 +311,19 @@ class Model:
         return (f"<Model '{self.name}': {len(self.bodies)} moving bodies on '{self.base_name}', q "
                 f'of {short(self.coordinate_names)}>')
 
+    def _repr_html_(self) -> str:
+        """Return joints, limits and masses as a table for notebooks."""
+        rows = []
+        for body in self.bodies:
+            carrier = self.base_name if body.parent == WORLD else self.bodies[body.parent].name
+            limits = body.joint.limits
+            rows.append([body.joint.name, body.joint.kind, carrier, body.name,
+                         body.inertial.mass, limits.lower, limits.upper, limits.velocity,
+                         limits.effort])
+        return html_table(f'{self.name}: {self.n} degrees of freedom, base {self.base_name}',
+                          ['joint', 'kind', 'from', 'to', 'mass [kg]', 'lower', 'upper', 'speed',
+                           'effort'], rows)
+
     def frame(self, name: str) -> Frame:
         """Return the frame of this name; raise InputError that lists the valid names."""
         for frame in self.frames:
@@ -291,7 +332,7 @@ class Model:
         valid = ', '.join(sorted(frame.name for frame in self.frames)) or 'none'
         raise InputError(f"no frame '{name}'; expected one of {valid}")
 
-    def prefixed(self, prefix: str) -> 'Model':
+    def prefixed(self, prefix: str) -> Model:
         """Return the model with `prefix` added to all names of joints, bodies and frames."""
         return replace(
             self, base_name=prefix + self.base_name,

@@ -1,5 +1,7 @@
 """Bodies, frames and inertia of a model under construction; whole models mounted on frames."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 import warnings
 

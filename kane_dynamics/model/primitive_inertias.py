@@ -1,5 +1,7 @@
 """Inertials of uniform primitive shapes; combine them with ``+``."""
 
+from __future__ import annotations
+
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError

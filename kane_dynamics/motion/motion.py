@@ -7,12 +7,15 @@ that controller interpolates linearly, give a cubic spline here, because a feedf
 accelerations.
 """
 
+from __future__ import annotations
+
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from functools import cached_property
 import math
 
 from kane_dynamics._util.attribute_hints import fixed
+from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -25,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 __all__ = ['Motion', 'Start', 'State']
 
+SAMPLES = 500  # of a motion, for the table of a notebook
 MANY = 20  # times per segment from which a product for each segment is faster
 
 
@@ -101,6 +105,15 @@ class Motion:
         return (f'<Motion through {len(self.times)} points in {self.duration:g} s of '
                 f'{short(self.joint_names)}>')
 
+    def _repr_html_(self) -> str:
+        """Return start, end and largest speed of each joint as a table for notebooks."""
+        t = np.linspace(self.times[0], self.times[-1], SAMPLES)
+        fastest = np.abs(self.velocities_at(t)).max(axis=0) if len(self.times) > 1 else (
+            np.zeros(self._n))
+        rows = [[name, first, last, speed] for name, first, last, speed in zip(
+            self.joint_names, self.positions[0], self.positions[-1], fastest)]
+        return html_table(repr(self)[1:-1], ['joint', 'start', 'end', 'largest speed'], rows)
+
     @property
     def n(self) -> int:
         """Return the number of joints."""
@@ -111,7 +124,7 @@ class Motion:
                     velocities: Sequence[ArrayLike] | ArrayLike | None = None,
                     accelerations: Sequence[ArrayLike] | ArrayLike | None = None, *,
                     joint_names: Sequence[str], order: Sequence[str] | None = None,
-                    start: Start | None = None) -> 'Motion':
+                    start: Start | None = None) -> Motion:
         """
         Return the motion through points, interpolated as joint_trajectory_controller does.
 
@@ -169,7 +182,7 @@ class Motion:
         raise InputError(f'motion: positions up to {np.abs(q).max():g} overflow; expected a '
                          'finite motion')
 
-    def scaled(self, speed: float) -> 'Motion':
+    def scaled(self, speed: float) -> Motion:
         """
         Return the motion along the same path, scaled in time: q(speed t).
 

@@ -1,5 +1,7 @@
 """Run-time parameters of a robot (gravity, payload, tolerances) and its joint limits."""
 
+from __future__ import annotations
+
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, TYPE_CHECKING
@@ -76,7 +78,7 @@ class Parameters:
             words.append('closure tolerance {:g} m, {:g} rad'.format(*self._tolerance))
         return f'<Parameters: {", ".join(words)}>'
 
-    def copy(self) -> 'Parameters':
+    def copy(self) -> Parameters:
         """Return a copy with a separate block."""
         other = copy(self)
         other.block = self.block.copy()

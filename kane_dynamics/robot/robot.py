@@ -1,12 +1,16 @@
 """`Robot`: a model with its compiled dynamics, the main class of the library."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from functools import partial
+from inspect import isfunction
 import os
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from kane_dynamics._util.attribute_hints import missing, refused
+from kane_dynamics._util.attribute_hints import HintingClass, missing, refused
+from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.text import short, SHORT
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -36,7 +40,8 @@ __all__ = ['Robot', 'TORQUE_TERMS']
 CLOSURE_TOLERANCE = 1e-4  # m and rad
 
 
-class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
+class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
+            metaclass=HintingClass):
     """
     The compiled dynamics of one manipulator or mechanism.
 
@@ -170,6 +175,17 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
         return (f"<Robot '{self.model.name}': {self.n} degrees of freedom, q of "
                 f'{short(self.coordinate_names)}>')
 
+    def _repr_html_(self) -> str:
+        """Return coordinates, limits and constraints as a table for notebooks."""
+        limits, names = self.limits, self.coordinate_names
+        efforts = dict(zip(self.joint_names, zip(limits.velocity, limits.effort)))
+        rows = [[name, lower, upper, *efforts.get(name, ('', ''))]
+                for name, lower, upper in zip(names, limits.lower, limits.upper)]
+        constraints = ', '.join(self.constraint_names)
+        closed = f', constraints {constraints}' if constraints else ''
+        return html_table(f'Robot {self.model.name}: {self.n} degrees of freedom{closed}',
+                          ['coordinate', 'lower', 'upper', 'speed', 'effort'], rows)
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle model, options, limits and parameters; kernels load from the cache again."""
         return _restored, (self.model, self.options, self.parameters.gravity,
@@ -181,7 +197,7 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
         return {**self._choices, **self._options,
                 'closure_tolerance': self.parameters.closure_tolerance}
 
-    def in_choice(self, free: Sequence[int], kept: Sequence[int]) -> 'Robot':
+    def in_choice(self, free: Sequence[int], kept: Sequence[int]) -> Robot:
         """
         Return this robot with other independent speeds and constraint rows, given by index.
 
@@ -200,7 +216,7 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
         other.limits, other._entries = self.limits, {}
         return other
 
-    def copy(self) -> 'Robot':
+    def copy(self) -> Robot:
         """
         Return a robot with the same machine code and a copy of the parameters.
 
@@ -221,7 +237,7 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
         other.limits, other._entries = self.limits, {}
         return other
 
-    def with_payload(self, frame: str, payload: Inertial | None) -> 'Robot':
+    def with_payload(self, frame: str, payload: Inertial | None) -> Robot:
         """
         Return a robot that carries a payload at a frame, with the present gravity and limits.
 
@@ -253,7 +269,7 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
         robot.parameters.payload = payload
         return robot
 
-    def _declaring(self, frames: tuple[str, ...]) -> 'Robot':
+    def _declaring(self, frames: tuple[str, ...]) -> Robot:
         """Return this robot with other wrench frames, which shares the parameters."""
         other = self._others.get(frames)
         if other is None:
@@ -269,7 +285,7 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
             self._others[frames] = other
         return other
 
-    def equals(self, other: 'Robot') -> bool:
+    def equals(self, other: Robot) -> bool:
         """Return whether another robot has the same equations and current parameters."""
         return self is other or bool(
             self.kernels.key is not None and self.kernels.key == other.kernels.key
@@ -336,6 +352,14 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations):
 
         """
         return write_c(self, path, kernels, scalar, self_test)
+
+
+# Errors of Python name a method by its class: the one that users know.
+for _base in Robot.__mro__[1:-1]:
+    for _name, _method in vars(_base).items():
+        _function = getattr(_method, 'checked', _method)
+        if isfunction(_function):
+            _function.__qualname__ = f'Robot.{_name}'
 
 
 def _restored(model: Model, options: dict[str, Any], gravity: Array,

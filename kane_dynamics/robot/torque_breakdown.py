@@ -1,9 +1,13 @@
 """Torque breakdown: inverse dynamics by source and by body."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
+from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS
+import numpy as np
 
 SOURCES = (*TORQUE_TERMS, 'external')
 
@@ -34,6 +38,23 @@ class TorqueBreakdown:
     sources: tuple[str, ...]
     bodies: tuple[str, ...]
     joints: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        """Return the sources and their largest torques on one line."""
+        many = f'{len(self.by_source)} states, ' if self.by_source.ndim == 3 else ''
+        largest = np.abs(self.by_source).max(axis=tuple(
+            axis for axis in range(self.by_source.ndim) if axis != self.by_source.ndim - 2))
+        shares = ', '.join(f'{name} {value:.4g}' for name, value in zip(self.sources, largest))
+        return f'<TorqueBreakdown: {many}{len(self.joints)} joints, up to {shares}>'
+
+    def _repr_html_(self) -> str:
+        """Return the torques by source as a table for notebooks; of a batch, the largest."""
+        values, title = self.by_source, 'torque by source, N m or N'
+        if values.ndim == 3:
+            title = f'largest torque by source of {len(values)} states, N m or N'
+            values = np.abs(values).max(axis=0)
+        rows = [[joint, *values[:, k]] for k, joint in enumerate(self.joints)]
+        return html_table(title, ['joint', *self.sources], rows)
 
     @property
     def torque(self) -> Array:

@@ -1,5 +1,7 @@
 """`Workspace`: a robot's quantities on preallocated arrays, for loops without allocation."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -25,7 +27,7 @@ class _Quantity:
     def __init__(self, name: str) -> None:
         self.name, self.__doc__ = name, DOCS[name]
 
-    def __get__(self, workspace: 'Workspace | None', owner: type | None = None) -> Any:
+    def __get__(self, workspace: Workspace | None, owner: type | None = None) -> Any:
         if workspace is None:
             return self
         if not hasattr(workspace, '_at'):  # not made by its class
@@ -70,7 +72,7 @@ class Workspace(entry.NativeMethods):
     _at: dict[tuple[str, str], Callable[[], Any]]
     _owned: dict[str, EntryTable]  # tables in use
 
-    def __new__(cls, kernels: KernelSet) -> 'Workspace':
+    def __new__(cls, kernels: KernelSet) -> Workspace:
         """
         Allocate the arrays; quantities compile on first use.
 

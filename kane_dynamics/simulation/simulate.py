@@ -6,12 +6,15 @@ The kernel runs along a buffer of states, where each result is the argument of t
 loop over time is native and releases the GIL. Many simulations run in SIMD lanes.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 import time
 from typing import Any
 import warnings
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
@@ -40,6 +43,7 @@ Torque = Callable[[float, Array, Array], Any]
 Progress = Callable[[float], bool | None]
 
 
+@hinting
 def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1e-3,
              torque: Any = None, sample: float | None = None,
              progress: Progress | None = None, integrator: str | None = None,
@@ -124,11 +128,11 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     starts = starts.reshape(N, starts.shape[-1])
     step = positive_time(step, 'step')
     count = whole_steps('duration', positive_time(duration, 'duration'), step, MOST_STEPS)
-    warn_of_degrees(robot, starts[:, :robot.n_q], 'q0')
+    warn_of_degrees(robot, starts[:, :robot.n_q], 'q0', stacklevel=4)
     jumps = JumpWatch(robot, starts, t0, step, count, single)
     integrator, step_text = stable_integrator(robot, starts[:1, :robot.n_q], step, integrator, t0)
     if step_text is not None:
-        warnings.warn(step_text, ModelWarning, stacklevel=2)
+        warnings.warn(step_text, ModelWarning, stacklevel=3)
     every = steps_per_sample(count, step, sample, N, single)
     if callable(torque) and not single:
         raise InputError(f'torque: a function, with {N} initial states; expected None, an array '
@@ -156,7 +160,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         tau = source.torques(kept, q, u)
     missed = balance.warning(single, step_text if integrator == 'rk4' else None)
     if missed is not None:
-        warnings.warn(missed, ModelWarning, stacklevel=2)
+        warnings.warn(missed, ModelWarning, stacklevel=3)
     arrays = {'q': q, 'u': u, 'tau': tau, **source.results(kept, states, tau)}
     arrays = {name: x[0] if single else x for name, x in arrays.items()}
     hits = source.stops.events(single) if source.stops is not None else ()

@@ -1,5 +1,7 @@
 """The longest stable Runge-Kutta step with a robot's friction, springs and beams."""
 
+from __future__ import annotations
+
 from functools import cache
 import math
 from typing import Any, NamedTuple

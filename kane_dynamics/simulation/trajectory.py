@@ -1,5 +1,7 @@
 """`Trajectory`: the result of a simulation."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 import csv
 from dataclasses import dataclass, field, replace
@@ -12,6 +14,7 @@ from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.npz import npz_arrays
 from kane_dynamics._util.optional_imports import extra
+from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -158,8 +161,28 @@ class Trajectory:
         return (f'<Trajectory: {many}{len(self.t)} samples, {span}, of '
                 f'{short(self.joint_names)}>')
 
+    def _repr_html_(self) -> str:
+        """Return the ranges of positions, speeds and torques as a table for notebooks."""
+        names = dict.fromkeys((*self.coordinate_names, *self.speed_names))
+        columns: dict[str, list[str]] = {}
+        for of, values in ((self.coordinate_names, self.q), (self.speed_names, self.u),
+                           (self.speed_names, self.tau)):
+            flat = values.reshape(-1, values.shape[-1])
+            for k, name in enumerate(of):
+                columns.setdefault(name, []).append(
+                    f'{flat[:, k].min():.4g} to {flat[:, k].max():.4g}' if len(flat) else '')
+        rows = []
+        for name in names:
+            cells = columns[name]
+            if name not in self.speed_names:
+                cells = [*cells, '', '']
+            elif name not in self.coordinate_names:
+                cells = ['', *cells]
+            rows.append([name, *cells])
+        return html_table(repr(self)[1:-1], ['joint', 'q', 'u', 'tau'], rows)
+
     @classmethod
-    def along(cls, robot: Robot, t: Array, q: Array, u: Array, udot: Array) -> 'Trajectory':
+    def along(cls, robot: Robot, t: Array, q: Array, u: Array, udot: Array) -> Trajectory:
         """
         Return a given motion with its torques (inverse dynamics) and energies.
 
@@ -203,7 +226,7 @@ class Trajectory:
         return max(float(np.abs(residual).max(initial=0.0)) for residual in (
             self.constraint_residual, self.constraint_velocity_residual))
 
-    def state(self, k: int) -> 'Trajectory':
+    def state(self, k: int) -> Trajectory:
         """Return the motion from initial state k of N; InputError if k is out of range."""
         if self.q.ndim != 3 or not -len(self.q) <= k < len(self.q):
             count = f'{len(self.q)} motions' if self.q.ndim == 3 else 'a single motion'
@@ -231,7 +254,7 @@ class Trajectory:
                             speed_changes=np.array(changes, dtype=str).reshape(-1, 4), **arrays)
 
     @classmethod
-    def load_npz(cls, path: Path) -> 'Trajectory':
+    def load_npz(cls, path: Path) -> Trajectory:
         """Read a file of `save_npz`; InputError for any other file."""
         file = npz_arrays(path)
         try:

@@ -1,10 +1,13 @@
 """Load a Model from a URDF, or from the cache on disk."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 import os
 from typing import Any
 import warnings
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics.errors import ModelWarning, UnusedWarning
 from kane_dynamics.model.model import GRAVITY, Model
 from kane_dynamics.urdf import model_cache
@@ -18,6 +21,7 @@ __all__ = ['load_urdf']
 warnings.simplefilter('ignore', UnusedWarning, append=True)
 
 
+@hinting
 def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None,
               tip: str | None = None, joints: Sequence[str] | None = None,
               locked: Mapping[str, float] | None = None, drop: Sequence[str] = (),
@@ -103,5 +107,5 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
     model, messages = found
     for message in messages:
         category = UnusedWarning if message.startswith(NOT_OURS) else ModelWarning
-        warnings.warn(message, category, stacklevel=2)
+        warnings.warn(message, category, stacklevel=3)
     return model

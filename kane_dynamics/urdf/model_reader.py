@@ -36,8 +36,8 @@ def read_model(text: str, supplement: Any, *, base: str | None, tip: str | None,
     tree = _tree(root, notices)
     if floating == 'quaternion':
         if not any(joint.kind == 'floating' for joint in tree.joints):
-            raise InputError("floating: 'quaternion', and the URDF has no floating joint; expected "
-                             "root_joint='free' for a base that moves freely")
+            raise InputError("floating: 'quaternion', and the URDF has no floating joint; "
+                             "expected root_joint='free' for a base that moves freely")
         tree = replace(tree, joints=tuple(
             replace(joint, kind='free') if joint.kind == 'floating' else joint
             for joint in tree.joints))

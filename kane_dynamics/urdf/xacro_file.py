@@ -1,5 +1,7 @@
 """Expand xacro files to URDF, with the package xacro."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import os

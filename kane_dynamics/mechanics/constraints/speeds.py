@@ -5,6 +5,8 @@ A choice is two functions over any scalar. Joint rates, Y = 1 and Z = 0, are the
 choices shorten the equations of common mechanisms. A user may define further ones.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -27,6 +27,8 @@ Schema; frames and joints are named as in the URDF, lengths in m, angles in rad:
                                 # nearly closed: the assembly mode; joints left out are at 0
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 import os
 from typing import Any

@@ -46,7 +46,7 @@ def converted(argument: Argument, value: Any) -> Array:
     name, shape = argument.name, argument.shape
     expected = f'{shape} or (N, {", ".join(map(str, shape))})'
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
-        raise InputError(f'{name}: a masked array with {int(np.ma.count_masked(value))} masked '
+        raise InputError(f'{name}: a masked array with {np.count_nonzero(value.mask)} masked '
                          f'entries; expected numbers of shape {expected}')
     try:
         array = np.asarray(value)

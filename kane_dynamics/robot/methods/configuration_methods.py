@@ -1,5 +1,7 @@
 """Neutral and random configurations of a robot, and its joint limits."""
 
+from __future__ import annotations
+
 import warnings
 
 from kane_dynamics._util.checks import constant, integer
@@ -24,7 +26,7 @@ TURN = 2.0 * np.pi
 TRIES = 200  # random initial guesses for loop closure
 
 
-def suspected_degrees(robot: 'Configurations', q: Array) -> str | None:
+def suspected_degrees(robot: Configurations, q: Array) -> str | None:
     """
     Return a description of positions, (n_q,) or (K, n_q), that look like degrees, else None.
 
@@ -46,7 +48,7 @@ def suspected_degrees(robot: 'Configurations', q: Array) -> str | None:
     return f'far outside: {", ".join(words)}; expected rad: are these degrees?' if words else None
 
 
-def outside_limits(robot: 'Configurations', q: Array) -> list[str]:
+def outside_limits(robot: Configurations, q: Array) -> list[str]:
     """Return 'name value (limits lower to upper)' of each entry of q, (n_q,), beyond a limit."""
     lower, upper = robot.limits.lower, robot.limits.upper
     return [f'{name} {value:.4g} (limits {low:.4g} to {high:.4g})'
@@ -54,7 +56,7 @@ def outside_limits(robot: 'Configurations', q: Array) -> list[str]:
             if value < low - ON_LIMIT or value > high + ON_LIMIT]
 
 
-def warn_of_degrees(robot: 'Configurations', q: Array, what: str, stacklevel: int = 3) -> None:
+def warn_of_degrees(robot: Configurations, q: Array, what: str, stacklevel: int = 3) -> None:
     """Warn if positions, (n_q,) or (K, n_q), look like degrees."""
     text = suspected_degrees(robot, q)
     if text is not None:

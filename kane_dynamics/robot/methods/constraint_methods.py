@@ -1,5 +1,7 @@
 """Methods of a robot with chosen speeds or constraints."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Any
 

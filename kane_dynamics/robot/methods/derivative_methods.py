@@ -1,5 +1,7 @@
 """Derivatives of a robot's quantities: of dynamics as matrices, of any quantity by any input."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,5 +1,7 @@
 """Dispatch of a robot's methods to their compiled kernels."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
@@ -26,7 +28,7 @@ class _Compiled:
         self.checked = checked
         self.__doc__ = checked.__doc__
 
-    def __get__(self, robot: 'Dispatch | None', owner: type | None = None) -> Any:
+    def __get__(self, robot: Dispatch | None, owner: type | None = None) -> Any:
         if robot is None:
             return self.checked
         name, fallback = self.checked.__name__, self.checked.__get__(robot)
@@ -85,7 +87,7 @@ class Dispatch:
         result = self.kernels.kernel(name, at)(*self._at_time(given, t), out=out)
         return result
 
-    def _under(self, wrenches: Mapping[str, Any]) -> 'tuple[Dispatch, Array]':
+    def _under(self, wrenches: Mapping[str, Any]) -> tuple[Dispatch, Array]:
         """Return a robot that declares the frames of wrenches, and the rows of its argument."""
         rows = {}
         for frame, wrench in wrenches.items():
@@ -106,7 +108,7 @@ class Dispatch:
             return self, stacked if frames else None  # type: ignore[return-value]
         return self._declaring(frames), stacked
 
-    def _declaring(self, frames: tuple[str, ...]) -> 'Dispatch':
+    def _declaring(self, frames: tuple[str, ...]) -> Dispatch:
         """Return this robot with other wrench frames, which shares the parameters."""
         raise NotImplementedError
 

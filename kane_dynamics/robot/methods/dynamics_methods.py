@@ -1,5 +1,7 @@
 """The dynamics of a robot: inverse and forward dynamics, mass matrix, derivatives, energies."""
 
+from __future__ import annotations
+
 from typing import Any
 
 from kane_dynamics._util.typing import Array

@@ -1,5 +1,7 @@
 """Poses, Jacobians and motion of a robot's frames, and operational-space dynamics."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,5 +1,7 @@
 """A robot's quantities as functions of other libraries: CasADi, PyTorch, JAX."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Any
 

@@ -17,8 +17,8 @@ AWAY = f"""<robot name="away"><link name="base"/>{''.join(map(LINK.format, 'abc'
 
 
 STEP = ('a step of 0.001 s is too long, with friction, springs, beams, rotors, gears, loads, '
-        "joints, links, motors, brakes, belts and bearings of this arm. Use the integrator 'implicit'"
-        ', or shorten the step')
+        'joints, links, motors, brakes, belts and bearings of this arm. Use the integrator '
+        "'implicit', or shorten the step")
 MASSES = ('no mass moves with a, b: no torque determines their acceleration, forward dynamics and '
           'simulation fail; expected an <inertial> on what they move, or an armature in the '
           'supplement, or a lock of these joints')

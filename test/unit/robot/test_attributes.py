@@ -2,10 +2,13 @@
 
 import copy
 import pickle
+import pydoc
+from xml.etree import ElementTree
 
+import kane_dynamics
 from kane_dynamics import (CollisionDetector, ComputedTorque, Controller, frame_wrench, Inertial,
-                           InputError, ModelBuilder, ModelWarning, MomentumObserver, Motion,
-                           Robot, simulate)
+                           InputError, inverse_kinematics, load_urdf, ModelBuilder, ModelWarning,
+                           MomentumObserver, Motion, Robot, simulate)
 from kane_dynamics._util.attribute_hints import COUNTERPARTS
 from kane_dynamics.robot.parameters import JointLimits
 from mechanisms import random_model
@@ -54,6 +57,47 @@ def test_limits_can_be_replaced_and_parameters_refuse_misspelt_names():
 def test_a_name_of_another_library_is_answered_with_its_counterpart(name, ours):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}'; expected robot.{ours}"):
         getattr(robot(), name)
+
+
+@pytest.mark.parametrize(('name', 'words'), [
+    ('inverse_kinematics', r'kane_dynamics.inverse_kinematics\(robot, frame, target\)'),
+    ('ik', r'kane_dynamics.inverse_kinematics\('), ('simulate', r'kane_dynamics.simulate\('),
+    ('gravload', r'robot.gravity_force\(q\)'), ('rne', r'robot.inverse_dynamics\('),
+    ('teach', r'kane_dynamics.view.Window\(robot\)'), ('plot', 'functions of kane_dynamics.plot'),
+    ('fkine', r'robot.forward_kinematics\(frame, q\)'), ('mass', r'sum\(body.inertial.mass'),
+    ('from_urdf', r'kane_dynamics.load_urdf\(path\), and Robot\(model\)')])
+def test_what_is_no_method_here_is_answered_with_its_place(name, words):
+    with pytest.raises(AttributeError, match=f"has no attribute '{name}'; expected .*{words}"):
+        getattr(robot(), name)
+
+
+@pytest.mark.parametrize(('name', 'words'), [
+    ('buildModelFromUrdf', r'load_urdf\(path\)'), ('loadURDF', r'load_urdf\(path\)'),
+    ('from_urdf', 'load_urdf'), ('ik', 'inverse_kinematics'), ('rnea', 'robot.inverse_dynamics'),
+    ('simulat', 'expected simulate')])
+def test_names_of_other_libraries_in_the_package_are_answered(name, words):
+    with pytest.raises(AttributeError, match=f"module 'kane_dynamics' has no.*'{name}'.*{words}"):
+        getattr(kane_dynamics, name)
+
+
+@pytest.mark.parametrize(('call', 'words'), [
+    (lambda: simulate(robot(), Q, Q, 1.0, dt=0.01), r"simulate\(\) .*'dt'; expected step="),
+    (lambda: Robot(MODEL, payload_link='x'), r"Robot\(\) .*'payload_link'; expected payload_fr"),
+    (lambda: load_urdf('x', end_effector='y'), r"load_urdf\(\) .*'end_effector'; expected tip="),
+    (lambda: load_urdf('x', floating_base=True), 'expected root_joint='),
+    (lambda: inverse_kinematics(robot(), 'x', Q, tol=1.0), 'expected tolerance='),
+    (lambda: Robot(MODEL, frictoin=False), 'expected friction='),
+    (lambda: simulate(robot(), Q, Q, 1.0, xyzzy=1), 'expected some of robot, q0, u0')])
+def test_keywords_of_other_libraries_are_answered_with_ours(call, words):
+    with pytest.raises(TypeError, match=words):
+        call()
+
+
+def test_errors_of_python_name_the_class_that_users_know():
+    with pytest.raises(TypeError, match=r'Robot\.jacobian\(\) takes 3 positional'):
+        robot().jacobian('frame3', Q, Q)
+    with pytest.raises(AttributeError, match=r"'Robot' has no attribute 'from_urdf'; expected"):
+        _ = Robot.from_urdf
 
 
 def test_every_counterpart_exists_and_a_strange_name_gets_no_wrong_hint():
@@ -213,3 +257,43 @@ def test_parameters_print_on_one_line_with_gravity_and_payload():
     assert repr(arm.parameters).endswith(', no payload>')
     arm.parameters.payload = Inertial(2.0, (0.0, 0.0, 0.1))
     assert repr(arm.parameters).endswith(", payload 2 kg at [0.0, 0.0, 0.1] m of 'frame3'>")
+
+
+def test_objects_are_one_readable_line():
+    arm = robot()
+    motion = Motion.from_points([0.0, 1.0], [Q, Q + 1.0], joint_names=arm.joint_names)
+    things = (*MODEL.bodies, *(body.joint for body in MODEL.bodies), *MODEL.frames, MODEL, arm,
+              MODEL.bodies[0].inertial, arm.explain(Q, Q, Q), arm.explain([Q], [Q], [Q]),
+              motion, simulate(arm, Q, Q, 0.01))
+    for thing in things:
+        text = repr(thing)
+        assert text.startswith(f'<{type(thing).__name__}') and len(text) < 250
+        assert '\n' not in text and 'array(' not in text
+    assert repr(Inertial(2.0, (0, 0, 0.5), np.eye(3))) == (
+        '<Inertial: 2 kg at [0.0, 0.0, 0.5] m, moments 1, 1, 1 kg m^2>')
+
+
+def test_notebooks_show_tables_with_every_joint():
+    arm = robot()
+    motion = Motion.from_points([0.0, 1.0], [Q, Q + 1.0], joint_names=arm.joint_names)
+    for thing in (MODEL, arm, motion, simulate(arm, Q, Q, 0.01), arm.explain(Q, Q, Q),
+                  arm.explain([Q], [Q], [Q])):
+        root = ElementTree.fromstring(f'<div>{thing._repr_html_()}</div>')  # well-formed
+        rows = root.find('table').find('tbody').findall('tr')
+        assert [row[0].text for row in rows] == list(MODEL.joint_names)
+        assert len({len(row) for row in rows}) == 1
+    fastest = float(motion._repr_html_().rpartition('<td>')[2].partition('<')[0])
+    assert fastest == pytest.approx(1.5, rel=1e-3)  # of a cubic from rest to rest
+
+
+@pytest.mark.parametrize('name', kane_dynamics.__all__)
+def test_help_names_types_as_the_code_does(name):
+    text = pydoc.plain(pydoc.render_doc(getattr(kane_dynamics, name)))
+    assert 'numpy._typing' not in text and 'ndarray[tuple' not in text
+
+
+def test_the_package_lists_its_names_and_version():
+    extra = set(dir(kane_dynamics)) - set(kane_dynamics.__all__)
+    assert not {'import_module', 'TYPE_CHECKING'} & extra
+    assert all(hasattr(kane_dynamics, name) for name in dir(kane_dynamics))
+    assert kane_dynamics.__version__.count('.') == 2

@@ -1,5 +1,7 @@
 """Closed loops: two frames of a mechanism that a joint holds together."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, Literal
 

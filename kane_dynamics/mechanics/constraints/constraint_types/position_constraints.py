@@ -1,5 +1,7 @@
 """Constraints on coordinates: coupled joints, prescribed motion."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

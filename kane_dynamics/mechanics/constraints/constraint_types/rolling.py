@@ -1,5 +1,7 @@
 """Rolling without slipping: a wheel or a ball on a plane, a cylinder or a sphere."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, Literal
 

@@ -1,5 +1,7 @@
 """Constraints on velocities: points, and speeds that depend on others."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
