@@ -23,8 +23,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError, ModelWarning
 from kane_dynamics.mechanics.constraints.constraint_types.closure import Closure
 from kane_dynamics.mechanics.constraints.constraint_types.position_constraints import Coupling
-from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
-                                                                 coordinates_by_name)
+from kane_dynamics.mechanics.constraints.independent_speeds import (
+    choose_independent, coordinates_by_name)
 from kane_dynamics.model.builder import ModelBuilder
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.model import Limits, Model

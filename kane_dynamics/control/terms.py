@@ -33,7 +33,7 @@ class Terms:
     friction: bool = True
 
     @classmethod
-    def beside(cls, arm_compensates: Collection[str]) -> 'Terms':
+    def beside(cls, arm_compensates: Collection[str]) -> Terms:
         """
         Return the terms to command beside those that the arm adds itself.
 

@@ -68,6 +68,7 @@ def rotation_rpy(rotation: ArrayLike) -> Array:
     Parameters
     ----------
     rotation : (3, 3) or (..., 3, 3) array_like
+        Its columns are the turned axes.
 
     Returns
     -------
@@ -96,6 +97,7 @@ def rotation_quaternion(rotation: ArrayLike) -> Array:
     Parameters
     ----------
     rotation : (3, 3) or (..., 3, 3) array_like
+        Its columns are the turned axes.
 
     Returns
     -------

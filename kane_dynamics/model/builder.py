@@ -68,6 +68,7 @@ class ModelBuilder(ModelAssembly):
         Parameters
         ----------
         model : Model
+            With bodies, joints and frames of any kind.
         strict : bool
             As of the class, for what is added.
 

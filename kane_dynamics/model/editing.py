@@ -36,6 +36,7 @@ def with_tool(model: Model, on: str, name: str, inertial: Inertial, *, at: Array
     Parameters
     ----------
     model : Model
+        The mechanism.
     on : str
         The frame that carries the tool.
     name : str
@@ -99,6 +100,7 @@ def with_names(model: Model, names: Mapping[str, str]) -> Model:
     Parameters
     ----------
     model : Model
+        The mechanism.
     names : mapping of str to str
         New names by present ones. A body has the frame of its name, which is renamed with it.
 
@@ -142,6 +144,7 @@ def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
     Parameters
     ----------
     model : Model
+        The mechanism.
     positions : mapping of str to float
         Position of each locked joint, rad or m.
 

@@ -11,7 +11,7 @@ from typing import Any, TYPE_CHECKING
 
 from kane_dynamics._util.attribute_hints import HintingClass, missing, refused
 from kane_dynamics._util.notebook import html_table
-from kane_dynamics._util.text import short, SHORT
+from kane_dynamics._util.text import SHORT, short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_equations import BallEquations
@@ -250,6 +250,7 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
         frame : str
             One of `frame_names`; the payload is given from its origin and in its axes.
         payload : Inertial or None
+            None takes it off.
 
         Raises
         ------

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.frozen import freeze
+from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.npz import npz_arrays
 from kane_dynamics._util.optional_imports import extra
-from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError

@@ -140,6 +140,7 @@ def with_root_joint(tree: UrdfTree, kind: str, base: Any = None,
     Parameters
     ----------
     tree : UrdfTree
+        Without that joint.
     kind : str
         One of `ROOT_KINDS`.
     base : str, optional
