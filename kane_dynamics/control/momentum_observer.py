@@ -18,7 +18,7 @@ import math
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import guarded
-from kane_dynamics._util.checks import per_joint
+from kane_dynamics._util.checks import finite_row, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.friction_error import FrictionError
 from kane_dynamics.errors import ConstraintError, InputError
@@ -161,6 +161,19 @@ class MomentumObserver:
                 self.friction_error.adapt(elapsed, forgotten, self._workspace.u, self.torque)
         self._t, self._tau, self._momentum, self._beta = t, torques, momentum, beta
         return self.torque
+
+    def hold(self, tau: ArrayLike) -> None:
+        """
+        Set the torque that acts from the last sample to the next, (n,), where `held` is True.
+
+        For a controller whose command depends on the estimate: `update` with the torque that is
+        still held, then `hold` with the new one.
+        """
+        torques = finite_row(tau, 'tau', self.robot.speed_names)
+        if not self.held:
+            raise InputError('held: False; expected an observer with held=True, whose torque is '
+                             'a command')
+        self._tau = torques
 
     def _set_state(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike) -> Array:
         """Write the state to the workspace, which checks it; return tau, (n,)."""

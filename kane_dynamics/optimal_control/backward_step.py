@@ -36,12 +36,13 @@ class Expansion(NamedTuple):
 
 
 class TorqueCost(NamedTuple):
-    """Torques of an interval, slopes and curvatures of their cost, and their limits, (m,) each."""
+    """Torques of an interval, slopes and curvatures of their cost, and their bounds, (m,) each."""
 
     tau: Any
     gradient: Any
     hessian: Any
-    limits: Any
+    lowest: Any
+    highest: Any
 
 
 class Policy(NamedTuple):
@@ -69,14 +70,14 @@ def backward_step(cost_to_go: Expansion, torques: TorqueCost, regular: Any) -> P
         Weights of the change of torque, which shorten it.
 
     """
-    (H, g), (tau, gradient, hessian, most) = cost_to_go, torques
+    (H, g), (tau, gradient, hessian, lowest, highest) = cost_to_go, torques
     m = len(tau)
     n_x = len(g) - m
     Q = np.array([[H[n_x + max(i, j)][n_x + min(i, j)] for j in range(m)] for i in range(m)])
     Q = Q + np.diag(hessian + regular)
     Q_x = np.array([row[:n_x] for row in H[n_x:]])
     g_tau = g[n_x:] + gradient
-    k, K = limited_minimum(Q, g_tau, Q_x, -most - tau, most - tau)
+    k, K = limited_minimum(Q, g_tau, Q_x, lowest - tau, highest - tau)
     Q_k = Q @ k
     return Policy(k, K, g_tau @ k, 0.5 * (k @ Q_k),
                   g[:n_x] + k @ Q_x + (Q_k + g_tau) @ K,

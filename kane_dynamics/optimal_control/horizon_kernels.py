@@ -109,8 +109,8 @@ class HorizonKernels:
         state = row[:sizes.state]
         k, K = policy[:m], policy[m:m + m * x].reshape(m, x)
         wanted = tau + constants.scale * k + K @ self._horizon.change(state, nominal)
-        tau = np.array([clipped(x, -most, most)
-                        for x, most in zip(wanted, constants.limits.torque)])
+        lowest, highest, *_ = constants.limits
+        tau = np.array([clipped(*each) for each in zip(wanted, lowest, highest)])
         end, multipliers, cost = self._horizon.step(state, tau, target, weight, constants)
         return np.concatenate([end, tau, multipliers, [row[-1] + cost]])
 
@@ -121,6 +121,11 @@ class HorizonKernels:
             self._begun = True
         for path in (self.path, self.trial):
             path[0, :self.sizes.state] = state
+
+    def forget(self) -> None:
+        """Discard feedback and nominal states, which may be too far from the state to begin at."""
+        self._begun = False
+        self.policy[:] = 0.0
 
     def linearize(self) -> None:
         """Write `slopes` of `path`."""

@@ -53,7 +53,7 @@ class Sizes(NamedTuple):
     @property
     def limits(self) -> int:
         """Return the number of limits and their weights."""
-        return self.torques + 2 * self.joints
+        return 2 * (self.torques + self.joints)
 
 
 class Constants(NamedTuple):
@@ -69,5 +69,5 @@ class Constants(NamedTuple):
 def constants_of(block: Any, sizes: Sizes) -> Constants:
     """Return the parts of the array of constants."""
     m, n = sizes.torques, sizes.joints
-    torque, speed, weight, parameters = np.split(block[NUMBERS:], [m, m + n, m + 2 * n])
-    return Constants(block[0], block[1], Limits(torque, speed, weight), parameters, block[2])
+    *limits, parameters = np.split(block[NUMBERS:], np.cumsum([m, m, n, n]))
+    return Constants(block[0], block[1], Limits(*limits), parameters, block[2])

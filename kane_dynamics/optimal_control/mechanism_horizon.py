@@ -160,5 +160,6 @@ class MechanismHorizon:
         x, (F, by_x, by_tau, of_x, of_tau) = (self.sizes.directions,
                                               np.split(slopes, self._slope_ends))
         before = expansion(F.reshape(x, -1), v + by_x, symmetric(V + of_x, x))
-        return backward_step(before, TorqueCost(tau, by_tau, of_tau, constants.limits.torque),
+        lowest, highest, *_ = constants.limits
+        return backward_step(before, TorqueCost(tau, by_tau, of_tau, lowest, highest),
                              constants.regular * of_tau)

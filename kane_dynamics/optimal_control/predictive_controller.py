@@ -1,7 +1,11 @@
 """Model predictive control: the first torque of a horizon, optimized again from every state."""
 
-from kane_dynamics._util.checks import integer
+from collections.abc import Callable
+from dataclasses import replace
+
+from kane_dynamics._util.checks import finite_row, integer, number
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.momentum_observer import MomentumObserver
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.optimal_control.trajectory_optimizer import Solution, TrajectoryOptimizer
 import numpy as np
@@ -14,9 +18,14 @@ class PredictiveController:
     """
     Predictive controller: one or a few iterations of an optimizer in every cycle.
 
-    The first cycle begins with the torque of gravity and optimizes until it converges; compile and
-    call it before the arm must move. Later ones continue from the torques of the last, moved in
-    time (real-time iteration, Diehl et al., SIAM J. Control Optim. 43 (2005)).
+    The first cycle begins with the torques of `start`, or else with those of gravity, and
+    optimizes until it converges; compile and call it before the arm must move. Later ones continue
+    from the torques of the last, moved in time (real-time iteration, Diehl et al., SIAM J. Control
+    Optim. 43 (2005)).
+
+    With a `disturbance_gain` the controller has no offset at rest, whatever mass, payload and
+    friction the model lacks: a `MomentumObserver` estimates the missing torques, and the plan
+    counts with them as constant over the horizon. They need the torques to be those that act.
 
     Parameters
     ----------
@@ -24,21 +33,38 @@ class PredictiveController:
         Its target is that of the controller.
     iterations : int
         In each cycle but the first.
+    disturbance_gain : float
+        Gain of the observer, 1/s: it has seen 63 % of a constant disturbance after 1 / gain. 0 for
+        no estimate.
 
     Attributes
     ----------
     solution : Solution or None
-        Of the last cycle.
+        Of the last cycle; `feasible` says whether it is a plan from the measured state.
+    disturbance : (m,) array
+        Estimated torques that act beside those of the actuators, N m or N.
 
     """
 
-    def __init__(self, optimizer: TrajectoryOptimizer, *, iterations: int = 1) -> None:
-        """Store the optimizer."""
+    def __init__(self, optimizer: TrajectoryOptimizer, *, iterations: int = 1,
+                 disturbance_gain: float = 0.0) -> None:
+        """Store the optimizer; compile the observer."""
         self.optimizer = optimizer
         self.iterations = integer(iterations, 'iterations', 1)
+        gain = number(disturbance_gain, 'disturbance_gain', 'a finite number >= 0, 1/s',
+                      lambda value: 0.0 <= value < np.inf)
         self.solution: Solution | None = None
+        self.disturbance = np.zeros(len(optimizer.actuator_names))
+        optimizer.set_disturbance(self.disturbance)  # another controller may have left one
+        self._observer = None
+        if gain:
+            self._observer = MomentumObserver(optimizer.robot, gain=gain, max_gap=np.inf,
+                                              held=True)
+        names = optimizer.robot.joint_names
+        self._actuators = [names.index(name) for name in optimizer.actuator_names]
         self._target: ArrayLike | Motion | None = None
-        self._t = 0.0
+        self._guess: Array | None = None
+        self._t = self._clock = 0.0
 
     def set_target(self, target: ArrayLike | Motion, t: float = 0.0) -> None:
         """Set a configuration to rest at, or a motion whose time is t at the next cycle."""
@@ -50,9 +76,24 @@ class PredictiveController:
             self._target = np.array(target)
         self._t = float(t)
 
+    def start(self, tau: ArrayLike) -> None:
+        """
+        Begin the next cycle with these torques: (m,) for every interval, or (N, m).
+
+        That cycle optimizes until it converges, as the first one does. Where the motion of the
+        torques is not finite, it begins with those of gravity.
+        """
+        self.optimizer.start(tau)  # which checks them
+        self._guess = np.array(tau, dtype=float)
+        self.solution = None
+
     def torque(self, q: ArrayLike, u: ArrayLike, elapsed: float) -> Array:
         """
         Return the torques of the actuators, (m,), N m or N, never beyond their limits.
+
+        Every finite state has a result. Where no torques that are tried lead from it to finite
+        states (the last plan's, with its feedback or without, those of gravity, none), the result
+        is that of the last plan, and `solution.feasible` is False. The next cycle tries again.
 
         Parameters
         ----------
@@ -69,15 +110,98 @@ class PredictiveController:
             The loops of the measured configuration are open beyond `closure_tolerance`.
 
         """
-        optimizer = self.optimizer
-        if self.solution is None:
-            optimizer.start(optimizer.holding_torques(q))
-            self.solution = optimizer.solve(q, u, iterations=FIRST)
+        optimizer, last = self.optimizer, self.solution
+        # Checked before anything changes, so that the next call finds the controller as it was.
+        finite_row(q, 'q', optimizer.robot.coordinate_names)
+        finite_row(u, 'u', optimizer.robot.speed_names)
+        if last is None:
+            self._estimate(q, u, 0.0)
+            guess = optimizer.holding_torques(q) if self._guess is None else self._guess
+            optimizer.start(guess)
+            self._guess = None
+            solution = self._solved(q, u, FIRST)
         else:
             optimizer.shift(elapsed)
             self._t += elapsed
             if self._target is not None:
                 optimizer.set_target(self._target, self._t)
-            self.solution = optimizer.solve(q, u, iterations=self.iterations)
-        tau: Array = self.solution.tau[0]
+            self._estimate(q, u, elapsed)
+            solution = self._solved(q, u, self.iterations)
+        if solution is None:
+            if last is None:
+                solution = self._resting(q, u)
+            else:
+                solution = _moved(last, elapsed / optimizer.interval)
+            optimizer.start(solution.tau)
+        self.solution = solution
+        tau: Array = solution.tau[0]
+        if self._observer is not None:
+            self._observer.hold(self._generalized(tau, q))
         return tau
+
+    def _solved(self, q: ArrayLike, u: ArrayLike, iterations: int) -> Solution | None:
+        """Return the solution from the first torques that lead to finite states, if any do."""
+        optimizer = self.optimizer
+        solution = optimizer.try_solve(q, u, iterations=iterations)
+        if solution is not None:
+            return solution
+        for tau in (optimizer.holding_torques(q), 0.0 * optimizer.torque_limits):
+            optimizer.start(tau)
+            solution = optimizer.try_solve(q, u, iterations=iterations)
+            if solution is not None:
+                return solution
+        return None
+
+    def _resting(self, q: ArrayLike, u: ArrayLike) -> Solution:
+        """Return the torques of gravity, within their limits, as what is done without any plan."""
+        optimizer = self.optimizer
+        N, limits = optimizer.nodes, optimizer.torque_limits
+        tau = np.clip(optimizer.holding_torques(q), -limits, limits)
+        positions, speeds = np.tile(q, (N + 1, 1)), np.tile(u, (N + 1, 1))
+        gains = np.zeros((N, len(tau), optimizer.directions))
+        torques = np.tile(tau, (N, 1))
+        return Solution(positions, speeds, torques, gains, np.inf, 0, False, feasible=False)
+
+    def _estimate(self, q: ArrayLike, u: ArrayLike, elapsed: float) -> None:
+        """Estimate the disturbance from the last command and the measured state."""
+        observer, optimizer = self._observer, self.optimizer
+        if observer is None:
+            return
+        self._clock += elapsed
+        held = np.zeros(optimizer.robot.n)  # of the first sample, of which `hold` sets another
+        with np.errstate(over='ignore', invalid='ignore'):
+            external = observer.update(self._clock, q, u, held)
+        if not np.isfinite(external).all():  # speeds whose squares overflow
+            observer.reset()
+            external = np.zeros(optimizer.robot.n)
+        torques = self._at_time(optimizer.robot.joint_torques, external, q)
+        self.disturbance = torques[self._actuators]
+        optimizer.set_disturbance(self.disturbance)
+
+    def _generalized(self, tau: Array, q: ArrayLike) -> Array:
+        """Return the generalized force of torques of the actuators, (n,)."""
+        robot = self.optimizer.robot
+        torques = np.zeros(len(robot.joint_names))
+        torques[self._actuators] = tau
+        return self._at_time(robot.generalized_force, torques, q)
+
+    def _at_time(self, function: Callable[..., Array], force: Array, q: ArrayLike) -> Array:
+        """Return a function of a force at a configuration, and of the time if robots have one."""
+        if self.optimizer.robot.equations.timed:
+            return function(force, q, t=self._t)
+        return function(force, q)
+
+
+def _moved(plan: Solution, intervals: float) -> Solution:
+    """Return a plan moved in time, as what is done where none is found; its end is repeated."""
+    nodes = len(plan.tau)
+    place = np.arange(nodes + 1) + intervals
+    states = np.minimum(place, nodes).astype(int)  # no state is between two, as loops close there
+    torques = np.minimum(place[:-1], nodes - 1)
+    first = torques.astype(int)
+    part = (torques - first)[:, None]
+    begin, end = plan.tau[first], plan.tau[np.minimum(first + 1, nodes - 1)]
+    tau = begin + part * (end - begin)
+    tau = np.clip(tau, np.minimum(begin, end), np.maximum(begin, end))  # rounding, at a limit
+    return replace(plan, q=plan.q[states], u=plan.u[states], tau=tau, gains=0.0 * plan.gains,
+                   iterations=0, converged=False, feasible=False)

@@ -20,9 +20,10 @@ NONE = 1e9  # rad/s or m/s: a limit beyond is none
 
 
 class Limits(NamedTuple):
-    """Limits of torques, (m,), and of joint rates, with the weights of their excess, (n,) each."""
+    """Bounds of torques, (m,), limits of joint rates and weights of their excess, (n,)."""
 
-    torque: Any
+    lowest_torque: Any
+    highest_torque: Any
     speed: Any
     speed_weight: Any
 

@@ -21,9 +21,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 SUFFICIENT = 1e-4  # least decrease of the cost, as a fraction of the expected one
-HALVINGS = 6  # of the step, in one iteration
+HALVINGS = 10  # of the step, in one iteration
 ROUNDING = 1e-13  # of a cost, relative
-RAISED, STALLED = 10.0, 1e8  # factor of the regularization, and the least that ends the search
+RAISED = 10.0  # factor of the regularization
+OVERFLOW = 1e20  # regularization at which derivatives that overflow are given up
 
 
 @fixed
@@ -82,6 +83,9 @@ class Solution:
     converged : bool
         Whether the last decrease was at most the tolerance. False too where no step decreases the
         cost, as at a kink.
+    feasible : bool
+        False only from `PredictiveController`: no torques lead from the measured state to finite
+        states, and this is its last plan, moved in time.
 
     """
 
@@ -92,6 +96,7 @@ class Solution:
     cost: float
     iterations: int
     converged: bool
+    feasible: bool = True
 
 
 class TrajectoryOptimizer:
@@ -166,9 +171,11 @@ class TrajectoryOptimizer:
         arrays.weights[:] = self.interval * np.concatenate([position, speed, torque])
         arrays.weights[-1, :2 * n] = np.concatenate([end_position, end_speed])
         arrays.constants[NUMBERS:NUMBERS + arrays.sizes.limits] = np.concatenate(
-            [self.torque_limits, self.speed_limits, excess])
+            [-self.torque_limits, self.torque_limits, self.speed_limits, excess])
         arrays.constants[0] = self.interval
-        self._regularization, self._t, self._aimed = 0.0, 0.0, False
+        self._disturbance = np.zeros(len(actuators))
+        self._regularization, self._stalled = 0.0, False
+        self._t, self._aimed = 0.0, False
         if plain:
             self.set_target(np.zeros(n))
 
@@ -176,6 +183,11 @@ class TrajectoryOptimizer:
     def nodes(self) -> int:
         """Return the number of intervals."""
         return self._arrays.nodes
+
+    @property
+    def directions(self) -> int:
+        """Return the number of entries of a change of the state, n_x of `Solution.gains`."""
+        return self._arrays.sizes.directions
 
     def set_target(self, target: ArrayLike | Motion, t: float = 0.0) -> None:
         """
@@ -195,14 +207,28 @@ class TrajectoryOptimizer:
         """Return the torques of the actuators that hold gravity at a configuration, (m,)."""
         return self._target.holding(self._target.configuration(q, 'q'), self._t)
 
+    def set_disturbance(self, tau: ArrayLike) -> None:
+        """
+        Set unknown torques that act beside those of the actuators, (m,), constant in the horizon.
+
+        The planned motion stays: the actuators give what the disturbance does not. A target at
+        rest then needs the torques that hold it against gravity and the disturbance.
+        """
+        m = len(self.actuator_names)
+        # The kernels know the sum of both torques, and bound that.
+        self._disturbance = finite_row(tau, 'disturbance', self.actuator_names)
+        bounds = self._arrays.constants[NUMBERS:NUMBERS + 2 * m]
+        bounds[:m] = self._disturbance - self.torque_limits
+        bounds[m:] = self._disturbance + self.torque_limits
+
     def start(self, tau: ArrayLike) -> None:
         """Begin the next `solve` with these torques: (m,) for every interval, or (N, m)."""
         rows = [finite_row(row, 'tau', self.actuator_names)
                 for row in (np.asarray(tau) if np.ndim(tau) == 2 else [tau])]
         if len(rows) not in (1, self.nodes):
             raise InputError(f'tau: {len(rows)} rows; expected 1 or {self.nodes}')
-        self._arrays.tau[:] = rows
-        self._arrays.policy[:] = 0.0
+        self._arrays.tau[:] = np.array(rows) + self._disturbance
+        self._arrays.forget()
         self._regularization = 0.0
 
     def shift(self, elapsed: float) -> None:
@@ -238,6 +264,24 @@ class TrajectoryOptimizer:
             The loops of the configuration do not close, or are singular.
 
         """
+        solution = self.try_solve(q, u, iterations=iterations, tolerance=tolerance)
+        if solution is None:
+            raise InputError('torques: their motion is not finite, or passes a singularity; '
+                             'expected torques near those that hold the arm (see start), or '
+                             'shorter intervals')
+        return solution
+
+    def try_solve(self, q: ArrayLike, u: ArrayLike, *, iterations: int = 100,
+                  tolerance: float = 1e-9) -> Solution | None:
+        """
+        Return the result of `solve`, or None where the torques lead to states that are not finite.
+
+        Raises
+        ------
+        InputError, ConstraintError
+            As `solve`, but for what the torques lead to.
+
+        """
         arrays, robot = self._arrays, self.robot
         integer(iterations, 'iterations', 0)
         number(tolerance, 'tolerance', 'a number >= 0', lambda x: x >= 0.0)
@@ -248,21 +292,25 @@ class TrajectoryOptimizer:
         arrays.begin(start)
         cost = self._followed(0.0)
         if not np.isfinite(cost):
-            raise InputError('torques: their motion is not finite, or passes a singularity; '
-                             'expected torques near those that hold the arm (see start), or '
-                             'shorter intervals')
+            # Feedback amplifies a large distance from the last plan: the torques without it.
+            arrays.forget()
+            arrays.begin(start)
+            cost = self._followed(0.0)
+        if not np.isfinite(cost):
+            return None
         arrays.swap()
-        self._regularization = min(self._regularization, STALLED / RAISED**2)
+        if self._stalled:
+            self._regularization, self._stalled = 0.0, False
         done, converged = 0, False
-        while done < iterations and not converged and self._regularization < STALLED:
+        while done < iterations and not converged and not self._stalled:
             done += 1
             before, shortened = cost, self._regularization > 0.0
             cost = self._iterate(cost)
             converged = (before - cost <= tolerance * abs(cost)
                          and not shortened and self._regularization == 0.0)
         q_u = arrays.path[:, :n_q + n].copy()
-        return Solution(q_u[:, :n_q], q_u[:, n_q:], arrays.tau.copy(), arrays.gains, cost, done,
-                        converged)
+        tau = np.clip(arrays.tau - self._disturbance, -self.torque_limits, self.torque_limits)
+        return Solution(q_u[:, :n_q], q_u[:, n_q:], tau, arrays.gains, cost, done, converged)
 
     def _start(self, q: ArrayLike, u: ArrayLike) -> Array:
         """Return the state at the beginning; raise the errors of `solve`."""
@@ -286,6 +334,7 @@ class TrajectoryOptimizer:
         known, scale = np.isfinite(first + second), 1.0
         if not known:  # derivatives overflow: the torques remain, without feedback
             arrays.policy[:] = 0.0
+            self._stalled = self._regularization >= OVERFLOW
         for _ in range(HALVINGS if known else 0):
             found = self._followed(scale)
             if cost - found >= -SUFFICIENT * scale * (first + scale * second) >= 0.0:
@@ -294,7 +343,10 @@ class TrajectoryOptimizer:
                 self._regularization = lower if lower >= 1.0 else 0.0
                 return found
             if -(first + second) <= ROUNDING * abs(cost):
-                return cost  # nothing to gain
+                # Nothing to gain: an optimum, or a step that regularization has shortened to
+                # rounding, which ends the search whatever the size of its number.
+                self._stalled = self._regularization > 0.0
+                return cost
             scale *= 0.5
         self._regularization = max(1.0, RAISED * self._regularization)
         return cost

@@ -44,8 +44,9 @@ class TreeHorizon:
                                         limits)
         before = expansion_of_tree(slopes.reshape(3, n, n), constants.h, v + gradient[:2 * n],
                                    symmetric(V, 2 * n) + np.diag(hessian[:2 * n]))
-        return backward_step(before, TorqueCost(tau, gradient[2 * n:], hessian[2 * n:],
-                                                limits.torque), regular * hessian[2 * n:])
+        torques = TorqueCost(tau, gradient[2 * n:], hessian[2 * n:], limits.lowest_torque,
+                             limits.highest_torque)
+        return backward_step(before, torques, regular * torques.hessian)
 
     def change(self, state: Any, nominal: Any) -> Any:
         """Return the change of the state from another one, (2 n,)."""

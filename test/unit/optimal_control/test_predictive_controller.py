@@ -1,11 +1,14 @@
-"""Predictive control: a target is reached, a motion is tracked, friction in the model helps."""
+"""Predictive control: targets are reached, without offset, and every finite state has a torque."""
 
+from dataclasses import replace
 from functools import cache
 
-from kane_dynamics import load_urdf, Motion, Robot, simulate
+from kane_dynamics import (Inertial, InputError, load_urdf, ModelBuilder, Motion, rod, Robot,
+                           simulate)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.optimal_control import CostWeights, PredictiveController, TrajectoryOptimizer
 import numpy as np
+import pytest
 
 CYCLE, INTERVAL, NODES = 0.004, 0.02, 15
 FRICTION = {'friction': 3.0, 'friction_speed': 0.05, 'damping': 1.0}
@@ -58,3 +61,150 @@ def test_a_new_target_counts_in_the_next_cycle():
     before = controller.torque(path.q[-1], path.u[-1], CYCLE)
     controller.set_target(GOAL)
     assert np.abs(controller.torque(path.q[-1], path.u[-1], CYCLE) - before).max() > 1.0
+
+
+@cache
+def swing_up(kind):
+    """Return the optimizer of a double pendulum, acrobot or pendubot, or of an arm."""
+    if kind in ('fr3', 'ur10e'):
+        return TrajectoryOptimizer(Robot(load_urdf(resource_path('urdf', f'{kind}.urdf'),
+                                                   tip=TIPS[kind])), nodes=30, interval=0.02)
+    b = ModelBuilder(kind)
+    b.body('upper', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (0, 0, -1)))
+    b.body('lower', 'upper', at=(0, 0, -1), axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (0, 0, -1)))
+    limits = {'acrobot': [0.0, 20.0], 'pendubot': [20.0, 0.0]}[kind]
+    weights = CostWeights(position=1.0, speed=0.1, end_position=1000.0, end_speed=100.0)
+    return TrajectoryOptimizer(Robot(b.model()), nodes=150, interval=0.02, weights=weights,
+                               torque_limits=limits, speed_limits=np.inf)
+
+
+TIPS = {'fr3': 'fr3_link7', 'ur10e': 'tool0'}
+
+
+def torques_from_random_states(kind, starts, cycles, fastest=2.0):
+    """Return the share of cycles with a plan; assert that all torques are within their limits."""
+    problem, feasible = swing_up(kind), []
+    n, m = problem.robot.n, len(problem.actuator_names)
+    for seed in range(starts):
+        rng = np.random.default_rng(seed)
+        controller = PredictiveController(problem, disturbance_gain=20.0 * (seed % 2))
+        controller.set_target(rng.uniform(-np.pi, np.pi, n))
+        if seed % 5 == 0:
+            controller.start(10.0 * problem.torque_limits * rng.uniform(-1.0, 1.0, (
+                problem.nodes, m)))
+        for cycle in range(cycles):
+            if cycle % 5 == 0:  # another state, which the last plan did not lead to
+                q = rng.uniform(-np.pi, np.pi, n)
+                u = rng.uniform(-1.0, 1.0, n) * 10.0**rng.uniform(-1.0, fastest)
+            tau = controller.torque(q, u, 0.004)
+            assert (np.abs(tau) <= problem.torque_limits).all(), (kind, seed, cycle)
+            feasible.append(controller.solution.feasible)
+            q, u = q + 0.004 * u, u + rng.normal(0.0, 0.05, n)
+    return np.mean(feasible)
+
+
+@pytest.mark.parametrize(('kind', 'starts'), [('acrobot', 20), ('pendubot', 20), ('fr3', 5),
+                                              ('ur10e', 5)])
+def test_every_finite_state_has_a_torque(kind, starts):
+    assert 0.1 < torques_from_random_states(kind, starts, 10) < 1.0, 'both cases must occur'
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize('kind', ['acrobot', 'pendubot', 'fr3', 'ur10e'])
+def test_every_one_of_a_thousand_finite_states_has_a_torque(kind):
+    assert 0.1 < torques_from_random_states(kind, 1000, 10) < 1.0, 'both cases must occur'
+
+
+def test_without_a_plan_the_last_one_moves_in_time_and_the_result_says_so():
+    problem = swing_up('acrobot')
+    controller = PredictiveController(problem)
+    controller.set_target([np.pi, 0.0])
+    controller.torque([0.0, 0.1], [0.0, 0.0], 0.02)
+    plan = controller.solution
+    assert plan.feasible
+    for k in (1, 2):
+        tau = controller.torque([0.0, 0.1], [1e150, -1e150], 0.02)
+        moved = controller.solution
+        assert not moved.feasible and not moved.converged
+        np.testing.assert_allclose(tau, plan.tau[k], rtol=1e-13)
+        np.testing.assert_allclose(moved.tau[:-k], plan.tau[k:], rtol=1e-13)
+        assert (moved.q[:-k] == plan.q[k:]).all()
+    controller.torque(plan.q[3], plan.u[3], 0.02)
+    assert controller.solution.feasible
+
+
+def test_a_first_state_without_a_plan_has_the_torques_of_gravity():
+    problem = swing_up('acrobot')
+    controller = PredictiveController(problem)
+    controller.set_target([np.pi, 0.0])
+    q = [0.3, 0.4]
+    held = np.clip(problem.holding_torques(q), -problem.torque_limits, problem.torque_limits)
+    assert (controller.torque(q, [1e150, 0.0], 0.02) == held).all()
+    assert not controller.solution.feasible and controller.solution.cost == np.inf
+
+
+def test_the_first_cycle_begins_with_the_torques_that_are_stated():
+    problem = swing_up('acrobot')
+    controller = PredictiveController(problem)
+    controller.set_target([np.pi, 0.0])
+    problem.start(problem.holding_torques([0.0, 0.0]))
+    plan = problem.solve([0.0, 0.0], [0.0, 0.0], iterations=1000)
+    controller.start(plan.tau)
+    controller.torque([0.0, 0.0], [0.0, 0.0], 0.0)
+    assert controller.solution.cost <= plan.cost
+    assert controller.solution.iterations < plan.iterations / 2
+    with pytest.raises(InputError, match='tau: 3 rows'):
+        controller.start(np.zeros((3, 2)))
+
+
+def test_numbers_that_are_not_finite_change_nothing():
+    controller = PredictiveController(swing_up('acrobot'), disturbance_gain=20.0)
+    controller.set_target([np.pi, 0.0])
+    controller.torque([0.0, 0.1], [0.0, 0.0], 0.02)
+    before = controller.solution
+    for q, u, elapsed in (([np.nan, 0.0], [0.0, 0.0], 0.02), ([0.0, 0.0], [np.inf, 0.0], 0.02),
+                          ([0.0, 0.0], [0.0, 0.0], np.nan)):
+        with pytest.raises(InputError):
+            controller.torque(q, u, elapsed)
+        assert controller.solution is before
+    with pytest.raises(InputError, match='disturbance_gain: -1'):
+        PredictiveController(swing_up('acrobot'), disturbance_gain=-1.0)
+
+
+ERRORS = {'mass': 'masses and inertias 10 % larger', 'payload': '2 kg in the hand'}
+
+
+def end_error(name, error, gain):
+    """Return the distance from the target, rad, of an arm that differs from its model."""
+    model = load_urdf(resource_path('urdf', f'{name}.urdf'), tip=TIPS[name])
+    arm = Robot(model, payload_frame=TIPS[name])
+    if error == 'mass':
+        arm = Robot(replace(model, bodies=tuple(
+            replace(body, inertial=replace(body.inertial, mass=1.1 * body.inertial.mass,
+                                           inertia=1.1 * body.inertial.inertia))
+            for body in model.bodies)))
+    else:
+        arm.parameters.payload = Inertial(2.0, np.array([0.0, 0.0, 0.1]), np.zeros((3, 3)))
+    start = {'fr3': [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785],
+             'ur10e': [0.0, -1.57, 1.57, -1.57, -1.57, 0.0]}[name]
+    target = np.array(start) + [0.8, 0.4, -0.4, 0.4, 0.4, 0.4, -0.6][:arm.n]
+    controller = PredictiveController(swing_up(name), disturbance_gain=gain)
+    controller.set_target(target)
+    path = simulate(arm, start, np.zeros(arm.n), 3.0, step=CYCLE, sample=CYCLE,
+                    integrator='implicit',
+                    torque=lambda t, q, u: controller.torque(q, u, CYCLE))
+    return np.abs(path.q[-1] - target).max()
+
+
+@pytest.mark.parametrize(('name', 'error'), [('fr3', 'payload'), ('ur10e', 'mass')])
+def test_an_estimated_disturbance_leaves_no_offset(name, error):
+    assert end_error(name, error, 200.0) < 2e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', ['fr3', 'ur10e'])
+@pytest.mark.parametrize('error', ERRORS)
+def test_no_estimate_leaves_an_offset_and_an_estimate_none(name, error):
+    assert end_error(name, error, 0.0) > 5e-3
+    assert end_error(name, error, 200.0) < 2e-3

@@ -39,7 +39,8 @@ def optimizer(robot, **options):
 def gradient(problem, solution):
     """Return the derivative of the cost by all torques, (N, n), from the last to the first."""
     robot, arrays, h = problem.robot, problem._arrays, problem.interval
-    n, limits = robot.n, Limits(problem.torque_limits, problem.speed_limits,
+    n, limits = robot.n, Limits(-problem.torque_limits, problem.torque_limits,
+                                problem.speed_limits,
                                 np.full(robot.n, problem.weights.excess_speed))
     found, v = np.zeros((problem.nodes, n)), np.zeros(2 * n)
     for i in reversed(range(problem.nodes)):
@@ -192,6 +193,26 @@ def test_derivatives_that_overflow_leave_torques_and_no_feedback():
         solution = problem.solve([0.0], [0.0])
         assert not solution.converged
         assert (solution.q == 0.0).all() and (solution.gains == 0.0).all()
+
+
+@pytest.mark.parametrize(('angles', 'cost'), [([0.0, 0.0], 100.0), ([0.0, 0.1], 150.0),
+                                              ([0.1, 0.0], 400.0)])
+def test_an_acrobot_swings_up_though_its_torque_weighs_little(angles, cost):
+    b = ModelBuilder('acrobot')
+    b.body('upper', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (0, 0, -1)))
+    b.body('lower', 'upper', at=(0, 0, -1), axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (0, 0, -1)))
+    robot = Robot(b.model())
+    problem = TrajectoryOptimizer(
+        robot, nodes=150, interval=0.02, torque_limits=[0.0, 5.0], speed_limits=np.inf,
+        weights=CostWeights(position=0.0, speed=0.0, torque=4.4e-7, end_position=8.4e4,
+                            end_speed=2.2e3))
+    problem.set_target([np.pi, 0.0])
+    problem.start([0.0, 0.0])
+    plan = problem.solve(angles, [0.0, 0.0], iterations=1000)
+    assert plan.cost < cost, 'without torque it is 4e5'
+    udot = np.diff(plan.u, axis=0) / problem.interval
+    needed = robot.inverse_dynamics(plan.q[:-1], plan.u[:-1], udot)
+    np.testing.assert_allclose(needed, plan.tau, atol=1e-8)
 
 
 def test_bad_arguments_are_named():
