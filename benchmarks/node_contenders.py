@@ -109,7 +109,8 @@ def contenders(robot: str, names: Sequence[str], *more: str) -> Iterator[subproc
     """Run these echoes and the node in a block; yield the process that asks for simulations."""
     node = [sys.executable, '-m', 'kane_dynamics.ros.dynamics_node.main', '--ros-args',
             '-r', f'__ns:={NAMESPACES[OURS]}', '-p', 'state_timeout:=5.0',
-            '-p', 'mode:=computed_torque', *more]
+            '-p', 'mode:=computed_torque', '-p', 'activation:=at_once',
+            '-p', 'limits.rate:=.inf', *more]
     for key, value in ROBOTS[robot].parameters.items():
         node += ['-p', f'{key}:={value}']
     commands = [node] + [[sys.executable, __file__, NAMESPACES[name], name]

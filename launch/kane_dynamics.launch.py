@@ -14,14 +14,20 @@ from kane_dynamics.ros.common.transport import without_shared_memory
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
+from launch_ros.actions import LifecycleNode, Node
 
 PACKAGE = 'kane_dynamics'
+RESPAWN_DELAY = 1.0  # s after which a node or a guard that ended starts again
+# Arguments that describe the robot to the node and to the plant.
+DESCRIPTION = ('urdf', 'supplement', 'constraints', 'arm_compensates', 'prefix')
 ARGUMENTS = {
     'config': ('', 'parameter file: a path, or a file name in share/kane_dynamics/config'),
     'urdf': ('', 'path of the URDF; overrides the parameter files'),
     'arm_compensates': ('', 'torque terms that the arm adds to commanded efforts itself, as '
                         'names separated by commas, or none; overrides the parameter files'),
+    'supplement': ('', 'path of the supplement of the URDF; overrides the parameter files'),
+    'constraints': ('', 'path of the constraints file of closed loops; overrides the files'),
+    'activation': ('', 'when the node activates itself: simulated, at_once, on_request'),
     'namespace': ('', 'namespace of all nodes'),
     'prefix': ('', 'prefix of names of joints and frames; overrides the parameter files'),
     'commands': ('commands', 'topic of the commanded efforts, for example <controller>/commands'),
@@ -54,8 +60,7 @@ def nodes(context):
     """Return the nodes to start with the values of the arguments."""
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     # Only given arguments override the parameter files.
-    chosen = [{name: value[name]} for name in ('urdf', 'prefix', 'arm_compensates')
-              if value[name]]
+    chosen = [{name: value[name]} for name in DESCRIPTION if value[name]]
     clock, clock_source = [], []
     if value['use_sim_time']:
         simulated = truth('use_sim_time', value['use_sim_time'])
@@ -64,16 +69,17 @@ def nodes(context):
     remappings = [(topic, value[topic]) for topic in ('commands', 'joint_states')
                   if value[topic] != topic]
     guarded = truth('guard', value['guard'])
-    started = [Node(
+    activation = [{'activation': value['activation']}] if value['activation'] else []
+    started = [LifecycleNode(
         package=PACKAGE, executable='dynamics_node', name=PACKAGE, namespace=value['namespace'],
-        parameters=[*config, *chosen, *clock, {'guard.enabled': guarded}], output='screen',
-        remappings=remappings,
+        parameters=[*config, *chosen, *activation, *clock, {'guard.enabled': guarded}],
+        output='screen', remappings=remappings, respawn=True, respawn_delay=RESPAWN_DELAY,
         additional_env=without_shared_memory() if guarded else None)]
     if guarded:  # it reads the parameters of the dynamics node
         started.append(Node(
             package=PACKAGE, executable='torque_guard', name='torque_guard',
             namespace=value['namespace'], parameters=[{'node': PACKAGE}], output='screen',
-            remappings=remappings))
+            remappings=remappings, respawn=True, respawn_delay=RESPAWN_DELAY))
     if value['plant']:
         started.append(Node(
             package=PACKAGE, executable='plant_node', name='plant', namespace=value['namespace'],

@@ -123,7 +123,7 @@ def test_a_second_publisher_of_joint_states_gives_a_warning(client, start):
     node = start(state_timeout=60.0)
     client.connect()
     second = client.create_publisher(JointState, 'joint_states', BEST_EFFORT)
-    node.wait_for('joint_states: 2 publishers; expected one', 5.0)
+    node.wait_for('2 publishers on joint_states: expected one with joints of this arm', 5.0)
     client.diagnostics.clear()
     assert wait_until(lambda: any('2 publishers on joint_states' in message and level != b'\0'
                                   for level, message, _ in client.diagnostics), 5.0)
@@ -171,8 +171,9 @@ def test_a_second_node_that_commands_is_reported_in_log_and_diagnostics(client, 
     client.diagnostics.clear()
     second = client.create_publisher(Float64MultiArray, 'commands', 1)
     try:
-        node.wait_for('commands: 2 publishers (/client, /kane_dynamics); expected one, stop', 10.0)
-        assert wait_until(lambda: any('commands: 2 publishers' in message and level != b'\0'
+        node.wait_for('commands: 2 publishers (/client, /kane_dynamics); expected one dynamics '
+                      'node', 10.0)
+        assert wait_until(lambda: any('commands: 2 publishers' in message and level == b'\2'
                                       for level, message, _ in client.diagnostics), 5.0)
     finally:
         client.destroy_publisher(second)

@@ -69,8 +69,14 @@ class Process:
     def __init__(self, *arguments, module=DYNAMICS_NODE, program=None,
                  environment=None, **parameters):
         command = [sys.executable, *(program or ['-m', module, '--ros-args'])]
-        if module == DYNAMICS_NODE and program is None and '--params-file' not in arguments:
-            parameters = {'arm_compensates': 'none', **parameters}
+        if module == DYNAMICS_NODE and program is None:
+            # The client is no simulated robot; torques are compared with unlimited ones.
+            choices = {'activation': 'at_once', 'limits__rate': '.inf'}
+            if '--params-file' in arguments:  # what comes last is used
+                arguments = (*arguments, '-p', 'activation:=at_once')
+            else:
+                choices['arm_compensates'] = 'none'
+            parameters = choices | parameters
         for name, value in parameters.items():
             if value is None:  # not stated
                 continue

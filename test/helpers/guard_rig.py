@@ -154,7 +154,7 @@ class Rig:
         self.arm, self._mujoco, self._module = arm, mujoco, node
         self.urdf = {'urdf': str(urdf)}
         self.parameters = {
-            'arm_compensates': arm_compensates,
+            'activation': 'at_once', 'arm_compensates': arm_compensates,
             'mode': 'computed_torque', 'guard__enabled': 'true', 'limits__rate': arm.rate,
             'gains__kp': 400.0, 'gains__kd': 40.0, 'realtime__priority': 20,
             'realtime__keep_awake': 'true', 'guard__damping': DAMPING, **parameters}

@@ -53,8 +53,8 @@ class CommanderCount:
 
 def several_commanders(names: list[str]) -> str:
     """Return the warning about more than one publisher on a topic of commands."""
-    return (f'{len(names)} publishers ({", ".join(sorted(names))}); expected one, stop the others '
-            '(a killed one is listed for 20 s)')
+    return (f'{len(names)} publishers ({", ".join(sorted(names))}); expected one dynamics node '
+            'with its torque_guard, stop the others (a killed one is listed for 20 s)')
 
 
 def _is_guard(node: Node, name: str) -> bool:

@@ -143,7 +143,9 @@ def point_columns(message: JointTrajectory, joints: Sequence[str], max_points: i
     names = list(message.joint_names)
     missing = [joint for joint in joints if joint not in names]
     if missing or len(set(names)) < len(names):
-        fault = f'{", ".join(missing)} missing' if missing else f'{", ".join(names)}'
+        twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+        fault = (f'{", ".join(missing)} missing' if missing else
+                 f'{", ".join(twice)} named more than once')
         raise InputError(f'joint_names of the trajectory: {fault}; expected each of '
                          f'{", ".join(joints)} once')
     index = np.array([names.index(joint) for joint in joints], dtype=np.intp)

@@ -96,6 +96,7 @@ class ConfiguredRobot:
         self._payload_from_service = False  # whether ~/set_payload set the payload
         self.state_publishers = 1  # publishers of joint states of this arm
         self.all_state_publishers = 1  # with those of other joints only
+        self.parts_of_states: list[tuple[str, ...]] = []  # joints of states that have a part each
         self.lost_states = LostMessages()
         self._commanders = CommanderCount(node, 'commands')
         self._foreign_joints: set[tuple[str, ...]] = set()
@@ -188,11 +189,14 @@ class ConfiguredRobot:
     def count_publishers(self) -> None:
         """Update `commanders`, and `state_publishers` without publishers of other joints only."""
         self._commanders.update()
-        publishers = self.all_state_publishers = int(self._states.get_publisher_count())
-        # Two periods, because some publishers have a low rate.
-        before, self._foreign_joints = self._foreign_joints, self.path.take_foreign_joints()
-        self.state_publishers = max(publishers - len(before | self._foreign_joints),
-                                    min(publishers, 1))
+        publishers = int(self._states.get_publisher_count())
+        # A publisher of other joints may pause. Which one ended is unknown, so all are forgotten.
+        if publishers < self.all_state_publishers:
+            self._foreign_joints = set()
+        self.all_state_publishers = publishers
+        self._foreign_joints |= self.path.take_foreign_joints()
+        self.state_publishers = max(publishers - len(self._foreign_joints), min(publishers, 1))
+        self.parts_of_states = self.path.take_parts()
 
     def halt(self) -> bool:
         """Command zeros; return whether all subscribers acknowledge them within the timeout."""

@@ -12,6 +12,7 @@ from kane_dynamics.ros.common.configuration_files import load_model, resolve_pat
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import LATCHED
 from kane_dynamics.ros.common.service_errors import answer_service_errors
+from kane_dynamics.ros.common.simulated_robots import not_simulated
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.configured_robot import (ACKNOWLEDGE_TIMEOUT,
                                                               ConfiguredRobot)
@@ -23,13 +24,14 @@ from kane_dynamics.ros.parameters.parameter_table import SPECS
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.trajectory_input import follow_trajectory
 from kane_dynamics_interfaces.srv import SetPayload
-from rclpy.clock import JumpThreshold, TimeJump
+from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from std_msgs.msg import String
 
 BACK = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1),
                      on_clock_change=False)
+ACTIVATION_PERIOD = 0.2  # s between two looks at what subscribes to `commands`
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
@@ -53,6 +55,8 @@ class DynamicsNode(LifecycleNode):
         self.arm: ConfiguredRobot | None = None
         self._description = ''  # URDF from the topic
         self._was_configured = False  # autostart configures the node once
+        self._activates_itself = False  # whether autostart is still to activate the node
+        self._configure_fault = ''
         self._warn = ThrottledWarning(self.get_logger())
         self._simulated_time = bool(self.get_clock().ros_time_is_active)
         self._jumps = self.get_clock().create_jump_callback(
@@ -61,6 +65,8 @@ class DynamicsNode(LifecycleNode):
         self.create_subscription(String, 'robot_description', self._on_description, LATCHED)
         self.server = Services(self, self._on_trajectory, self._on_payload,
                                lambda reason: self._reject_trajectory('trajectory', reason))
+        self.create_timer(ACTIVATION_PERIOD, self._activate_if_allowed,
+                          clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._node_timers = NodeTimers(self)
         self._node_timers.start(self._simulated_time)
 
@@ -75,13 +81,50 @@ class DynamicsNode(LifecycleNode):
         return str(self._state_machine.current_state[1])
 
     def autostart(self) -> None:
-        """Configure and activate once, if parameter autostart is true and the URDF is known."""
+        """Configure once, if parameter autostart is true and the URDF is known, and activate."""
         if not self.values['autostart'] or self._was_configured or self.state != 'unconfigured':
             return
-        if not (self.values['robot_description'] or self.values['urdf'] or self._description):
-            self.get_logger().info('waiting for a URDF on topic robot_description')
-        elif self.trigger_configure() == SUCCESS and not self._activation_fault():
-            self.trigger_activate()
+        if not self._has_urdf:
+            self.get_logger().info(self.waiting_for)
+            return
+        if self.trigger_configure() == SUCCESS and not self._activation_fault():
+            self._activates_itself = self.values['activation'] != 'on_request'
+            self._activate_if_allowed()
+            if self._activates_itself:
+                self.get_logger().info('inactive until only simulated robots subscribe to '
+                                       '`commands` (activation: simulated)')
+
+    @property
+    def _has_urdf(self) -> bool:
+        return bool(self.values['robot_description'] or self.values['urdf'] or self._description)
+
+    @property
+    def waiting_for(self) -> str:
+        """Return what a node with autostart waits for, and why; empty: for nothing."""
+        if self._activates_itself and self.state == 'inactive':
+            return (f'{not_simulated(self, "commands") or "activating"}; activation is simulated, '
+                    'so the node activates itself for simulated robots only; check the arm, then '
+                    'activate the node, or set activation: at_once')
+        if not self.values['autostart'] or self._was_configured or self.state != 'unconfigured':
+            return ''
+        if self._has_urdf:
+            return self._configure_fault and f'not configured: {self._configure_fault}'
+        topic = self.resolve_topic_name('robot_description')
+        publishers = self.count_publishers(topic)
+        return (f'waiting for a URDF on topic robot_description ({topic}: '
+                + (f'{publishers} publishers, but no message; expected durability transient local'
+                   if publishers else 'no publisher')
+                + '), because the parameters urdf and robot_description are empty')
+
+    def _activate_if_allowed(self) -> None:
+        """Activate a node with autostart, if parameter activation allows it now."""
+        if not self._activates_itself or self.state != 'inactive':
+            return
+        simulated = self.values['activation'] == 'simulated'
+        if simulated and not self._simulated_time and not_simulated(self, 'commands'):
+            return
+        self._activates_itself = False
+        self.trigger_activate()
 
     def _urdf(self) -> str | Path:
         """Return the URDF as text or path; empty if it is unknown."""
@@ -112,7 +155,8 @@ class DynamicsNode(LifecycleNode):
             self._configure()
         except Exception as error:
             kind = '' if isinstance(error, KaneError) else f'{type(error).__name__}: '
-            self.get_logger().error(f'not configured: {kind}{error}')
+            self._configure_fault = f'{kind}{error}'
+            self.get_logger().error(f'not configured: {self._configure_fault}')
             self._release()
             return FAILURE
         self._was_configured = True
@@ -126,7 +170,12 @@ class DynamicsNode(LifecycleNode):
         result = super().on_activate(state)
         assert self.arm is not None
         self.arm.path.start()
+        self._activates_itself = False
         self.get_logger().info(f'active, mode {self.values["mode"]}')
+        if self.arm.guard is None:
+            self.get_logger().warning(
+                'active without torque_guard: if this process died, the last torque would stay; '
+                'expected guard.enabled: true and a torque_guard, as the launch file starts them')
         return result
 
     def _activation_fault(self) -> str:
@@ -141,6 +190,7 @@ class DynamicsNode(LifecycleNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release the robot."""
+        self._activates_itself = False
         self._release()
         return SUCCESS
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from kane_dynamics.ros.dynamics_node.node import DynamicsNode
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+SEVERAL_STATES = ('publishers on joint_states: expected one with joints of this arm, stop the '
+                  'others (those of other joints, such as of a gripper, may go on)')
 # What to do, in words that follow the state or the reason.
 REMEDIES = {'unconfigured': ': no robot; the log says why, then configure and activate the node',
             'inactive': ': no commands; activate the node',
@@ -44,6 +46,8 @@ def node_status(node: 'DynamicsNode', period: float) -> DiagnosticStatus:
         arm.all_state_publishers)
     if arm is not None and arm.path.running:
         level, message = _active(arm, rate, dropped, lost)
+    elif waiting := node.waiting_for:
+        message = f'{node.state}: {waiting}'
     elif node.state == 'inactive':
         level = OK
     if node.sim_time.warning:
@@ -63,8 +67,18 @@ def node_status(node: 'DynamicsNode', period: float) -> DiagnosticStatus:
             figures |= arm.path.loops.figures()
         if arm.guard is not None:
             figures['guard'] = arm.guard.warning or 'watching'
+        else:
+            figures['guard'] = 'none: the last torque would stay if this process died'
     return status(f'{node.get_fully_qualified_name()}: torques',
                   arm.robot.model.name if arm is not None else '', level, message, figures)
+
+
+def in_parts(parts: list[tuple[str, ...]]) -> str:
+    """Return the warning about joint states that have a part of the joints each."""
+    lists = ' and '.join(f'[{", ".join(part)}]' for part in parts)
+    return (f'joint_states: in parts, {lists}, which give no torques; expected all joints of the '
+            'arm in each message, as joint_state_broadcaster or joint_state_publisher with '
+            'source_list publish them')
 
 
 def _active(arm: ConfiguredRobot, rate: float, dropped: Counter[str],
@@ -79,7 +93,8 @@ def _active(arm: ConfiguredRobot, rate: float, dropped: Counter[str],
                 ] if arm.optional_topics.collision is not None else []
     if arm.path.timed_out:
         level = DiagnosticStatus.ERROR
-        message = (f'no valid joint state for {arm.path.state_age:.2f} s: '
+        message = (('no valid joint state' if not arm.path.now else
+                    f'no valid joint state for {arm.path.state_age:.2f} s') + ': '
                    + ('commanding zeros' if arm.path.last_update else 'no commands yet')
                    + '; check the driver, its topic and its stamps')
     elif arm.guard is not None and arm.guard.waiting:
@@ -91,8 +106,11 @@ def _active(arm: ConfiguredRobot, rate: float, dropped: Counter[str],
         warnings.append(f'{lost:.0%} of the joint states lost: the node or the network is too '
                         'slow for their rate; lower it, free a processor, or set realtime.*')
     if arm.state_publishers > 1:
-        warnings.append(f'{arm.state_publishers} publishers on joint_states: stop all but one')
+        warnings.append(f'{arm.state_publishers} {SEVERAL_STATES}')
+    if arm.parts_of_states:
+        warnings.append(in_parts(arm.parts_of_states))
     if len(arm.commanders) > 1:
+        level = DiagnosticStatus.ERROR
         warnings.append(f'commands: {several_commanders(arm.commanders)}')
     if arm.guard is not None and arm.guard.warning:
         warnings.append(arm.guard.warning)

@@ -8,13 +8,18 @@ from diagnostic_msgs.msg import DiagnosticArray
 from kane_dynamics.ros.common import realtime
 from kane_dynamics.ros.common.commanders import several_commanders
 from kane_dynamics.ros.common.qos import RELIABLE
-from kane_dynamics.ros.dynamics_node.node_diagnostics import node_status
+from kane_dynamics.ros.dynamics_node.node_diagnostics import (in_parts, node_status,
+                                                              SEVERAL_STATES)
 from kane_dynamics.ros.dynamics_node.sim_time_watchdog import LOST_CLOCK
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 if TYPE_CHECKING:
     from kane_dynamics.ros.dynamics_node.node import DynamicsNode
+
+
+LEAST_WITHOUT_ARM = 0.9  # s between two reports of a node that is not configured
+REMINDER = 10.0  # s between two log lines that say what the node waits for
 
 
 class NodeTimers:
@@ -29,9 +34,10 @@ class NodeTimers:
 
     def __init__(self, node: 'DynamicsNode') -> None:
         self._node = node
-        self._reported = time.monotonic()
+        self._reported = self._reminded = time.monotonic()
         self._state_publishers = 1  # at the last report
         self._commanders: list[str] = []
+        self._reported_parts = False
         self._unguarded = False
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timers: list[Any] = []
@@ -70,7 +76,10 @@ class NodeTimers:
 
     def _publish_diagnostics(self) -> None:
         node, now = self._node, time.monotonic()
-        period, self._reported = now - self._reported, now
+        period = now - self._reported
+        if node.arm is None and period < LEAST_WITHOUT_ARM:
+            return  # kernels may be compiled now, with which the reports would compete
+        self._reported = now
         node.sim_time.report()
         if node.arm is not None:
             node.arm.count_publishers()
@@ -83,13 +92,21 @@ class NodeTimers:
     def _log_changes(self) -> None:
         """Log what concerns other nodes: once, when it begins and when the guard is found."""
         log, arm = self._node.get_logger(), self._node.arm
+        now = time.monotonic()
+        if now - self._reminded > REMINDER:
+            self._reminded = now
+            if waiting := self._node.waiting_for:
+                log.warning(f'{self._node.state}: {waiting}')
         publishers = 1 if arm is None else arm.state_publishers
         if publishers > 1 and publishers != self._state_publishers:
-            log.warning(f'joint_states: {publishers} publishers; expected one')
+            log.warning(f'{publishers} {SEVERAL_STATES}')
         self._state_publishers = publishers
+        if arm is not None and arm.parts_of_states and not self._reported_parts:
+            self._reported_parts = True
+            log.error(in_parts(arm.parts_of_states))
         commanders = [] if arm is None else arm.commanders
         if len(commanders) > 1 and commanders != self._commanders:
-            log.warning(f'commands: {several_commanders(commanders)}')
+            log.error(f'commands: {several_commanders(commanders)}')
         self._commanders = commanders
         guard = None if arm is None else arm.guard
         if guard is not None and guard.overdue and bool(guard.warning) != self._unguarded:

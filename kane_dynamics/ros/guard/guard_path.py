@@ -13,6 +13,7 @@ from kane_dynamics.ros.guard.node_watch import NodeWatch
 from kane_dynamics.ros.parameters.parameter_checks import controller_settings, per_joint
 from kane_dynamics.ros.torque_path.cdr import joint_state_of_efforts, STAMP, STAMP_AT
 from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader
+from kane_dynamics.ros.torque_path.path_controller import rate_limit
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np
 from rclpy.publisher import Publisher
@@ -31,6 +32,7 @@ def guard_settings(values: Mapping[str, Any], controller: Controller) -> dict[st
     follow = [joints.index(name) for name in controller.followed]
     return controller_settings(values, joints) | {
         'mode': Mode.COMPUTED_TORQUE, 'kp': 0.0,
+        'rate_limit': rate_limit(values, controller.robot),
         'kd': per_joint(values, 'guard.damping', joints, 0.0)[follow]}
 
 

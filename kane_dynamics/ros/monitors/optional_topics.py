@@ -18,8 +18,10 @@ from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import check_frames, WrenchInput
 from kane_dynamics_interfaces.msg import PayloadEstimate, TorqueExplanation
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import QoSProfile
+from rclpy.validate_topic_name import validate_topic_name
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
@@ -34,10 +36,21 @@ def joint_command_type() -> Any:
                          'that message') from None
 
 
+def _check_topic(parameter: str, name: str) -> None:
+    """Raise InputError unless a parameter is the name of a topic."""
+    try:
+        validate_topic_name(name)
+    except InvalidTopicNameException:
+        raise InputError(f"parameter '{parameter}': '{name}'; expected the name of a "
+                         'topic') from None
+
+
 def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
     """Raise InputError unless the parameters of the optional topics fit a robot."""
     if values['stamped_commands']:
         joint_command_type()
+    if values['imu.topic']:
+        _check_topic('imu.topic', values['imu.topic'])
     check_frames(robot.model, values['wrench.frames'])
     if values['payload.frame']:
         check_frames(robot.model, [values['payload.frame']], 'payload.frame')

@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 from kane_dynamics.errors import InputError, KaneError
-from kane_dynamics.ros.parameters.parameter_checks import (declare, read,
+from kane_dynamics.ros.parameters.parameter_checks import (as_text, declare, read,
                                                            unknown_parameters, with_prefix)
 from kane_dynamics.ros.parameters.parameter_table import Spec
 import numpy as np
@@ -70,8 +70,8 @@ class LiveParameters:
                 reason = '' if spec.live or np.array_equal(value, staged[spec.name]) else (
                     self._frozen())
                 if reason:
-                    raise InputError(f"parameter '{spec.name}': new value {change.value!r}; "
-                                     f'{reason}')
+                    new_value = as_text(change.value)
+                    raise InputError(f"parameter '{spec.name}': new value {new_value}; {reason}")
                 staged[spec.name] = value
             self._check(with_prefix(staged), _names(changes))
         except KaneError as error:

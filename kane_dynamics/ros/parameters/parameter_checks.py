@@ -1,5 +1,6 @@
 """Declare the parameters of a node from their table, and check their values."""
 
+from array import array
 from collections.abc import Callable, Collection, Mapping, Sequence
 import difflib
 import math
@@ -102,9 +103,15 @@ def read(spec: Spec, value: Any) -> Any:
     try:
         return _READERS[spec.kind](spec, value)
     except (TypeError, ValueError):
-        shown = value if isinstance(value, (str, int, float)) or value is None else list(value)
-        raise InputError(f"parameter '{spec.name}': {shown!r}; "
+        raise InputError(f"parameter '{spec.name}': {as_text(value)}; "
                          f'expected {spec.constraint}') from None
+
+
+def as_text(value: Any) -> str:
+    """Return the text of a parameter's value; arrays are written as lists of plain numbers."""
+    if isinstance(value, (array, np.ndarray, np.generic)):
+        return repr(value.tolist())
+    return repr(value)
 
 
 def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:

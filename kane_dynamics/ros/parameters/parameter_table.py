@@ -63,7 +63,11 @@ def live(name: str, kind: Kind, default: Any, description: str, **bounds: Any) -
 
 
 SPECS = (
-    Spec('autostart', 'flag', True, 'configure and activate the node as soon as it has the URDF',
+    Spec('autostart', 'flag', True, 'configure the node as soon as it has the URDF, then activate '
+         'it as `activation` says', read_only=True),
+    Spec('activation', 'text', 'simulated', 'when a node with autostart activates itself: '
+         'simulated: once only simulated robots subscribe to `commands`, or with use_sim_time; '
+         'at_once: always; on_request: never', choices=('simulated', 'at_once', 'on_request'),
          read_only=True),
     Spec('robot_description', 'text', '', 'URDF as text; overrides `urdf` and the topic '
          'robot_description'),
@@ -128,7 +132,8 @@ SPECS = (
     live('limits.effort', 'per_joint', [], 'effort limit, N m or N, in addition to that of the '
          'URDF; the smaller one applies; empty: only that of the URDF', positive=True,
          infinite=True, low=0.0),
-    live('limits.rate', 'per_joint', [], 'limit of the rate of effort, N m/s or N/s; empty: none',
+    live('limits.rate', 'per_joint', [], 'limit of the rate of effort, N m/s or N/s; empty: 20 '
+         'times the effort limit each second',
          positive=True, infinite=True, low=0.0),
     Spec('stamped_commands', 'flag', False, 'also publish the commands as '
          'control_msgs/JointCommand on topic stamped_commands, with joint names and the stamp of '

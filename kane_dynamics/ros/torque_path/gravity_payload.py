@@ -71,7 +71,8 @@ def checked_payload(model: Model, values: Mapping[str, Any], frame: str, mass: f
                          'payload.max_mass)')
     distance = math.hypot(*com)
     if not distance <= max_distance:
-        raise InputError(f'center of mass: {list(com)} m; expected finite numbers, at most '
+        raise InputError(f'center of mass: {np.asarray(com).tolist()} m; expected finite '
+                         'numbers, at most '
                          f'{max_distance:g} m from the frame (parameter '
                          'payload.max_distance)')
     xx, xy, xz, yy, yz, zz = inertia

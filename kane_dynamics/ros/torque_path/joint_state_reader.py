@@ -83,6 +83,8 @@ class JointStateReader:
         Whether efforts are read; initially False.
     foreign_joints : set
         Name lists of messages that contain none of `joints`; the caller may clear it.
+    partial_joints : set
+        Those of `joints` that messages have which lack others; the caller may clear it.
     detail : str
         Details of the latest reason to drop a message.
     full_parses : int
@@ -96,6 +98,7 @@ class JointStateReader:
         self._actuated = None if actuated is None else tuple(actuated)
         self.need_effort, self.has_velocity = False, False
         self.foreign_joints: set[tuple[str, ...]] = set()
+        self.partial_joints: set[tuple[str, ...]] = set()
         self._state = np.zeros(2 * len(self.joints))
         self._q, self._u = np.split(self._state, 2)
         self.q, self.u = self._q, self._u
@@ -221,6 +224,8 @@ class JointStateReader:
                 self.foreign_joints.add(tuple(names))
             return FOREIGN
         twice = [joint for joint in (*self.joints, *self.optional) if names.count(joint) > 1]
+        if missing and len(self.partial_joints) < MAX_LAYOUTS:
+            self.partial_joints.add(tuple(joint for joint in self.joints if joint in entry))
         if missing or twice:
             self.detail = ', '.join(missing or twice)
             return MISSING if missing else TWICE

@@ -1,6 +1,7 @@
 """The controller of the torque path, as the parameters of the node describe it."""
 
 from collections.abc import Mapping
+import math
 from typing import Any
 
 from kane_dynamics.control.constrained_law import joints_that_follow
@@ -9,7 +10,11 @@ from kane_dynamics.control.quasi_static import rigid_and_bending
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.configuration_files import robot_options
-from kane_dynamics.ros.parameters.parameter_checks import controller_settings
+from kane_dynamics.ros.common.conversion import Array
+from kane_dynamics.ros.parameters.parameter_checks import controller_settings, per_joint
+import numpy as np
+
+RISE = 0.05  # s
 
 
 def path_controller(model: Model, values: Mapping[str, Any]) -> Controller:
@@ -32,4 +37,17 @@ def path_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
     """Return the settings of the controller; the gains are those of the joints that follow."""
     settings = controller_settings(values, robot.joint_names)
     follow = list(joints_that_follow(robot))
-    return settings | {name: settings[name][follow] for name in ('kp', 'kd')}
+    return settings | {name: settings[name][follow] for name in ('kp', 'kd')} | {
+        'rate_limit': rate_limit(values, robot)}
+
+
+def rate_limit(values: Mapping[str, Any], robot: Robot) -> Array:
+    """
+    Return the limit of the rate of effort of each joint, (n,) N m/s or N/s.
+
+    It is parameter limits.rate, or else that with which an effort grows from zero to its limit
+    within `RISE`; joints without an effort limit have none.
+    """
+    joints = robot.joint_names
+    effort = np.minimum(robot.limits.effort, per_joint(values, 'limits.effort', joints, math.inf))
+    return per_joint(values, 'limits.rate', joints, effort / RISE)

@@ -102,6 +102,12 @@ class TorquePath:
         foreign, self._reader.foreign_joints = self._reader.foreign_joints, set()
         return foreign
 
+    def take_parts(self) -> list[tuple[str, ...]]:
+        """Return and clear the joints of states that together, but not alone, have all joints."""
+        parts, self._reader.partial_joints = self._reader.partial_joints, set()
+        together = set().union(*parts)
+        return sorted(parts) if together == set(self._reader.joints) else []
+
     def set_loads(self, loads: GravityAndPayload) -> None:
         """Use gravity and payload from the next state on; callable from any thread."""
         self._loads = loads

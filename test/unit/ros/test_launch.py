@@ -40,7 +40,7 @@ def launch_file(monkeypatch):
     made = {'launch': {'LaunchDescription': Recorder},
             'launch.actions': {'DeclareLaunchArgument': Recorder, 'OpaqueFunction': Recorder},
             'launch.substitutions': {'LaunchConfiguration': Configuration},
-            'launch_ros': {}, 'launch_ros.actions': {'Node': Recorder},
+            'launch_ros': {}, 'launch_ros.actions': {'LifecycleNode': Recorder, 'Node': Recorder},
             'ament_index_python': {},
             'ament_index_python.packages': {
                 'get_package_share_directory': lambda package: str(ROOT)}}

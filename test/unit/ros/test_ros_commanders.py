@@ -1,8 +1,9 @@
-"""The publishers of commands: the graph is queried only when they may have changed."""
+"""The nodes at a topic of commands: publishers, and simulated robots that subscribe."""
 
 from types import SimpleNamespace
 
 from kane_dynamics.ros.common.commanders import CommanderCount
+from kane_dynamics.ros.common.simulated_robots import not_simulated
 import pytest
 
 
@@ -23,7 +24,11 @@ class Graph:
         return [SimpleNamespace(node_namespace='/', node_name=name) for name in self.names]
 
     def get_publisher_names_and_types_by_node(self, name, namespace):
-        return [('/arm/guard_state', ['x'])] if name == 'torque_guard' else []
+        return {'torque_guard': [('/arm/guard_state', ['x'])],
+                'plant': [('/plant/simulated_robot', ['x'])]}.get(name, [])
+
+    def get_subscriptions_info_by_topic(self, topic):
+        return self.get_publishers_info_by_topic(topic)
 
 
 def test_a_second_commander_that_follows_another_is_named():
@@ -41,3 +46,13 @@ def test_one_commander_is_asked_for_once_with_and_without_its_guard(names):
     for _ in range(3):
         assert count.update() == ['/arm']
     assert graph.queries == 1
+
+
+@pytest.mark.parametrize(('names', 'reason'), [
+    ((), 'nothing subscribes to /commands'), (('_ros2cli_1',), 'nothing subscribes to /commands'),
+    (('plant',), ''), (('plant', '_ros2cli_1'), ''),
+    (('controller',), '/controller subscribes to /commands'),
+    (('plant', 'controller'), '/controller subscribes to /commands'),
+    (('_NODE_NAME_UNKNOWN_', 'plant'), '/_NODE_NAME_UNKNOWN_ subscribes to /commands')])
+def test_only_a_topic_whose_subscribers_are_all_simulated_robots_is_simulated(names, reason):
+    assert not_simulated(Graph(*names), 'commands') == reason

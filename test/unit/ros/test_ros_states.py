@@ -71,6 +71,14 @@ def test_only_the_first_message_of_a_layout_is_fully_parsed():
     assert reader.full_parses == 1
 
 
+def test_the_joints_of_partial_and_of_foreign_messages_are_kept():
+    reader = JointStateReader(JOINTS)
+    for names in ('ab', 'ab', 'cx', 'xy'):
+        reader.read(wire(names, [0, 0], [0, 0]), True)
+    assert reader.partial_joints == {('a', 'b'), ('c',)}
+    assert reader.foreign_joints == {('x', 'y')}
+
+
 def test_padding_and_trailing_bytes_are_ignored():
     reader = JointStateReader(JOINTS)
     data = bytearray(wire('abc', [1, 2, 3], [4, 5, 6]))
