@@ -20,7 +20,7 @@ def test_a_node_commands_the_plant_by_itself_and_a_controller_only_when_asked(ro
     controller = robot.create_subscription(Float64MultiArray, 'commands', lambda message: None, 1)
     plant = start(module=PLANT)
     node = start(activation='simulated', guard__enabled=False)
-    node.wait_for('inactive until only simulated robots subscribe to `commands`')
+    node.wait_for('configured; commands begin once only simulated robots subscribe')
     plant.wait_for('joint states/s')
     node.wait_for('/client subscribes to /commands; activation is simulated', 20.0)
     assert wait_until(lambda: any('inactive: /client subscribes to /commands' in message

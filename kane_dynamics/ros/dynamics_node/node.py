@@ -91,8 +91,9 @@ class DynamicsNode(LifecycleNode):
             self._activates_itself = self.values['activation'] != 'on_request'
             self._activate_if_allowed()
             if self._activates_itself:
-                self.get_logger().info('inactive until only simulated robots subscribe to '
-                                       '`commands` (activation: simulated)')
+                # Scripts search the log for `active`.
+                self.get_logger().info('configured; commands begin once only simulated robots '
+                                       'subscribe to `commands` (activation: simulated)')
 
     @property
     def _has_urdf(self) -> bool:

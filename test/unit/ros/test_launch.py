@@ -85,6 +85,20 @@ def test_shipped_configurations_are_found_by_name(launch_file, path):
     assert Path(node.parameters[0]) == path
 
 
+def test_a_node_or_guard_that_ends_starts_again(launch_file):
+    for started in start(launch_file):
+        assert started.respawn and started.respawn_delay == 1.0
+
+
+def test_files_of_the_arm_are_arguments_of_node_and_plant(launch_file):
+    files = {'supplement': '/my/arm.supplement.yaml', 'constraints': '/my/loops.yaml'}
+    node, _, plant = start(launch_file, activation='at_once', plant='plant.yaml', **files)
+    for name, path in files.items():
+        assert {name: path} in node.parameters and {name: path} in plant.parameters
+    assert {'activation': 'at_once'} in node.parameters
+    assert {'activation': 'at_once'} not in plant.parameters
+
+
 def test_urdf_overrides_the_configuration(launch_file):
     node, _ = start(launch_file, config='ur10e.yaml', urdf='/my/arm.urdf', use_sim_time='true')
     assert node.parameters[1:3] == [{'urdf': '/my/arm.urdf'}, {'use_sim_time': True}]

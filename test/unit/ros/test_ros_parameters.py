@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 import re
 
-from kane_dynamics import load_urdf
+from kane_dynamics import load_urdf, Robot
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.configuration_files import resolve_path
 from kane_dynamics.ros.parameters.parameter_checks import (per_joint, read,
@@ -12,6 +12,7 @@ from kane_dynamics.ros.parameters.parameter_checks import (per_joint, read,
                                                            unknown_parameters)
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
 from kane_dynamics.ros.plant import plant_parameters as plant_specs
+from kane_dynamics.ros.torque_path.path_controller import rate_limit
 import numpy as np
 import pytest
 from ros_lines import flat
@@ -103,6 +104,17 @@ def test_an_unknown_parameter_gives_the_most_similar_name():
     ('foo', '')])
 def test_similar_parameters_have_the_same_words_or_a_similar_spelling(name, similar):
     assert similar_parameter(name, BY_NAME) == similar
+
+
+@pytest.mark.parametrize(('limits', 'expected'), [
+    ({}, [1200.0, 400.0]), ({'limits.effort': np.array([10.0, 100.0])}, [200.0, 400.0]),
+    ({'limits.rate': np.array(50.0)}, [50.0, 50.0]),
+    ({'limits.rate': np.array(np.inf)}, [np.inf, np.inf])])
+def test_by_default_an_effort_takes_50_ms_from_zero_to_its_limit(limits, expected):
+    values = {spec.name: read(spec, spec.default) for spec in SPECS}
+    robot = Robot(load_urdf(resolve_path('urdf', 'package://kane_dynamics/urdf/two_link.urdf')))
+    assert robot.limits.effort.tolist() == [60.0, 20.0]
+    np.testing.assert_allclose(rate_limit(values | limits, robot), expected, rtol=1e-15)
 
 
 def test_a_package_that_is_not_installed_is_named():
