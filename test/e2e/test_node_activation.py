@@ -5,7 +5,6 @@ import pytest
 from std_msgs.msg import Float64MultiArray
 
 PLANT = 'kane_dynamics.ros.plant.plant_main'
-pytestmark = pytest.mark.slow  # waits for discovery and for reminders
 
 
 @pytest.fixture

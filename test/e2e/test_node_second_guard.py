@@ -3,7 +3,6 @@
 import signal
 
 from graph import URDF, wait_until
-import pytest
 from std_msgs.msg import String
 
 GUARD = 'kane_dynamics.ros.guard.main'
@@ -14,7 +13,6 @@ def guards(start, **parameters):
     return start(module=GUARD, **parameters)
 
 
-@pytest.mark.slow
 def test_a_second_guard_waits_until_the_first_one_ends_and_one_of_another_arm_refuses(
         client, start):
     """The URDF comes by topic, where it changes while the node is active."""
