@@ -160,7 +160,7 @@ def constrained_law_program(robot: Robot, followed: Sequence[int],
         tau = motion.T.T @ (np.array(rigid) + tree.friction_force(qdot_d))
         if not commanded:
             return tau
-        tau = equations.joint_torques(q, tau, t)
+        tau = equations.joint_torques(tau, q, t)
         if equations.watched:
             tau = guarded(tau, equations.margin(q, t, parameters[-LIMITS:]))
         return guarded(tau, transmission_margin(equations.mechanism, motion.T, places))

@@ -11,7 +11,7 @@ from kane_dynamics.mechanics.constraints import conditioning
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
-CLOSED = 1e-11  # m and rad: residual of the independent rows
+CLOSED = 1e-11  # rad, or lengths of the mechanism: residual of the independent rows
 CALLS = 5  # of the kernel for all rows, at most
 STEPS_IN_TIME = 8  # at least, from row to row, where constraints are functions of time
 
@@ -114,5 +114,5 @@ class DrivenLoops:
             if missed.max() <= CLOSED:
                 return q
         k = int(missed.argmax())
-        raise LoopError(BRANCH, f'{described(k)}: residual {missed[k]:.3g} m or rad; expected '
+        raise LoopError(BRANCH, f'{described(k)}: residual {missed[k]:.3g} rad or lengths; expected '
                         'joints for which the loops close')

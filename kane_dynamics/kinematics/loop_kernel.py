@@ -14,7 +14,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 FIGURES = 6  # at the end of the result
-CLOSED = 1e-10  # m and rad: residual of the independent rows
+CLOSED = 1e-10  # rad, or lengths of the mechanism: residual of the independent rows
 STRIDE = 0.05  # rad, or lengths: longest step of a measured joint
 SHARE = 0.25  # of the distance from a singular configuration: longest step of a measured joint
 ROUNDING = 1e-6  # rad, or lengths: motion that is no jump
@@ -31,7 +31,7 @@ def tracking_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
     positions of all joints, (n_q,), with the weights, 1 or 0, of their deviations. The prediction
     q + T dq has an error of second order, and Newton's step one of fourth order. The result is q
     (n_q,), T (n_q n,) at the prediction, u (n,), and the squares of the motion, of the residuals
-    of the independent rows and of all rows, of the figure at the prediction, of the longest step
+    of the independent rows and of all rows in units of the mechanism, of the figure at the prediction, of the longest step
     of a measured joint in its unit, and of the largest weighted deviation.
     """
     n_q, n, block = robot.n_q, robot.n, robot.parameters.block
@@ -138,7 +138,8 @@ def tracked(robot: Robot, places: Sequence[int]) -> Callable[..., Any]:
         here, S_closed, b, missed = system(closed, t)
         Y, Z = here.speed_rows(mechanism.speed_names)
         qdot = mechanism.solved(S_closed, np.concatenate([rates, b]))
-        moved, kept = (closed - q) * per_unit, missed[mechanism.kept]
+        moved, missed = (closed - q) * per_unit, missed * (1.0 / mechanism.row_units)
+        kept = missed[mechanism.kept]
         return np.concatenate([closed, inverse[:, :n].ravel(), Y @ qdot + Z, [
             moved @ moved, kept @ kept, missed @ missed, squared_figure(mechanism, S, inverse),
             largest(change * per_unit[places]), largest(weights * (seen - closed))]])

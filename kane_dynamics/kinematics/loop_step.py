@@ -112,7 +112,7 @@ class LoopStep:
         """
         Make a step to `target`, and set `figures`; LoopError if it has no finite result.
 
-        Return the residual of the independent rows, the motion, m or rad, and lengths of the
+        Return the residual of the independent rows, the motion, rad or lengths, and lengths of the
         mechanism or rad.
         """
         try:

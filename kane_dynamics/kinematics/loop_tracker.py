@@ -132,7 +132,7 @@ class LoopTracker:
 
     @property
     def residual(self) -> float:
-        """Largest constraint residual of the last update, accepted or not, m or rad."""
+        """Constraint residual of the last update, accepted or not, rad or lengths (2-norm)."""
         return math.sqrt(self._step.figures[2])
 
     @property
@@ -170,7 +170,7 @@ class LoopTracker:
             if missed <= CLOSED:
                 break
         else:
-            raise LoopError(BRANCH, f'start: residual {missed:.3g} m or rad after {CALLS} '
+            raise LoopError(BRANCH, f'start: residual {missed:.3g} rad or lengths after {CALLS} '
                             'iterations; expected a nearly closed configuration')
         self._step.accept()
         self.known = True
@@ -272,7 +272,7 @@ class LoopTracker:
             raise LoopError(SINGULAR, f'conditioning figure {self.figure:.3g}; expected at most '
                             f'{self.max_figure:g}')
         if not (missed <= CLOSED and self.residual <= self._closed):
-            raise LoopError(BRANCH, f'residual {self.residual:.3g} m or rad; expected joints for '
+            raise LoopError(BRANCH, f'residual {self.residual:.3g} rad or lengths; expected joints for '
                             'which the loops close')
         if self.known and moved > (TIMED if self._timed else
                                    LEAP * self.figure * max(way, ROUNDING)):

@@ -216,6 +216,24 @@ def require_unit(model: Model, q: Array, what: str) -> Array:
     return result
 
 
+def least_square(model: Model, q: Any) -> Any:
+    """Return the smallest squared length of the quaternions in q, (n_q,), over any scalar."""
+    least: Any = None
+    for ball in balls(model):
+        square = sum((x * x for x in ball.quaternion(q)), 0.0)
+        least = square if least is None else select(square < least, square, least)
+    return least
+
+
+def require_direction(model: Model, q: Array, square: float) -> None:
+    """Raise InputError for a quaternion in q, (n_q,), without direction: of a small length."""
+    for ball in balls(model):
+        quaternion = ball.quaternion(q)
+        if not quaternion @ quaternion > square:
+            raise InputError(f"q: the quaternion of '{ball.name}' is {quaternion.tolist()}; "
+                             'expected one of length 1')
+
+
 def require_angles(model: Model, what: str) -> None:
     """Raise InputError for a model with ball joints, of a feature that needs joint positions."""
     if model.balls:

@@ -114,7 +114,8 @@ class ModelBuilder(ModelAssembly):
             Axes of successive rotations, each rotated by the previous ones.
         mimic : str, optional
             A joint of one degree of freedom that this one follows: its position is `multiplier`
-            times that joint's position + `offset`. It has no entry in q.
+            times that joint's position + `offset`. It has no entry in q; its limits of position
+            and velocity bound those of that joint too, its limit of effort does not count.
         multiplier, offset : float
             Of a joint that mimics another; offset in rad or m.
         **properties

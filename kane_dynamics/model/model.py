@@ -32,6 +32,7 @@ __all__ = ['Array', 'Body', 'Frame', 'GRAVITY', 'Inertial', 'Joint', 'Limits', '
            'constant', 'freeze']
 
 GRAVITY = (0.0, 0.0, -9.81)
+ROUNDING = 1e-9  # relative tolerance for equal bounds of a mimic joint and its master
 WORLD = -1  # parent index of a body, or body index of a frame, fixed in the world
 
 
@@ -44,6 +45,24 @@ class Limits:
     upper: float = math.inf
     velocity: float = math.inf
     effort: float = math.inf
+
+    def with_follower(self, other: 'Limits', multiplier: float, offset: float) -> 'Limits | None':
+        """
+        Return these limits narrowed by those of a joint that mimics this one.
+
+        The other joint is at multiplier times this one's position plus offset. Its effort limit
+        does not count: the torque is this joint's. None if no position satisfies both limits.
+        """
+        bounds = ((other.lower - offset) / multiplier, (other.upper - offset) / multiplier)
+        lower = -_least(-self.lower, -min(bounds))
+        upper = _least(self.upper, max(bounds))
+        velocity = _least(self.velocity, other.velocity / abs(multiplier))
+        return Limits(lower, upper, velocity, self.effort) if lower < upper else None
+
+
+def _least(bound: float, other: float) -> float:
+    """Return the lower of two upper bounds; the first if they differ by rounding."""
+    return bound if math.isclose(bound, other, rel_tol=ROUNDING) else min(bound, other)
 
 
 @fixed

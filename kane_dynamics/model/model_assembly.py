@@ -147,8 +147,29 @@ class ModelAssembly:
                   for name, placement in self._placements.items()]
         coordinates = quaternion_names(self._coordinates, [
             self._bodies[k].joint.coordinate for k in self._balls])
-        return Model(self.name, tuple(self._bodies), coordinates, tuple(frames), self.gravity,
+        return Model(self.name, self._limited_bodies(), coordinates, tuple(frames), self.gravity,
                      self._base_name, self._base, tuple(self._balls))
+
+    def _limited_bodies(self) -> tuple[Body, ...]:
+        """Return the bodies; limits of joints that mimic others narrow those of their masters."""
+        bodies = list(self._bodies)
+        masters = {name: k for k, body in enumerate(bodies)
+                   if (name := body.joint.name) in self._coordinates}
+        for body in self._bodies:
+            joint = body.joint
+            master = masters.get(self._coordinates[joint.coordinate])
+            follows = joint.deflection is None and joint.multiplier != 0.0
+            if master is None or not follows or joint.name in masters:
+                continue
+            of_master = bodies[master].joint
+            limits = of_master.limits.with_follower(joint.limits, joint.multiplier, joint.offset)
+            if limits is None:
+                raise ModelError(
+                    f"joint '{joint.name}': limits {joint.limits.lower:g} to "
+                    f"{joint.limits.upper:g}, which exclude all positions of '{of_master.name}', "
+                    'the joint that it follows; expected limits with a common range')
+            bodies[master] = replace(bodies[master], joint=replace(of_master, limits=limits))
+        return tuple(bodies)
 
     def _check_moments(self, on: str, matter: Inertial) -> None:
         """Raise ModelError for impossible moments of inertia, or store them for a warning."""

@@ -17,7 +17,7 @@ from kane_dynamics.optimal_control.stage_cost import cost_slopes, stage_cost
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
-CLOSED = 1e-9  # m or rad: a step that leaves more open is not accepted
+CLOSED = 1e-9  # rad, or lengths of the mechanism: a step that leaves more open is not accepted
 
 
 class MechanismHorizon:
@@ -69,7 +69,7 @@ class MechanismHorizon:
         away, rates = self._away(q, u, tau, t + h, target)
         cost = stage_cost(away, rates, weight, constants.limits)
         if step.held:
-            residual = step.residual(q, t + h)
+            residual = step.residual(q, t + h) / step.residual_units
             cost = select(residual @ residual < CLOSED**2, cost, np.nan)
         if self._equations.watched:
             cost = select(self._equations.margin(q, t + h, limits) > 0.0, cost, np.nan)

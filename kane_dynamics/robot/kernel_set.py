@@ -9,6 +9,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.ltdl import solve
 from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics.mechanics.ball_joints import least_square, require_direction
 from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
@@ -27,6 +28,7 @@ import numpy as np
 LARGE = 24  # more coordinates: inverses by a subroutine in batches
 LONG = 16  # more coordinates: derivatives of forward dynamics are NumPy products
 OUTLINED = 40  # more coordinates: quantities of SHARING are traced with subroutines
+SMALL = 1e-16  # squared length of a quaternion that has no direction
 SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
 ALL = {**QUANTITIES, **CONSTRAINED}
 OF_PARTS = {**FRAME_QUANTITIES, 'joint_reaction': JOINT_REACTION}  # of a frame or joint
@@ -81,6 +83,8 @@ class KernelSet:
 
     def _another(self, place: tuple[str, str], state: dict[str, Array]) -> Kernel | None:
         """Return the kernel to use at a state with a non-finite result, or None."""
+        if 'q' in state:
+            require_direction(self.equations.model, state['q'], SMALL)
         other = None if self._instead is None else self._instead(state)
         return None if other is None or other is self else self._same[place](other)
 
@@ -92,8 +96,9 @@ class KernelSet:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the quantities that this robot has as one kernel."""
+        known = ALL if isinstance(self.equations, ConstrainedEquations) else QUANTITIES
         left_out = ['forward_dynamics_derivatives'] if self.equations.n > LONG else []
-        return tuple(name for name in ALL if name not in left_out and (
+        return tuple(name for name in known if name not in left_out and (
             self._has(name) or hasattr(SlopesOfDynamics, name)))
 
     def _has(self, name: str) -> bool:
@@ -181,10 +186,12 @@ class KernelSet:
         """Return the quantity of a name; InputError lists the valid ones."""
         if name in OF_PARTS:
             return OF_PARTS[name]
-        if name not in self.names:
+        if name not in self.names and not (name in ALL and self._has(name)):
             raise InputError(f"no kernel '{name}' for this robot; expected one of "
                              f'{", ".join(self.names)}')
-        return ALL[name] if self._has(name) else replace(ALL[name], shape=('n', 'slopes'))
+        constrained = isinstance(self.equations, ConstrainedEquations)
+        known = ALL if constrained else {**CONSTRAINED, **QUANTITIES}
+        return known[name] if self._has(name) else replace(known[name], shape=('n', 'slopes'))
 
     def _method(self, name: str, at: str = '') -> Callable[..., Any]:
         """Return the function of a quantity to trace; InputError for an unknown frame or joint."""
@@ -286,7 +293,11 @@ class KernelSet:
             result = method(*values, **time)
             if derivative is not None:
                 result = derivative.traced(result, given)
-            if limits is None or not equations.watched or name in UNWATCHED:
+            if limits is None:
+                return result
+            if 'q' in given and equations.model.balls:
+                result = guarded(result, least_square(equations.model, given['q']) - SMALL)
+            if not equations.watched or name in UNWATCHED:
                 return result
             return guarded(result, equations.margin(given['q'], time.get('t', 0.0), limits))
         equations: Any = self.equations

@@ -75,17 +75,19 @@ QUANTITIES = {
     'forward_dynamics_derivatives': Quantity(LOADED, (3, 'n', 'n')),
     'regressor': Quantity(MOTION, ('n', 'inertial_parameters')),
 }
-# Where speeds are chosen or constraints given:
+# Where speeds are chosen or constraints given. In joint rates without constraints, those of joints
+# are the argument itself: kernels of them are made only where they are asked for by name.
 CONSTRAINED = {
     'joint_rates': Quantity(STATE, ('n_q',), parameters=False),
-    'joint_torques': Quantity(('q', 'tau'), ('joints',), parameters=False),
+    'joint_torques': Quantity(('tau', 'q'), ('joints',), parameters=False),
     'constraint_forces': Quantity(LOADED, ('rows',), wrench=True),
     'constraint_residual': Quantity(('q',), ('rows',), parameters=False),
     'constraint_velocity_residual': Quantity(STATE, ('rows',), parameters=False),
     'joint_accelerations': Quantity(MOTION, ('joints',), parameters=False),
+    'friction_force': Quantity(('u', 'q'), ('n',), parameters=False),
 }
 # Quantities that are valid for open loops and any choice of independent speeds:
-UNWATCHED = ('potential_energy', 'friction_force', 'constraint_residual', 'frame_pose')
+UNWATCHED = ('potential_energy', 'constraint_residual', 'frame_pose')
 # Quantities of control and simulation, which a node compiles in configure.
 IN_LOOPS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'inverse_mass_matrix',
             'bias_force', 'gravity_force', 'friction_force', 'torque_terms', 'joint_reactions',

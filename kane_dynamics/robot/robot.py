@@ -16,8 +16,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_equations import BallEquations
 from kane_dynamics.mechanics.constraints import checked_constraints, checked_names, Constraint
-from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, LIMITS, loosened, RANK,
-                                                              SINGULAR)
+from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths, LIMITS,
+                                                              loosened, RANK, SINGULAR)
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
                                                                     coordinates_by_name)
@@ -37,7 +37,7 @@ import numpy as np
 
 __all__ = ['Robot', 'TORQUE_TERMS']
 
-CLOSURE_TOLERANCE = 1e-4  # m and rad
+CLOSURE_TOLERANCE = 1e-4  # lengths of the mechanism, and rad
 
 
 class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
@@ -73,14 +73,15 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
         By default configurations within the limits are tried.
     closure_tolerance : float, (float, float) or None
         Largest residual of loops and other position constraints that calls accept, m and rad;
-        None accepts any. `parameters.closure_tolerance` changes it.
+        None accepts any. Default: 1e-4 times `mechanism.length` (the longest distance between
+        neighbouring joints), and 1e-4 rad. `parameters.closure_tolerance` changes it.
     redundant : 'minimum_norm' or 'kept'
         Forces of redundant constraint rows: minimum norm, with moments divided by
         `mechanism.length`, or zero for the rows that were left out.
     rank_tolerance : float
         Singular values of the constraint rows up to this fraction of the largest count as zero. A
         larger value accepts loops with a rounded description (a URDF's rpy="1.5708"); their
-        residual may then be up to this value, m or rad.
+        residual may then be up to this value, in rad or in lengths of the mechanism.
     wrench_frames : sequence of str
         Frames whose external wrenches are arrays, one row each, in `wrench=`; others are given by
         name, as a mapping.
@@ -145,7 +146,8 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
                                          loosened(mechanism, EXCESS))
             self.parameters.block[-LIMITS:] = limits_of(SINGULAR)
             if closure_tolerance is CLOSURE_TOLERANCE:
-                closure_tolerance = loosened(mechanism, closure_tolerance)
+                closure_tolerance = in_lengths(mechanism,
+                                               loosened(mechanism, CLOSURE_TOLERANCE))
             self.parameters.closure_tolerance = closure_tolerance
             self.speed_sets = SpeedSets(
                 mechanism, partial(ConstrainedEquations, tree, actuated=actuated,

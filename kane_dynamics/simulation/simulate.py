@@ -18,6 +18,7 @@ from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.native.backends.real_types import size_limit
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
@@ -286,11 +287,14 @@ def _watched(source: Any) -> JointLimits:
 
 
 def _finite(robot: Robot, buffer: Array, done: int, step: float, single: bool) -> None:
-    """Raise InputError for a diverged (non-finite) motion; it stays non-finite."""
-    if np.isfinite(buffer[:, -1]).all():
+    """Raise InputError for a diverged motion (not finite, or positions too large); it stays so."""
+    most = np.full(buffer.shape[-1], np.finfo(float).max)
+    most[:robot.n_q] = size_limit('q')
+    if (np.abs(buffer[:, -1]) <= most).all():
         return
-    at = ~np.isfinite(buffer)
+    at = ~(np.abs(buffer) <= most)
     k = int(np.argmax(at.any(axis=(0, 2))))
     i, j = (int(index) for index in np.argwhere(at[:, k])[0])
     which = 'the simulation' if single else f'simulation {i}'
-    raise diverged_error(which, (done + k) * step, step, state_names(robot)[j])
+    value = float(buffer[i, k, j])
+    raise diverged_error(which, (done + k) * step, step, state_names(robot)[j], value)

@@ -14,7 +14,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_kernels import margin_count
 import numpy as np
 
-CLOSED = 1e-8  # m or rad: largest constraint residual of an initial configuration
+CLOSED = 1e-8  # rad, or lengths of the mechanism: largest constraint residual of an initial configuration
 MOST_STEPS = 100_000_000
 MOST_SAMPLES = 1_000_000
 DEFAULT_SAMPLES = 1000
@@ -45,8 +45,9 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
                          f'({robot.n},), or (N, {robot.n_q}) and (N, {robot.n})')
     if robot.constraint_names and q.size:
         residual = np.abs(np.atleast_2d(robot.constraint_residual(q, t=t0)))
-        i, k = np.unravel_index(np.argmax(residual), residual.shape)
-        if residual[i, k] > loosened(robot.mechanism, CLOSED):
+        in_units = residual / robot.mechanism.row_units
+        i, k = np.unravel_index(np.argmax(in_units), residual.shape)
+        if in_units[i, k] > loosened(robot.mechanism, CLOSED):
             which = '' if q.ndim == 1 else f' of state {i}'
             raise InputError(f"q0{which}: the residual of '{robot.constraint_names[k]}' is "
                              f'{residual[i, k]:.3g} (m or rad); expected a closed configuration, '

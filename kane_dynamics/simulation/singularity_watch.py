@@ -141,15 +141,18 @@ def residual_error(mechanism: Mechanism, stack: Stack, kept: bool, q: Array, t: 
 
     With `kept`, if the largest is that of a kept row, else if it is that of another.
     """
-    worst = int(np.argmax(np.abs(stack.residual)))
-    if np.linalg.norm(stack.residual) <= SHARE * most or kept != (worst in mechanism.kept):
+    missed_lengths = stack.residual / mechanism.row_units
+    worst = int(np.argmax(np.abs(missed_lengths)))
+    if np.linalg.norm(missed_lengths) <= SHARE * most or kept != (worst in mechanism.kept):
         return
     what = f"{where}constraint '{mechanism.labels[worst]}'"
-    missed = f'{abs(stack.residual[worst]):.3g} (m or rad)'
+    unit = 'rad' if mechanism.turning[worst] else 'm'
+    missed = f'{abs(stack.residual[worst]):.3g} {unit}'
     if kept:
         raise ConstraintError(
             f'{what} opens by {missed} within one step of {step:g} s at '
-            f'{described(mechanism, q)}; expected at most {most:g}, as with a shorter step')
+            f'{described(mechanism, q)}; expected at most '
+            f'{most * mechanism.row_units[worst]:.3g} {unit}, as with a shorter step')
     raise ConstraintError(
         f'{what} contradicts the others at {described(mechanism, q)}, t = {t:.6g} s: its residual '
         f'is {missed} where the others hold; expected 0')

@@ -18,9 +18,10 @@ from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.control.constrained_law import require_following
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.ball_joints import joint_speeds
-from kane_dynamics.mechanics.constraints.conditioning import (best_choice, EXCESS, figure, LIMITS,
-                                                              loosened, SHARE, SINGULAR,
+from kane_dynamics.mechanics.constraints.conditioning import (best_choice, EXCESS, figure,
+                                                              in_lengths, LIMITS, loosened, SHARE, SINGULAR,
                                                               singular_error, stacked, WELL_CHOSEN)
+from kane_dynamics.native.backends.real_types import size_limit
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.speed_sets import left_out_error, limits_of
 from kane_dynamics.simulation.singularity_watch import (all_trusted, residual_error,
@@ -33,9 +34,10 @@ from kane_dynamics.simulation.trajectory import SpeedChange
 from kane_dynamics.simulation.user_speeds import law_power, UserSpeeds
 import numpy as np
 
-STEP_RESIDUAL = 1e-3  # m or rad: largest residual after a step, before the correction
+STEP_RESIDUAL = 1e-3  # rad, or lengths of the mechanism: largest residual after a step, before the correction
 GAIN = 2.0  # smallest ratio of the old figure to that of a new choice
 ROOM = 4.0  # a choice is kept until its figure has grown by this factor
+FARTHEST = 3.0  # rad, or lengths of the mechanism: largest motion of a joint in one step
 PIECE = 256  # steps after a change before the next check of the states
 MOST_CHANGES = 20  # at one state
 NEARLY = 0.65  # of the largest transmission: its limit holds for the sum of two squares
@@ -76,14 +78,15 @@ class SwitchingInput:
         self._source, self._integrator, self._single = source, integrator, single
         self.stops = source.stops
         mechanism = source.robot.mechanism
-        self._open, self._excess = (loosened(mechanism, x) for x in (STEP_RESIDUAL, EXCESS))
+        self._open = loosened(mechanism, STEP_RESIDUAL)
+        self._excess = loosened(mechanism, EXCESS)
         self._usual = WELL_CHOSEN * float(np.sqrt(mechanism.model.n))
         self._phases = [Phase(source.robot, self._usual)] * count
         self._elsewhere: set[int] = set()  # simulations in another phase than the first
         self._sources: dict[tuple[int, float], TorqueInput] = {}
         self._history: list[list[tuple[int, Robot]]] = [[(-1, source.robot)]
                                                         for _ in range(count)]
-        self._asked = UserSpeeds(source.robot)
+        self._asked = UserSpeeds(source.robot, source.stops is not None)
         self._watch = SingularityWatch(source.robot, source.step)
         self.changes: list[SpeedChange] = []
 
@@ -119,7 +122,8 @@ class SwitchingInput:
         key = id(phase.robot), phase.limit
         if key not in self._sources:
             constants = self._source.constants.copy()
-            constants[-LIMITS:] = limits_of(phase.limit, self._open, self._excess)
+            opened = in_lengths(self.robot.mechanism, self._open)
+            constants[-LIMITS:] = limits_of(phase.limit, opened, self._excess)
             choice = self._source.choice if self._law else StepChoice(
                 False, self._integrator, self.robot.speed_names)
             self._sources[key] = replace(
@@ -167,13 +171,16 @@ class SwitchingInput:
         ConstraintError
             A kinematic singularity; a loop's residual; rows that contradict each other.
         InputError
-            The motion diverges.
+            The motion diverges, or a joint moves too far in one step.
 
         """
         phase = self._phases[i]
         mechanism, t = phase.robot.mechanism, self._time(done)
         q, u = self._parts(state)
         where = self._where(i, done)
+        if not (np.abs(q) <= size_limit('q')).all():
+            raise self._diverged(i, done)
+        self._require_short_step(phase.robot, q, u, t, where)
         stack = stacked(mechanism, q, t)
         now = figure(mechanism, stack, mechanism.free, mechanism.kept)
         best = self._preferred(stack)
@@ -200,6 +207,24 @@ class SwitchingInput:
             left_out_error(mechanism, stack, q_next, t_next, SHARE * self._excess, where)
             residual_error(mechanism, stack, False, *at)
         raise self._diverged(i, done + 1)
+
+    def _require_short_step(self, robot: Robot, q: Array, u: Array, t: float,
+                            where: str) -> None:
+        """Raise InputError if a joint moves so far in one step that the step cannot be right."""
+        at: dict[str, Any] = {'t': t} if robot.equations.timed else {}
+        try:
+            speeds = joint_speeds(robot.model, q, robot.joint_rates(q, u, **at))
+        except (ConstraintError, InputError):
+            return  # singular, which is another reason
+        moved = np.abs(speeds) * self.step
+        in_units = moved / robot.mechanism.units
+        worst = int(np.argmax(in_units))
+        if in_units[worst] > FARTHEST:
+            name = robot.joint_names[worst]
+            raise InputError(f"{where}the state diverged: joint '{name}' moves by "
+                             f'{moved[worst]:.3g} rad or m in one step of {self.step:g} s; '
+                             f'expected at most {FARTHEST * robot.mechanism.units[worst]:.3g}, '
+                             'as with a shorter step')
 
     def _preferred(self, stack: Any) -> Any:
         """Return the user's speeds if they are well conditioned, else the best choice."""

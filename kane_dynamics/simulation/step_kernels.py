@@ -61,7 +61,8 @@ def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> No
 
 def loop_kernels(robot: Robot) -> list[str]:
     """Return the names of the kernels of control and simulation of this robot."""
-    return [name for name in (*IN_LOOPS, *CONSTRAINED) if name in robot.kernels.names]
+    known = dict.fromkeys((*IN_LOOPS, *CONSTRAINED))
+    return [name for name in known if name in robot.kernels.names]
 
 
 class StepChoice(NamedTuple):

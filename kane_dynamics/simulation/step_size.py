@@ -136,9 +136,11 @@ def _radii() -> Array:
     return low
 
 
-def diverged_error(which: str, t: float, step: float, entry: str = '') -> InputError:
-    """Return the error for a simulation whose state is not finite at t, s."""
+def diverged_error(which: str, t: float, step: float, entry: str = '',
+                   value: float = math.nan) -> InputError:
+    """Return the error for a simulation whose state is not finite, or too large, at t, s."""
     first = f" ('{entry}' first)" if entry else ''
-    return InputError(f'{which}: the state diverged (is not finite) at {t:.6g} s{first} with a '
+    how = f'is {value:.3g}' if math.isfinite(value) else 'is not finite'
+    return InputError(f'{which}: the state diverged ({how}) at {t:.6g} s{first} with a '
                       f'step of {step} s; expected a regular mass matrix and a shorter step, or '
                       "integrator='implicit' if friction, springs or bending are stiff")

@@ -17,6 +17,7 @@ from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice
 from kane_dynamics.simulation.stops.joint_stops import JointStops
+from kane_dynamics.simulation.user_speeds import actual_accelerations
 import numpy as np
 
 
@@ -110,7 +111,9 @@ class TorqueInput:
             states, [robot.n_q, robot.n_q + robot.n], axis=2)[:2])
         times = np.tile(self.start + kept * np.float64(self.step), shape[0])
         at: dict[str, Any] = {'t': times} if robot.equations.timed else {}
-        found = {'udot': robot.forward_dynamics(q, u, tau.reshape(u.shape), **at),
+        udot, stop_forces = actual_accelerations(robot, q, u, tau.reshape(u.shape),
+                                                 self.stops is not None, **at)
+        found = {'udot': udot, 'stop_forces': stop_forces,
                  'energy': np.stack([robot.kinetic_energy(q, u, **at),
                                      robot.potential_energy(q)], axis=1)}
         return {name: x.reshape(*shape, *x.shape[1:]) for name, x in found.items()}

@@ -23,9 +23,8 @@ from kane_dynamics.simulation.user_speeds import constraint_rows
 import numpy as np
 
 Path = str | os.PathLike[str]
-ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'constraint_forces', 'constraint_residual',
-          'constraint_velocity_residual')
-OF_CONSTRAINTS = ARRAYS[6:]
+OF_CONSTRAINTS = ('constraint_forces', 'constraint_residual', 'constraint_velocity_residual')
+ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'stop_forces', *OF_CONSTRAINTS)
 FORMER = {'constraint_residual': 'constraint_gap'}  # names of arrays in older files
 NAMES = ('joint_names', 'speed_names', 'constraint_names', 'coordinate_names')
 
@@ -111,7 +110,8 @@ class Trajectory:
     speed_names, constraint_names : tuple of str
         Of the entries of u, udot and tau, and of the rows of the constraints.
     constraint_forces : (K, m) or (N, K, m) array
-        Forces of the constraints, N or N m; as `Robot.constraint_forces`.
+        Forces of the constraints under the torques and the forces of the stops, N or N m; without
+        stops as `Robot.constraint_forces`.
     constraint_residual, constraint_velocity_residual : (K, m) or (N, K, m) arrays
         Residuals of positions, m or rad, and of velocities, m/s or rad/s; as the methods of
         `Robot` of these names.
@@ -121,6 +121,9 @@ class Trajectory:
         Warnings of the simulation.
     stop_events : sequence of StopEvent
         Impacts on joint stops, in order of time; the contact that follows is no event.
+    stop_forces : (K, n_j) or (N, K, n_j) array
+        Forces of the stops on the joints of `joint_names`, N m or N: positive at lower stops, zero
+        of joints that do not press against a stop. They act on udot and on the constraints.
     coordinate_names : tuple of str
         Of the entries of q: `joint_names`, but four for the quaternion of a ball joint.
 
@@ -143,6 +146,7 @@ class Trajectory:
     warnings: tuple[str, ...] = ()
     stop_events: Sequence[StopEvent] = ()
     coordinate_names: tuple[str, ...] = ()
+    stop_forces: Array = field(default_factory=partial(np.zeros, 0))
 
     def __post_init__(self) -> None:
         """Set the defaults of names and constraint arrays."""
@@ -153,6 +157,8 @@ class Trajectory:
         if not self.constraint_names:
             for name in OF_CONSTRAINTS:
                 freeze(self, name, np.zeros((*self.q.shape[:-1], 0)))
+        if not self.stop_forces.size:
+            freeze(self, 'stop_forces', np.zeros((*self.q.shape[:-1], len(self.joint_names))))
 
     def __repr__(self) -> str:
         """Return size and joints on one line."""
@@ -268,12 +274,15 @@ class Trajectory:
                                     int(state) if state else None)
                           for t, joint, limit, v, loss, state in file.get('stop_events', ()))
             content: dict[str, Any] = {
-                **{name: file[name] for name in ARRAYS if name not in OF_CONSTRAINTS},
+                **{name: file[name] for name in ARRAYS
+                   if name not in (*OF_CONSTRAINTS, 'stop_forces')},
                 **{name: file[key] for name in OF_CONSTRAINTS
                    if (key := name if name in file else FORMER.get(name)) in file},
                 **{name: tuple(map(str, file[name])) for name in NAMES[:3]},
                 'coordinate_names': tuple(map(str, file.get('coordinate_names', ()))),
                 'warnings': tuple(map(str, file.get('warnings', ())))}
+            if 'stop_forces' in file:  # files of earlier versions have none
+                content['stop_forces'] = file['stop_forces']
             content.setdefault('constraint_velocity_residual',
                                np.zeros_like(content['constraint_residual']))
             return cls(**content, limit_events=events, speed_changes=changes,
@@ -320,4 +329,6 @@ class Trajectory:
                                                        'constraint_velocity_residual')
                           for row in self.constraint_names]
         of_q = (f'q.{name}' for name in self.coordinate_names)
-        return ['t', *of_q, *of_speeds, 'kinetic_energy', 'potential_energy', *of_constraints]
+        of_stops = (f'stop_force.{name}' for name in self.joint_names)
+        return ['t', *of_q, *of_speeds, 'kinetic_energy', 'potential_energy', *of_stops,
+                *of_constraints]

@@ -11,6 +11,7 @@ from kane_dynamics.mechanics.constraints.constrained_equations import Constraine
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.stops.stop_forces import with_stop_forces
 import numpy as np
 
 
@@ -26,9 +27,9 @@ class UserSpeeds:
 
     """
 
-    def __init__(self, asked: Robot) -> None:
-        """Store the robot; kernels compile on first use."""
-        self._asked = asked
+    def __init__(self, asked: Robot, stops: bool = False) -> None:
+        """Store the robot, and whether stops hold its joints; kernels compile on first use."""
+        self._asked, self._stops = asked, stops
 
     def speeds(self, robot: Robot, q: Array, u: Array, udot: Array, t: Any) -> Array:
         """Return the user's speeds and their rates, (2, n) or (K, 2, n)."""
@@ -46,14 +47,19 @@ class UserSpeeds:
                             tau_from(equations, names, *x), (q, tau), t)
 
     def _called(self, robot: Robot, name: str, arguments: list[Argument], shape: Any,
-                function: Any, given: tuple[Array, ...], t: Any) -> Array:
+                function: Any, given: tuple[Array, ...], t: Any, physical: bool = False
+                ) -> Array:
+        """Call the kernel of a function of given arrays, of gravity and payload, and the time."""
         timed = robot.equations.timed
         arguments = [*arguments, *([Argument('t', ())] if timed else [])]
         block, count = robot.parameters.block, len(given)
         places = '_'.join(map(str, self._asked.mechanism.free))
+
+        def traced(*x: Any) -> Any:
+            parameters = [x[-1][:robot.parameters.physical]] if physical else []
+            return function(*x[:count], *parameters, x[count][()] if timed else 0.0)
         kernel = robot.kernels.extra(f'{name}_{places}', lambda: trace_program(
-            name, lambda *x: function(*x[:count], x[count][()] if timed else 0.0),
-            [*((a.name, a.shape) for a in arguments), ('parameters', block.shape)]),
+            name, traced, [*((a.name, a.shape) for a in arguments), ('parameters', block.shape)]),
             arguments, block, shape)
         result: Array = kernel(*given, *([t] if timed else []))
         return result
@@ -94,7 +100,7 @@ class UserSpeeds:
         Returns
         -------
         dict of (N, K, ...) arrays
-            u, udot, energy, forces and residuals of constraints.
+            u, udot, energy, forces of stops, forces and residuals of constraints.
 
         """
         groups: dict[int, tuple[Robot, list[tuple[int, slice]]]] = {}
@@ -124,20 +130,75 @@ class UserSpeeds:
             slice(robot.n_q), slice(robot.n_q, robot.n_q + robot.n)))
         same = robot.speed_names == self._asked.speed_names
         own = tau if same else self.torques(robot, q, tau, times)
-        udot = robot.forward_dynamics(q, u, own, **at)
+        udot, stop_forces = actual_accelerations(robot, q, u, own, self._stops, **at)
+        applied = stop_forces + self._actuator_torques(robot, q, own, tau, times)
         pair = np.stack([u, udot], axis=1) if same else self.speeds(robot, q, u, udot, times)
         return {'u': pair[:, 0], 'udot': pair[:, 1],
                 'energy': np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)],
                                    axis=1),
-                **constraint_rows(robot, q, u, own, **at)}
+                'stop_forces': stop_forces,
+                'constraint_forces': self._constraint_forces(robot, q, u, udot, applied, times),
+                **constraint_residuals(robot, q, u, **at)}
+
+    def _actuator_torques(self, robot: Robot, q: Array, own: Array, tau: Array,
+                          times: Array) -> Array:
+        """
+        Return the torques that the actuators exert on the joints, (K, n_j).
+
+        By default each acts on its own speed: of the user's robot, also in other speeds.
+        """
+        names, equations = self._asked.speed_names, _equations(robot)
+        dual_to = robot if equations.actuated is not None else self._asked
+        force = own if dual_to is robot else tau
+        arguments = [Argument('q', (robot.n_q,)), Argument('tau', (dual_to.n,))]
+        return self._called(robot, 'actuator_torques', arguments, (robot.model.n,), lambda *x:
+                            actuator_torques(equations, names, *x), (q, force), times)
+
+    def _constraint_forces(self, robot: Robot, q: Array, u: Array, udot: Array, applied: Array,
+                           times: Array) -> Array:
+        """Return the forces of all rows, (K, m), in a motion under given joint forces."""
+        equations = _equations(robot)
+        arguments = [Argument('q', (robot.n_q,)), Argument('u', (robot.n,)),
+                     Argument('udot', (robot.n,)), Argument('applied', (robot.model.n,))]
+        return self._called(robot, 'constraint_forces_of_motion', arguments,
+                            (len(robot.constraint_names),), equations.constraint_forces_of_motion,
+                            (q, u, udot, applied), times, physical=True)
+
+
+def actual_accelerations(robot: Robot, q: Array, u: Array, tau: Array, stops: bool,
+                         **at: Any) -> tuple[Array, Array]:
+    """Return udot, (K, n), and the forces of the stops on the joints, (K, n_j), at K states."""
+    udot: Array = robot.forward_dynamics(q, u, tau, **at)
+    if not stops:
+        return udot, np.zeros((len(q), robot.model.n))
+    return with_stop_forces(robot, q, u, udot, robot.limits.lower, robot.limits.upper, **at)
 
 
 def constraint_rows(robot: Robot, q: Array, u: Array, tau: Array, **at: Array
                     ) -> dict[str, Array]:
     """Return forces and residuals of the constraints along a motion, (K, m) arrays."""
     return {'constraint_forces': robot.constraint_forces(q, u, tau, **at),
-            'constraint_residual': robot.constraint_residual(q, **at),
+            **constraint_residuals(robot, q, u, **at)}
+
+
+def constraint_residuals(robot: Robot, q: Array, u: Array, **at: Array) -> dict[str, Array]:
+    """Return the residuals of the constraints along a motion, (K, m) arrays."""
+    return {'constraint_residual': robot.constraint_residual(q, **at),
             'constraint_velocity_residual': robot.constraint_velocity_residual(q, u, **at)}
+
+
+def actuator_torques(equations: ConstrainedEquations, names: Sequence[str], q: Any, tau: Any,
+                     t: Any = 0.0) -> Any:
+    """
+    Return the joint torques of the actuators, (n_j,).
+
+    With `actuated`, tau is dual to the speeds of the equations; else to the named speeds, and each
+    entry acts on its own speed.
+    """
+    if equations.actuated is not None:
+        return equations.shared_torques(q, tau, t)
+    here = equations.mechanism.state(q, t, equations.tree.geometry)
+    return here.speed_rows(names)[0].T @ tau
 
 
 def tau_from(equations: ConstrainedEquations, names: Sequence[str], q: Any, tau: Any,

@@ -14,7 +14,8 @@ from kane_dynamics.control.constrained_law import constrained_law_program, law_m
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
-from kane_dynamics.mechanics.constraints.conditioning import EXCESS, LIMITS, loosened, WELL_CHOSEN
+from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths, LIMITS,
+                                                              loosened, WELL_CHOSEN)
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
@@ -44,8 +45,9 @@ class ConstrainedTrial(Trial):
         super().__init__(given, payload_frame, integrator, tracked)
         self.followed = list(followed)
         mechanism = self.robot.mechanism
-        self.limits = limits_of(WELL_CHOSEN * float(np.sqrt(mechanism.model.n)), *(
-            loosened(mechanism, x) for x in (STEP_RESIDUAL, EXCESS)))
+        self.limits = limits_of(WELL_CHOSEN * float(np.sqrt(mechanism.model.n)),
+                                in_lengths(mechanism, loosened(mechanism, STEP_RESIDUAL)),
+                                loosened(mechanism, EXCESS))
 
     def _parts(self) -> Parts:
         return parts(self.robot.n_q, self.n, len(self.tracked), int(self.equations.timed),

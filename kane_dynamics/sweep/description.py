@@ -55,8 +55,9 @@ class Sweep:
         Initial state, rad or m, and s. Default: the start of the motion, else that of the robot's
         `configuration`, else zeros. Loops are closed from q0: the joints whose rates are the
         independent speeds keep their values, and the others move, in the assembly mode of q0 if
-        its residuals are at most 0.01 m or rad, else in that of `configuration`. Quaternions are
-        divided by their lengths, so that normal values are uniform rotations.
+        its residuals are at most 0.01 rad, or lengths of the mechanism, else in that of
+        `configuration`. Quaternions are divided by their lengths, so that normal values are
+        uniform rotations.
     payload : mapping, optional
         `frame`, in whose axes it is given; `mass`, kg; `com`, three values, m; `gyration`, the
         radius of gyration k about its center of mass, m: its inertia is m k^2 about every axis.

@@ -106,7 +106,8 @@ class SweptJoints:
         for k, row in enumerate(rows):
             own = np.flatnonzero(places == k)
             try:
-                away = np.abs(robot.constraint_residual(row, t=t0)).max(initial=0.0)
+                residual = robot.constraint_residual(row, t=t0) / robot.mechanism.row_units
+                away = np.abs(residual).max(initial=0.0)
                 found[own] = robot.closed_posture(
                     row, t=t0, fixed=fixed,
                     start=row if fixed and away <= NEARLY_CLOSED else None)

@@ -1,6 +1,7 @@
 """Limits of the coordinates of a URDF: of their joints and of the mimic joints."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 import math
 
 from kane_dynamics.model.joint_expansion import Mimic, StatedJoint, StatedLimits
@@ -10,7 +11,6 @@ from kane_dynamics.urdf.selection import Selection
 
 UNLIMITED = Limits()
 DEGREES = 12.6  # rad, two turns: a bound beyond it, up to 720, looks like degrees
-ROUNDING = 1e-9  # relative tolerance for equal bounds of a mimic joint and its master
 
 
 def coordinate_limits(singles: Iterable[StatedJoint], selection: Selection,
@@ -79,16 +79,9 @@ def _led(master: Limits, single: StatedJoint, mimic: Mimic, notices: Notices) ->
     if own.effort not in (math.inf, master.effort):
         notices.not_used("<limit> effort of a mimic joint, whose torque is its master's",
                          single.name)
-    lower, upper = sorted((bound - mimic.offset) / mimic.multiplier
-                          for bound in (own.lower, own.upper))
-    lower, upper = -_upper(-master.lower, -lower), _upper(master.upper, upper)
-    if lower >= upper:
+    narrowed = master.with_follower(own, mimic.multiplier, mimic.offset)
+    if narrowed is None:
         notices.no_room.append(f'{single.name} ({own.lower:g} to {own.upper:g})')
-        lower, upper = master.lower, master.upper
-    return Limits(lower, upper, _upper(master.velocity, own.velocity / abs(mimic.multiplier)),
-                  master.effort)
-
-
-def _upper(bound: float, other: float) -> float:
-    """Return the lower of two upper bounds; the first if they differ by rounding."""
-    return bound if math.isclose(bound, other, rel_tol=ROUNDING) else min(bound, other)
+        speed_alone = replace(own, lower=-math.inf, upper=math.inf)
+        narrowed = master.with_follower(speed_alone, mimic.multiplier, mimic.offset)
+    return master if narrowed is None else narrowed

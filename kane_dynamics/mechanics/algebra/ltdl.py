@@ -6,14 +6,18 @@ matrix that are zero because two joints are on different branches stay zero (Fea
 Body Dynamics Algorithms, 6.5). Structurally zero entries cause no arithmetic.
 """
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Any
 
+from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import is_zero
 import numpy as np
 
 
-def factorize(M: Any, order: Sequence[int]) -> tuple[list[list[Any]], list[Any]]:
+PIVOT = 16.0 * float(np.finfo(float).eps)  # over n: a pivot relative to its diagonal entry
+
+
+def factorize(M: Any, order: Sequence[int], watched: Container[int] = ()) -> tuple[list[list[Any]], list[Any]]:
     """
     Return the LTDL factorization M = L^T D L.
 
@@ -23,6 +27,8 @@ def factorize(M: Any, order: Sequence[int]) -> tuple[list[list[Any]], list[Any]]
         Symmetric positive definite matrix.
     order : sequence of int
         Row indices in topological order: parents before children.
+    watched : container of int
+        Rows whose pivot may be rounding: its reciprocal is NaN then, because M is singular.
 
     Returns
     -------
@@ -50,10 +56,17 @@ def factorize(M: Any, order: Sequence[int]) -> tuple[list[list[Any]], list[Any]]
         if is_zero(A[i][i]):
             raise ZeroDivisionError(order[i])
         reciprocal[i] = 1.0 / A[i][i]
+        if order[i] in watched:
+            reciprocal[i] = regular(reciprocal[i], A[i][i], M[order[i], order[i]], n)
         for j in range(i):
             if not is_zero(A[i][j]):
                 L[i][j] = A[i][j] * reciprocal[i]
     return L, reciprocal
+
+
+def regular(reciprocal: Any, pivot: Any, diagonal: Any, n: int) -> Any:
+    """Return the reciprocal of a pivot, NaN if the pivot is rounding of the diagonal of M."""
+    return select(n * PIVOT * diagonal < pivot, reciprocal, np.nan)
 
 
 def solve(factors: tuple[list[list[Any]], list[Any]], order: Sequence[int], b: Any) -> Any:

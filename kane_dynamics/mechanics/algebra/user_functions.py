@@ -19,6 +19,10 @@ from kane_dynamics.mechanics.algebra.dual import derivatives, select
 import numpy as np
 
 
+class NotFiniteError(ConstraintError):
+    """A user-defined function that is not finite at a configuration and time."""
+
+
 class _Unsupported(TypeError):
     """An operation that is not defined for a number whose value is not known."""
 
@@ -249,7 +253,8 @@ def evaluated(function: Callable[..., Any], what: str, *arguments: Any) -> Any:
     Raises
     ------
     ConstraintError
-        The function uses an unsupported operation, raises an error, or does not return numbers.
+        The function uses an unsupported operation, raises an error, or does not return numbers;
+        a NotFiniteError if it is not finite there.
 
     """
     try:
@@ -261,8 +266,8 @@ def evaluated(function: Callable[..., Any], what: str, *arguments: Any) -> Any:
     except KaneError:
         raise
     except ZeroDivisionError:
-        raise ConstraintError(f'{what} divides by zero at {_shown(arguments)}; expected finite '
-                              'numbers') from None
+        raise NotFiniteError(f'{what} divides by zero at {_shown(arguments)}; expected finite '
+                             'numbers') from None
     except Exception as error:  # a user-defined function may raise anything
         used = re.search(r'no callable (\w+) method', str(error))
         if used or isinstance(error, _Unsupported):
@@ -275,8 +280,8 @@ def evaluated(function: Callable[..., Any], what: str, *arguments: Any) -> Any:
                                       f'the second derivative of {name} is')):
         for x in (x for entry in result.ravel() for x in derivatives(entry, order)):
             if isinstance(x, float) and not math.isfinite(x):
-                raise ConstraintError(f'{owner}{colon}{returned} {x} at {_shown(arguments)}; '
-                                      'expected finite numbers')
+                raise NotFiniteError(f'{owner}{colon}{returned} {x} at {_shown(arguments)}; '
+                                     'expected finite numbers')
     if all(isinstance(x, float) for x in result.ravel()):
         result = result.astype(np.float64)
     return result if result.shape else result[()]
@@ -284,9 +289,14 @@ def evaluated(function: Callable[..., Any], what: str, *arguments: Any) -> Any:
 
 def _shown(arguments: tuple[Any, ...]) -> str:
     """Return arguments, (q, t) or (t,), for a message."""
-    shown = [[derivatives(y, 0)[0] for y in np.ravel(x)] for x in arguments]
+    shown = [[_plain(derivatives(y, 0)[0]) for y in np.ravel(x)] for x in arguments]
     configuration = [f'q = {x}, ' for x in shown[:-1]]
     return f'{"".join(configuration)}t = {shown[-1][0]} s'
+
+
+def _plain(x: Any) -> Any:
+    """Return a number without NumPy's type, whose text names it; other scalars unchanged."""
+    return float(x) if isinstance(x, numbers.Real) else x
 
 
 def evaluated_scalar(function: Callable[..., Any], what: str, *arguments: Any) -> Any:

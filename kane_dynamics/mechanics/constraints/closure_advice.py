@@ -6,8 +6,8 @@ from typing import get_args
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.ball_joints import moved
-from kane_dynamics.mechanics.constraints.conditioning import (RANK, rank_of, scaled_rows, Stack,
-                                                              stacked)
+from kane_dynamics.mechanics.constraints.conditioning import (described, RANK, rank_of, rows_in_speeds,
+                                                              scaled_rows, Stack, stacked)
 from kane_dynamics.mechanics.constraints.constraint_types.closure import Closure, Kind
 from kane_dynamics.mechanics.constraints.loop_closure import closing_iterations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
@@ -16,7 +16,7 @@ import numpy as np
 SMALL = 1e-2  # relative singular value below which it may be rounding of the description
 STARTS = 12  # initial guesses for nearly closed configurations
 ITERATIONS = 30  # from each
-OPEN = 0.1  # m or rad: largest residual from which another kind of closure is tried
+OPEN = 0.1  # rad, or lengths of the mechanism: largest residual from which another kind of closure is tried
 
 
 def advice(mechanism: Mechanism, q: Array) -> str:
@@ -26,7 +26,7 @@ def advice(mechanism: Mechanism, q: Array) -> str:
     Remedies are a larger rank_tolerance, where a singular value or a residual may be rounding, and
     other kinds of closures that are closed at q and leave a degree of freedom.
     """
-    size = _singular_values(stacked(mechanism, q))
+    size = _singular_values(mechanism, stacked(mechanism, q))
     shown = ', '.join(f'{x:.3g}' for x in size if x > 1e-15)
     words = [f'singular values of the rows, relative to the largest: {shown}']
     closed = _nearly_closed(mechanism, q)
@@ -38,9 +38,9 @@ def advice(mechanism: Mechanism, q: Array) -> str:
     return '; '.join(words)
 
 
-def _singular_values(stack: Stack) -> Array:
+def _singular_values(mechanism: Mechanism, stack: Stack) -> Array:
     """Return the singular values of the rows in all speeds, relative to the largest."""
-    C = np.linalg.lstsq(stack.Y.T, stack.J.T, rcond=None)[0].T
+    C = rows_in_speeds(mechanism, stack)[0]
     size = np.linalg.svd(C, compute_uv=False)
     return np.asarray(size / max(float(size.max(initial=0.0)), 1e-300))
 
@@ -62,10 +62,11 @@ def _rounding(mechanism: Mechanism, closed: list[Array]) -> float:
     largest = 0.0
     for q in closed:
         stack = stacked(mechanism, q)
-        size = _singular_values(stack)
+        size = _singular_values(mechanism, stack)
         small = size[(size > 1e-15) & (size < SMALL)]
         if small.size:
-            largest = max(largest, small.max(), np.abs(stack.residual).max(initial=0.0))
+            residual = np.abs(stack.residual / mechanism.row_units)
+            largest = max(largest, small.max(), residual.max(initial=0.0))
     return largest
 
 
@@ -81,7 +82,8 @@ def _kinds(mechanism: Mechanism, q: Array) -> list[str]:
             others = list(mechanism.constraints)
             others[k] = replace(own, kind=kind, second_axis=None, length=None)
             changed = Mechanism(mechanism.model, mechanism.speeds, others)
-            if np.abs(stacked(changed, q).residual).max(initial=0.0) > OPEN:
+            opened = np.abs(stacked(changed, q).residual / changed.row_units)
+            if opened.max(initial=0.0) > OPEN:
                 continue
             here, _, _, closed = closing_iterations(
                 changed, q, np.ones(mechanism.model.n, dtype=bool), 0.0, ITERATIONS)
@@ -97,5 +99,6 @@ def no_freedom(mechanism: Mechanism, q: Array, rows: int) -> ConstraintError:
     """Return the error for constraints that leave no degree of freedom."""
     return ConstraintError(
         f'constraints: {rows} independent rows ({", ".join(mechanism.labels)}); expected fewer '
-        f'than the {mechanism.model.n} speeds, because these leave no degree of freedom; '
+        f'than the {mechanism.model.n} speeds, because these leave no degree of freedom at '
+        f'{described(mechanism, q)}; configuration= chooses another assembly, which may move; '
         f'{advice(mechanism, q)}')

@@ -174,6 +174,20 @@ def scaled_rows(mechanism: Mechanism, stack: Stack) -> tuple[Array, Array]:
     return Y, stack.J * mechanism.units / np.array(mechanism.sizes)[:, None]
 
 
+def rows_in_speeds(mechanism: Mechanism, stack: Stack) -> tuple[Array, Array]:
+    """
+    Return C, (m, n_q), and d, (m,), of C v = d: the constraints in all generalized speeds.
+
+    In units of the mechanism: each speed v is relative to the norm of its row of Y, each row
+    relative to its `row_units`.
+    """
+    Y = stack.Y * mechanism.units
+    norms = np.maximum(np.linalg.norm(Y, axis=1), 1e-300)
+    J = stack.J * mechanism.units / mechanism.row_units[:, None]
+    C: Array = np.linalg.lstsq((Y / norms[:, None]).T, J.T, rcond=None)[0].T
+    return C, stack.b / mechanism.row_units + C @ (stack.Z / norms)
+
+
 def figure(mechanism: Mechanism, stack: Stack, free: Sequence[int], kept: Sequence[int]) -> float:
     """Return the conditioning figure of a choice; infinite for a singular system."""
     Y, J = scaled_rows(mechanism, stack)
@@ -219,6 +233,11 @@ def best_choice(mechanism: Mechanism, stack: Stack,
 def loosened(mechanism: Mechanism, limit: float) -> float:
     """Return a limit of residuals or redundant rows, but no less than rank_tolerance admits."""
     return max(limit, ROUNDED * mechanism.rank_tolerance)
+
+
+def in_lengths(mechanism: Mechanism, limit: float) -> tuple[float, float]:
+    """Return a limit of residuals of the mechanism: `limit` lengths in m, and `limit` rad."""
+    return limit * mechanism.length, limit
 
 
 def pivots(C: Array, count: int) -> list[int]:

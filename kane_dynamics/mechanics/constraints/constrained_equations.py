@@ -136,7 +136,13 @@ class ConstrainedEquations(ConstrainedKinematics):
     def inverse_mass_matrix(self, q: Any, parameters: Any, t: Any = 0.0) -> Any:
         """Return M^-1, (n, n)."""
         order = list(range(self.n))
-        return inverse(factorize(self.mass_matrix(q, parameters, t), order), order)
+        M = self.mass_matrix(q, parameters, t)
+        return inverse(factorize(M, order, self._watched_pivots), order)
+
+    @property
+    def _watched_pivots(self) -> range:
+        """Return the independent speeds, if some joint may move without kinetic energy."""
+        return range(self.n if self.tree.without_own_inertia else 0)
 
     def state_rates(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any,
                     t: Any = 0.0) -> Any:
@@ -155,8 +161,8 @@ class ConstrainedEquations(ConstrainedKinematics):
         held = self._joint_forces(q, motion, wrench, parameters)
         M_q = self.tree.mass_matrix(q, parameters)
         order = list(range(self.n))
-        udot = solve(factorize(congruent(M_q, motion.T), order), order,
-                     tau - motion.T.T @ held)
+        factors = factorize(congruent(M_q, motion.T), order, self._watched_pivots)
+        udot = solve(factors, order, tau - motion.T.T @ held)
         return motion, held + M_q @ (motion.T @ udot), udot
 
     def actual_joint_forces(self, q: Any, u: Any, tau: Any, parameters: Any,
@@ -189,9 +195,14 @@ class ConstrainedEquations(ConstrainedKinematics):
             self.tree.geometry))
         return qdot, Y @ qddot + rates(Y_moving) @ qdot - rates(negative_Z_moving)
 
-    def joint_torques(self, q: Any, tau: Any, t: Any = 0.0) -> Any:
+    def friction_force(self, u: Any, q: Any, t: Any = 0.0) -> Any:
+        """Return the friction of all joints, (n,), dual to u."""
+        motion = self.joint_motion(q, u, self.zeros, t)
+        return motion.T.T @ self.tree.friction_force(motion.qdot)
+
+    def joint_torques(self, tau: Any, q: Any, t: Any = 0.0) -> Any:
         """Return joint torques, (n_q,), with the generalized force tau; NaN if unactuated."""
-        found = self._shared_torques(q, tau, t)
+        found = self.shared_torques(q, tau, t)
         if self.actuated is None:
             return found
         return guarded(found, transmission_margin(self.mechanism, self.at_rest(q, t).T,
@@ -201,7 +212,7 @@ class ConstrainedEquations(ConstrainedKinematics):
         """Return the generalized force of joint torques (n_q,), (n,)."""
         return self.at_rest(q, t).T.T @ joint_torques
 
-    def _shared_torques(self, q: Any, tau: Any, t: Any) -> Any:
+    def shared_torques(self, q: Any, tau: Any, t: Any) -> Any:
         """Return `joint_torques` without a check of the configuration."""
         if self.actuated is None:  # Y_I T = 1, Y_I N = 0: gives tau without constraint forces
             here = self.mechanism.state(q, t, self.tree.geometry)
@@ -218,7 +229,18 @@ class ConstrainedEquations(ConstrainedKinematics):
                           t: Any = 0.0) -> Any:
         """Return the force of every constraint row, (m,); redundant rows as `redundant`."""
         motion, force, _ = self._forward(q, u, tau, wrench, parameters, t)
-        return self._shared(q, t, motion.N, force - self._shared_torques(q, tau, t))
+        return self._shared(q, t, motion.N, force - self.shared_torques(q, tau, t))
+
+    def constraint_forces_of_motion(self, q: Any, u: Any, udot: Any, applied: Any,
+                                    parameters: Any, t: Any = 0.0) -> Any:
+        """
+        Return the force of every constraint row, (m,), in a motion under given joint forces.
+
+        `applied`, (n_j,), are the forces of actuators, stops and others on the joints.
+        """
+        motion = self.joint_motion(q, u, udot, t)
+        force = self._joint_forces(q, motion, None, parameters)
+        return self._shared(q, t, motion.N, force - applied)
 
     def _shared(self, q: Any, t: Any, N: Any, missing: Any) -> Any:
         """Return the forces of all rows, (m,), for given constraint forces of the joints."""
@@ -235,7 +257,7 @@ class ConstrainedEquations(ConstrainedKinematics):
         """Return the wrench of parent on child at each body's joint, (n_bodies, 6), world axes."""
         motion = self.joint_motion(q, u, udot, t)
         force = self._joint_forces(q, motion, wrench, parameters)
-        applied = self._shared_torques(q, motion.T.T @ force, t)
+        applied = self.shared_torques(q, motion.T.T @ force, t)
         held = self._shared(q, t, motion.N, force - applied)
         here = self.mechanism.state(q, t, self.tree.geometry)
         of_tree = self.tree.joint_reactions(q, motion.qdot, motion.qddot, wrench, parameters)

@@ -11,12 +11,15 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.mechanics.algebra.user_functions import NotFiniteError
 from kane_dynamics.mechanics.ball_joints import (balls, difference, moved as moved_by, neutral,
                                                  require_unit)
 from kane_dynamics.mechanics.constraints import (checked_constraints, checked_names, Constraint,
                                                  DependentSpeeds, PointVelocity, Prescribed)
 from kane_dynamics.mechanics.constraints.closure_advice import advice, no_freedom
-from kane_dynamics.mechanics.constraints.conditioning import pivots, RANK, rank_of, stacked
+from kane_dynamics.mechanics.constraints.conditioning import (described, pivots, RANK, rank_of,
+                                                              rows_in_speeds, scaled_rows,
+                                                              stacked)
 from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import positive
 from kane_dynamics.mechanics.constraints.loop_closure import (closed_posture, closing_iterations,
                                                               STRIDE)
@@ -26,6 +29,7 @@ from kane_dynamics.model.model import Model
 import numpy as np
 
 STARTS = 12  # initial guesses for loop closure
+PROBE = 0.05  # rad, or lengths of the mechanism: a motion that is tried
 SAMPLES = 4  # closed configurations at which the rank is computed
 
 
@@ -51,7 +55,7 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
     rank_tolerance : float
         Singular values up to this fraction of the largest count as zero. A value above the default
         accepts loops with a rounded description: rows that are redundant within the tolerance are
-        left out, and their residual may be up to the tolerance, m or rad.
+        left out, and their residual may be up to the tolerance, rad or lengths of the mechanism.
 
     Raises
     ------
@@ -66,26 +70,28 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
     tolerance = positive(rank_tolerance, 'rank_tolerance')
     everything = Mechanism(model, speeds, constraints, rank_tolerance=tolerance)
     start = neutral(model) if configuration is None else _checked(everything, configuration)
-    for constraint in everything.constraints:
-        try:
-            with np.errstate(all='ignore'):  # a distance of zero has no direction
-                constraint.rows(everything.state(start))
-        except InputError as error:
-            raise ConstraintError(f"constraint '{constraint.name}': {error}") from None
+    _require_rows(everything, start, configuration is None)
     places = (_closed_postures(everything) if configuration is None
               else _postures_near(everything, start))
+    places = _finite_places(everything, places)
     samples = [_velocity_rows(everything, q) for q in places]
     if not everything.labels and independent is None:
         return everything
     sizes = _row_sizes(everything, places)
     ranks = [rank_of(C, tolerance) for C, _ in samples]
     m = max(ranks)
-    place = places[ranks.index(m)]
-    samples = [sample for sample, found in zip(samples, ranks) if found == m]
+    if m == model.n and not any(_driven(constraint) for constraint in constraints):
+        # Some assemblies may be rigid where others move, as parallel cranks do.
+        movable = [rank for rank, q in zip(ranks, places)
+                   if rank < m and _moves(everything, q, rank)]
+        if not movable:
+            samples = [sample for sample, rank in zip(samples, ranks) if rank == m]
+            _check_consistent(everything, samples, sorted(pivots(samples[0][0].T, m)))
+            raise no_freedom(everything, places[ranks.index(m)], m)
+        m = max(movable)
+    samples = [sample for sample, rank in zip(samples, ranks) if rank == m]
     kept = sorted(pivots(samples[0][0].T, m))
     _check_consistent(everything, samples, kept)
-    if m == model.n and not any(_driven(constraint) for constraint in constraints):
-        raise no_freedom(everything, place, m)
     if independent is None:
         free = _best_free([C[kept] for C, _ in samples])
     else:
@@ -102,23 +108,96 @@ def _driven(constraint: Constraint) -> bool:
 
 def _row_sizes(mechanism: Mechanism, places: list[Array]) -> list[float]:
     """Return for each row the largest norm, in mechanism units, of rows of its kind."""
-    found = np.max([np.linalg.norm(stacked(mechanism, q).J * mechanism.units, axis=1)
+    norms = np.max([np.linalg.norm(stacked(mechanism, q).J * mechanism.units, axis=1)
                     for q in places], axis=0)
+    found = norms / mechanism.row_units
     kinds = list(zip(mechanism.owners, mechanism.turning))
     largest = [max(float(size) for size, kind in zip(found, kinds) if kind == own)
                for own in kinds]
-    return [size if size > mechanism.rank_tolerance * max(largest) else 1.0 for size in largest]
+    small = mechanism.rank_tolerance * max(largest, default=0.0)
+    return [unit * (size if size > small else 1.0)
+            for size, unit in zip(largest, mechanism.row_units.tolist())]
+
+
+def _require_rows(mechanism: Mechanism, start: Array, elsewhere: bool) -> None:
+    """
+    Raise ConstraintError unless the rows of all constraints have a value.
+
+    At the configuration `start`, or, with `elsewhere`, at one of those that are tried: a
+    user-defined function may not be finite at 0.
+    """
+    failures = []
+    starts = [start, *_starts(mechanism)] if elsewhere else [start]
+    for q in starts:
+        here = mechanism.state(q)
+        try:
+            for constraint in mechanism.constraints:
+                with np.errstate(all='ignore'):  # a distance of zero has no direction
+                    constraint.rows(here)
+            return
+        except NotFiniteError as error:
+            failures.append(error)
+        except InputError as error:
+            raise ConstraintError(f"constraint '{constraint.name}': {error}") from None
+    if not elsewhere:
+        raise failures[0]
+    raise ConstraintError(f'{failures[0]}, there or at one of {STARTS} other configurations, or '
+                          'configuration= where they are finite')
+
+
+def _finite_places(mechanism: Mechanism, places: list[Array]) -> list[Array]:
+    """Return the configurations at which all rows are finite; ConstraintError if none is."""
+    regular = []
+    for q in places:
+        stack = stacked(mechanism, q)
+        finite = np.isfinite(stack.J).all(axis=1) & np.isfinite(stack.b)
+        if finite.all():
+            regular.append(q)
+    if regular:
+        return regular
+    names = ', '.join(dict.fromkeys(
+        f"'{owner}'" for owner, good in zip(mechanism.owners, finite) if not good))
+    raise ConstraintError(f'constraint {names}: not finite at {described(mechanism, places[0])}; '
+                          'expected another configuration=')
+
+
+def _moves(mechanism: Mechanism, q: Array, rank: int) -> bool:
+    """
+    Return whether a closed configuration with dependent rows can move, not in theory alone.
+
+    Its loops close some way along a motion that the rows admit, and the rows still depend on each
+    other there, as they do not beside an isolated singular configuration.
+    """
+    C = _velocity_rows(mechanism, q)[0]
+    stack = stacked(mechanism, q)
+    admitted = np.linalg.svd(C)[2][-1]
+    Y = scaled_rows(mechanism, stack)[0]
+    way = mechanism.units * np.linalg.solve(Y, admitted)
+    step = PROBE * way / np.abs(way / mechanism.units).max()
+    try:
+        there = closed_posture(mechanism, moved_by(mechanism.model, q, step))
+    except ConstraintError:
+        return False
+    gone = np.abs(difference(mechanism.model, q, there) / mechanism.units).max()
+    there_rank = rank_of(_velocity_rows(mechanism, there)[0], mechanism.rank_tolerance)
+    return bool(gone > 0.5 * PROBE and there_rank == rank)
+
+
+def _starts(mechanism: Mechanism) -> list[Array]:
+    """Return initial guesses for loop closure, the first near 0, within the joint limits."""
+    limits = [joint.limits for joint in mechanism.model.coordinate_joints]
+    units = mechanism.units
+    lower = np.maximum([limit.lower for limit in limits], -np.pi * units)
+    upper = np.minimum([limit.upper for limit in limits], np.pi * units)
+    rng = np.random.default_rng(0)
+    starts = [np.clip(units * rng.uniform(-0.1, 0.1, len(lower)), lower, upper),
+              *rng.uniform(lower, upper, (STARTS - 1, len(lower)))]
+    return [moved_by(mechanism.model, neutral(mechanism.model), start) for start in starts]
 
 
 def _closed_postures(mechanism: Mechanism) -> list[Array]:
     """Return up to `SAMPLES` closed configurations within the joint limits."""
-    limits = [joint.limits for joint in mechanism.model.coordinate_joints]
-    lower = np.array([max(limit.lower, -np.pi) for limit in limits])
-    upper = np.array([min(limit.upper, np.pi) for limit in limits])
-    rng = np.random.default_rng(0)
-    starts = [np.clip(rng.uniform(-0.1, 0.1, len(lower)), lower, upper),
-              *rng.uniform(lower, upper, (STARTS - 1, len(lower)))]
-    starts = [moved_by(mechanism.model, neutral(mechanism.model), start) for start in starts]
+    starts = _starts(mechanism)
     found: list[Array] = []
     failures: list[ConstraintError] = []
     for start in starts:
@@ -129,7 +208,7 @@ def _closed_postures(mechanism: Mechanism) -> list[Array]:
         if len(found) == SAMPLES:
             return found
     if not found:
-        nearest = min((closing_iterations(mechanism, start, np.ones(len(lower), bool), 0.0)
+        nearest = min((closing_iterations(mechanism, start, np.ones(mechanism.model.n, bool), 0.0)
                        for start in starts), key=lambda end: np.nan_to_num(
                            np.abs(end[1]), nan=np.inf).max(initial=0.0))
         raise ConstraintError(f'{failures[0]}; {advice(mechanism, nearest[0])}')
@@ -196,16 +275,14 @@ def _postures_near(mechanism: Mechanism, q: Array) -> list[Array]:
 
 
 def _velocity_rows(mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
-    """Return C and d of C u = d, the constraints in all generalized speeds."""
-    here = mechanism.state(q)
-    rows = mechanism.rows(here)
-    Y, Z = (np.array(x, dtype=np.float64) for x in mechanism.speeds.of(q, 0.0))
+    """Return C and d as `rows_in_speeds`; ConstraintError where the speeds are singular."""
+    stack = stacked(mechanism, q)
+    Y = scaled_rows(mechanism, stack)[0]
     if not np.linalg.cond(Y) < 1.0 / RANK:
         raise ConstraintError(f'speeds: {", ".join(mechanism.speeds.names)}, Y is singular at q = '
                               f'{np.round(q, 6).tolist()}; expected speeds that determine the '
                               'joint rates there')
-    C: Array = np.linalg.solve(Y.T, np.array(rows.J, dtype=np.float64).T).T.astype(np.float64)
-    return C, np.array(rows.b, dtype=np.float64) + C @ Z
+    return rows_in_speeds(mechanism, stack)
 
 
 def _check_consistent(mechanism: Mechanism, samples: list[tuple[Array, Array]],
@@ -217,7 +294,8 @@ def _check_consistent(mechanism: Mechanism, samples: list[tuple[Array, Array]],
         if excess.max(initial=0.0) > mechanism.rank_tolerance * (1.0 + np.abs(d).max(initial=0.0)):
             k = int(np.argmax(excess))
             raise ConstraintError(f"constraint '{mechanism.labels[k]}' contradicts the others: "
-                                  f'its velocity residual is {excess[k]:.3g}; expected 0')
+                                  f'its velocity residual is '
+                                  f'{excess[k] * mechanism.row_units[k]:.3g}; expected 0')
 
 
 def _conditioning(rows: list[Array], dependent: Sequence[int]) -> float:

@@ -12,10 +12,10 @@ from kane_dynamics.mechanics.constraints.conditioning import RANK
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 import numpy as np
 
-CLOSED = 1e-11  # m or rad: a smaller constraint residual counts as zero
-NEARLY_CLOSED = 0.01  # m or rad: residual with errors of encoders and of assembly
+CLOSED = 1e-11  # rad, or lengths of the mechanism: a smaller constraint residual counts as zero
+NEARLY_CLOSED = 0.01  # rad, or lengths of the mechanism: residual with errors of encoders and of assembly
 ITERATIONS = 100
-STRIDE = 0.5  # rad or m: longest step of the search for a closed configuration
+STRIDE = 0.5  # rad, or lengths of the mechanism: longest step of the search for a closed configuration
 SMALL = 0.05  # rad, or lengths of the mechanism: steps along a branch
 FARTHEST = 1e3  # rad, or lengths of the mechanism: moves along a branch
 
@@ -69,7 +69,8 @@ def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0, fixed: Seque
     here, residual, labels, closed = closing_iterations(mechanism, here, moves, t, rows=rows)
     if closed:
         return here
-    worst = int(np.argmax(np.abs(residual)))
+    unit_of = dict(zip(mechanism.labels, mechanism.row_units))
+    worst = int(np.argmax(np.abs(residual / [unit_of[label] for label in labels])))
     raise ConstraintError(f"loop closure: no configuration found for '{labels[worst]}', its "
                           f'residual is {abs(residual[worst]):.3g} (m or rad); expected a start '
                           'near a closed configuration')
@@ -106,6 +107,7 @@ def closing_iterations(mechanism: Mechanism, start: Array, moves: Array, t: floa
     Iterate by Newton's method; return q, residuals, their labels, and whether it converged.
 
     `moves`, (n_j,), says of each joint whether it moves; ball joints rotate on their sphere.
+    Residuals and steps are judged in units of the mechanism, so that its size does not matter.
     """
     here, tolerance = start.copy(), mechanism.rank_tolerance
     rows = rows or defined_rows(mechanism)
@@ -113,18 +115,20 @@ def closing_iterations(mechanism: Mechanism, start: Array, moves: Array, t: floa
         J, residual, of_positions = rows(here, t)
         places = np.flatnonzero(of_positions)
         J, residual, labels = J[places], residual[places], [mechanism.labels[k] for k in places]
-        missed = np.abs(residual).max(initial=0.0)
+        row_units = mechanism.row_units[places]
+        missed = np.abs(residual / row_units).max(initial=0.0)
         if missed < CLOSED:
             return here, residual, labels, True
         finite = np.isfinite(J).all(axis=1) & np.isfinite(residual)
         if not finite.all():
             return here, np.where(finite, residual, np.nan), labels, False
-        step = np.linalg.lstsq(J[:, moves], -residual, rcond=max(1e-10, tolerance))[0]
+        scaled = J[:, moves] * mechanism.units[moves] / row_units[:, None]
+        step = np.linalg.lstsq(scaled, -residual / row_units, rcond=max(1e-10, tolerance))[0]
         longest = np.abs(step).max(initial=0.0)
         if tolerance > RANK and missed < tolerance and longest < CLOSED:
             return here, residual, labels, True  # the rest is within the tolerance
         change = np.zeros(len(moves))
-        change[moves] = step * min(1.0, STRIDE / max(longest, STRIDE))
+        change[moves] = step * mechanism.units[moves] * min(1.0, STRIDE / max(longest, STRIDE))
         here = moved_by(mechanism.model, here, change)
     return here, residual, labels, False
 

@@ -75,7 +75,7 @@ class Mechanism:
         Approximate size of each row, in `units`; 1 by default.
     rank_tolerance : float
         Singular values up to this fraction of the largest count as zero, and so do residuals of
-        rows that then follow from others (m or rad).
+        rows that then follow from others (rad, or lengths of the mechanism).
 
     Attributes
     ----------
@@ -83,6 +83,8 @@ class Mechanism:
         m, see `row_units.length_of`: scales moments to forces and angles to distances.
     units : (n_j,) array
         `length` for joints that slide, 1 rad for others.
+    row_units : (m,) array
+        Of each row's residual: 1 rad where it constrains a rotation, `length` elsewhere.
 
     """
 
@@ -104,6 +106,7 @@ class Mechanism:
         self.length = length_of(model)
         self.units = np.array([self.length if name in model.sliding else 1.0
                                for name in model.joint_names])
+        self.row_units = np.where(self.turning, 1.0, self.length)
         names = [c.name for c in self.constraints]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:

@@ -1,5 +1,6 @@
 """Units for the comparison of constraint rows and coordinates."""
 
+from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.constraints import Constraint, Coupling, PointVelocity, Prescribed
 from kane_dynamics.model.model import Model, WORLD
 import numpy as np
@@ -16,6 +17,16 @@ def length_of(model: Model) -> float:
     places += [frame.translation for frame in model.frames if frame.body != WORLD]
     longest = max((float(np.linalg.norm(place)) for place in places), default=0.0)
     return longest if longest > 1e-9 else 1.0
+
+
+def coordinate_units(model: Model) -> Array:
+    """Return the unit of each coordinate, (n_q,): the length for sliding joints, 1 for others."""
+    units = np.ones(len(model.coordinate_names))
+    length = length_of(model)
+    for name, place in zip(model.joint_names, model.places):
+        if place is not None and name in model.sliding:
+            units[place] = length
+    return units
 
 
 def turning_rows(constraint: Constraint, model: Model) -> list[bool]:

@@ -108,6 +108,11 @@ class MechanismStep:
         rows = mechanism.rows(mechanism.state(q, t, self.equations.tree.geometry))
         return np.array([rows.residual[k] for k in self._positions], dtype=object)
 
+    @property
+    def residual_units(self) -> Any:
+        """Return the unit of each entry of `residual`: 1 rad, or the mechanism's length."""
+        return self.equations.mechanism.row_units[self._positions]
+
     def tangent(self, q: Any, t: Any) -> Any:
         """Return joint speeds per unit of each direction of the configuration, (n_j, n_p)."""
         return self._inverse(q, t)[:, self._moving]

@@ -5,18 +5,19 @@ W_ja is zero unless joint a carries joint j, like L. M^-1 = W D^-1 W^T sums over
 carry both, which are few in a tree.
 """
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Any
 
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
+from kane_dynamics.mechanics.algebra.ltdl import regular
 from kane_dynamics.mechanics.algebra.vector import is_zero
 import numpy as np
 
 Row = dict[int, Any]  # lanes by the number of their block; blocks of zeros are left out
 
 
-def factorize(M: Any, order: Sequence[int], lanes: Any = Lanes, rows: Any = None
-              ) -> tuple[list[list[Any]], list[Any]]:
+def factorize(M: Any, order: Sequence[int], lanes: Any = Lanes, rows: Any = None,
+              watched: Container[int] = ()) -> tuple[list[list[Any]], list[Any]]:
     """
     Return `ltdl.factorize` of M, computed a block of each row at a time.
 
@@ -32,7 +33,10 @@ def factorize(M: Any, order: Sequence[int], lanes: Any = Lanes, rows: Any = None
     for k in reversed(range(n)):
         if not nonzero[k, k]:
             raise ZeroDivisionError(order[k])
-        reciprocal[k] = 1.0 / lanes.lane(A[k][k // LANES], k % LANES)
+        pivot = lanes.lane(A[k][k // LANES], k % LANES)
+        reciprocal[k] = 1.0 / pivot
+        if order[k] in watched:
+            reciprocal[k] = regular(reciprocal[k], pivot, M[order[k], order[k]], n)
         left = np.flatnonzero(nonzero[k, :k]).tolist()
         scaled = {g: A[k][g] * reciprocal[k] for g in {i // LANES for i in left}}
         for i in reversed(left):

@@ -13,6 +13,7 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
+from kane_dynamics.mechanics.ball_joints import free_bodies
 from kane_dynamics.mechanics.recursive import (center_of_mass as masses, composite_inertia,
                                                frame_kinematics, inverse_dynamics,
                                                joint_reactions, regressor)
@@ -22,11 +23,27 @@ from kane_dynamics.mechanics.recursive.link import homogeneous, Link
 from kane_dynamics.mechanics.recursive.link_frames import (carrying, denavit_hartenberg, linkage,
                                                            regrouped)
 from kane_dynamics.mechanics.recursive.subroutines import directly, Share
-from kane_dynamics.model.model import Frame, Model, WORLD
+from kane_dynamics.model.model import Body, Frame, Model, WORLD
 import numpy as np
 
+RESISTS = 1e-9  # of the trace of an inertia: a smaller moment is zero
 RIGID_ONLY = ('inverse_dynamics_derivatives', 'forward_dynamics_derivatives', 'regressor')
 TORQUE_TERMS = ('inertia', 'coriolis', 'gravity', 'friction', 'spring')
+
+
+def _own_inertia_resists(body: Body, central: bool) -> bool:
+    """
+    Return whether a body's own inertia, or its joint's rotor, resists the joint's motion.
+
+    `central` says that the body's center of mass may stay at rest.
+    """
+    joint, inertial = body.joint, body.inertial
+    if joint.armature > 0.0 or joint.kind == 'prismatic':
+        return joint.armature > 0.0 or inertial.mass > 0.0
+    lever = np.dot(inertial.com, inertial.com)
+    offset = lever * np.eye(3) - np.outer(inertial.com, inertial.com)
+    about_joint = inertial.inertia + (0.0 if central else inertial.mass) * offset
+    return bool(joint.axis @ about_joint @ joint.axis > RESISTS * np.trace(about_joint))
 
 
 class TreeEquations(JointForces):
@@ -77,6 +94,24 @@ class TreeEquations(JointForces):
         return list(dict.fromkeys(k for link in self._raw_links for k in (
             *([] if link.deflection else [link.coordinate]),
             *(link.beam.coordinates if link.beam else []))))
+
+    @lazy_property
+    def without_own_inertia(self) -> frozenset[int]:
+        """
+        Return the coordinates that may move without kinetic energy in some configuration.
+
+        With the joints before it at rest, the body of a joint moves along the joint alone. Where
+        its own inertia resists that, as does no thin rod about itself and no body without mass,
+        the pivot of the coordinate is positive. Only at others may the mass matrix be singular.
+        """
+        first: dict[int, Body] = {}
+        for body in self.model.bodies:
+            if body.joint.deflection is None and body.joint.multiplier:
+                first.setdefault(body.joint.coordinate, body)
+        # The slides of a free body are eliminated first, which leaves motions about its center.
+        central = [self.model.bodies[ball.body + 2] for ball in free_bodies(self.model)]
+        return frozenset(k for k, body in first.items() if not _own_inertia_resists(
+            body, any(body is other for other in central)))
 
     @property
     def joint_links(self) -> tuple[Link, ...]:
@@ -143,7 +178,8 @@ class TreeEquations(JointForces):
     def factors(self, q: Any, parameters: Any, factorized: Any = factorize) -> Any:
         """Return the LTDL factorization of M; raise ModelError if M is structurally singular."""
         try:
-            return factorized(self.mass_matrix(q, parameters), self.order)
+            return factorized(self.mass_matrix(q, parameters), self.order,
+                              watched=self.without_own_inertia)
         except ZeroDivisionError as error:
             name = self.model.joint_names[error.args[0]]
             raise ModelError(f"the mass matrix is singular: joint '{name}' moves no mass; "
@@ -260,6 +296,18 @@ class TreeEquations(JointForces):
     def partial_velocity_rates(self, frame: Frame, q: Any, u: Any) -> Any:
         """Return the time derivative of the Jacobian (partial velocities), (6, n)."""
         return frame_kinematics.partial_velocity_rates(self._links, frame, q, u)
+
+    def joint_rates(self, q: Any, u: Any) -> Any:
+        """Return the rates of the joints, (n,): u itself."""
+        return u
+
+    def joint_accelerations(self, q: Any, u: Any, udot: Any) -> Any:
+        """Return the accelerations of the joints, (n,): udot itself."""
+        return udot
+
+    def joint_torques(self, tau: Any, q: Any) -> Any:
+        """Return the torques of the joints, (n,): tau itself."""
+        return tau
 
     def joint_origins(self, q: Any) -> list[Any]:
         """Return the joint origins of all bodies, (3,) each, m, world axes."""

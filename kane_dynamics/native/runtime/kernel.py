@@ -255,8 +255,8 @@ class Kernel:
             if other is None:
                 raise InputError(
                     f'{self.name}: the result{place} is not finite: the arguments are too large, '
-                    'or the mass matrix is singular at this configuration (a massless moving '
-                    'body); expected a finite result')
+                    'or the mass matrix is singular at this configuration (a body without mass '
+                    'moves alone, or a thin rod turns about itself); expected a finite result')
             rows[bad] = np.ravel(other(*state))
 
     def _default(self, argument: Argument) -> Array:

@@ -100,7 +100,7 @@ class ConstraintMethods(Dispatch):
         if q is None:
             raise InputError('q: missing; expected the configuration, on which the joint torques '
                              'of a robot with chosen speeds or constraints depend')
-        return self._special('joint_torques', (q, tau), t, out)
+        return self._special('joint_torques', (tau, q), t, out)
 
     def generalized_force(self, joint_torques: ArrayLike, q: ArrayLike, *,
                           t: ArrayLike = 0.0) -> Array:

@@ -214,7 +214,7 @@ class DerivativeMethods(Dispatch):
         shapes = self.kernels.differentiable(place_of(name)[0])
         leading = flat.shape[:flat.ndim - 1]
         ends = np.cumsum([size_of(shapes[each]) for each in names])
-        parts = tuple(part.reshape(*leading, *shapes[each])[()] for each, part in zip(
+        parts = tuple(part.reshape((*leading, *shapes[each]))[()] for each, part in zip(
             names, np.split(flat, ends[:-1], axis=-1)))
         return parts[0] if single else parts
 

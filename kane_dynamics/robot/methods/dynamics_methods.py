@@ -8,7 +8,6 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters
-from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS
 from kane_dynamics.robot.methods.dispatch import compiled, Dispatch
 from kane_dynamics.robot.torque_breakdown import SOURCES, TorqueBreakdown
 import numpy as np
@@ -109,12 +108,7 @@ class DynamicsMethods(Dispatch):
         if q is None:
             raise InputError('q: missing; expected the configuration, on which the friction of a '
                              'robot with chosen speeds or constraints depends')
-        terms = self.torque_terms(q, u, np.zeros(np.shape(u)), t=t)
-        friction: Array = terms[..., TORQUE_TERMS.index('friction'), :]
-        if out is None:
-            return friction.copy()
-        out[...] = friction
-        return out
+        return self._call('friction_force', (u, q), out, t)
 
     @compiled
     def external_force(self, q: ArrayLike, *, wrench: ArrayLike | None = None, t: ArrayLike = 0.0,

@@ -47,15 +47,17 @@ def close_loops(robot: Robot, q: Array) -> Array:
     Return the configuration near q that satisfies the constraints; q without constraints.
 
     The independent joints keep their values. InputError if the constraint residual at q is larger
-    than `NEARLY_CLOSED`, or if the loops close further than `MOST_MOVED` away.
+    than `NEARLY_CLOSED`, rad or lengths of the mechanism, or if the loops close further than `MOST_MOVED` away.
     """
     if not robot.constraint_names:
         return q
     residual = np.abs(robot.constraint_residual(q))
-    if not residual.max() <= NEARLY_CLOSED:
-        name = robot.constraint_names[int(residual.argmax())]
-        raise InputError(f'position: residual {residual.max():.3g} m or rad of constraint '
-                         f"'{name}'; expected at most {NEARLY_CLOSED:g}")
+    in_units = residual / robot.mechanism.row_units
+    if not in_units.max() <= NEARLY_CLOSED:
+        worst = int(in_units.argmax())
+        raise InputError(f'position: residual {residual[worst]:.3g} m or rad of constraint '
+                         f"'{robot.constraint_names[worst]}'; expected at most "
+                         f'{NEARLY_CLOSED * robot.mechanism.row_units[worst]:.3g}')
     closed = robot.closed_posture(q, fixed=robot.speed_names, start=q)
     moved, units = np.abs(difference(robot.model, q, closed)), robot.mechanism.units
     if not (moved / units).max() <= MOST_MOVED:

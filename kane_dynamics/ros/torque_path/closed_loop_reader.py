@@ -109,6 +109,6 @@ class ClosedLoopReader(JointStateReader):
     def figures(self) -> dict[str, str]:
         """Return the entries for the diagnostics."""
         tracker = self.tracker
-        return {'closed loops: residual': f'{tracker.residual:.1e} m or rad',
+        return {'closed loops: residual': f'{tracker.residual:.1e} rad or lengths',
                 'closed loops: conditioning': f'{tracker.figure:.1f}',
                 'closed loops: deviation of measured joints': f'{tracker.deviation:.4f} m or rad'}

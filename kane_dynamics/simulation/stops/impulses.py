@@ -12,6 +12,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.row_units import coordinate_units
 from kane_dynamics.mechanics.integrators.held_joints import REGULAR
 from kane_dynamics.mechanics.joint_stops import (ended_motion, nearest_stops, stop_impulses,
                                                  stopped_state)
@@ -19,9 +20,9 @@ from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.stops.pressed_steps import PressedSteps, ROUNDING
+from kane_dynamics.simulation.stops.stop_forces import TOUCHING
 import numpy as np
 
-TOUCHING = 1e-9  # rad or m
 DRIVEN = 1e-6  # relative: speed into a stop that its impulse cannot end
 ITERATIONS = 20  # of moving joints back and closing loops
 
@@ -79,12 +80,15 @@ def admissible_state(robot: Robot, q: Array, u: Array, t: float, lower: Array, u
 
     """
     at: dict[str, Any] = {'t': t} if robot.equations.timed else {}
+    units = coordinate_units(robot.model)
+    most = ROUNDING * units
     moved = given[0].copy()  # by the impulse of each stop so far
     for _ in range(ITERATIONS):
         T, X, inverse = _partial_rates(robot, q, at)
         side, away = nearest_stops(q, lower, upper)
         acting = np.flatnonzero(moved)
-        if not (side * away > ROUNDING).any() and (np.abs(away[acting]) <= ROUNDING).all():
+        held_back = np.abs(away[acting]) <= most[acting]
+        if not (side * away > most).any() and held_back.all():
             break
         stops = np.flatnonzero(side)
         s, along, A = _response(side, stops, T, inverse)
@@ -93,13 +97,14 @@ def admissible_state(robot: Robot, q: Array, u: Array, t: float, lower: Array, u
         moved[stops] = p
     else:
         raise _driven(robot, q, side * away, t)
-    side = side * ((np.abs(away) < TOUCHING) | (given[1] > 0.0))
+    side = side * ((np.abs(away) < TOUCHING * units) | (given[1] > 0.0))
     qdot, stops = T @ u + X, np.flatnonzero(side)
     s, along, A = _response(side, stops, T, inverse)
     p = stop_impulses(s * qdot[stops] + A @ given[1, stops], A)[0]
     u = u - along @ (p - given[1, stops])
     into = side * (T @ u + X)
-    if (into > DRIVEN * np.abs(qdot).max(initial=1e-6)).any():
+    fastest = np.abs(qdot / units).max(initial=1e-6)
+    if (into / units > DRIVEN * fastest).any():
         raise _driven(robot, q, into, t)
     ended = np.zeros(robot.n_q)
     ended[stops] = ended_motion(s * qdot[stops], A, p)

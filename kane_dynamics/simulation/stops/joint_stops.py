@@ -12,21 +12,22 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.row_units import coordinate_units
 from kane_dynamics.mechanics.joint_stops import nearest_stops
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import Impact
-from kane_dynamics.simulation.stops.impulses import resolved_state, TOUCHING
+from kane_dynamics.simulation.stops.impulses import resolved_state
 from kane_dynamics.simulation.stops.pressed_steps import (pressed_steps, PressedSteps,
                                                           ROUNDING)
 from kane_dynamics.simulation.stops.stop_energies import energies, work_through_constraints
+from kane_dynamics.simulation.stops.stop_forces import resting_sides, TOUCHING
 from kane_dynamics.simulation.trajectory import StopEvent
 import numpy as np
 
 if TYPE_CHECKING:
     from kane_dynamics.simulation.torque_input import TorqueInput
 
-AT_REST = 1e-7  # rad/s or m/s, with constraints; speeds of trees at their stops are zero
-RESTING = 1e-4  # rad/s or m/s: speed into a stop of a joint that already rests there
+RESTING = 1e-4  # rad/s, or lengths of the mechanism per second: speed into a stop of a joint that already rests there
 NEGLIGIBLE = 1e-9  # acceleration into a stop, relative to those without forces of stops
 MOST_SETS = 64  # of stops that hold, tried at the beginning of a step
 PRESSED = 16  # pressed steps in the first native piece
@@ -58,7 +59,8 @@ def require_stops(robot: Robot, q: Array) -> None:
         if not (low < high or (low == high and constrained)):
             raise InputError(f"limits: of joint '{name}' {low:g} to {high:g}; expected a "
                              'range, between its stops; a joint that cannot move is fixed')
-    past = (q < lower - TOUCHING) | (q > upper + TOUCHING)
+    touching = TOUCHING * coordinate_units(robot.model)
+    past = (q < lower - touching) | (q > upper + touching)
     if past.any():
         i, j = (int(x) for x in np.argwhere(past)[0])
         raise InputError(f"q0: joint '{robot.coordinate_names[j]}' at {q[i, j]:.6g}; expected "
@@ -82,7 +84,8 @@ class JointStops:
         self._robot, self._step, self._start = robot, step, start
         self._lower, self._upper = robot.limits.lower, robot.limits.upper
         self._constrained = isinstance(robot.equations, ConstrainedEquations)
-        self._most = ROUNDING if self._constrained else 0.0
+        self._units = coordinate_units(robot.model)
+        self._most = ROUNDING * self._units if self._constrained else np.zeros(robot.n_q)
         self._contacts: dict[int, dict[int, Contact]] = {}  # by simulation, then steps done
         self._pressures: dict[int, list[tuple[Any, Array]]] = {}  # steps, (K,) and (K, 3)
         self._events: list[StopEvent] = []
@@ -209,11 +212,8 @@ class JointStops:
         """Return the sides of the stops, (n_q,), at which joints rest; 0 of other joints."""
         n_q, n = self._robot.n_q, self._robot.n
         q, u, t = state[:n_q], state[n_q:n_q + n], self._start + done * self._step
-        side, away = nearest_stops(q, self._lower, self._upper)
-        near, slow = (TOUCHING, AT_REST) if self._constrained else (0.0, 0.0)
-        found: Array = side * ((np.abs(away) <= near)
-                               & (np.abs(self._rates(robot, q, u, t)) <= slow))
-        return found
+        at = {'t': t} if robot.equations.timed else {}
+        return resting_sides(robot, q, u, self._lower, self._upper, **at)
 
     def _held_step(self, source: 'TorqueInput', state: Array,
                    done: int) -> tuple[Array, PressedSteps | None]:
@@ -285,7 +285,8 @@ class JointStops:
                                          held, one, h)
         side, away = nearest_stops(last[:n_q], self._lower, self._upper)
         rates = self._rates(source.robot, last[:n_q], last[n_q:n_q + self._robot.n], t - h)
-        rested = (np.abs(away) < TOUCHING) & (side * rates < RESTING)
+        rested = ((np.abs(away) < TOUCHING * self._units)
+                  & (side * rates < RESTING * self._units))
         at = nearest_stops(rows[1, :n_q], self._lower, self._upper)[0]
         hits = {int(j): ('upper' if at[j] > 0.0 else 'lower', float(speeds[j]))
                 for j in np.flatnonzero((speeds > 0.0) & ~rested)}

@@ -16,6 +16,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.row_units import coordinate_units
 from kane_dynamics.mechanics.integrators.held_joints import held_response
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -30,7 +31,7 @@ import numpy as np
 if TYPE_CHECKING:
     from kane_dynamics.simulation.torque_input import TorqueInput
 
-ROUNDING = 1e-11  # rad or m: past a stop, with constraints, after loops are closed
+ROUNDING = 1e-11  # rad, or lengths of the mechanism: past a stop, with constraints, after loops are closed
 
 
 class PressedSteps(NamedTuple):
@@ -129,17 +130,19 @@ def _step(robot: Robot, choice: StepChoice, stopped: list[int], state: Any, inpu
     free = step.state
     q, u, rest = np.split(free, [robot.n_q, robot.n_q + robot.n])
     touching = [s * s > 0.5 for s in side]
-    slack = 0.0
+    slack = np.zeros(len(stopped))
     valid: Any = 1.0
     if isinstance(robot.equations, ConstrainedEquations):
         q, u, left = _corrected(robot, stopped, touching, [
             select(s > 0.0, b, a) for s, a, b in zip(side, lower, upper)], q, u,
             list(rest[:int(robot.equations.timed)]), constants[-len(robot.parameters.block):])
-        slack, valid = ROUNDING, _all(*(c for x in left for c in (x < ROUNDING, x > -ROUNDING)))
+        slack = ROUNDING * coordinate_units(robot.model)[stopped]
+        valid = _all(*(x < most for x, most in zip(left, slack)),
+                     *(-most < x for x, most in zip(left, slack)))
     forces = [stage[0] for stage in step.stages]
     first, pull = pulls(forces[:1], side), pulls(forces, side)
-    for c, x, a, b, j in zip(touching, pull, lower, upper, stopped):
-        within = (1.0 - _all(b + slack < q[j])) * (1.0 - _all(q[j] < a - slack))
+    for c, x, a, b, j, most in zip(touching, pull, lower, upper, stopped, slack):
+        within = (1.0 - _all(b + most < q[j])) * (1.0 - _all(q[j] < a - most))
         valid = valid * select(c, 1.0 - _all(x > 0.0), within)
     if margin_count(robot):
         valid = valid * _all(rest[-1] > 0.0)

@@ -86,7 +86,7 @@ def test_joints_carry_what_redundant_rows_exert():
 def test_every_call_refuses_an_open_loop(call, more):
     robot, q = four_bar('crank'), at_angle(0.8) + [0.0, 0.0, 0.3]
     with pytest.raises(ConstraintError, match=r"constraint 'pin/.': its residual is 0\.\d* m at "
-                                              r"\{'crank': 0.8.*expected at most 0.0001 m"):
+                                              r"\{'crank': 0.8.*expected at most 9e-05 m"):
         getattr(robot, call)(q, *[np.ones(1)] * more)
 
 

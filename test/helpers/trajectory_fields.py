@@ -1,0 +1,125 @@
+"""
+Every field of a `Trajectory` against an evaluation at the same states by the definition.
+
+The balance of forces of all joints, by Kane's definition of a tree, holds accelerations, torques,
+forces of constraints and of stops to each other. It uses all rows of the constraints and neither
+the choice of independent speeds nor that of rows.
+"""
+
+from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.ball_joints import coordinate_rates
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.mechanics.energy_form import energies
+import numpy as np
+
+
+def check_fields(robot, run, samples=5, tolerance=1e-8, torque=None):
+    """
+    Fail unless the fields of a single simulation are true at `samples` of its times.
+
+    `torque` is that which the simulation was given, for every time.
+    """
+    mechanism = robot.mechanism if hasattr(robot.equations, 'mechanism') else Mechanism(
+        robot.model)
+    places = np.unique(np.linspace(0, len(run.t) - 1, samples).astype(int))
+    for k in places:
+        state = {name: getattr(run, name)[k] for name in ('q', 'u', 'udot', 'tau')}
+        time = run.t[k] if robot.equations.timed else 0.0
+        rows = rows_at(mechanism, state['q'], time)
+        qdot, qddot = motion_of(mechanism, time=time, **state)
+        applied = actuators(robot, mechanism, state['q'], state['tau'], time)
+        needed = kane.inverse_dynamics(robot.model, state['q'], qdot, qddot)
+        supplied = applied + rows.J.T @ run.constraint_forces[k] + run.stop_forces[k]
+        size = max(1.0, *(np.abs(x).max() for x in (needed, applied, run.stop_forces[k])))
+        assert np.abs(needed - supplied).max() < tolerance * size, (
+            f'balance of forces at {run.t[k]:.6g} s: {needed - supplied}')
+        if torque is not None:
+            np.testing.assert_array_equal(state['tau'], torque)
+        expected = [kinetic(robot.model, state['q'], qdot),
+                    energies.potential_energy(robot.model, state['q'])]
+        np.testing.assert_allclose(run.energy[k], expected, rtol=1e-10, atol=1e-10)
+        if robot.constraint_names:
+            np.testing.assert_allclose(run.constraint_residual[k], rows.residual, atol=1e-12)
+            np.testing.assert_allclose(run.constraint_velocity_residual[k],
+                                       rows.J @ qdot - rows.b, atol=1e-9)
+        check_stops(robot, run.q[k], qdot, qddot, run.stop_forces[k], size)
+
+
+def check_stops(robot, q, qdot, qddot, forces, size):
+    """Fail unless stops push, and hold what they push against."""
+    for joint, place in enumerate(robot.model.places):
+        if place is None:
+            assert forces[joint] == 0.0
+            continue
+        force, low, high = forces[joint], robot.limits.lower[place], robot.limits.upper[place]
+        if force:
+            stop = low if force > 0.0 else high
+            assert abs(q[place] - stop) < 1e-9
+            assert abs(qdot[joint]) < 1e-7
+            assert abs(qddot[joint]) < 1e-7 * size
+
+
+class Rows:
+    """The rows of all constraints as numbers: J q' = b, and residuals."""
+
+    def __init__(self, rows):
+        """Store them."""
+        self.J, self.b = (np.array(x, dtype=float) for x in (rows.J, rows.b))
+        self.residual = np.array([0.0 if x is None else x for x in rows.residual], dtype=float)
+
+
+def rows_at(mechanism, q, t):
+    """Return the rows at a configuration and time."""
+    rows = Rows(mechanism.rows(mechanism.state(q, t)))
+    rows.J = rows.J.reshape(-1, mechanism.model.n)
+    return rows
+
+
+def motion_of(mechanism, q, u, udot, tau, time):
+    """Return the rates and accelerations of the joints, by least squares over all rows."""
+    names = mechanism.speed_names
+
+    def system(q, t):
+        here = mechanism.state(q, t)
+        rows, (Y, Z) = mechanism.rows(here), here.speed_rows(names)
+        return np.concatenate([Y, rows.J.reshape(-1, mechanism.model.n)]), np.concatenate(
+            [-Z, rows.b])
+    S, s = (np.array(x, dtype=float) for x in system(q, time))
+    none = np.zeros(len(S) - len(u))
+    qdot = np.linalg.lstsq(S, np.concatenate([u, none]) + s)[0]
+    q_moving = moving(q, coordinate_rates(mechanism.model, q, qdot))
+    S_rate, s_rate = (np.array(rates(x), dtype=float) for x in system(
+        q_moving, moving(time, 1.0)))
+    qddot = np.linalg.lstsq(S, np.concatenate([udot, none]) + s_rate - S_rate @ qdot)[0]
+    return qdot, qddot
+
+
+def partial_rates(mechanism, q, t):
+    """Return the joint rates per unit of each independent speed, by least squares."""
+    here = mechanism.state(q, t)
+    Y, J = here.speed_rows(mechanism.speed_names)[0], rows_at(mechanism, q, t).J
+    S = np.concatenate([np.array(Y, dtype=float), J])
+    return np.linalg.pinv(S)[:, :mechanism.n]
+
+
+def actuators(robot, mechanism, q, tau, t):
+    """Return the joint torques of the actuators, by the definition of `Robot.joint_torques`."""
+    places = getattr(robot.equations, 'actuated', None)
+    if places is None:
+        return np.array(mechanism.state(q, t).speed_rows(mechanism.speed_names)[0],
+                        dtype=float).T @ tau
+    weights = robot.options['actuated']
+    names = [robot.joint_names[k] for k in places]
+    # The least sum of weight times torque squared: of minimum norm in scaled torques.
+    scale = np.array([weights[name] ** -0.5 if isinstance(weights, dict) else 1.0
+                      for name in names])
+    result = np.zeros(robot.model.n)
+    result[places] = scale * (
+        np.linalg.pinv(partial_rates(mechanism, q, t)[places].T * scale) @ tau)
+    return result
+
+
+def kinetic(model, q, qdot):
+    """Return the kinetic energy by the mass matrix of the definition."""
+    return 0.5 * qdot @ kane.mass_matrix(model, q) @ qdot
