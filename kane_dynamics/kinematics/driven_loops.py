@@ -114,5 +114,5 @@ class DrivenLoops:
             if missed.max() <= CLOSED:
                 return q
         k = int(missed.argmax())
-        raise LoopError(BRANCH, f'{described(k)}: residual {missed[k]:.3g} rad or lengths; expected '
-                        'joints for which the loops close')
+        raise LoopError(BRANCH, f'{described(k)}: residual {missed[k]:.3g} rad or lengths; '
+                        'expected joints for which the loops close')

@@ -31,8 +31,9 @@ def tracking_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
     positions of all joints, (n_q,), with the weights, 1 or 0, of their deviations. The prediction
     q + T dq has an error of second order, and Newton's step one of fourth order. The result is q
     (n_q,), T (n_q n,) at the prediction, u (n,), and the squares of the motion, of the residuals
-    of the independent rows and of all rows in units of the mechanism, of the figure at the prediction, of the longest step
-    of a measured joint in its unit, and of the largest weighted deviation.
+    of the independent rows and of all rows in units of the mechanism, of the figure at the
+    prediction, of the longest step of a measured joint in its unit, and of the largest weighted
+    deviation.
     """
     n_q, n, block = robot.n_q, robot.n, robot.parameters.block
     arguments = [Argument('q', (n_q,), robot.coordinate_names), Argument('T', (n_q, n)),

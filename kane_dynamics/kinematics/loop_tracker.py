@@ -272,8 +272,8 @@ class LoopTracker:
             raise LoopError(SINGULAR, f'conditioning figure {self.figure:.3g}; expected at most '
                             f'{self.max_figure:g}')
         if not (missed <= CLOSED and self.residual <= self._closed):
-            raise LoopError(BRANCH, f'residual {self.residual:.3g} rad or lengths; expected joints for '
-                            'which the loops close')
+            raise LoopError(BRANCH, f'residual {self.residual:.3g} rad or lengths; expected '
+                            'joints for which the loops close')
         if self.known and moved > (TIMED if self._timed else
                                    LEAP * self.figure * max(way, ROUNDING)):
             raise LoopError(BRANCH, f'the joints moved by {moved:.3g} rad or lengths in one '

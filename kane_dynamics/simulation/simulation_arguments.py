@@ -14,7 +14,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_kernels import margin_count
 import numpy as np
 
-CLOSED = 1e-8  # rad, or lengths of the mechanism: largest constraint residual of an initial configuration
+CLOSED = 1e-8  # rad or lengths: largest constraint residual of an initial configuration
 MOST_STEPS = 100_000_000
 MOST_SAMPLES = 1_000_000
 DEFAULT_SAMPLES = 1000

@@ -19,8 +19,9 @@ from kane_dynamics.control.constrained_law import require_following
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.ball_joints import joint_speeds
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, EXCESS, figure,
-                                                              in_lengths, LIMITS, loosened, SHARE, SINGULAR,
-                                                              singular_error, stacked, WELL_CHOSEN)
+                                                              in_lengths, LIMITS, loosened,
+                                                              SHARE, SINGULAR, singular_error,
+                                                              stacked, WELL_CHOSEN)
 from kane_dynamics.native.backends.real_types import size_limit
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.speed_sets import left_out_error, limits_of
@@ -34,7 +35,7 @@ from kane_dynamics.simulation.trajectory import SpeedChange
 from kane_dynamics.simulation.user_speeds import law_power, UserSpeeds
 import numpy as np
 
-STEP_RESIDUAL = 1e-3  # rad, or lengths of the mechanism: largest residual after a step, before the correction
+STEP_RESIDUAL = 1e-3  # rad or lengths: largest residual after a step, before the correction
 GAIN = 2.0  # smallest ratio of the old figure to that of a new choice
 ROOM = 4.0  # a choice is kept until its figure has grown by this factor
 FARTHEST = 3.0  # rad, or lengths of the mechanism: largest motion of a joint in one step

@@ -17,7 +17,8 @@ import numpy as np
 PIVOT = 16.0 * float(np.finfo(float).eps)  # over n: a pivot relative to its diagonal entry
 
 
-def factorize(M: Any, order: Sequence[int], watched: Container[int] = ()) -> tuple[list[list[Any]], list[Any]]:
+def factorize(M: Any, order: Sequence[int],
+              watched: Container[int] = ()) -> tuple[list[list[Any]], list[Any]]:
     """
     Return the LTDL factorization M = L^T D L.
 

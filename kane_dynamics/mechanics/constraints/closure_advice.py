@@ -6,8 +6,9 @@ from typing import get_args
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.ball_joints import moved
-from kane_dynamics.mechanics.constraints.conditioning import (described, RANK, rank_of, rows_in_speeds,
-                                                              scaled_rows, Stack, stacked)
+from kane_dynamics.mechanics.constraints.conditioning import (described, RANK, rank_of,
+                                                              rows_in_speeds, scaled_rows, Stack,
+                                                              stacked)
 from kane_dynamics.mechanics.constraints.constraint_types.closure import Closure, Kind
 from kane_dynamics.mechanics.constraints.loop_closure import closing_iterations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
@@ -16,7 +17,7 @@ import numpy as np
 SMALL = 1e-2  # relative singular value below which it may be rounding of the description
 STARTS = 12  # initial guesses for nearly closed configurations
 ITERATIONS = 30  # from each
-OPEN = 0.1  # rad, or lengths of the mechanism: largest residual from which another kind of closure is tried
+OPEN = 0.1  # rad or lengths: largest residual from which another kind of closure is tried
 
 
 def advice(mechanism: Mechanism, q: Array) -> str:

@@ -13,9 +13,9 @@ from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 import numpy as np
 
 CLOSED = 1e-11  # rad, or lengths of the mechanism: a smaller constraint residual counts as zero
-NEARLY_CLOSED = 0.01  # rad, or lengths of the mechanism: residual with errors of encoders and of assembly
+NEARLY_CLOSED = 0.01  # rad or lengths: residual with errors of encoders and of assembly
 ITERATIONS = 100
-STRIDE = 0.5  # rad, or lengths of the mechanism: longest step of the search for a closed configuration
+STRIDE = 0.5  # rad or lengths: longest step of the search for a closed configuration
 SMALL = 0.05  # rad, or lengths of the mechanism: steps along a branch
 FARTHEST = 1e3  # rad, or lengths of the mechanism: moves along a branch
 

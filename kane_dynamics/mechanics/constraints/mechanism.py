@@ -103,7 +103,7 @@ class Mechanism:
         self._rolling = [c for c in self.constraints if isinstance(c, Rolling) and (
             c.has_surface_rows and sum(self.owners[k] == c.name for k in self.kept) == 3)]
         self.rank_tolerance = rank_tolerance
-        self.length = length_of(model)
+        self.length = length_of(model, self.constraints)
         self.units = np.array([self.length if name in model.sliding else 1.0
                                for name in model.joint_names])
         self.row_units = np.where(self.turning, 1.0, self.length)

@@ -1,28 +1,47 @@
 """Units for the comparison of constraint rows and coordinates."""
 
+from collections.abc import Sequence
+import math
+
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.constraints import Constraint, Coupling, PointVelocity, Prescribed
-from kane_dynamics.model.model import Model, WORLD
+from kane_dynamics.model.model import Inertial, Model, WORLD
 import numpy as np
 
 
-def length_of(model: Model) -> float:
+def length_of(model: Model, constraints: Sequence[Constraint] = ()) -> float:
     """
     Return the characteristic length, m, that scales moments to forces and angles to distances.
 
     It is the longest distance between neighbouring joints, or from a body to one of its frames;
-    1 where there is none.
+    where there is none, the longest one that a constraint states, such as the radius of a wheel;
+    else the largest radius of gyration of a body. 1 for bodies without extent.
     """
     places = [body.joint.translation for body in model.bodies if body.parent != WORLD]
     places += [frame.translation for frame in model.frames if frame.body != WORLD]
     longest = max((float(np.linalg.norm(place)) for place in places), default=0.0)
-    return longest if longest > 1e-9 else 1.0
+    if longest > 0.0:
+        return longest
+    stated = [getattr(constraint, name, None) for constraint in constraints
+              for name in ('radius', 'surface_radius', 'length')]
+    longest = max((length for length in stated if length is not None), default=0.0)
+    if longest > 0.0:
+        return longest
+    return max((_gyration(body.inertial) for body in model.bodies), default=0.0) or 1.0
 
 
-def coordinate_units(model: Model) -> Array:
+def _gyration(inertial: Inertial) -> float:
+    """Return the largest radius of gyration about the origin of a body, m; 0 without mass."""
+    if inertial.mass <= 0.0:
+        return 0.0
+    about_com = 0.5 * float(np.trace(inertial.inertia)) / inertial.mass
+    return math.sqrt(max(about_com + float(inertial.com @ inertial.com), 0.0))
+
+
+def coordinate_units(model: Model, constraints: Sequence[Constraint] = ()) -> Array:
     """Return the unit of each coordinate, (n_q,): the length for sliding joints, 1 for others."""
     units = np.ones(len(model.coordinate_names))
-    length = length_of(model)
+    length = length_of(model, constraints)
     for name, place in zip(model.joint_names, model.places):
         if place is not None and name in model.sliding:
             units[place] = length

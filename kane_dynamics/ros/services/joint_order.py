@@ -47,7 +47,8 @@ def close_loops(robot: Robot, q: Array) -> Array:
     Return the configuration near q that satisfies the constraints; q without constraints.
 
     The independent joints keep their values. InputError if the constraint residual at q is larger
-    than `NEARLY_CLOSED`, rad or lengths of the mechanism, or if the loops close further than `MOST_MOVED` away.
+    than `NEARLY_CLOSED`, rad or lengths of the mechanism, or if the loops close further than
+    `MOST_MOVED` away.
     """
     if not robot.constraint_names:
         return q

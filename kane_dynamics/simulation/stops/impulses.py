@@ -80,7 +80,7 @@ def admissible_state(robot: Robot, q: Array, u: Array, t: float, lower: Array, u
 
     """
     at: dict[str, Any] = {'t': t} if robot.equations.timed else {}
-    units = coordinate_units(robot.model)
+    units = coordinate_units(robot.model, robot.mechanism.constraints)
     most = ROUNDING * units
     moved = given[0].copy()  # by the impulse of each stop so far
     for _ in range(ITERATIONS):

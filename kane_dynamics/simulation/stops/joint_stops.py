@@ -7,10 +7,12 @@ hold them within the steps, which are native too (`pressed_steps`). If another j
 stop in such a step, the impulses of these forces count in that contact.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.constraints import Constraint
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units
 from kane_dynamics.mechanics.joint_stops import nearest_stops
@@ -27,7 +29,7 @@ import numpy as np
 if TYPE_CHECKING:
     from kane_dynamics.simulation.torque_input import TorqueInput
 
-RESTING = 1e-4  # rad/s, or lengths of the mechanism per second: speed into a stop of a joint that already rests there
+RESTING = 1e-4  # rad or lengths, per s: speed into a stop of a joint that already rests there
 NEGLIGIBLE = 1e-9  # acceleration into a stop, relative to those without forces of stops
 MOST_SETS = 64  # of stops that hold, tried at the beginning of a step
 PRESSED = 16  # pressed steps in the first native piece
@@ -59,12 +61,18 @@ def require_stops(robot: Robot, q: Array) -> None:
         if not (low < high or (low == high and constrained)):
             raise InputError(f"limits: of joint '{name}' {low:g} to {high:g}; expected a "
                              'range, between its stops; a joint that cannot move is fixed')
-    touching = TOUCHING * coordinate_units(robot.model)
+    touching = TOUCHING * coordinate_units(robot.model, _constraints(robot))
     past = (q < lower - touching) | (q > upper + touching)
     if past.any():
         i, j = (int(x) for x in np.argwhere(past)[0])
         raise InputError(f"q0: joint '{robot.coordinate_names[j]}' at {q[i, j]:.6g}; expected "
                          f'{lower[j]:.6g} to {upper[j]:.6g}, between its stops')
+
+
+def _constraints(robot: Robot) -> Sequence[Constraint]:
+    """Return the constraints of a robot, none of a tree."""
+    equations = robot.equations
+    return equations.mechanism.constraints if isinstance(equations, ConstrainedEquations) else ()
 
 
 class JointStops:
@@ -84,7 +92,7 @@ class JointStops:
         self._robot, self._step, self._start = robot, step, start
         self._lower, self._upper = robot.limits.lower, robot.limits.upper
         self._constrained = isinstance(robot.equations, ConstrainedEquations)
-        self._units = coordinate_units(robot.model)
+        self._units = coordinate_units(robot.model, _constraints(robot))
         self._most = ROUNDING * self._units if self._constrained else np.zeros(robot.n_q)
         self._contacts: dict[int, dict[int, Contact]] = {}  # by simulation, then steps done
         self._pressures: dict[int, list[tuple[Any, Array]]] = {}  # steps, (K,) and (K, 3)

@@ -31,7 +31,7 @@ import numpy as np
 if TYPE_CHECKING:
     from kane_dynamics.simulation.torque_input import TorqueInput
 
-ROUNDING = 1e-11  # rad, or lengths of the mechanism: past a stop, with constraints, after loops are closed
+ROUNDING = 1e-11  # rad or lengths: past a stop, with constraints, after loops are closed
 
 
 class PressedSteps(NamedTuple):
@@ -136,7 +136,8 @@ def _step(robot: Robot, choice: StepChoice, stopped: list[int], state: Any, inpu
         q, u, left = _corrected(robot, stopped, touching, [
             select(s > 0.0, b, a) for s, a, b in zip(side, lower, upper)], q, u,
             list(rest[:int(robot.equations.timed)]), constants[-len(robot.parameters.block):])
-        slack = ROUNDING * coordinate_units(robot.model)[stopped]
+        units = coordinate_units(robot.model, robot.mechanism.constraints)
+        slack = ROUNDING * units[stopped]
         valid = _all(*(x < most for x, most in zip(left, slack)),
                      *(-most < x for x, most in zip(left, slack)))
     forces = [stage[0] for stage in step.stages]

@@ -8,6 +8,7 @@ the complementarity problem of `mechanics.joint_stops.stop_impulses`, f >= 0, a 
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.mechanics.ball_joints import angle_places, angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units
 from kane_dynamics.mechanics.integrators.held_joints import REGULAR
@@ -27,6 +28,7 @@ def resting_sides(robot: Robot, q: Array, u: Array, lower: Array, upper: Array,
     Parameters
     ----------
     robot : Robot
+        Of any kind.
     q, u : (..., n_q), (..., n) arrays
         States of the robot; rad or m, and s.
     lower, upper : (n_q,) arrays
@@ -37,7 +39,7 @@ def resting_sides(robot: Robot, q: Array, u: Array, lower: Array, upper: Array,
     """
     side, away = nearest_stops(q, lower, upper)
     if isinstance(robot.equations, ConstrainedEquations):
-        units = coordinate_units(robot.model)
+        units = coordinate_units(robot.model, robot.mechanism.constraints)
         near, slow = TOUCHING * units, AT_REST * units
     else:
         near = slow = np.zeros(robot.n_q)  # joints of trees rest at their stops exactly
@@ -54,6 +56,7 @@ def with_stop_forces(robot: Robot, q: Array, u: Array, udot: Array, lower: Array
     Parameters
     ----------
     robot : Robot
+        Of any kind.
     q, u, udot : (K, n_q), (K, n), (K, n) arrays
         States, and the accelerations without the stops.
     lower, upper, **at
@@ -72,8 +75,7 @@ def with_stop_forces(robot: Robot, q: Array, u: Array, udot: Array, lower: Array
     if not len(rows):
         return udot, forces
     udot = udot.copy()
-    joints = [k for k, place in enumerate(robot.model.places) if place is not None]
-    places = [robot.model.places[k] for k in joints]
+    joints, places = angles(robot.model), angle_places(robot.model)
     constrained = isinstance(robot.equations, ConstrainedEquations)
     moments = {name: x[rows] for name, x in at.items()}
     T, inverse = _partial_rates(robot, q[rows], moments)
