@@ -47,7 +47,7 @@ def check_fields(robot, run, samples=5, tolerance=1e-8, torque=None):
 
 
 def check_stops(robot, q, qdot, qddot, forces, size):
-    """Fail unless stops push, and hold what they push against."""
+    """Fail unless stops press away from themselves and hold the joints that press on them."""
     for joint, place in enumerate(robot.model.places):
         if place is None:
             assert forces[joint] == 0.0

@@ -1,0 +1,199 @@
+"""
+A random search over kinds of mechanisms and their pairs, against the definition and Pinocchio.
+
+Each mechanism is another one in each run. `KANE_DYNAMICS_SEARCH_SECONDS` is the duration, an hour
+by default, and `KANE_DYNAMICS_SEARCH_SEED` repeats a run, whose seed is printed.
+"""
+
+from collections import Counter
+from dataclasses import replace
+import os
+import time
+import warnings
+
+from ball_trees import peer_of, random_ball_tree
+from kane_dynamics import absolute_rates, Robot, simulate
+from kane_dynamics.errors import KaneError, ModelWarning
+from kane_dynamics.mechanics.ball_joints import moved, neutral
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.mechanics.definition import kane, nonholonomic
+from kane_dynamics.mechanics.integrators import INTEGRATORS
+from kinds_of_mechanism import case, KINDS, PAIRS
+from mechanisms import random_model
+import numpy as np
+import pinocchio as pin
+import pytest
+from random_loops import random_loops
+from scaled import scaled_model
+from trajectory_fields import check_fields, motion_of, partial_rates
+
+SECONDS = float(os.environ.get('KANE_DYNAMICS_SEARCH_SECONDS', '3600'))
+SEED = int(os.environ.get('KANE_DYNAMICS_SEARCH_SEED', time.time_ns() % 2**32))
+TOLERANCE = 1e-8
+MOST_FAILURES = 10
+REFUSED = 0.25  # largest share of mechanisms that may be refused: by chance nearly singular
+
+
+def random_tree(rng):
+    """Return a tree with any joints, in joint rates or in absolute ones."""
+    model = random_model(int(rng.integers(2**31)), int(rng.integers(1, 8)),
+                         mimics=int(rng.integers(0, 3)))
+    model = scaled_model(model, 10.0 ** rng.uniform(-3.0, 3.0))
+    choice = {} if rng.random() < 0.5 else {'speeds': absolute_rates}
+    return Robot(model, **choice), 'tree', None
+
+
+def random_balls(rng):
+    """Return a tree with ball joints or free bodies."""
+    kinds = rng.choice(['ball', 'revolute', 'prismatic'], int(rng.integers(1, 6))).tolist()
+    if rng.random() < 0.5:
+        kinds[0] = 'free'
+    return Robot(random_ball_tree(int(rng.integers(2**31)), kinds)), 'balls', None
+
+
+def random_linkage(rng):
+    """Return a mechanism with loops, couplings or wheels, small or large."""
+    loops = random_loops(int(rng.integers(2**31)))
+    choice = {}
+    if rng.random() < 0.3 and not loops.model.balls:
+        choice['speeds'] = absolute_rates
+    if rng.random() < 0.3:
+        choice['redundant'] = 'kept'
+    robot = Robot(loops.model, constraints=loops.constraints, configuration=loops.q0, **choice)
+    if rng.random() < 0.3 and not choice.get('speeds'):
+        others = [name for name in robot.joint_names if name not in robot.speed_names]
+        more = rng.choice(others, min(len(others), 1), replace=False).tolist()
+        robot = Robot(loops.model, constraints=loops.constraints, configuration=loops.q0,
+                      actuated=[*robot.speed_names, *more], **choice)
+    return robot, f'loops {loops.name}', loops.q0
+
+
+def random_kinds(rng):
+    """Return a mechanism of one kind or of two, with other passive joints."""
+    kinds = [*((kind,) for kind in KINDS), *PAIRS][rng.integers(len(KINDS) + len(PAIRS))]
+    one = case(*kinds)
+    options = {**one.robot.options, 'configuration': one.q}
+    model = one.robot.model
+    bodies = tuple(replace(body, joint=replace(
+        body.joint, damping=rng.uniform(0.0, 0.5) * (body.joint.damping > 0.0),
+        stiffness=rng.uniform(0.0, 2.0) * (body.joint.stiffness > 0.0))) for body in model.bodies)
+    return Robot(replace(model, bodies=bodies), **options), ' and '.join(kinds), one.q
+
+
+MAKERS = (random_tree, random_balls, random_linkage, random_linkage, random_kinds)
+
+
+def random_state(robot, near, rng):
+    """Return a closed configuration, speeds and torques of moderate size, and a time."""
+    model, t = robot.model, 0.4 if robot.equations.timed else 0.0
+    units = Mechanism(model).units
+    modes = set(model.modal_coordinates)
+    size = np.array([0.02 if k in modes else 1.0 for k in range(model.n)]) * units
+    spread = 0.1 if near is not None else 1.0
+    start = neutral(model) if near is None else near
+    q = moved(model, start, spread * size * rng.uniform(-1.0, 1.0, model.n))
+    if robot.constraint_names:
+        q = robot.closed_posture(q, t=t)
+    by_name = dict(zip(model.joint_names, size))
+    scale = np.array([by_name.get(name, 1.0) for name in robot.speed_names])
+    u = scale * rng.uniform(-1.0, 1.0, robot.n)
+    return q, u, scale * rng.uniform(-1.0, 1.0, robot.n), t
+
+
+def near_to(value, expected, tolerance=TOLERANCE):
+    """Fail unless two results agree, relative to the largest entry."""
+    size = np.abs(expected).max(initial=0.0) or 1.0
+    assert np.abs(value - expected).max(initial=0.0) <= tolerance * size, (value, expected)
+
+
+def compare_with_pinocchio(model, q, qdot, qddot):
+    """Compare the definition of the tree with Pinocchio, without what Pinocchio leaves out."""
+    used = [body.joint.coordinate for body in model.bodies]
+    if model.flexible or len(set(used)) < len(used):
+        return False
+    bodies = tuple(replace(body, joint=replace(
+        body.joint, damping=0.0, friction=0.0, friction_offset=0.0, armature=0.0, stiffness=0.0,
+        offset=0.0)) for body in model.bodies)
+    if any(body.joint.offset for body in model.bodies):
+        return False
+    rigid = replace(model, bodies=bodies)
+    peer = peer_of(rigid)
+    expected = pin.rnea(peer, peer.createData(), q, qdot, qddot)
+    near_to(kane.inverse_dynamics(rigid, q, qdot, qddot), expected, 1e-10)
+    return True
+
+
+def check(robot, q, u, udot, t, rng):
+    """Fail unless quantities and a short simulation are those of the definition."""
+    mechanism = robot.mechanism if hasattr(robot.equations, 'mechanism') else Mechanism(
+        robot.model)
+    at = {'t': t} if robot.equations.timed else {}
+    tau = nonholonomic.inverse_dynamics(mechanism, q, u, udot, t)
+    near_to(robot.inverse_dynamics(q, u, udot, **at), tau)
+    M = nonholonomic.mass_matrix(mechanism, q, t)
+    near_to(robot.mass_matrix(q, **at), M)
+    D = np.sqrt(np.diag(M))
+    assert np.linalg.eigvalsh(M / np.outer(D, D)).min(initial=1.0) > 0.0
+    near_to(M @ (robot.forward_dynamics(q, u, tau, **at) - udot), 0.0 * tau,
+            TOLERANCE * max(1.0, np.abs(tau).max(initial=1.0)))
+    qdot, qddot = motion_of(mechanism, q, u, udot, tau, t)
+    compared = compare_with_pinocchio(robot.model, q, qdot, qddot)
+    robot, u, stops = with_a_stop(robot, mechanism, q, u, t, rng)
+    torque = tau * rng.uniform(0.5, 1.5)
+    run = simulate(robot, q, u, 0.01, step=5e-4, t0=t, torque=torque, stops=stops,
+                   integrator=rng.choice(list(INTEGRATORS)))
+    check_fields(robot, run, samples=4, tolerance=1e-7, torque=torque)
+    return compared
+
+
+def with_a_stop(robot, mechanism, q, u, t, rng):
+    """Return the robot with one joint at its stop, now and then; speeds; whether it has one."""
+    T = partial_rates(mechanism, q, t)
+    modes = set(robot.model.modal_coordinates)
+    joints = [k for k, place in enumerate(robot.model.places)
+              if place is not None and k not in modes and np.abs(T[k]).max(initial=0.0) > 1e-3]
+    at = {'t': t} if robot.equations.timed else {}
+    low, high = robot.limits.lower, robot.limits.upper
+    if rng.random() < 0.7 or not joints or ((q < low) | (q > high)).any():
+        return robot, u, False
+    k = int(rng.choice(joints))
+    place = robot.model.places[k]
+    robot = robot.copy()
+    lower, upper = low.copy(), high.copy()
+    (lower if rng.random() < 0.5 else upper)[place] = q[place]
+    if not lower[place] < upper[place]:
+        return robot, u, False
+    robot.limits = replace(robot.limits, lower=lower, upper=upper)
+    along = np.linalg.solve(robot.mass_matrix(q, **at), T[k])
+    rate = robot.joint_rates(q, u, **at)[place]
+    return robot, u - along * rate / (T[k] @ along), True
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(SECONDS + 1200.0)
+def test_random_mechanisms_are_those_of_the_definition_and_of_pinocchio(capsys):
+    count, refused, failures, done = 0, Counter(), [], Counter()
+    with capsys.disabled():
+        print(f'\nrandom search: seed {SEED}, {SECONDS:g} s', flush=True)
+    end = time.monotonic() + SECONDS
+    while time.monotonic() < end and len(failures) < MOST_FAILURES:
+        rng = np.random.default_rng((SEED, count))
+        what = f'KANE_DYNAMICS_SEARCH_SEED={SEED}, number {count}'
+        count += 1
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter('ignore', ModelWarning)
+                robot, name, near = MAKERS[rng.integers(len(MAKERS))](rng)
+                what += f', {name}'
+                q, u, udot, t = random_state(robot, near, rng)
+                done['with Pinocchio'] += check(robot, q, u, udot, t, rng)
+                done[name.split()[0]] += 1
+        except KaneError as error:
+            refused[f'{type(error).__name__}: {str(error)[:90]}'] += 1
+        except Exception as error:
+            failures.append(f'{what}: {type(error).__name__} {str(error)[:300]}')
+    with capsys.disabled():
+        print(f'random search: {count} mechanisms, {len(failures)} wrong, {dict(done)}; refused: '
+              f'{sum(refused.values())}', *refused.most_common(12), sep='\n', flush=True)
+    assert not failures, '\n'.join(failures)
+    assert sum(refused.values()) <= REFUSED * count + 2
