@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cache
 from pathlib import Path
 import re
@@ -14,9 +15,17 @@ from kane_dynamics.errors import InputError
 TABLE = Path(__file__).with_name('arms.yaml')
 UNCONFIRMED = 'unconfirmed'
 NO_INTERFACE = 'no effort interface'
-EFFORT_KINDS = ('motor_current', 'motor_torque', 'joint_torque', 'external_torque')
 _KEYS = ('vendor', 'arm', 'name', 'joints', 'interface', 'versions', 'compensates', 'note',
          'efforts', 'sources')
+
+
+class EffortKind(StrEnum):
+    """Kinds of reported efforts; see `kane_dynamics.identification.Efforts`."""
+
+    MOTOR_CURRENT = 'motor_current'
+    MOTOR_TORQUE = 'motor_torque'
+    JOINT_TORQUE = 'joint_torque'
+    EXTERNAL_TORQUE = 'external_torque'
 
 
 @dataclass(frozen=True)
@@ -27,7 +36,7 @@ class ReportedEffort:
     Attributes
     ----------
     kind : str
-        One of `EFFORT_KINDS`, or `UNCONFIRMED`.
+        One of `EffortKind`, or `UNCONFIRMED`.
     gravity : bool
         Whether the weight of the arm is part of it.
     versions : str
@@ -37,6 +46,10 @@ class ReportedEffort:
     kind: str
     gravity: bool = True
     versions: str = ''
+
+    def __str__(self) -> str:
+        """Return kind and gravity in words."""
+        return f'{self.kind} {"with" if self.gravity else "without"} gravity'
 
 
 @dataclass(frozen=True)
@@ -133,6 +146,30 @@ def contradiction(rows: Sequence[KnownArm], compensates: Collection[str]) -> str
             '(a simulated arm: what its simulator adds)')
 
 
+def effort_contradiction(rows: Sequence[KnownArm], kind: str, gravity: bool) -> str:
+    """
+    Return how the stated meaning of efforts contradicts the table; empty if it does not.
+
+    Parameters
+    ----------
+    rows : sequence of KnownArm
+        The rows of the arm, from `arms_named`.
+    kind : str
+        One of `EffortKind`.
+    gravity : bool
+        Whether the weight of the arm is part of the efforts.
+
+    """
+    listed = [effort for row in rows for effort in row.efforts if effort.kind != UNCONFIRMED]
+    derived = EffortKind.EXTERNAL_TORQUE  # of another topic than the joint states
+    if not listed or kind == derived or any((effort.kind, effort.gravity) == (kind, gravity)
+                                            for effort in listed):
+        return ''
+    expected = '; or '.join(f'{effort} ({effort.versions})' for effort in listed)
+    stated = ReportedEffort(kind, gravity)
+    return f'efforts: {stated}; expected {expected} for {rows[0].vendor} {rows[0].arm}'
+
+
 def _row(data: Any, number: int) -> KnownArm:
     """Return one checked row."""
     what = f'table of arms, row {number}'
@@ -160,10 +197,10 @@ def _row(data: Any, number: int) -> KnownArm:
 def _effort(data: Any, what: str) -> ReportedEffort:
     """Return one checked entry of the reported efforts."""
     entry = mapping(data, f'{what}, efforts', ('kind', 'gravity', 'versions'), InputError)
-    kind = entry.get('kind')
-    if kind not in (*EFFORT_KINDS, UNCONFIRMED):
+    kind = str(entry.get('kind'))
+    if kind not in (*EffortKind, UNCONFIRMED):
         raise InputError(f'{what}, efforts: kind {kind!r}; expected one of '
-                         f'{", ".join((*EFFORT_KINDS, UNCONFIRMED))}')
+                         f'{", ".join((*EffortKind, UNCONFIRMED))}')
     gravity = entry.get('gravity', True)
     if not isinstance(gravity, bool):
         raise InputError(f'{what}, efforts: gravity {gravity!r}; expected true or false')

@@ -103,11 +103,25 @@ def _equations(sub: ArgumentParser) -> None:
     sub.add_argument('-o', '--out', metavar='FILE', help='write to this file instead of printing')
 
 
+def _add_efforts(sub: ArgumentParser) -> None:
+    """Add the options that state what efforts are."""
+    from kane_dynamics.analysis.known_arms import EffortKind
+    sub.add_argument('--efforts', choices=tuple(EffortKind), metavar='KIND',
+                     help='what the efforts are: motor_current, motor_torque (default), '
+                     'joint_torque of a sensor, external_torque')
+    sub.add_argument('--efforts-without-gravity', action='store_true',
+                     help='the weight of the arm is no part of the efforts')
+    sub.add_argument('--torque-constants', type=float, nargs='+', metavar='C',
+                     help='torque on the joint per current, one or one per joint, N m/A, with '
+                     '--efforts motor_current')
+
+
 def _identify(sub: ArgumentParser) -> None:
     from kane_dynamics.identification.regression import STANDSTILL
     _add_model(sub)
     _add_constraints(sub)
     _add_recording(sub)
+    _add_efforts(sub)
     sub.add_argument('--as-recorded', action='store_true',
                      help='also fit a recording that contradicts the model')
     sub.add_argument('--friction-only', action='store_true',
@@ -162,6 +176,7 @@ def _excite(sub: ArgumentParser) -> None:
 def _replay(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_recording(sub)
+    _add_efforts(sub)
     sub.add_argument('-o', '--out', metavar='CSV', help='write the motion and its torques')
     add_plot(sub, 'measured and computed torques')
 
@@ -173,6 +188,7 @@ def _collision_thresholds(sub: ArgumentParser) -> None:
     sub.add_argument('recording', metavar='RECORDING', help='CSV or npz file, or a ROS 2 bag, of '
                      'motion without contact; unfiltered')
     sub.add_argument('--topic', help='topic of joint states in a bag (default: the only one)')
+    _add_efforts(sub)
     sub.add_argument('--commands', action='store_true', help='the torques are commands that act '
                      'until the next row (default: they are measured)')
     for name, default, text in (
@@ -237,6 +253,7 @@ def _doctor(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_constraints(sub)
     sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')
+    _add_efforts(sub)
     sub.add_argument('--live', type=float, metavar='S',
                      help='examine the ROS graph for S seconds after its nodes are found')
     sub.add_argument('--namespace', default='', help='namespace of the arm in the ROS graph')

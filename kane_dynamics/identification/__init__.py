@@ -4,6 +4,7 @@ from kane_dynamics.identification.base_regressor import (base_parameters, base_s
                                                          BaseParameters, fit_base)
 from kane_dynamics.identification.collision_calibration import (calibrate_collision,
                                                                 CollisionCalibration)
+from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.identification.excitation.optimal_excitation import Excitation, excite
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.payload.payload_estimator import PayloadEstimator
@@ -14,7 +15,7 @@ from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.recordings.torque_delay import torque_delays, TorqueDelays
 from kane_dynamics.identification.regression import friction_speeds, rows
 
-__all__ = ['BaseFit', 'BaseParameters', 'CollisionCalibration', 'Excitation', 'Finding',
+__all__ = ['BaseFit', 'BaseParameters', 'CollisionCalibration', 'Efforts', 'Excitation', 'Finding',
            'Identification', 'Payload', 'PayloadEstimator', 'Recording', 'TorqueDelays',
            'base_parameters', 'base_speeds', 'calibrate_collision', 'diagnose', 'excite',
            'fit_base', 'friction_speeds', 'identify', 'identify_payload', 'read_recording',

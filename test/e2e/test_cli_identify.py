@@ -5,6 +5,7 @@ from pathlib import Path
 import subprocess
 import sys
 
+from command import command
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics.cli import main
 from kane_dynamics.identification import read_recording
@@ -97,6 +98,26 @@ def test_exciting_motion_is_within_the_limits_and_its_recording_identifies_the_a
     assert 'joint2.damping' in capsys.readouterr().out
     assert main(['excite', str(URDF), '--out', motion, '--velocity', '3', '--floor', 'none']) == 0
     assert 'at rest at the start and the end' in capsys.readouterr().out
+
+
+def test_efforts_without_gravity_identify_the_same_friction(tmp_path):
+    friction = {'joint1': {'damping': 0.7, 'friction': 1.1}}
+    model = load_urdf(URDF, supplement={'joints': friction})
+    recording = simulated(model, 4, 0.01)
+    weight = Robot(model).gravity_force(recording.q)
+    path = tmp_path / 'run.npz'
+
+    def damping(tau, *options):
+        np.savez(path, t=recording.t, q=recording.q, u=recording.u, udot=recording.udot, tau=tau)
+        done = command('identify', str(URDF), str(path), '--friction-only', '--json', *options)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)['friction']['damping']
+    np.testing.assert_allclose(damping(recording.tau - weight, '--efforts-without-gravity'),
+                               damping(recording.tau), atol=1e-6)
+    done = command('identify', str(URDF), str(path), '--efforts-without-gravity')
+    assert 'fit the torques with gravity twice' in done.stderr
+    done = command('identify', str(URDF), str(path), '--efforts', 'external_torque')
+    assert 'expected other efforts, or --payload' in done.stderr
 
 
 def test_payload_is_found_and_written_as_a_supplement_and_for_the_node(tmp_path, capsys):

@@ -91,6 +91,28 @@ def test_remarks_tell_each_way_in_which_efforts_are_wrong(recording, sign, weigh
     assert all(re.search(*pair) for pair in zip(words, found, strict=True))
 
 
+def test_replay_takes_the_stated_kind_of_efforts_and_remarks_on_a_wrong_one(tmp_path, recording):
+    weight = Robot(load_urdf(URDF)).gravity_force(recording.q)
+    path, constants = tmp_path / 'run.npz', np.array([4.0, 0.5])
+
+    def replayed(effort, *options):
+        np.savez(path, t=recording.t, q=recording.q, u=recording.u, udot=recording.udot,
+                 tau=effort)
+        done = command('replay', str(URDF), str(path), '--json', *options)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+    without = replayed(recording.tau - weight, '--efforts-without-gravity')
+    currents = replayed(recording.tau / constants, '--efforts', 'motor_current',
+                        '--torque-constants', '4', '0.5')
+    for data in (without, currents):
+        assert max(data['rms_error']) < 0.05
+        assert data['remarks'] == []
+    twice = replayed(recording.tau, '--efforts-without-gravity')
+    assert 'fit the torques with gravity twice' in twice['remarks'][0]
+    done = command('replay', str(URDF), str(path), '--efforts', 'motor_current')
+    assert 'motor_current without constants; expected the torque constants' in done.stderr
+
+
 def test_replay_refuses_bags_that_cannot_be_compared(tmp_path, recording):
     bag(tmp_path / 'run', recording, load_urdf(URDF).joint_names, None)
     for arguments, words in (

@@ -56,7 +56,8 @@ def test_the_file_is_read_once_for_all_robots_of_the_node(files):
 import sys
 import rclpy
 from kane_dynamics.ros.dynamics_node.node import DynamicsNode
-rclpy.init(args=['--ros-args', '-p', 'urdf:={files[0]}', '-p', 'constraints:={files[1]}'])
+rclpy.init(args=['--ros-args', '-p', 'urdf:={files[0]}', '-p', 'constraints:={files[1]}',
+                 '-p', 'arm_compensates:=none'])
 opened = []
 sys.addaudithook(lambda event, given: event == 'open' and opened.append(str(given[0])))
 node = DynamicsNode()

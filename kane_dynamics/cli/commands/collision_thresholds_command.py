@@ -6,7 +6,7 @@ import sys
 from typing import Any
 
 from kane_dynamics.cli.commands import inspect_command
-from kane_dynamics.cli.commands.identify_command import recorded
+from kane_dynamics.cli.commands.identify_command import recorded, stated_efforts
 from kane_dynamics.cli.shared import load, print_json
 from kane_dynamics.identification.collision_calibration import (calibrate_collision,
                                                                 CollisionCalibration)
@@ -22,7 +22,8 @@ def collision_thresholds(options: Namespace) -> None:
     """Calibrate collision detection; print the parameters of the node, or write them."""
     model, robot = load(options)
     names = recorded_joints(robot)
-    recording = recorded(options, model, names if robot.constraint_names else None)
+    recording = stated_efforts(options).applied(
+        robot, recorded(options, model, names if robot.constraint_names else None))
     found = calibrate_collision(robot, recording, gain=options.gain, margin=options.margin,
                                 drift=options.drift, held=options.commands)
     parameters = node_parameters(found)

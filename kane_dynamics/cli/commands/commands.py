@@ -96,10 +96,16 @@ def doctor(options: Namespace) -> int:
         model, robot = arm.model, arm  # the tree would have other motors and loads
     found = [*model_checks.examine_model(model, robot, caught), *more]
     if options.live:
+        from kane_dynamics.cli.commands.identify_command import stated_efforts
+        efforts = None
+        if options.efforts or options.efforts_without_gravity or options.torque_constants:
+            efforts = stated_efforts(options)
+        elif options.config:
+            efforts = files.configured_efforts(Path(options.config), options.namespace)
         found += extra('kane_dynamics.ros.doctor.live_graph', 'ros').examine_graph(
             arm or Robot(model.prefixed(options.prefix),
                          **constraints_of(options, options.prefix)),
-            options.live, options.namespace, options.commands, options.joint_states)
+            options.live, options.namespace, options.commands, options.joint_states, efforts)
     if options.json:
         print_json([{'level': finding.level, 'words': finding.words} for finding in found])
     else:

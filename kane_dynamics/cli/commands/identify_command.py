@@ -2,16 +2,19 @@
 
 from argparse import Namespace
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 import sys
 from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
+from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.shared import (as_json, every_joint, load, print_json, source_of,
                                       warn_degrees)
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import base_error, base_speeds, fit_base
+from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.payload.payload_fit import identify_payload
 from kane_dynamics.identification.payload.recorded_motion import recorded_joints
@@ -41,17 +44,43 @@ def recorded(options: Namespace, model: Model, joints: Sequence[str] | None = No
     return recording if options.cutoff is None else recording.filtered(options.cutoff)
 
 
+def stated_efforts(options: Namespace) -> Efforts:
+    """Return what the efforts of a recording are, by the options."""
+    return Efforts(options.efforts or EffortKind.MOTOR_TORQUE,
+                   not options.efforts_without_gravity, options.torque_constants)
+
+
 def checked(options: Namespace, model: Model) -> Recording:
-    """Return the recording; print warnings; raise InputError if it contradicts the model."""
-    recording = recorded(options, model)
+    """
+    Return the recording with torques on the joints; print warnings.
+
+    Raise InputError if it contradicts the model.
+    """
+    efforts = stated_efforts(options)
+    recording = efforts.applied(Robot(model), recorded(options, model))
     levels = () if options.as_recorded else ('impossible', 'wrong')
     try:
-        found = refuse_unlike(model, recording, levels)
+        found = refuse_unlike(model, recording, levels, gravity_added=not efforts.gravity)
     except InputError as error:
         raise InputError(f'{error} (--as-recorded fits it unchanged)') from None
     for finding in found:
         print(f'kane-dynamics: warning: {finding.words}', file=sys.stderr)
     return recording
+
+
+def to_fit(options: Namespace, model: Model) -> tuple[Model, Recording]:
+    """
+    Return model and recording for a fit of the model.
+
+    Efforts without gravity are fitted without gravity: that of the given model, by which the
+    recording is checked, is not to be believed.
+    """
+    recording = checked(options, model)
+    if stated_efforts(options).gravity:
+        return model, recording
+    weight = Robot(model).gravity_force(recording.q)
+    return (replace(model, gravity=np.zeros(3)),
+            replace(recording, tau=recording.tau - weight))
 
 
 def identification(options: Namespace) -> None:
@@ -63,6 +92,9 @@ def identification(options: Namespace) -> None:
     if options.constraints:
         raise InputError('--constraints: given without --payload; expected both, as the other '
                          'fits take recordings of trees')
+    if stated_efforts(options).kind is EffortKind.EXTERNAL_TORQUE:
+        raise InputError('--efforts external_torque: the torques of the arm itself are no part of '
+                         'it; expected other efforts, or --payload')
     run, printed = (run_base, print_base) if options.base_parameters else (run_model, print_data)
     data = run(options, model)
     (print_json if options.json else printed)(data)
@@ -72,7 +104,7 @@ def run_model(options: Namespace, model: Model) -> dict[str, Any]:
     """Identify a model, write --out, and return the result as plain data."""
     if options.unbounded and not options.friction_only:
         raise InputError('--unbounded: given without --friction-only; expected both')
-    recording = checked(options, model)
+    model, recording = to_fit(options, model)
     with progress_bar('identifying', 1.0) as progress:
         found = identify(model, recording, friction_only=options.friction_only,
                          bounded=not options.unbounded, weight=options.weight,
@@ -89,7 +121,7 @@ def run_base(options: Namespace, model: Model) -> dict[str, Any]:
     if options.out or options.payload:
         raise InputError('--base-parameters: given with --out or --payload; expected neither, '
                          'since base parameters are no model')
-    recording = checked(options, model)
+    model, recording = to_fit(options, model)
     data = rows(model, recording, options.standstill)
     first, second = data.half(second=False), data.half(second=True)
     speeds = base_speeds(first, model)
@@ -128,7 +160,8 @@ def run_payload(options: Namespace, robot: Robot) -> dict[str, Any]:
     refuse(options, '--payload')
     names = recorded_joints(robot)
     if robot.constraint_names:  # the torques of single joints of a loop are not those of a tree
-        recording = recorded(options, robot.model, names)
+        recording = stated_efforts(options).applied(
+            robot, recorded(options, robot.model, names))
         every = np.zeros((len(recording), robot.n_q))
         every[:, [robot.joint_names.index(name) for name in names]] = recording.q
         warn_degrees(robot, every, options.recording)

@@ -6,7 +6,7 @@ from typing import Any
 
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands import inspect_command
-from kane_dynamics.cli.commands.identify_command import recorded
+from kane_dynamics.cli.commands.identify_command import recorded, stated_efforts
 from kane_dynamics.cli.shared import load, print_json, warn_degrees
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.identification.recordings.diagnosis import refuse
@@ -21,9 +21,10 @@ def replay(options: Namespace) -> None:
     """Compare the measured torques of a recording with those of the equations of motion."""
     plot = pictures.plotter(options)  # errors early
     model, robot = load(options)
-    recording = recorded(options, model)
+    efforts = stated_efforts(options)
+    recording = efforts.applied(robot, recorded(options, model))
     warn_degrees(robot, recording.q, options.recording)
-    data = compared(robot, recording)
+    data = compared(robot, recording, gravity_added=not efforts.gravity)
     if options.out:
         with open(options.out, 'w', encoding='utf-8', newline='') as stream:
             write_states(stream, recording.t, {
@@ -37,7 +38,8 @@ def replay(options: Namespace) -> None:
     (print_json if options.json else print_comparison)(data)
 
 
-def compared(robot: Robot, recording: Recording) -> dict[str, Any]:
+def compared(robot: Robot, recording: Recording, *, gravity_added: bool = False
+             ) -> dict[str, Any]:
     """
     Return computed torques, their difference from the measured ones, and remarks.
 
@@ -47,7 +49,8 @@ def compared(robot: Robot, recording: Recording) -> dict[str, Any]:
         If positions, speeds and times contradict each other.
 
     """
-    remarks = [finding.words for finding in refuse(robot.model, recording, ('impossible',))]
+    remarks = [finding.words for finding in refuse(
+        robot.model, recording, ('impossible',), gravity_added=gravity_added)]
     delays = torque_delays(robot.model, recording)
     tau = robot.inverse_dynamics(recording.q, recording.u, recording.udot)
     error = recording.tau - tau

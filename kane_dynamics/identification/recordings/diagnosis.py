@@ -67,9 +67,19 @@ class _Repair(NamedTuple):
 
 
 @on_one_processor
-def diagnose(model: Model, recording: Recording) -> list[Finding]:
+def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
+             ) -> list[Finding]:
     """
     Return the problems of a recording, most severe first.
+
+    Parameters
+    ----------
+    model : Model
+        The model of the arm.
+    recording : Recording
+        Of the joints of the model.
+    gravity_added : bool
+        Whether the gravity of the model was added to efforts that are stated to lack it.
 
     Raises
     ------
@@ -82,7 +92,7 @@ def diagnose(model: Model, recording: Recording) -> list[Finding]:
     if not recording.tau.any():
         found.append(Finding('wrong', 'the measured efforts are all 0: the recording has none'))
     elif not found:
-        found += _torques(model, recording)
+        found += _torques(model, recording, gravity_added)
     noise = recording.acceleration_noise()
     noisy = np.flatnonzero(noise > NOISE)
     if len(noisy):
@@ -92,10 +102,10 @@ def diagnose(model: Model, recording: Recording) -> list[Finding]:
     return found
 
 
-def refuse(model: Model, recording: Recording, levels: tuple[str, ...] = ('impossible', 'wrong')
-           ) -> list[Finding]:
+def refuse(model: Model, recording: Recording, levels: tuple[str, ...] = ('impossible', 'wrong'),
+           *, gravity_added: bool = False) -> list[Finding]:
     """Return the findings about a recording; raise InputError if one is of these levels."""
-    found = diagnose(model, recording)
+    found = diagnose(model, recording, gravity_added=gravity_added)
     worst = [finding.words for finding in found if finding.level in levels]
     if worst:
         raise InputError(f'recording: {"; ".join(worst)}')
@@ -159,7 +169,7 @@ def _motion(model: Model, recording: Recording) -> Iterator[str]:
         yield f'speeds of {_named(model, joints)} are {words}'
 
 
-def _torques(model: Model, recording: Recording) -> Iterator[Finding]:
+def _torques(model: Model, recording: Recording, gravity_added: bool) -> Iterator[Finding]:
     """Yield errors of torques, found by the corrections that reduce the residual."""
     given = smoothed(recording)
     robot = Robot(model, friction=False)
@@ -168,7 +178,7 @@ def _torques(model: Model, recording: Recording) -> Iterator[Finding]:
     found: dict[str, list[int]] = {}
     for _ in range(MOST_FAULTS):
         best: tuple[float, _Repair, Array] | None = None
-        for repair in _repairs(robot, now):
+        for repair in _repairs(robot, now, gravity_added):
             left = _errors(robot, repair.recording)
             own = list(repair.joints)
             as_measured = left.copy()
@@ -208,7 +218,7 @@ def _fitted(recording: Recording, j: int, left: Array, model: Array | None = Non
             float(x[-1]))
 
 
-def _repairs(robot: Robot, r: Recording) -> Iterator[_Repair]:
+def _repairs(robot: Robot, r: Recording, gravity_added: bool) -> Iterator[_Repair]:
     """Yield recordings with one correction each."""
     n, once = robot.n, math.log(1.0 / CLEARLY)
     q, tau, gravity = r.q, r.tau, robot.gravity_force(r.q)
@@ -227,12 +237,17 @@ def _repairs(robot: Robot, r: Recording) -> Iterator[_Repair]:
                       once * len(joints))
         if heavy:
             yield _Repair('efforts of {} fit the torques without gravity: the arm holds its '
-                          'weight by itself, or reports efforts without it; add it, or use '
-                          '--gravity 0 0 0', joints, with_tau(lambda tau: tau + gravity, joints),
-                          once * len(heavy))
+                          'weight by itself, or reports efforts without it; expected efforts '
+                          'with gravity, or a statement that they lack it '
+                          '(--efforts-without-gravity)', joints,
+                          with_tau(lambda tau: tau + gravity, joints), once * len(heavy))
             yield _Repair('efforts of {} have the opposite sign of torques on the joints, and fit '
                           'these without gravity', joints,
                           with_tau(lambda tau: gravity - tau, joints), once * len(joints))
+        if heavy and gravity_added:  # else it is a payload that makes gravity larger
+            yield _Repair('efforts of {} fit the torques with gravity twice: they hold the weight '
+                          'already; expected no --efforts-without-gravity', joints,
+                          with_tau(lambda tau: tau - gravity, joints), once * len(heavy))
     factors = np.array([_fitted(r, j, tau[:, j], rigid[:, j])[1] for j in range(n)])
     clear = factors * np.abs(rigid).max(axis=0) > 0.5 * np.abs(tau).max(axis=0)
     for joints in sets:

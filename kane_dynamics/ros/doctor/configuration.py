@@ -9,6 +9,7 @@ from kane_dynamics.analysis.model_checks import Finding, listed
 from kane_dynamics.control.quasi_static import flexible_robot, QuasiStatic
 from kane_dynamics.control.terms import NO_TERM
 from kane_dynamics.errors import InputError, KaneError
+from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.model.flexible_model import stiffened
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
@@ -84,9 +85,42 @@ def examine_configuration(path: Path, urdf: str, *, prefix: str = '', namespace:
         if block.node != WILDCARD or len(blocks) == 1:
             robots[block.node] = examination.robot(urdf, prefix, told)
         found += examination.found
-    wanted = next(iter(robots)) if len(robots) == 1 else (
-        '/'.join(['', *filter(None, namespace.split('/')), PACKAGE]))
-    return found, robots.get(wanted)
+    return found, robots.get(_wanted(list(robots), namespace))
+
+
+def configured_efforts(path: Path, namespace: str = '') -> Efforts | None:
+    """
+    Return what the efforts of joint states are, by a parameter file; None if it does not say.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+    namespace : str
+        Namespace of the node, if the file is of several.
+
+    Raises
+    ------
+    InputError
+        The file has no block for a dynamics node, or the parameters do not fit each other.
+
+    """
+    blocks = {block.node: block.given for block in _blocks(path)}
+    if len(blocks) > 1:
+        blocks.pop(WILDCARD, None)
+    given = blocks.get(_wanted(list(blocks), namespace), {})
+    if not any(name.startswith('efforts.') for name in given):
+        return None
+    kind, gravity, constants = (read(BY_NAME[name], given.get(name, BY_NAME[name].default))
+                                for name in ('efforts.kind', 'efforts.gravity',
+                                             'efforts.constants'))
+    return Efforts(kind, gravity, constants if constants.size else None)
+
+
+def _wanted(nodes: Sequence[str], namespace: str) -> str:
+    """Return the only node, or the name of the node in a namespace."""
+    return nodes[0] if len(nodes) == 1 else '/'.join(
+        ['', *filter(None, namespace.split('/')), PACKAGE])
 
 
 class ConfigurationExamination:
@@ -127,8 +161,7 @@ class ConfigurationExamination:
         robot = None
         stated = values['arm_compensates']
         if model is not None:
-            contradiction = self._attempt(examine_statement, values, model)
-            if contradiction:
+            for contradiction in self._attempt(examine_statement, values, model) or []:
                 self._find('warning', contradiction)
             values['arm_compensates'] = stated or (NO_TERM,)  # for the other checks
             robot = self._fit(values, model)

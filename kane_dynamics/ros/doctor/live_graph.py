@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from kane_dynamics.analysis.model_checks import examine_efforts, Finding, listed
 from kane_dynamics.control.constrained_law import joints_that_follow
+from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.kinematics.loop_error import LoopError
 from kane_dynamics.kinematics.loop_tracker import LoopTracker
 from kane_dynamics.robot.robot import Robot
@@ -41,7 +42,8 @@ class ReceivedState(NamedTuple):
 
 
 def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: str = 'commands',
-                  joint_states: str = 'joint_states') -> list[Finding]:
+                  joint_states: str = 'joint_states',
+                  efforts: Efforts | None = None) -> list[Finding]:
     """
     Subscribe to the topics of a live graph for some time and return the findings.
 
@@ -57,6 +59,8 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: s
         Namespace of the arm.
     commands, joint_states : str
         Names of the topics, for example those of a controller.
+    efforts : Efforts, optional
+        The stated meaning of the efforts; default: not stated.
 
     """
     context = Context()
@@ -81,7 +85,7 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: s
         if not _named(_lines(node, commands, joint_states)):  # found only now, not heard yet
             _spin(executor, DISCOVERY, lambda: _named(_lines(node, commands, joint_states)))
             _spin(executor, seconds, lambda: False)
-        found = [*examine_states(robot, received, seconds),
+        found = [*examine_states(robot, received, seconds, efforts),
                  *_endpoint_findings(node, commands, joint_states,
                                      len(foreign | _foreign_names(robot, received)))]
         executor.remove_node(node)
@@ -107,7 +111,8 @@ def _foreign_names(robot: Robot, received: list[ReceivedState]) -> set[tuple[str
             if not set(names := tuple(each.message.name)) & set(robot.joint_names)}
 
 
-def examine_states(robot: Robot, received: list[ReceivedState], seconds: float) -> list[Finding]:
+def examine_states(robot: Robot, received: list[ReceivedState], seconds: float,
+                   efforts: Efforts | None = None) -> list[Finding]:
     """Return the findings of the joint states received within some time."""
     if not received:
         return [Finding('problem', f'joint states: none within {seconds:g} s; expected a driver '
@@ -121,7 +126,7 @@ def examine_states(robot: Robot, received: list[ReceivedState], seconds: float) 
         return [Finding('problem', f'joint states: {listed(missing)} missing among '
                         f'{listed(seen)}; expected '
                         + ('all joints' if needed == robot.joint_names else listed(needed)))]
-    return [*_times(complete), *_numbers(robot, complete[-1].message)]
+    return [*_times(complete), *_numbers(robot, complete[-1].message, efforts)]
 
 
 def needed_joints(robot: Robot) -> tuple[str, ...]:
@@ -151,7 +156,7 @@ def _times(received: list[ReceivedState]) -> list[Finding]:
     return found
 
 
-def _numbers(robot: Robot, message: JointState) -> list[Finding]:
+def _numbers(robot: Robot, message: JointState, efforts: Efforts | None) -> list[Finding]:
     """Return the findings of the values of one joint state."""
     names = tuple(name for name in robot.joint_names if name in message.name)
     index = [list(message.name).index(name) for name in names]
@@ -174,7 +179,7 @@ def _numbers(robot: Robot, message: JointState) -> list[Finding]:
                              'the URDF; expected the URDF of this arm, in rad'))
     if robot.constraint_names:
         return found + _loops(robot, names, q)
-    return found + _efforts(robot, q, u, effort)
+    return found + _efforts(robot, q, u, effort, efforts)
 
 
 def _loops(robot: Robot, names: tuple[str, ...], q: Array) -> list[Finding]:
@@ -192,7 +197,8 @@ def _loops(robot: Robot, names: tuple[str, ...], q: Array) -> list[Finding]:
                     f'{tracker.figure:.3g}, measured joints within {tracker.deviation:.2g}')]
 
 
-def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None) -> list[Finding]:
+def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None,
+             efforts: Efforts | None) -> list[Finding]:
     """Return the findings of the efforts of one joint state."""
     if effort is None:
         return [Finding('warning', 'efforts of joint states: none; the momentum observer then '
@@ -203,6 +209,10 @@ def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None) -> list[Fin
     if not np.isfinite([q, u]).all() or (
             np.abs(u).max(initial=0.0) >= AT_REST):
         return []
+    if effort.any() and efforts is not None:
+        words = efforts.contradiction(robot, q, effort)
+        return [Finding('problem', words)] if words else [
+            Finding('fine', f'efforts at rest fit {efforts}')]
     if effort.any():
         return examine_efforts(robot, q, effort)
     if np.abs(robot.gravity_force(q)).max(initial=0.0) < WEIGHTLESS:

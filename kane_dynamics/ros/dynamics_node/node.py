@@ -218,7 +218,7 @@ class DynamicsNode(LifecycleNode):
                              'message on topic robot_description')
         log = self.get_logger()
         model = load_model(source, self.values, log.warning)
-        if contradiction := examine_statement(self.values, model):
+        for contradiction in examine_statement(self.values, model):
             log.warning(contradiction)
         self.statistics = Statistics()
         self.arm = ConfiguredRobot(self, self.server, model, self.values, self.statistics,

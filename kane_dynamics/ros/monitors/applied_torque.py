@@ -3,22 +3,57 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.control.quasi_static import QuasiStatic
-from kane_dynamics.errors import KaneError
+from kane_dynamics.errors import InputError, KaneError
+from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 from kane_dynamics.ros.common.conversion import Array
-from kane_dynamics.ros.parameters.parameter_checks import terms
+from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
 from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle
 import numpy as np
+
+AT_REST = 1e-2  # largest speed of a joint at rest, rad/s or m/s
+
+
+def stated_efforts(values: Mapping[str, Any], robot: Robot) -> Efforts:
+    """
+    Return the meaning of the efforts of joint states: parameters efforts.*.
+
+    Raises
+    ------
+    InputError
+        They do not fit each other or the robot, or efforts are external torques, which observer
+        and estimator cannot use.
+
+    """
+    constants = values['efforts.constants']
+    try:
+        efforts = Efforts(values['efforts.kind'], values['efforts.gravity'],
+                          constants if constants.size else None)
+    except InputError as error:
+        raise InputError(f"parameters 'efforts.*': {error}") from None
+    if values['observer.torque'] == 'command':
+        return efforts  # not used
+    if efforts.kind is EffortKind.EXTERNAL_TORQUE:
+        raise InputError("parameter 'efforts.kind': external_torque, which observer and estimator "
+                         'would have to find; expected the torque of the arm itself, or '
+                         "observer.torque 'command'")
+    if robot.constraint_names and not efforts.plain:
+        raise InputError(f"parameters 'efforts.*': {efforts}, of an arm with closed loops; "
+                         'expected motor torques with gravity')
+    per_joint(values, 'efforts.constants', robot.joint_names, 1.0)
+    return efforts
 
 
 class AppliedTorque:
     """
     Determines the torque that acts on the joints.
 
-    Parameter `observer.torque` selects the effort of the joint states, or the command of the node
-    plus the terms that the arm adds itself (arm_compensates).
+    Parameter `observer.torque` selects the effort of the joint states, converted by its meaning
+    (efforts.*) and compared with the model once at rest, or the command of the node plus the terms
+    that the arm adds itself (arm_compensates).
 
     Of an arm with beams it is the torque on the rigid model: without what the quasi-static
     deflection at the measured state, without acceleration, adds to its inverse dynamics.
@@ -58,6 +93,8 @@ class AppliedTorque:
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next state on."""
         self._source = values['observer.torque']
+        self._efforts = stated_efforts(values, self._robot)
+        self._compared = False  # whether efforts at rest were compared with the weight
         on = terms(values)
         # Terms that the arm adds to a command; it cannot add inertia, which needs udot.
         self._arm_terms = np.array([name != 'inertia' and not getattr(on, name, True)
@@ -78,7 +115,7 @@ class AppliedTorque:
             self._reject('no effort', 'joint states without a finite effort for each joint; '
                          "observer.torque is 'effort'")
             return None
-        torque = state.effort if self.measured else cycle.tau
+        torque = self._converted(state) if self.measured else cycle.tau
         if self._actuated is not None:
             torque = self._generalized(torque, state.q)
         source = self._bending or self._robot  # whose terms the command lacks
@@ -94,6 +131,19 @@ class AppliedTorque:
             self._reject('no deflection', str(error))
             return None
         return torque if cycle.external is None else torque + cycle.external
+
+    def _converted(self, state: Any) -> Array:
+        """Return the measured torques; compare them with the weight, the first time at rest."""
+        efforts, effort, q = self._efforts, state.effort, state.q
+        at_rest = np.abs(state.u).max(initial=0.0) < AT_REST
+        if not self._compared and at_rest and effort.any() and self._actuated is None:
+            self._compared = True
+            if words := efforts.contradiction(self._robot, q, effort):
+                self._reject('efforts contradict the model', words)
+        torque = efforts.torque(self._robot, q, state.u, effort)
+        if self._bending is not None and not efforts.gravity:
+            torque = torque + self._bending.gravity_force(q) - self._robot.gravity_force(q)
+        return torque
 
     def _deflection_torque(self, bending: QuasiStatic, q: Array, u: Array) -> Array:
         """Return what the deflection adds to the torque of a motion without acceleration."""

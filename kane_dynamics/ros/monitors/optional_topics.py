@@ -9,6 +9,7 @@ from geometry_msgs.msg import WrenchStamped
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.qos import BEST_EFFORT, LATCHED, RELIABLE
+from kane_dynamics.ros.monitors.applied_torque import stated_efforts
 from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor, ContactPublishers,
                                                         friction_settings, observed_frame,
                                                         observer_settings)
@@ -60,6 +61,8 @@ def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
         check_frames(robot.model, [observed_frame(values, robot.model)], 'observer.frame')
     if values['estimator.enabled']:
         estimator_settings(values, robot)
+    if values['observer.enabled'] or values['estimator.enabled']:
+        stated_efforts(values, robot)
 
 
 class OptionalTopics:

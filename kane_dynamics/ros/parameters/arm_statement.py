@@ -3,14 +3,15 @@
 from collections.abc import Mapping
 from typing import Any
 
-from kane_dynamics.analysis.known_arms import arms_named, contradiction
+from kane_dynamics.analysis.known_arms import (arms_named, contradiction,
+                                               effort_contradiction)
 from kane_dynamics.model.model import Model
 from kane_dynamics.ros.parameters.parameter_checks import unstated
 
 
-def examine_statement(values: Mapping[str, Any], model: Model) -> str:
+def examine_statement(values: Mapping[str, Any], model: Model) -> list[str]:
     """
-    Return how parameter arm_compensates contradicts the table of arms; empty if it does not.
+    Return how parameters contradict the table of arms: arm_compensates, and efforts.* if used.
 
     Parameters
     ----------
@@ -30,6 +31,12 @@ def examine_statement(values: Mapping[str, Any], model: Model) -> str:
     rows = arms_named(model.name, joints)
     stated = values['arm_compensates']
     if stated:
-        return contradiction(rows, stated)
+        used = values['observer.enabled'] or values['estimator.enabled']
+        measured = used and values['observer.torque'] != 'command'
+        found = [contradiction(rows, stated)]
+        if measured:
+            found += [effort_contradiction(rows, values['efforts.kind'],
+                                           values['efforts.gravity'])]
+        return [words for words in found if words]
     listed = [f'{", ".join(row.compensates)} for {row}' for row in rows if row.compensates]
     raise unstated(f'. {model.name} is known: ' + '; or '.join(listed) if listed else '')

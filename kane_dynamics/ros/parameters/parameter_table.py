@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import math
 from typing import Any, Literal
 
+from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.control.friction_error import FRICTION_SPEED
 from kane_dynamics.control.terms import Mode, STATEMENT
 from kane_dynamics.mechanics.integrators import INTEGRATORS
@@ -145,6 +146,14 @@ SPECS = (
          'their limits; false: reject a trajectory that exceeds them'),
     live('feedforward.rest', 'per_joint', [], 'positions at which joints rest that ~/trajectory '
          'lacks, rad or m; empty: the measured ones'),
+    Spec('efforts.kind', 'text', 'motor_torque', 'what the efforts of joint states are: the '
+         'current of the motor; its torque, behind the gear; the torque of a sensor at the joint, '
+         'which lacks friction and rotor; the torque of the environment',
+         choices=tuple(EffortKind)),
+    Spec('efforts.gravity', 'flag', True, 'whether the weight of the arm is part of the efforts '
+         'of joint states; if not, observer and estimator add the gravity of the model'),
+    Spec('efforts.constants', 'per_joint', [], 'torque on the joint per motor current, N m/A or '
+         'N/A, gears included; for motor_current only', positive=True, low=0.0),
     Spec('observer.enabled', 'flag', False, 'estimate external torques with a momentum observer '
          'and publish them and a collision flag'),
     live('observer.torque', 'text', 'auto', 'source of the torque that acts on the arm: the '

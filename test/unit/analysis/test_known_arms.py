@@ -2,7 +2,8 @@
 
 from kane_dynamics import Terms
 from kane_dynamics.analysis import known_arms
-from kane_dynamics.analysis.known_arms import arms_named, contradiction, words
+from kane_dynamics.analysis.known_arms import (arms_named, contradiction,
+                                               effort_contradiction, words)
 from kane_dynamics.control.terms import stated_terms
 from kane_dynamics.errors import InputError
 import pytest
@@ -54,6 +55,16 @@ def test_an_arm_with_two_interfaces_may_be_either_and_an_unknown_one_anything():
     assert 'count twice' not in contradiction(rows, ('friction',))
     assert contradiction((), ('coriolis',)) == ''
     assert contradiction(arms_named('xarm7'), ('none',)) == ''  # it has no effort interface
+
+
+def test_efforts_that_the_table_does_not_list_for_an_arm_are_a_contradiction():
+    ur, yam = arms_named('ur10e'), arms_named('yam')
+    assert effort_contradiction(ur, 'motor_torque', False) == ''
+    assert effort_contradiction(ur, 'motor_current', True) == ''
+    assert effort_contradiction(ur, 'external_torque', True) == ''
+    assert effort_contradiction(yam, 'joint_torque', True) == ''  # unconfirmed
+    words = effort_contradiction(ur, 'motor_torque', True)
+    assert words.startswith('efforts: motor_torque with gravity; expected motor_torque without')
 
 
 ROW = {'vendor': 'V', 'arm': 'A', 'name': 'a', 'interface': 'i', 'versions': 1,

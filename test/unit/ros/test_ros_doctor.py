@@ -7,8 +7,9 @@ from pathlib import Path
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import InputError
+from kane_dynamics.identification import Efforts
 from kane_dynamics.ros.common.conversion import NANO
-from kane_dynamics.ros.doctor.configuration import examine_configuration
+from kane_dynamics.ros.doctor.configuration import configured_efforts, examine_configuration
 from kane_dynamics.ros.doctor.live_graph import examine_states, ReceivedState
 import numpy as np
 import pytest
@@ -178,6 +179,26 @@ def states(stamp=None, now=NOW, names=('joint2', 'joint1'), count=200, **arrays)
 
 def weight():
     return arm().gravity_force(POSE).tolist()
+
+
+def test_the_stated_kind_of_efforts_is_checked_at_rest():
+    without = [0.001 * effort for effort in weight()[::-1]]
+    efforts = Efforts('motor_torque', gravity=False)
+    for stated, effort, level, words in (
+            (efforts, without, 'fine', 'efforts at rest fit motor torques without gravity'),
+            (efforts, weight()[::-1], 'problem', 'do they contain gravity'),
+            (Efforts(), without, 'problem', 'do they lack gravity'),
+            (Efforts(), weight()[::-1], 'fine', 'efforts at rest fit motor torques with gravity')):
+        found = examine_states(arm(), states(effort=effort), 1.0, stated)
+        assert any(each.level == level and words in each.words for each in found), found
+
+
+def test_the_kind_of_efforts_is_that_of_the_file(tmp_path):
+    path = tmp_path / 'arm.yaml'
+    path.write_text('left: {kane_dynamics: {ros__parameters: {efforts: {gravity: false}}}}\n'
+                    'right: {kane_dynamics: {ros__parameters: {mode: computed_torque}}}')
+    assert str(configured_efforts(path, 'left')) == 'motor torques without gravity'
+    assert configured_efforts(path, 'right') is None
 
 
 def findings(*messages):

@@ -23,7 +23,8 @@ TABLES = {path: plant_specs.SPECS if path.stem == 'plant' else SPECS
           for path in sorted(FOLDER.glob('*.yaml'))}
 # Parameters that a file sets for its arm; all others have their defaults.
 OWN = {'urdf', 'supplement', 'base', 'tip', 'joints', 'payload.frame', 'initial.position',
-       'wrench.frames', 'arm_compensates', 'limits.rate', 'mode'}
+       'wrench.frames', 'arm_compensates', 'limits.rate', 'mode', 'efforts.kind',
+       'efforts.gravity'}
 FILES = pytest.mark.parametrize('path', TABLES, ids=lambda path: path.stem)
 
 

@@ -61,12 +61,15 @@ class Log:
 class Rig:
     """A torque path with wrench input, contact monitor and a manual clock."""
 
-    def __init__(self, mode='inverse_dynamics', arm_compensates=('none',), **changes):
+    def __init__(self, mode='inverse_dynamics', arm_compensates=('none',), efforts=None,
+                 **changes):
         self.time, self.rejected, self.log = 100 * NANO, [], Log()
         self.values = {spec.name: read(spec, spec.default) for spec in SPECS}
         self.values |= {'arm_compensates': arm_compensates} | {
             f'observer.{name}': read(BY_NAME[f'observer.{name}'], value)
-            for name, value in changes.items()}
+            for name, value in changes.items()} | {
+            f'efforts.{name}': read(BY_NAME[f'efforts.{name}'], value)
+            for name, value in (efforts or {}).items()}
         self.commands = Sink(Float64MultiArray)
         self.outputs = ContactPublishers(Sink(JointState), Sink(WrenchStamped), Sink(None))
         self.path = TorquePath(Controller(ROBOT, mode=mode), self.commands, Sink(JointState),
@@ -220,6 +223,41 @@ def test_without_efforts_the_observer_uses_the_command_and_the_terms_of_the_arm(
     for _ in range(100):
         rig.state(effort=(math.nan, math.nan))  # as of drivers without torque sensors
     assert np.abs(np.array(rig.outputs.torques.sent[-1].effort)).max() < 1e-9
+
+
+@pytest.mark.parametrize(('efforts', 'reported'), [
+    ({}, lambda tau: tau), ({'gravity': False}, lambda tau: tau - gravity()),
+    ({'kind': 'motor_current', 'constants': [4.0, 0.5]}, lambda tau: tau / [4.0, 0.5]),
+    ({'kind': 'joint_torque', 'gravity': False}, lambda tau: tau - gravity())])
+def test_the_observer_finds_a_push_from_every_stated_kind_of_effort(efforts, reported):
+    rig = Rig(threshold=0.1, torque='effort', efforts=efforts)
+    for _ in range(5):
+        rig.state(reported(gravity()))
+    assert np.abs(np.array(rig.outputs.torques.sent[-1].effort)).max() < 1e-9
+    for _ in range(100):
+        rig.state(reported(gravity() - load(PUSH)))
+    np.testing.assert_allclose(rig.outputs.torques.sent[-1].effort, load(PUSH), rtol=1e-6)
+    assert rig.contact.detector.collision
+    assert rig.rejected == []
+
+
+@pytest.mark.parametrize(('efforts', 'factor'), [
+    ({}, 0.1), ({'gravity': False}, 1.0), ({}, 20.0), ({}, -1.0)])
+def test_efforts_that_contradict_their_meaning_at_rest_are_named_once(efforts, factor):
+    rig = Rig(threshold=0.1, torque='effort', efforts=efforts)
+    for _ in range(5):
+        rig.state(factor * gravity())
+    assert rig.rejected == ['efforts contradict the model']
+
+
+def test_meanings_that_the_observer_cannot_use_are_refused():
+    for efforts, words in (({'kind': 'external_torque'}, 'external_torque, which observer and'),
+                           ({'kind': 'motor_current'}, 'without constants'),
+                           ({'kind': 'motor_current', 'constants': [1.0, 2.0, 3.0]},
+                            '3 entries; expected one number, or one')):
+        with pytest.raises(InputError, match=words):
+            Rig(efforts=efforts)
+    Rig(torque='command', efforts={'kind': 'external_torque'})
 
 
 def test_a_missing_torque_source_gives_a_reason_and_no_estimate():
