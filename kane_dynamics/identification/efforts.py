@@ -1,4 +1,4 @@
-"""What reported efforts are, and the torques on the joints that follow from them."""
+"""The meaning of reported efforts, and the torques on the joints that follow from them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -3,6 +3,7 @@
 import re
 
 from documents import named, PAGES, ROOT
+from kane_dynamics.cli.examples import EXAMPLES
 import pytest
 
 pytest.importorskip('rclpy')
@@ -10,8 +11,9 @@ pytest.importorskip('rclpy')
 from arm_statements import (faults, starts_of_page, starts_of_parameters,  # noqa: E402, I100
                             starts_of_text)
 
-TEXTS = [ROOT / 'launch' / 'kane_dynamics.launch.py', ROOT / 'kane_dynamics/cli/examples.py',
-         ROOT / 'CONTRIBUTING.md']
+TEXTS = {name: (ROOT / name).read_text(encoding='utf-8')
+         for name in ('launch/kane_dynamics.launch.py', 'CONTRIBUTING.md')}
+TEXTS['help of the commands'] = '\n'.join(EXAMPLES.values())
 CONFIGURATIONS = sorted((ROOT / 'config').glob('*.yaml'))
 
 
@@ -27,21 +29,21 @@ def test_what_a_page_starts_agrees_with_the_table_of_arms(page):
     assert [fault for start in starts_of_page(page) for fault in faults(start)] == []
 
 
-@pytest.mark.parametrize('path', TEXTS, ids=named)
-def test_commands_in_other_texts_agree_with_the_table_of_arms(path):
-    starts = starts_of_text(path.read_text(encoding='utf-8'), path.name)
+@pytest.mark.parametrize('name', TEXTS)
+def test_commands_in_other_texts_agree_with_the_table_of_arms(name):
+    starts = starts_of_text(TEXTS[name], name)
     assert [fault for start in starts for fault in faults(start)] == []
 
 
 def test_every_command_that_starts_a_node_is_found():
     """The words `dynamics_node --ros-args` and the launch file occur as often as the starts."""
-    text = '\n'.join(path.read_text(encoding='utf-8') for path in (*PAGES, *TEXTS))
+    pages = [path.read_text(encoding='utf-8') for path in PAGES]
+    text = '\n'.join([*pages, *TEXTS.values()])
     program = r'(?:(?:dynamics|plant)_node --ros-args|ros2 launch kane_dynamics )'
     lines = re.findall(rf'^[^#\n]*{program}.*$', text, re.MULTILINE)
     commands = [line for line in lines if '`' not in line]
     starts = [start for page in PAGES for start in starts_of_page(page)]
-    starts += [start for path in TEXTS
-               for start in starts_of_text(path.read_text(encoding='utf-8'), path.name)]
+    starts += [start for name in TEXTS for start in starts_of_text(TEXTS[name], name)]
     found = {start.where.split(': ', 1)[1] for start in starts if ': ' in start.where}
     assert len(commands) > 10
     for line in commands:

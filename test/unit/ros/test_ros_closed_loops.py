@@ -366,7 +366,7 @@ def test_torque_of_deflected_beams_is_that_of_the_rigid_model_whatever_the_arm_a
     flexible, rigid = bending_palletizer()
     bent, rest = QuasiStatic(flexible), np.zeros(4)
     q, u = positions(rigid, *POSE), np.array([0.1, -0.2, 0.3, 0.4])
-    values = {'observer.torque': 'command', 'arm_compensates': (off or 'none',)}
+    values = all_values(**{'observer.torque': 'command', 'arm_compensates': (off or 'none',)})
     terms = Terms(**({off: False} if off else {}))
     command = np.zeros(rigid.n_q)
     command[[rigid.joint_names.index(name) for name in DRIVEN]] = (
