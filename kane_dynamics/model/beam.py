@@ -1,16 +1,22 @@
 """
 Flexible links as data: Euler-Bernoulli beams with assumed modes.
 
-A point of a beam is at ``rho = x e + d + c e``: x along the beam's direction e, the deflection
+A section of a beam is at ``rho = x e + d + c e``: x along the beam's direction e, the deflection
 ``d = sum_i phi_i(x) eta_i`` across it, and the foreshortening ``c = -1/2 eta^T H(x) eta`` with
 ``H_ij = int_0^x phi_i' . phi_j'``, without which a rotating beam would soften (Kane, Ryan &
-Banerjee, JGCD 10, 1987). The kinetic energy of the beam is of second order in eta and eta';
-attached bodies move exactly with their section. All integrals are computed once.
+Banerjee, JGCD 10, 1987). Attached bodies move exactly with their section. It turns by the slopes
+of d, and about e by the roll that bending in two planes causes (see `flexible_link`).
+
+The mass of the beam moves likewise, except that its c is the linear function of x with the same
+mean and first moment in mass. To second order in eta and eta', the kinetic energy and the weight
+depend on these two only. The kinetic energy is exactly that of these points, so that M is a Gram
+matrix and positive definite for every eta. All integrals are computed once.
 
 Sections may rotate about e by the twist ``theta = sum_i psi_i(x) eta_i``. Their inertia is that of
 a round section: rho I_p about e and half of that across it. So torsion adds rho I_p (omega . e
 theta' + 1/2 theta'^2) per length to the kinetic energy, for any angle. The rotation of e by
-bending acts on attached bodies; it is neglected in the rotary inertia of the sections.
+bending and the roll act on attached bodies; they are neglected in the rotary inertia of the
+sections.
 """
 
 from dataclasses import dataclass
@@ -47,20 +53,25 @@ class Beam:
     ----------
     coordinates : tuple of int
         Indices of the modal coordinates in q, (m,).
-    pseudo_slope : (m, 4, 4) array
-        Derivatives of the pseudo-inertia with respect to the modal coordinates, undeformed.
-    pseudo_curvature : (m, m, 4, 4) array
-        Its second derivatives.
-    momentum : (m, 3) array
-        int rho x phi_i dm, undeformed (or of torsion): angular momentum per unit modal speed.
-    momentum_slope : (m, m, 3) array
-        [j, i]: int phi_j x phi_i dm.
+    straight : (2,) array
+        Coefficients of x in the functions b_0(x) and b_1(x): a constant and a linear one,
+        orthonormal in mass.
+    axial : (2, m, m) array
+        -int H_ij b_a dm: second derivatives of the coefficients of c in b_0 and b_1.
+    coupling : (m, 2, 3) array
+        int phi_i b_a dm.
+    products : (m, m, 3, 3) array
+        int phi_i phi_j^T dm.
+    twist_momentum : (m, 3) array
+        Angular momentum of torsion per unit modal speed.
     mass, stiffness, damping : (m, m) arrays
         Modal mass, stiffness and damping.
+    root_of_mass : float
+        int b_0 dm, kg^(1/2).
     points, weights : (g, 3), (g,) arrays
         Quadrature points along the beam, m, and their masses, kg.
     shapes, shortening : (g, m, 3), (g, m, m) arrays
-        phi and H at the points.
+        phi at the points, and H of the foreshortening that is linear in x.
     twists, spins : (g, m), (g,) arrays
         psi at the points, and the sections' moments of inertia about e, kg m^2.
     direction : (3,) array
@@ -69,13 +80,15 @@ class Beam:
     """
 
     coordinates: tuple[int, ...]
-    pseudo_slope: Array
-    pseudo_curvature: Array
-    momentum: Array
-    momentum_slope: Array
+    straight: Array
+    axial: Array
+    coupling: Array
+    products: Array
+    twist_momentum: Array
     mass: Array
     stiffness: Array
     damping: Array
+    root_of_mass: float
     points: Array
     weights: Array
     shapes: Array

@@ -210,34 +210,55 @@ class AssumedModes:
                 H[k] = np.einsum('gik,gjk->ij', weights[:, None, None] * slope, slope)
         return H
 
+    def _roll(self, x: float) -> Array:
+        """
+        Return the second derivatives of the roll that bending in two planes causes, (m, m).
+
+        With deflections v along `up` and w along e x up, a section turns by v' and -w' about these
+        axes and by theta about the beam. Its torsion is theta' + v'' w'. Without torsion theta is
+        therefore -int v'' w'.
+        """
+        places, weights = gauss(x, self.count)
+        _, slope, curvature = self.at(places)
+        _, up, side = self.axes
+        product: Array = np.einsum('g,gi,gj->ij', weights, curvature @ up, slope @ side)
+        roll: Array = -(product + product.T)
+        return roll
+
     def beam(self, coordinates: tuple[int, ...]) -> Beam:
         """Return the modal integrals for the equations of motion."""
         phi, _, curvature = self.at(self.x)
         dm, e = self._weights * self.density, self.axes[0]
-        H, points = self.shortening(self.x), np.multiply.outer(self.x, e)
-        m = self.count
-        slope, bend = np.zeros((m, 4, 4)), np.zeros((m, m, 4, 4))
-        slope[:, :3, 3] = slope[:, 3, :3] = np.einsum('g,gmk->mk', dm, phi)
-        outer = np.einsum('g,gk,gml->mkl', dm, points, phi)
-        slope[:, :3, :3] = outer + outer.transpose(0, 2, 1)
-        shorter = -np.einsum('g,gij->ij', dm, H)  # second derivatives of the moment of c
-        bend[:, :, :3, 3] = bend[:, :, 3, :3] = np.multiply.outer(shorter, e)
-        square = np.einsum('g,gik,gjl->ijkl', dm, phi, phi)
-        along = -2.0 * np.einsum('g,g,gij->ij', dm, self.x, H)
-        bend[:, :, :3, :3] = (square + square.transpose(1, 0, 2, 3)
-                              + np.multiply.outer(along, np.outer(e, e)))
+        basis, straight = self._linear_functions()
+        axial = -np.einsum('g,ag,gij->aij', dm, basis, self.shortening(self.x))
         EI = np.repeat([*self._stiffness, 0.0], [*self._modes, self._torsion.modes])
         K = np.einsum('g,gik,gjk->ij', self._weights, curvature, curvature) * EI[:, None]
         (psi, twist), polar = self.twists(self.x), self._weights * self._torsion.inertia
         K = K + np.einsum('g,gi,gj->ij', self._weights * self._torsion.stiffness, twist, twist)
-        momentum = (np.einsum('g,gmk->mk', dm, np.cross(points[:, None], phi))
-                    + np.multiply.outer(polar @ psi, e))
         mass = (np.einsum('g,gik,gjk->ij', dm, phi, phi)
                 + np.einsum('g,gi,gj->ij', polar, psi, psi))
-        return Beam(coordinates, _clean(slope), _clean(bend), _clean(momentum),
-                    _clean(np.einsum('g,gjik->jik', dm, np.cross(phi[:, :, None], phi[:, None]))),
-                    _clean(mass), _clean(K), _clean(self._damping * K), points, dm, phi, H, psi,
-                    polar, e)
+        return Beam(
+            coordinates, straight, _clean(axial),
+            coupling=_clean(np.einsum('g,gik,ag->iak', dm, phi, basis)),
+            products=_clean(np.einsum('g,gik,gjl->ijkl', dm, phi, phi)),
+            twist_momentum=_clean(np.multiply.outer(polar @ psi, e)),
+            mass=_clean(mass), stiffness=_clean(K), damping=_clean(self._damping * K),
+            root_of_mass=math.sqrt(self.density * self.length),
+            points=np.multiply.outer(self.x, e), weights=dm, shapes=phi,
+            shortening=-np.einsum('ag,aij->gij', basis, axial), twists=psi, spins=polar,
+            direction=e)
+
+    def _linear_functions(self) -> tuple[Array, Array]:
+        """
+        Return a constant and a linear function that are orthonormal in mass, and x in them.
+
+        The functions are at the quadrature points, (2, g); the coefficients of x are (2,).
+        """
+        root_of_mass, middle = math.sqrt(self.density * self.length), 0.5 * self.length
+        radius = self.length / math.sqrt(12.0)  # of gyration
+        linear = (self.x - middle) / (radius * root_of_mass)
+        return (np.stack([np.full(len(self.x), 1.0 / root_of_mass), linear]),
+                root_of_mass * np.array([middle, radius]))
 
     def deflections(self, x: float, coordinates: tuple[int, ...]
                     ) -> list[tuple[str, Kind, Array, Deflection]]:
@@ -252,7 +273,7 @@ class AssumedModes:
             ('side', 'prismatic', side, phi @ side, none),
             ('turn_side', 'revolute', side, slope @ up, none),
             ('turn_up', 'revolute', up, -(slope @ side), none),
-            ('twist', 'revolute', e, self.twists(place)[0][0], none)]
+            ('twist', 'revolute', e, self.twists(place)[0][0], self._roll(x))]
         return [(name, kind, axis, Deflection(coordinates, _clean(a), _clean(B)))
                 for name, kind, axis, a, B in parts if a.any() or B.any()]
 

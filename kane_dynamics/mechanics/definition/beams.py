@@ -1,15 +1,15 @@
 """
 Reference formulation of a flexible beam: Kane's sums as volume integrals, by quadrature.
 
-The reference for `recursive`, which uses precomputed integrals. The position rho of a point from
-the body's origin is expanded in powers of the modal coordinates and speeds, rho = rho_0 + rho_1 +
-rho_2, and with it its partial velocities and acceleration:
+The reference for `recursive`, which uses precomputed integrals. A point of the beam at rho from
+the body's origin has the partial velocities and the acceleration
 
-    v_i^r = (v_O^r + omega^r x rho)_i + d rho_i / d eta_r,    a_j likewise,
+    v^r = v_O^r + omega^r x rho + d rho / d eta_r
+    a   = a_O + alpha x rho + omega x (omega x rho) + 2 omega x rho' + rho''
 
-The sum of v_i^r . a_j over i + j <= 2 corresponds to the kinetic energy to second order. The term
-i = j = 0 is that of the straight beam, a rigid body, and is omitted here. World axes, any scalar
-type. Source: Kane, Ryan & Banerjee, JGCD 10 (1987).
+with ' in the axes of the body. The integral of v^r . a is exact for these points. That of the
+straight beam, a rigid body, is subtracted here. World axes, any scalar type. Source: Kane, Ryan &
+Banerjee, JGCD 10 (1987).
 
 A twisting section is a round disc. Its partial angular velocities are those of the beam plus
 psi e, and its -F_r* is w^r . (J alpha + w x J w), minus that of the disc of the straight beam.
@@ -24,32 +24,36 @@ import numpy as np
 
 
 class BeamPoints:
-    """Points of a beam: positions and partial velocities in powers of the modal coordinates."""
+    """Points of a bent beam, and of the straight one: positions and partial velocities."""
 
     def __init__(self, beam: Beam, here: Configuration, q: Any) -> None:
         """Evaluate the points at the body's configuration and the coordinates q, (n,)."""
         self.beam, R = beam, here.R_wb
         eta = q[list(beam.coordinates)]
         unit = np.eye(len(q))[list(beam.coordinates)]
-        bent, shorter = beam.displacement(eta)
-        self.places = [points @ R.T for points in (beam.points, bent, shorter)]  # (g, 3) each
-        across = [shapes @ R.T for shapes in beam.shapes]
-        along = [np.multiply.outer(-(H @ eta), R @ beam.direction) for H in beam.shortening]
-        self.modal = [across, along]  # d rho_1 / d eta, d rho_2 / d eta: (m, 3) per point
-        self.partials = []  # v_0, v_1, v_2 of each point, (n, 3)
+        self.straight = beam.points @ R.T  # (g, 3)
+        self.bent = self.straight + sum(beam.displacement(eta)) @ R.T
+        self.axis = R @ beam.direction
+        self.modal = []  # d rho / d eta of each point, (m, 3)
+        self.partials = []  # v^r of each point of the bent and of the straight beam, (n, 3)
         for g in range(len(beam.weights)):
-            v = [here.partial_angular_velocity @ skew(places[g])  # each row crossed with it
-                 for places in self.places]
-            self.partials.append([v[0] + here.partial_velocity_origin,
-                                  v[1] + unit.T @ across[g], v[2] + unit.T @ along[g]])
+            modal = (beam.shapes[g] @ R.T
+                     + np.multiply.outer(-(beam.shortening[g] @ eta), self.axis))
+            carried = [here.partial_velocity_origin + here.partial_angular_velocity @ skew(place)
+                       for place in (self.bent[g], self.straight[g])]
+            self.modal.append(modal)
+            self.partials.append((carried[0] + unit.T @ modal, carried[1]))
 
     def total(self, vectors: Any) -> Any:
-        """Return the integral of v_i^r . a_j; `vectors(g)` returns a_0, a_1, a_2 of point g."""
+        """
+        Return the integral of v^r . a over the bent beam minus that over the straight one.
+
+        `vectors(g)` returns a of point g of the two.
+        """
         result: Any = 0.0
         for g, dm in enumerate(self.beam.weights):
-            v, a = self.partials[g], vectors(g)
-            result = result + dm * (v[0] @ a[1] + v[1] @ a[0]
-                                    + v[0] @ a[2] + v[1] @ a[1] + v[2] @ a[0])
+            (v, v_straight), (a, a_straight) = self.partials[g], vectors(g)
+            result = result + dm * (v @ a - v_straight @ a_straight)
         return result
 
 
@@ -99,15 +103,14 @@ def inertia_force(beam: Beam, here: Configuration, motion: BodyMotion, q: Any, u
     speed, gain = (x[list(beam.coordinates)] for x in (u, udot))
     omega = motion.omega
 
-    def accelerations(g: int) -> list[Any]:
-        a = [cross(motion.alpha, places[g]) + cross(omega, cross(omega, places[g]))
-             for places in points.places]
-        a[0] = a[0] + motion.a
-        for power in (1, 2):
-            shapes = points.modal[power - 1][g]
-            a[power] = a[power] + 2.0 * cross(omega, speed @ shapes) + gain @ shapes
-        a[2] = a[2] - (speed @ beam.shortening[g] @ speed) * (here.R_wb @ beam.direction)
-        return a
+    def carried(place: Any) -> Any:
+        return motion.a + cross(motion.alpha, place) + cross(omega, cross(omega, place))
+
+    def accelerations(g: int) -> tuple[Any, Any]:
+        modal = points.modal[g]
+        curved = speed @ beam.shortening[g] @ speed
+        bending = 2.0 * cross(omega, speed @ modal) + gain @ modal - curved * points.axis
+        return carried(points.bent[g]) + bending, carried(points.straight[g])
     return -points.total(accelerations) - Twist(beam, here, len(q)).torques(
         motion, (u, udot))
 
@@ -115,14 +118,13 @@ def inertia_force(beam: Beam, here: Configuration, motion: BodyMotion, q: Any, u
 def mass_matrix(beam: Beam, here: Configuration, q: Any) -> Any:
     """Return the contribution of bending to the mass matrix, (n, n)."""
     points = BeamPoints(beam, here, q)
-    return (points.total(lambda g: [v.T for v in points.partials[g]])
+    return (points.total(lambda g: tuple(v.T for v in points.partials[g]))
             + Twist(beam, here, len(q)).inertia())
 
 
 def weight(beam: Beam, here: Configuration, q: Any, gravity: Any) -> Any:
     """Return the contribution of bending to the generalized force of gravity, (n,)."""
-    none = np.zeros(3)
-    return BeamPoints(beam, here, q).total(lambda g: [gravity, none, none])
+    return BeamPoints(beam, here, q).total(lambda g: (gravity, gravity))
 
 
 def modal_force(beam: Beam, q: Any, u: Any, friction: bool) -> Any:

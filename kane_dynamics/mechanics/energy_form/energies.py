@@ -105,16 +105,16 @@ def _bending(beam: Any, T: Any, T_rate: Any, q: Any, u: Any) -> Any:
     """
     Return twice the contribution of bending to the kinetic energy, J, by quadrature.
 
-    To second order in the modes: 2 v_0 . (v_1 + v_2) + v_1 . v_1, with v expanded in powers.
+    It is v . v of the bent beam minus that of the straight one, which is a rigid body.
     """
     eta, speed = (x[list(beam.coordinates)] for x in (q, u))
     total: Any = 0.0
     for x, dm, phi, H in zip(beam.points, beam.weights, beam.shapes, beam.shortening):
         shorter, rate = (H @ eta) @ eta * -0.5, -((H @ eta) @ speed)
         v_0 = T_rate[:3, :3] @ x + T_rate[:3, 3]
-        v_1 = T_rate[:3, :3] @ (eta @ phi) + T[:3, :3] @ (speed @ phi)
-        v_2 = (T_rate[:3, :3] @ beam.direction) * shorter + (T[:3, :3] @ beam.direction) * rate
-        total = total + dm * (2.0 * (v_0 @ (v_1 + v_2)) + v_1 @ v_1)
+        moved = (T_rate[:3, :3] @ (eta @ phi + beam.direction * shorter)
+                 + T[:3, :3] @ (speed @ phi + beam.direction * rate))
+        total = total + dm * ((2.0 * v_0 + moved) @ moved)
     return total + _twisting(beam, T[:3, :3], T_rate[:3, :3], speed)
 
 
