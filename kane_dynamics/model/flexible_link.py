@@ -265,15 +265,21 @@ class AssumedModes:
         """Return the joints of a section in series: name, kind, axis, deflection."""
         place = np.array([x])
         phi, slope, _ = (values[0] for values in self.at(place))
-        none = np.zeros((self.count, self.count))
+        zero, none = np.zeros(self.count), np.zeros((self.count, self.count))
         e, up, side = self.axes
+        twist, roll = self.twists(place)[0][0], self._roll(x)
+        # A roll is of second order, so its place among the turns does not matter to this order:
+        # a twisting section has it in its twist, another one before its other turns, where it
+        # does not separate these from the joint at the section.
+        before, within = (none, roll) if twist.any() else (roll, none)
         parts: list[tuple[str, Kind, Array, Array, Array]] = [
-            ('along', 'prismatic', e, np.zeros(self.count), -self.shortening(place)[0]),
+            ('along', 'prismatic', e, zero, -self.shortening(place)[0]),
             ('up', 'prismatic', up, phi @ up, none),
             ('side', 'prismatic', side, phi @ side, none),
+            ('roll', 'revolute', e, zero, before),
             ('turn_side', 'revolute', side, slope @ up, none),
             ('turn_up', 'revolute', up, -(slope @ side), none),
-            ('twist', 'revolute', e, self.twists(place)[0][0], self._roll(x))]
+            ('twist', 'revolute', e, twist, within)]
         return [(name, kind, axis, Deflection(coordinates, _clean(a), _clean(B)))
                 for name, kind, axis, a, B in parts if a.any() or B.any()]
 

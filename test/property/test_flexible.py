@@ -150,16 +150,17 @@ def test_a_joint_in_the_plane_of_bending_turns_with_the_section_it_is_on(sense):
            matter=rod(0.5, (0, 0, 0), (0.4, 0.05, 0.1)), armature=0.01, damping=0.1)
     robot = Robot(b.model())
     assert robot.verify(3) < 1e-12
-    assert robot.operation_count()['mass_matrix'].functions == 4  # of two turns
+    assert robot.operation_count()['mass_matrix'].functions == 6  # of two turns and the roll
 
 
-def test_a_planar_arm_takes_no_more_arithmetic_than_it_did():
+def test_a_planar_arm_takes_no_more_arithmetic_than_its_terms_need():
     b = ModelBuilder('planar')
     for name, on in (('upper', 'world'), ('fore', 'upper/tip')):
         b.beam(name, on, FlexibleLink(1.0, 1.0, 400.0, (3, 0)), armature=0.05)
     b.load('fore/tip', point_mass(0.5))
     count = Robot(b.model()).operation_count()['forward_dynamics']
-    assert count.multiplications <= 580 and count.additions <= 456 and count.functions == 4
+    # 123 and 102 of them for the terms that make M definite
+    assert count.multiplications <= 703 and count.additions <= 558 and count.functions == 4
 
 
 def test_energy_split_is_the_volume_integral():
