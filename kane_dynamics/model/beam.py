@@ -24,6 +24,8 @@ from dataclasses import dataclass
 from kane_dynamics._util.typing import Array
 import numpy as np
 
+ADMISSIBLE = 0.1  # of the length: the kinematics are correct to second order in the slope
+
 
 @dataclass(frozen=True, eq=False)
 class Deflection:
@@ -96,6 +98,16 @@ class Beam:
     twists: Array
     spins: Array
     direction: Array
+
+    @property
+    def length(self) -> float:
+        """Return the length, m: twice the distance of the center of mass from the root."""
+        return 2.0 * float(self.straight[0]) / self.root_of_mass
+
+    @property
+    def admissible_deflection(self) -> float:
+        """Return the largest deflection across the beam for which it is meant, m."""
+        return ADMISSIBLE * self.length
 
     def displacement(self, eta: Array) -> tuple[Array, Array]:
         """Return d and c e at the quadrature points, (g, 3) each; any scalar type."""

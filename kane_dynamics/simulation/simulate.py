@@ -22,6 +22,7 @@ from kane_dynamics.native.backends.real_types import size_limit
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.deflection_watch import DeflectionWatch
 from kane_dynamics.simulation.discontinuities import JumpWatch
 from kane_dynamics.simulation.energy_balance import EnergyBalance, Impact
 from kane_dynamics.simulation.limit_events import LimitEvents, LimitWatch
@@ -120,7 +121,9 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         at the (first) initial configuration (`longest_step`): 'implicit' is chosen by default,
         and with 'rk4' the motion near rest is inaccurate.
         The error of the energy balance is above that expected of the step: names the time of its
-        begin. Both are in `Trajectory.warnings` too.
+        begin.
+        A beam bends further than its equations are meant for: names the time, the beam, the
+        deflection and the admissible one. All three are in `Trajectory.warnings` too.
 
     """
     require_arguments(robot, t0, progress, integrator)
@@ -131,6 +134,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     count = whole_steps('duration', positive_time(duration, 'duration'), step, MOST_STEPS)
     warn_of_degrees(robot, starts[:, :robot.n_q], 'q0', stacklevel=4)
     jumps = JumpWatch(robot, starts, t0, step, count, single)
+    bends = DeflectionWatch(robot, starts, t0)
     integrator, step_text = stable_integrator(robot, starts[:1, :robot.n_q], step, integrator, t0)
     if step_text is not None:
         warnings.warn(step_text, ModelWarning, stacklevel=3)
@@ -151,17 +155,18 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         source = SwitchingInput(source, N, integrator, single)
     if callable(torque):
         kept, states, tau, events, balance = _run_callable(source, starts[0], count, every, torque,
-                                                           progress, t0, integrator, jumps)
+                                                           progress, t0, integrator, jumps, bends)
     else:
         kept, states, events, balance = _run_native(source, starts, single, count, every,
-                                                    progress, t0, integrator, jumps)
+                                                    progress, t0, integrator, jumps, bends)
     q, u, _ = (np.ascontiguousarray(part)
                for part in np.split(states, [robot.n_q, robot.n_q + robot.n], axis=2))
     if not callable(torque):
         tau = source.torques(kept, q, u)
     missed = balance.warning(single, step_text if integrator == 'rk4' else None)
-    if missed is not None:
-        warnings.warn(missed, ModelWarning, stacklevel=3)
+    bent = bends.warning(single)
+    for text in filter(None, (missed, bent)):
+        warnings.warn(text, ModelWarning, stacklevel=3)
     arrays = {'q': q, 'u': u, 'tau': tau, **source.results(kept, states, tau)}
     arrays = {name: x[0] if single else x for name, x in arrays.items()}
     hits = source.stops.events(single) if source.stops is not None else ()
@@ -169,13 +174,13 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
                       joint_names=robot.joint_names, limit_events=events,
                       coordinate_names=robot.coordinate_names,
                       speed_names=robot.speed_names, constraint_names=robot.constraint_names,
-                      warnings=tuple(filter(None, (step_text, missed))),
+                      warnings=tuple(filter(None, (step_text, missed, bent))),
                       speed_changes=tuple(source.changes) if watched else (), stop_events=hits)
 
 
 def _run_native(source: Any, starts: Array, single: bool, count: int, every: int,
-                progress: Progress | None, t0: float, integrator: str, jumps: JumpWatch
-                ) -> tuple[Array, Array, LimitEvents, EnergyBalance]:
+                progress: Progress | None, t0: float, integrator: str, jumps: JumpWatch,
+                bends: DeflectionWatch) -> tuple[Array, Array, LimitEvents, EnergyBalance]:
     """Step in native chunks; return the kept steps, their states, events, energy balance."""
     robot, (N, size) = source.robot, starts.shape
     kept = np.append(np.arange(0, count, every), count)
@@ -195,11 +200,11 @@ def _run_native(source: Any, starts: Array, single: bool, count: int, every: int
         started = time.perf_counter()
         extremes = source.advance(buffer, done, single)
         took = time.perf_counter() - started
-        _finite(robot, buffer, done, source.step, single)
+        t = t0 + (done + np.arange(1, chunk + 1)) * np.float64(source.step)
+        bends.look(buffer[:, 1:], t)
+        _finite(robot, buffer, done, source.step, single, bends)
         jumps.look_back(buffer, done)
-        watch.look(buffer[:, 1:],
-                   t0 + (done + np.arange(1, chunk + 1)) * np.float64(source.step),
-                   extremes)
+        watch.look(buffer[:, 1:], t, extremes)
         balance.look(source.in_own_speeds(buffer, done), done, source.acting(buffer, done),
                      _impacts(source, done))
         here = slice(*np.searchsorted(kept, [done + 1, done + chunk + 1]))
@@ -221,8 +226,8 @@ def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, A
 
 
 def _run_callable(source: Any, state: Array, count: int, every: int, torque: Torque,
-                  progress: Progress | None, t0: float, integrator: str, jumps: JumpWatch
-                  ) -> tuple[Array, Array, Array, LimitEvents, EnergyBalance]:
+                  progress: Progress | None, t0: float, integrator: str, jumps: JumpWatch,
+                  bends: DeflectionWatch) -> tuple[Array, Array, Array, LimitEvents, EnergyBalance]:
     """Step with a Python torque function, evaluated before every step."""
     robot, step = source.robot, source.step
     n_q, n = robot.n_q, robot.n
@@ -256,15 +261,18 @@ def _run_callable(source: Any, state: Array, count: int, every: int, torque: Tor
             source.advance(here, k, single=True)
         else:
             replace(source, torque=tau[None, None]).advance(here, k, single=True)
-        _finite(robot, here, k, step, single=True)
+        if _diverged(robot, here[:, -1]).any():
+            bends.look(buffer[:, 1:j + 2], t0 + np.arange(k - j + 1, k + 2) * step)
+            _finite(robot, here, k, step, True, bends)
         if progress is not None and time.perf_counter() - reported > CHUNK_SECONDS:
             reported = time.perf_counter()
             if progress(t0 + (k + 1) * step) is False:
                 count = k + 1
         if j + 1 == FIRST_CHUNK or k + 1 == count:
             jumps.look_back(buffer[:, :j + 2], k - j)
-            watch.look(buffer[:, 1:j + 2],
-                       t0 + np.arange(k - j + 1, k + 2) * np.float64(step))
+            times = t0 + np.arange(k - j + 1, k + 2) * np.float64(step)
+            bends.look(buffer[:, 1:j + 2], times)
+            watch.look(buffer[:, 1:j + 2], times)
             balance.look(source.in_own_speeds(buffer[:, :j + 2], k - j), k - j,
                          asked[:, :j + 1], _impacts(source, k - j))
             buffer[:, 0] = buffer[:, j + 1]
@@ -286,15 +294,22 @@ def _watched(source: Any) -> JointLimits:
         limits, velocity=np.full(robot.model.n, np.inf))
 
 
-def _finite(robot: Robot, buffer: Array, done: int, step: float, single: bool) -> None:
-    """Raise InputError for a diverged motion (not finite, or positions too large); it stays so."""
-    most = np.full(buffer.shape[-1], np.finfo(float).max)
+def _diverged(robot: Robot, states: Array) -> Any:
+    """Return which entries of states are not finite, or positions that are too large."""
+    most = np.full(states.shape[-1], np.finfo(float).max)
     most[:robot.n_q] = size_limit('q')
-    if (np.abs(buffer[:, -1]) <= most).all():
+    return ~(np.abs(states) <= most)
+
+
+def _finite(robot: Robot, buffer: Array, done: int, step: float, single: bool,
+            bends: DeflectionWatch) -> None:
+    """Raise InputError for a diverged motion (not finite, or positions too large); it stays so."""
+    if not _diverged(robot, buffer[:, -1]).any():
         return
-    at = ~(np.abs(buffer) <= most)
+    at = _diverged(robot, buffer)
     k = int(np.argmax(at.any(axis=(0, 2))))
     i, j = (int(index) for index in np.argwhere(at[:, k])[0])
     which = 'the simulation' if single else f'simulation {i}'
     value = float(buffer[i, k, j])
-    raise diverged_error(which, (done + k) * step, step, state_names(robot)[j], value)
+    raise diverged_error(which, (done + k) * step, step, state_names(robot)[j], value,
+                         bends.warning(single))

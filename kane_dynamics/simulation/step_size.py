@@ -137,10 +137,16 @@ def _radii() -> Array:
 
 
 def diverged_error(which: str, t: float, step: float, entry: str = '',
-                   value: float = math.nan) -> InputError:
-    """Return the error for a simulation whose state is not finite, or too large, at t, s."""
+                   value: float = math.nan, earlier: str | None = None) -> InputError:
+    """
+    Return the error for a simulation whose state is not finite, or too large, at t, s.
+
+    `earlier` is an earlier warning of the simulation.
+    """
+    before = f'. Earlier, {earlier}' if earlier else ''
     first = f" ('{entry}' first)" if entry else ''
     how = f'is {value:.3g}' if math.isfinite(value) else 'is not finite'
     return InputError(f'{which}: the state diverged ({how}) at {t:.6g} s{first} with a '
                       f'step of {step} s; expected a regular mass matrix and a shorter step, or '
-                      "integrator='implicit' if friction, springs or bending are stiff")
+                      "integrator='implicit' if friction, springs or bending are stiff"
+                      f'{before}')
