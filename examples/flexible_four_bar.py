@@ -31,7 +31,7 @@ if __name__ == '__main__':
     by_energy = EnergyForm(linkage.mechanism, PasserelloHuston()).inverse_dynamics(q, u, udot)
     print(f'crank torque {tau[0]:.6f} N m; the energy formulation differs by '
           f'{np.abs(by_energy - tau).max():.1e}')
-    run = simulate(linkage, q, np.array([12.0, 0, 0]), 1.0, step=1e-4, sample=0.02)
+    run = simulate(linkage, q, np.array([10.0, 0, 0]), 1.0, step=1e-4, sample=0.02)
     print(f'1 s of free motion: first mode up to {np.abs(run.q[:, 2]).max():.4f}, '
           f'loop closed to {run.drift:.1e} m')
     if len(sys.argv) > 1:  # where to draw the picture

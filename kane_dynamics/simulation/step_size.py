@@ -35,15 +35,20 @@ class LongestStep(NamedTuple):
     name: str = ''
 
 
-def longest_step(robot: Robot, q: Any, *, t: float = 0.0) -> LongestStep:
+def longest_step(robot: Robot, q: Any, u: Any = None, *, t: float = 0.0) -> LongestStep:
     """
-    Return the longest Runge-Kutta step that is stable at rest.
+    Return the longest Runge-Kutta step that is stable near a state.
 
-    The equations are linearised about rest at a configuration, x' = J x. A step h multiplies the
+    The equations are linearised about the state, x' = J x. A step h multiplies the
     part of x of an eigenvalue of J by R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24, z = h times
     the eigenvalue, and ``|R| <= 1`` is required (Hairer & Wanner, Solving Ordinary
     Differential Equations II, section IV.2). The limit is most often smoothed Coulomb friction:
     the slope of mu tanh(u / u_s) at rest, mu / u_s, over a small inertia.
+
+    In a motion the limit of a beam or spring changes with the configuration and the speeds: take
+    the least over the states of the motion. A stable step is not an accurate one. Vibrations near
+    the limit lose their energy within a few steps, which the energy balance of `simulate`
+    reports.
 
     Parameters
     ----------
@@ -51,26 +56,29 @@ def longest_step(robot: Robot, q: Any, *, t: float = 0.0) -> LongestStep:
         With its current parameters.
     q : (n_q,) array
         The configuration, rad or m, with closed loops.
+    u : (n,) array, optional
+        The speeds, rad/s or m/s. Default: rest, where friction limits the step most.
     t : float
         Time, s.
 
     Raises
     ------
     InputError
-        q is not n_q finite numbers; or as `Robot.forward_dynamics`.
+        q or u is not an array of finite numbers; or as `Robot.forward_dynamics`.
 
     """
     q, n = constant(q, (robot.n_q,), 'q', InputError), robot.n
+    rest, turned = np.zeros(n), DIFFERENCE * np.eye(n)
+    u = rest if u is None else constant(u, (n,), 'u', InputError)
     if not (n and _may_limit_step(robot.model, robot.friction)):
         return LongestStep(math.inf)
-    rest, turned = np.zeros(n), DIFFERENCE * np.eye(n)
     # Joints move along their partial rates: loops stay closed to first order, and the residual of
     # second order is equal on both sides.
     along = np.array([robot.joint_rates(q, v, t=t) for v in (rest, *turned)]).reshape(n + 1, -1)
     along = along[1:] - along[0]
     dq, du = (np.concatenate(parts) for parts in (
         [np.zeros((n, robot.n_q)), along], [turned, np.zeros((n, n))]))
-    udot = robot.forward_dynamics(np.concatenate([q + dq, q - dq]), np.concatenate([du, -du]),
+    udot = robot.forward_dynamics(np.concatenate([q + dq, q - dq]), np.concatenate([u + du, u - du]),
                                   np.zeros((4 * n, n)), t=t)
     by_u, by_z = np.split((udot[:2 * n] - udot[2 * n:]).T / (2.0 * DIFFERENCE), 2, axis=1)
     J = np.block([[np.zeros((n, n)), np.eye(n)], [by_z, by_u]])

@@ -48,7 +48,7 @@ def exact(robot, q, u, tau, duration):
 def test_native_steps_are_the_readable_methods_steps(make):
     robot, h = make(), 2e-3
     method, n = ImplicitStep(robot.equations), robot.n
-    q, u, tau = np.array([0.3, 0.02, -0.01]), np.full(n, 0.1), np.full(n, 0.2)
+    q, u, tau = np.array([0.3, 0.015, -0.008]), np.full(n, 0.1), np.full(n, 0.2)
 
     def stage(*arguments):
         return method.stage(*arguments[:-1], None, robot.parameters.block)

@@ -4,6 +4,7 @@ from dataclasses import replace
 import math
 import warnings
 
+from examples.flexible_four_bar import flexible_four_bar
 from kane_dynamics import (Closure, FlexibleLink, InputError, load_urdf, longest_step,
                            ModelBuilder, ModelWarning, natural_vibration, point_mass, Robot, rod,
                            simulate)
@@ -198,3 +199,27 @@ def test_no_warning_where_there_is_nothing_to_warn_of(arm):
         warnings.simplefilter('error')
         simulate(Robot(load_urdf(resource_path('urdf', 'ur10e.urdf'))), POSTURE, np.zeros(6), 0.01)
         simulate(arm, POSTURE, np.zeros(6), 1e-3, step=5e-6)
+
+
+def test_the_longest_step_holds_while_a_four_bar_bends_in_its_motion():
+    robot = flexible_four_bar()
+    q = robot.closed_posture((0.8, 0, 0, 0, -1.5), fixed=robot.speed_names)
+    u = np.array([10.0, 0.0, 0.0])
+    run = simulate(robot, q, u, 0.5, step=1e-4, sample=0.004)
+    deflected = np.abs(run.q[:, robot.coordinate_names.index('coupler/mode_1')])
+    assert deflected.max() > 0.03  # m, of 0.9 m
+    along = [longest_step(robot, *state).step for state in zip(run.q, run.u)]
+    assert min(along) > 0.93 * longest_step(robot, q).step
+    step = 0.95 * min(along)
+    coarse = simulate(robot, q, u, 90 * step, step=step)
+    assert coarse.t[-1] > 0.48
+    assert coarse.drift < 1e-9
+    assert np.abs(coarse.q).max() == pytest.approx(np.abs(run.q).max(), rel=0.05)
+
+
+def test_the_longest_step_of_a_motion_counts_its_speeds():
+    # Friction mu tanh(u / u_s) has the slope mu / u_s at rest and almost none in motion.
+    robot = wheel(**RUB)
+    assert longest_step(robot, [0.0], [1.0]).step > 1e3 * longest_step(robot, [0.0]).step
+    with pytest.raises(InputError, match=r'u: .*; expected'):
+        longest_step(robot, [0.0], [0.0, 1.0])
