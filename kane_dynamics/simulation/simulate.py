@@ -227,7 +227,8 @@ def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, A
 
 def _run_callable(source: Any, state: Array, count: int, every: int, torque: Torque,
                   progress: Progress | None, t0: float, integrator: str, jumps: JumpWatch,
-                  bends: DeflectionWatch) -> tuple[Array, Array, Array, LimitEvents, EnergyBalance]:
+                  bends: DeflectionWatch
+                  ) -> tuple[Array, Array, Array, LimitEvents, EnergyBalance]:
     """Step with a Python torque function, evaluated before every step."""
     robot, step = source.robot, source.step
     n_q, n = robot.n_q, robot.n

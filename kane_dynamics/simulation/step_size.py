@@ -78,8 +78,8 @@ def longest_step(robot: Robot, q: Any, u: Any = None, *, t: float = 0.0) -> Long
     along = along[1:] - along[0]
     dq, du = (np.concatenate(parts) for parts in (
         [np.zeros((n, robot.n_q)), along], [turned, np.zeros((n, n))]))
-    udot = robot.forward_dynamics(np.concatenate([q + dq, q - dq]), np.concatenate([u + du, u - du]),
-                                  np.zeros((4 * n, n)), t=t)
+    udot = robot.forward_dynamics(np.concatenate([q + dq, q - dq]),
+                                  np.concatenate([u + du, u - du]), np.zeros((4 * n, n)), t=t)
     by_u, by_z = np.split((udot[:2 * n] - udot[2 * n:]).T / (2.0 * DIFFERENCE), 2, axis=1)
     J = np.block([[np.zeros((n, n)), np.eye(n)], [by_z, by_u]])
     values, vectors = np.linalg.eig(J)

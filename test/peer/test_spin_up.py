@@ -1,8 +1,10 @@
 """The spin-up of a cantilever, against a chain of rigid segments in MuJoCo."""
 
-from kane_dynamics import FlexibleLink, ModelBuilder, Prescribed, Robot, simulate
+from kane_dynamics import (FlexibleLink, ModelBuilder, ModelWarning, Prescribed, Robot,
+                           simulate)
 import mujoco
 import numpy as np
+import pytest
 
 # Kane, Ryan & Banerjee, JGCD 10 (1987): 10 m of beam brought to 6 rad/s within 15 s.
 LENGTH, DENSITY, STIFFNESS, FINAL, DURATION = 10.0, 1.2, 14000.0, 6.0, 15.0
@@ -65,5 +67,5 @@ def test_the_beam_lags_and_returns_as_a_chain_of_segments_does():
 
 
 def test_without_foreshortening_it_diverges():
-    with pytest.warns(ModelWarning, match="beam 'beam': a deflection of 0.8.* m at .* s; expected"):
+    with pytest.warns(ModelWarning, match="beam 'beam': a deflection of 1.* m at .* s"):
         assert np.abs(spun(foreshortening=False, duration=12.0)[1]).max() > 5.0

@@ -75,7 +75,7 @@ def test_energy_of_a_beam_that_bends_in_both_planes_is_kept_to_a_billionth(twist
     robot = hinged((2, 2), (0, 1, 0.3), twists,
                    load=box(0.3, (0.1, 0.06, 0.02)).moved(np.eye(3), np.array([0, 0.1, 0])))
     q, u = np.zeros(robot.n), np.zeros(robot.n)
-    q[1:5] = 0.05, 0.004, -0.04, 0.003  # a tip deflection of a tenth of the length
+    q[1:5] = 0.033, 0.003, -0.026, 0.002  # a tip deflection of nearly a tenth of the length
     u[0] = 3.0
     run = simulate(robot, q, u, 0.1, step=1e-5)
     energy = run.energy.sum(axis=1)
@@ -143,7 +143,6 @@ def test_chains_of_rigid_segments_converge_to_the_recorded_motion():
 
 def transported(modes, eta, axes):
     """Return the axes of a beam's end by integration of the curvature: no torsion on the way."""
-    _, up, side = axes
     R, steps = np.eye(3), 2000
     middles = (np.arange(steps) + 0.5) * LENGTH / steps
     curvature = np.einsum('gmk,m->gk', modes.at(middles)[2], eta)
