@@ -154,6 +154,7 @@ def state(robot, seed=0):
     q = q + 0.1 * small * rng.uniform(-1.0, 1.0, robot.n_q)
     q = on_unit_quaternions(robot.model, q)
     if robot.constraint_names:
-        q = robot.closed_posture(q, t=T)
+        modes = [name for name in robot.coordinate_names if 'mode' in name]
+        q = robot.closed_posture(q, fixed=modes or None, t=T)
     scale = np.array([0.05 if 'mode' in name else 1.0 for name in robot.speed_names])
     return q, *(scale * rng.uniform(-1.0, 1.0, (2, robot.n)))
