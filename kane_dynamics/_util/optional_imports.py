@@ -6,7 +6,7 @@ from typing import Any
 from kane_dynamics.errors import InputError
 
 
-def extra(module: str, name: str, what: str = 'this') -> Any:
+def extra(module: str, name: str, what: str) -> Any:
     """
     Import and return a module that requires an extra of the package.
 

@@ -10,12 +10,16 @@ from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.urdf.notices import NO_INERTIAL
+from kane_dynamics.urdf.notices import DEGREES, NO_INERTIAL
 import numpy as np
 from numpy.typing import NDArray
 
 SAMPLES, STARTS = 500, 8  # random configurations; starts of the search, for each joint
 CLOSED_SAMPLES = 50  # random configurations of closed loops; each takes some milliseconds
+LONGEST_LINK = 20.0  # m: longer ones are in another unit
+DENSEST = 2000.0  # kg/m^3 of a cube as large as the reach; robots have less than a tenth
+SMALLEST_REACH = 0.5  # m: what a single link may measure itself
+PROBLEMS = (NO_INERTIAL, DEGREES)
 SMALLEST_STEP, ROUNDING = 1e-4, 1e-12  # relative to the range; to the gravity force
 Level = Literal['fine', 'warning', 'problem']
 
@@ -39,10 +43,11 @@ class Finding:
 
 def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[Finding]:
     """Return the findings about a robot model."""
-    found = [Finding('problem' if warning.startswith(NO_INERTIAL) else 'warning',
+    found = [Finding('problem' if warning.startswith(PROBLEMS) else 'warning',
                      f'URDF: {warning}') for warning in warnings]
     found += _compensation(model)
     found += examine_masses(robot)
+    found += examine_units(model)
     limits, names = robot.limits, model.joint_names
     base = model.floating_base
     actuated = [name for name in robot.actuated_names  # pins of closed loops have no motor
@@ -87,6 +92,59 @@ def _compensation(model: Model) -> list[Finding]:
             found.append(Finding(
                 'fine', f'{row} adds {words(row.compensates)} to commanded efforts itself; state '
                 f'it as arm_compensates [{", ".join(row.compensates)}]'))
+    return found
+
+
+def examine_units(model: Model) -> list[Finding]:
+    """
+    Return problems of sizes that no robot has in SI units, and a warning of gravity upwards.
+
+    The reach is the length of all links in one line. Masses are compared with a cube of that
+    size, radii of gyration and centers of mass with the reach itself.
+    """
+    found = []
+    lengths = {body.joint.name: float(np.linalg.norm(body.joint.translation))
+               for body in model.bodies}
+    reach = sum(lengths.values())
+    long = [f'{name} ({length:.4g} m)' for name, length in lengths.items()
+            if length > LONGEST_LINK]
+    if long:
+        found.append(Finding('problem', f'links of unusual length: {listed(long)}; expected m: '
+                             'are these millimeters?'))
+    elif reach > 0.0:
+        found += _examine_inertias(model, reach)
+    if model.gravity[2] > 0.0:
+        found.append(Finding('warning', f'gravity {model.gravity.tolist()} m/s^2 points upwards '
+                             'in the axes of the base; expected 0 0 -9.81, unless the arm hangs '
+                             'from a ceiling'))
+    return found
+
+
+def _examine_inertias(model: Model, reach: float) -> list[Finding]:
+    """Return problems of masses, centers of mass and inertias that do not fit the lengths."""
+    found = []
+    mass = sum(body.inertial.mass for body in model.bodies)
+    if mass > DENSEST * reach**3:
+        found.append(Finding('problem', f'the masses are {mass:.5g} kg together, for a robot '
+                             f'whose links reach {reach:.4g} m in one line; expected kg: are these '
+                             'grams?'))
+    size = max(reach, SMALLEST_REACH)
+    far = [f'{body.name} ({np.linalg.norm(body.inertial.com):.4g} m)' for body in model.bodies
+           if np.linalg.norm(body.inertial.com) > size]
+    if far:
+        found.append(Finding('problem', f'centers of mass farther away than all links reach in '
+                             f'one line, {reach:.4g} m: {listed(far)}; expected m: are these '
+                             'millimeters?'))
+    wide = []
+    for body in model.bodies:
+        moment = float(np.linalg.eigvalsh(body.inertial.inertia)[-1])
+        if moment > body.inertial.mass * size**2 > 0.0:
+            radius = (moment / body.inertial.mass)**0.5
+            wide.append(f'{body.name} ({radius:.4g} m)')
+    if wide:
+        found.append(Finding('problem', 'radii of gyration larger than all links reach in one '
+                             f'line, {reach:.4g} m: {listed(wide)}; expected inertias in kg '
+                             'm^2'))
     return found
 
 

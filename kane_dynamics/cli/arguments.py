@@ -68,8 +68,35 @@ def _inspect(sub: ArgumentParser) -> None:
     _add_constraints(sub)
     sub.add_argument('--against', choices=['pinocchio'],
                      help='compare inverse dynamics at random states')
+    sub.add_argument('--frames', action='store_true', help='also print the frames: the body that '
+                     'carries each, and its pose there')
     sub.add_argument('--operations', action='store_true',
                      help='also print the operation count of each compiled function')
+
+
+def _jacobian(sub: ArgumentParser) -> None:
+    _add_model(sub)
+    _add_constraints(sub)
+    sub.add_argument('frame', metavar='FRAME', help='a frame, such as a link of the URDF')
+    sub.add_argument('--q', nargs='+', metavar='X',
+                     help=f'positions, rad or m (default: {WITHIN})')
+    sub.add_argument('--axes', choices=('world', 'frame'), default='world',
+                     help='axes of the rows; default: world')
+
+
+def _inverse_kinematics(sub: ArgumentParser) -> None:
+    _add_model(sub)
+    _add_constraints(sub)
+    sub.add_argument('frame', metavar='FRAME', help='a frame, such as a link of the URDF')
+    sub.add_argument('--position', nargs=3, type=float, required=True, metavar=('X', 'Y', 'Z'),
+                     help='origin of the frame in the world, m')
+    turn = sub.add_mutually_exclusive_group()
+    turn.add_argument('--rpy', nargs=3, type=float, metavar=('R', 'P', 'Y'),
+                      help='orientation: roll, pitch, yaw about fixed axes, rad')
+    turn.add_argument('--quaternion', nargs=4, type=float, metavar=('X', 'Y', 'Z', 'W'),
+                      help='orientation as a quaternion')
+    sub.add_argument('--q0', nargs='+', metavar='X',
+                     help=f'positions to start from (default: {WITHIN})')
 
 
 def _bench(sub: ArgumentParser) -> None:
@@ -332,6 +359,8 @@ ADD: dict[str, Callable[[ArgumentParser], None]] = {
     'simulate': _simulate,
     'sweep': _sweep,
     'inspect': _inspect,
+    'jacobian': _jacobian,
+    'inverse-kinematics': _inverse_kinematics,
     'bench': _bench,
     'export': _export,
     'equations': _equations,

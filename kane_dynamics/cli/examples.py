@@ -49,9 +49,24 @@ examples:
   kane-dynamics inspect arm.urdf
   kane-dynamics inspect arm.urdf --tip tool0 --json
   kane-dynamics inspect arm.urdf --against pinocchio
+  kane-dynamics inspect arm.urdf --frames
   kane-dynamics inspect arm.urdf --operations
 
 Exits with 1 if the torques differ from those of Pinocchio.""",
+    'jacobian': """
+examples:
+  kane-dynamics jacobian arm.urdf tool0 --q 0.1 -0.5 1.2
+  kane-dynamics jacobian arm.urdf tool0 --q 0.1 -0.5 1.2 --axes frame --json
+
+The rows are linear, at the frame's origin, then angular; in world axes, or in the frame's.""",
+    'inverse-kinematics': """
+examples:
+  kane-dynamics inverse-kinematics arm.urdf tool0 --position 0.4 0.1 0.3
+  kane-dynamics inverse-kinematics arm.urdf tool0 --position 0.4 0.1 0.3 --rpy 3.14159 0 0
+  kane-dynamics inverse-kinematics arm.urdf tool0 --position 0.4 0 0.3 --quaternion 1 0 0 0 --json
+
+Without --rpy and --quaternion any orientation will do. A solution near --q0 is preferred. Exits
+with 1 if no configuration within the limits reaches the target.""",
     'bench': """
 examples:
   kane-dynamics bench arm.urdf

@@ -6,6 +6,7 @@ import os
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.errors import InputError
 import matplotlib
 from matplotlib.axes import Axes
@@ -60,7 +61,9 @@ def styled(width: float, height: float, title: str, path: Path | None) -> Iterat
         figure.suptitle(title, x=0.01, ha='left', fontsize=14.0, fontweight='bold')
         figure.align_ylabels()
         if path is not None:
-            figure.savefig(path)
+            suffix = os.path.splitext(path)[1]
+            with whole_file(path, binary=True) as file:
+                figure.savefig(file, format=suffix[1:].lower())
 
 
 def grid(figure: Figure, count: int, columns: int, *, share_x: bool) -> list[Axes]:
@@ -108,7 +111,7 @@ def show_at_least(axes: Axes, least: float) -> None:
 
 
 def limit_lines(axes: Axes, values: Array, bound: float) -> None:
-    """Plot -bound and bound if values come near them; else write the bound in the corner."""
+    """Plot -bound and bound if values come near them; else write the bound above the corner."""
     if not np.isfinite(bound):
         return
     low, high = axes.get_ylim()
@@ -118,8 +121,8 @@ def limit_lines(axes: Axes, values: Array, bound: float) -> None:
     reach = [sign * (1.0 + MARGIN) * bound for sign in near]
     axes.set_ylim(min([low, *reach]), max([high, *reach]))
     if not near:
-        axes.text(0.995, 0.96, f'limit ±{bound:g}', transform=axes.transAxes, ha='right', va='top',
-                  fontsize=8.0, color=RED)
+        axes.set_title(f'limit ±{bound:g}', loc='right', fontsize=8.0, fontweight='normal',
+                       color=RED)  # above the panel, where no curve is
 
 
 def hide_rounding(axes: Axes, noise: float, span: float) -> None:

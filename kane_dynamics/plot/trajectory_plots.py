@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 import numpy as np
 
+MANIFOLD = 10.0  # from here on, a share of a limit is a multiple
 WIDE, SLIM = 3.4, 1.0  # line widths, from the first joint to the last
 
 
@@ -122,7 +123,10 @@ def _limits(axes: Axes, rows: Mapping[str, Array], bounds: Mapping[str, float],
     axes.set_ylim(min(reach), max(reach))
     if shares:
         most = max(shares, key=lambda name: shares[name])
-        axes.set_title(f'at most {100.0 * shares[most]:.3g} % of a limit ({most})', loc='right',
+        share = shares[most]
+        reached = f'{100.0 * share:.3g} %' if share < MANIFOLD else f'{share:.3g} times'
+        of = 'of a limit' if share < MANIFOLD else 'a limit'
+        axes.set_title(f'at most {reached} {of} ({most})', loc='right',
                        fontsize=8.0, fontweight='normal', color=colors[most])
 
 

@@ -17,6 +17,7 @@ from kane_dynamics._util.npz import npz_arrays
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
+from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.user_speeds import constraint_rows
@@ -255,9 +256,12 @@ class Trajectory:
         changes = [(c.t, '\n'.join(c.before), '\n'.join(c.after),
                     '' if c.state is None else c.state) for c in self.speed_changes]
         stops = [(*s[:5], '' if s.state is None else s.state) for s in self.stop_events]
-        np.savez_compressed(path, stop_events=np.array(stops, dtype=str).reshape(-1, 6),
-                            limit_events=np.array(events, dtype=str).reshape(-1, 6),
-                            speed_changes=np.array(changes, dtype=str).reshape(-1, 4), **arrays)
+        name = os.fspath(path)
+        with whole_file(name if name.endswith('.npz') else f'{name}.npz', binary=True) as file:
+            np.savez_compressed(file, stop_events=np.array(stops, dtype=str).reshape(-1, 6),
+                                limit_events=np.array(events, dtype=str).reshape(-1, 6),
+                                speed_changes=np.array(changes, dtype=str).reshape(-1, 4),
+                                **arrays)
 
     @classmethod
     def load_npz(cls, path: Path) -> Trajectory:
@@ -297,7 +301,7 @@ class Trajectory:
         For a single motion; of N motions, save ``trajectory.state(k)``.
         """
         self._require_single('save_csv')
-        with open(path, 'w', newline='', encoding='utf-8') as file:
+        with whole_file(path) as file:
             writer = csv.writer(file)
             writer.writerow(self._columns())
             table = np.column_stack([getattr(self, name) for name in ARRAYS])

@@ -6,6 +6,7 @@ Names = list[str]
 NOT_USED = 'the URDF states these, but they are not used'
 NOT_OURS = 'the URDF states these for actuators and simulators; they are not used'
 NO_INERTIAL = 'moving links without <inertial>; treated as massless'
+DEGREES = 'origins whose rpy exceeds a full turn (URDF states rad): degrees?'
 # Of actuators, simulators and drivers: no part of the mechanism.
 OTHERS = ('<transmission>', '<gazebo>', '<safety_controller>', '<calibration>')
 
@@ -30,6 +31,7 @@ class Notices:
                            'unlimited in position')
     degrees: Names = _kind('revolute joints whose <limit> spans many turns (URDF states rad): '
                            'degrees?')
+    degree_rpy: Names = _kind(DEGREES)
     indefinite: Names = _kind('links whose inertia has a negative principal moment; used '
                               'unchanged because of strict=False')
     triangle: Names = _kind('links whose inertia is impossible: a principal moment exceeds '

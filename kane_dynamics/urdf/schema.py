@@ -16,6 +16,7 @@ from kane_dynamics.urdf.tree import MOVING, TYPES
 
 NUMBER = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?', re.ASCII)
 LONGEST = 1000  # characters of a name or number
+FULL_TURN = 6.3  # rad, a little more than 2 pi: larger angles of an origin look like degrees
 LARGEST = 1e60  # larger numbers overflow in products; limits may be larger, meaning 'none'
 
 
@@ -93,6 +94,10 @@ def _check(element: Element, owner: str, notices: Notices) -> None:
     else:
         what = f'{owner}: <{element.tag}>'
     _check_attributes(element, owner, what, notices)
+    if element.tag == 'origin':
+        angles = [abs(float(angle)) for angle in element.attributes.get('rpy', '').split()]
+        if max(angles, default=0.0) > FULL_TURN:
+            notices.degree_rpy.append(f"{owner} ({element.attributes['rpy']})")
     for tag in rule.children:
         if tag not in MANY and sum(1 for _ in element.find_all(tag)) > 1:
             raise UrdfError(f'{what}: more than one <{tag}> (line {element.line}); expected one')

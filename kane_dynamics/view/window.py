@@ -9,6 +9,7 @@ import time
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.control.constrained_law import followed_joints
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.kinematics.mechanism_motion import velocity_rows
@@ -137,7 +138,7 @@ class Window:
             self._show_at(end)
         page = add_panel(serializer.as_html(), self.robot, self._legend(_SHOWN), t, loads.q[rows],
                          loads.tau[rows], 1.0 / _RATE)
-        with open(path, 'w', encoding='utf-8') as file:
+        with whole_file(path) as file:
             file.write(page)
 
     def _box(self) -> tuple[Array, Array]:

@@ -1,10 +1,10 @@
 """The command `collision-thresholds`: collision detection calibrated to a recording."""
 
 from argparse import Namespace
-from pathlib import Path
 import sys
 from typing import Any
 
+from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.commands.identify_command import recorded, stated_efforts
 from kane_dynamics.cli.shared import load, print_json
@@ -32,7 +32,8 @@ def collision_thresholds(options: Namespace) -> None:
     if options.out:
         text = yaml.safe_dump({'/**': {'ros__parameters': {'observer': parameters}}},
                               sort_keys=False, default_flow_style=None)
-        Path(options.out).write_text(text, encoding='utf-8')
+        with whole_file(options.out) as stream:
+            stream.write(text)
     data = {'joint_names': list(found.joint_names), 'rows': len(recording),
             'threshold': found.threshold, 'error': found.error,
             'error_time': found.error_time, 'error_before': found.error_before,

@@ -7,6 +7,7 @@ import warnings
 
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.progress import progress_bar
+from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.analysis import model_checks
 from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.shared import (as_json, brief, constraints_of, load, print_json, selection,
@@ -25,7 +26,8 @@ def inspect(options: Namespace) -> int:
     if not options.verbose:
         caught = [brief(text) for text in caught]
     facts = inspect_command.describe(model, robot, caught,
-                                     operations=options.operations or options.json)
+                                     operations=options.operations or options.json,
+                                     frames=options.frames or options.json)
     if options.against and options.constraints:
         raise InputError('--against: given with --constraints; expected one of them, because '
                          'Pinocchio reads no constraints from these files')
@@ -59,7 +61,8 @@ def export(options: Namespace) -> None:
 
 def equations(options: Namespace) -> None:
     """Print or write the closed form of a small mechanism's equations of motion."""
-    closed = extra('kane_dynamics.cli.equations.closed_form', 'equations')  # errors early
+    closed = extra('kane_dynamics.cli.equations.closed_form', 'equations',
+                   'equations in closed form')  # errors early
     model, robot = load(options)
     with progress_bar('deriving', 1.0) as progress:
         form = closed.closed_form(model, numbers=options.numbers, friction=robot.friction,
@@ -71,7 +74,7 @@ def equations(options: Namespace) -> None:
     else:
         text = getattr(closed, f'as_{options.format}')(form)
     if options.out:
-        with open(options.out, 'w', encoding='utf-8') as stream:
+        with whole_file(options.out) as stream:
             stream.write(text)
     print(f'wrote {options.out}' if options.out else text, end='\n' if options.out else '')
 
@@ -88,7 +91,7 @@ def doctor(options: Namespace) -> int:
     more: list[model_checks.Finding] = []
     arm = None
     if options.config:
-        files = extra('kane_dynamics.ros.doctor.configuration', 'ros')
+        files = extra('kane_dynamics.ros.doctor.configuration', 'ros', '--config')
         more, arm = files.examine_configuration(
             Path(options.config), read_source(source_of(options)), prefix=options.prefix,
             namespace=options.namespace, told=caught)
@@ -102,7 +105,7 @@ def doctor(options: Namespace) -> int:
             efforts = stated_efforts(options)
         elif options.config:
             efforts = files.configured_efforts(Path(options.config), options.namespace)
-        found += extra('kane_dynamics.ros.doctor.live_graph', 'ros').examine_graph(
+        found += extra('kane_dynamics.ros.doctor.live_graph', 'ros', '--live').examine_graph(
             arm or Robot(model.prefixed(options.prefix),
                          **constraints_of(options, options.prefix)),
             options.live, options.namespace, options.commands, options.joint_states, efforts)
@@ -116,4 +119,4 @@ def doctor(options: Namespace) -> int:
 
 def demo(options: Namespace) -> int:
     """Run the demo with the arguments that follow."""
-    return int(extra('kane_dynamics.demo', 'demo').main(options.rest) or 0)
+    return int(extra('kane_dynamics.demo', 'demo', 'the demo').main(options.rest) or 0)

@@ -4,6 +4,7 @@ from argparse import Namespace
 from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
+from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.shared import load, model_warnings, print_json, source_of
 from kane_dynamics.cli.tables import write_states
@@ -39,7 +40,7 @@ def excitation(options: Namespace) -> None:
 def write(found: Excitation, path: str, rate: float) -> None:
     """Write the motion as a table of states."""
     t = found.motion(rate).times
-    with open(path, 'w', encoding='utf-8', newline='') as stream:
+    with whole_file(path) as stream:
         write_states(stream, t, dict(zip(('q', 'u', 'udot'), found.sample(t), strict=True)),
                      found.joint_names)
 

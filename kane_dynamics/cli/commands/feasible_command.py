@@ -5,6 +5,7 @@ import math
 from typing import Any
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.shared import load_rigid, print_json, warn_degrees
@@ -77,7 +78,7 @@ def write_fitting(path: str, robot: Robot, motion: Motion, scale: TimeScale | No
     twice = np.flatnonzero(~kept[1:-2]) + 1
     jump = np.abs(asked.udot[twice + 1] - asked.udot[twice]).max(initial=0.0)
     jumps = jump > 1e-9 * np.abs(asked.udot).max(initial=0.0)
-    with open(path, 'w', encoding='utf-8', newline='') as stream:
+    with whole_file(path) as stream:
         write_states(stream, asked.t[kept], {
             name: getattr(asked, name)[kept]
             for name in ('q', 'u', *(() if jumps else ('udot',)), 'tau')}, robot.joint_names)
@@ -167,7 +168,7 @@ def time_path(options: Namespace, robot: Robot, motion: Motion, plot: Any, power
 def write_timing(path: str, timing: TimeOptimal) -> None:
     """Write the points of a timing as a table of states."""
     t, *states = timing.points
-    with open(path, 'w', encoding='utf-8', newline='') as stream:
+    with whole_file(path) as stream:
         write_states(stream, t, dict(zip(QUANTITIES, (*states, timing.tau))),
                      timing.joint_names)
 

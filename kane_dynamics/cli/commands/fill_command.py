@@ -4,6 +4,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
+from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli.commands.inspect_command import print_table
 from kane_dynamics.cli.shared import load_rigid, print_json, warn_degrees
 from kane_dynamics.control.quasi_static import QuasiStatic
@@ -36,7 +37,7 @@ def fill(options: Namespace) -> None:
     if options.out and is_bag:
         write_bag(Path(options.out), given, filled)
     elif options.out:
-        with open(options.out, 'w', encoding='utf-8', newline='') as stream:
+        with whole_file(options.out) as stream:
             if kind == '.csv':
                 each = filled[0]
                 write_states(stream, each.times, {

@@ -8,6 +8,7 @@ import sys
 from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
+from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.shared import (as_json, every_joint, load, print_json, source_of,
@@ -174,7 +175,8 @@ def run_payload(options: Namespace, robot: Robot) -> dict[str, Any]:
             raise InputError(f"--out: '{options.out}'; expected a name that ends in .yaml, since "
                              'with --payload it is a supplement')
         text = written_payload(options.supplement, options.payload, load)
-        Path(options.out).write_text(text, encoding='utf-8')
+        with whole_file(options.out) as stream:
+            stream.write(text)
     return {
         'joint_names': list(names), 'rows': len(recording), 'frame': options.payload,
         'mass': load.mass, 'com': load.com, 'inertia': load.inertia,
@@ -275,5 +277,6 @@ def write_files(source: str | bytes, model: Model, out: str) -> Sequence[str]:
         raise InputError(f"--out: '{out}'; expected the name of a URDF to write")
     paths = f'{stem}.urdf', f'{stem}.supplement.yaml'
     for path, text in zip(paths, (urdf, supplement), strict=True):
-        Path(path).write_text(text, encoding='utf-8')
+        with whole_file(path) as stream:
+            stream.write(text)
     return paths

@@ -9,6 +9,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis.model_checks import examine_masses
 from kane_dynamics.errors import InputError, ModelError
+from kane_dynamics.kinematics.poses import rotation_rpy
 from kane_dynamics.model.model import Joint, Model, WORLD
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -19,7 +20,7 @@ _DEEPEST = 16  # levels of the tree that are indented
 
 
 def describe(model: Model, robot: Robot, warnings: Sequence[str] = (), *,
-             operations: bool = False) -> dict[str, Any]:
+             operations: bool = False, frames: bool = False) -> dict[str, Any]:
     """
     Return bodies, joints, limits and masses as plain data.
 
@@ -43,8 +44,17 @@ def describe(model: Model, robot: Robot, warnings: Sequence[str] = (), *,
             'moving_mass': math.fsum(body.inertial.mass for body in model.bodies),
             'gravity': model.gravity.tolist(), 'bodies': bodies, 'warnings': list(warnings),
             'problems': [finding.words for finding in examine_masses(robot)],
+            **({'frames': _frames(model)} if frames else {}),
             **({'constraints': _constraints(robot)} if robot.constraint_names else {}),
             **({'operations': _operations(robot)} if operations else {})}
+
+
+def _frames(model: Model) -> list[dict[str, Any]]:
+    """Return the frames with the body that carries each, and their poses on it."""
+    return [{'frame': frame.name,
+             'body': model.base_name if frame.body == WORLD else model.bodies[frame.body].name,
+             'position': frame.translation.tolist(),
+             'rpy': rotation_rpy(frame.rotation).tolist()} for frame in model.frames]
 
 
 def _constraints(robot: Robot) -> dict[str, Any]:
@@ -95,6 +105,11 @@ def print_facts(facts: dict[str, Any]) -> None:
               f'actuated: {", ".join(constraints["actuated"])}')
         print('no configuration is given' if residual is None else
               f'largest residual at the given configuration: {residual:.3g} m or rad')
+    if frames := facts.get('frames'):
+        print('\nframes, on the bodies that carry them:')
+        print_table(['frame', 'body', 'x [m]', 'y', 'z', 'roll [rad]', 'pitch', 'yaw'], [
+            [frame['frame'], frame['body'], *frame['position'], *frame['rpy']]
+            for frame in frames])
     if operations := facts.get('operations'):
         print('\noperations of one call:')
         kinds = list(next(iter(operations.values())))

@@ -4,6 +4,7 @@ from argparse import Namespace
 import math
 from typing import Any
 
+from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.commands.identify_command import recorded, stated_efforts
@@ -26,7 +27,7 @@ def replay(options: Namespace) -> None:
     warn_degrees(robot, recording.q, options.recording)
     data = compared(robot, recording, gravity_added=not efforts.gravity)
     if options.out:
-        with open(options.out, 'w', encoding='utf-8', newline='') as stream:
+        with whole_file(options.out) as stream:
             write_states(stream, recording.t, {
                 'q': recording.q, 'u': recording.u, 'udot': recording.udot,
                 'tau': data['computed']}, robot.joint_names)

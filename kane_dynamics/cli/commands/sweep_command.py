@@ -91,8 +91,8 @@ def sweep(options: Namespace) -> None:
 
 def print_result(data: Mapping[str, Any]) -> None:
     """Print the summary of a sweep."""
-    print(f'{data["made"]} simulations in {data["wall_time"]:.3g} s, {data["found"]} found in the '
-          'table')
+    before = f', {data["found"]} were in the folder before' if data['found'] else ''
+    print(f'{data["made"]} simulations in {data["wall_time"]:.3g} s{before}')
     inspect_command.print_table(['', 'simulations'], [
         ['ok', data['ok']], ['past a limit', data['past_a_limit']], ['failed', data['failed']],
         *([['energy balance missed', data['energy_missed']]] if data['energy_missed'] else [])])

@@ -3,6 +3,8 @@
 from argparse import Namespace
 import sys
 
+from kane_dynamics._util.typing import Array
+from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.commands.inspect_command import print_table
 from kane_dynamics.cli.shared import (load, positions, print_json, torque_size, vector,
@@ -35,7 +37,7 @@ def torque(options: Namespace) -> None:
     if plot is not None:
         pictures.draw(plot, options, robot, read_trajectory(options.motion, robot))
     if options.out:
-        with open(options.out, 'w', encoding='utf-8', newline='') as stream:
+        with whole_file(options.out) as stream:
             write_states(stream, t, rows, robot.joint_names)
     if options.json:
         print_json({'joint_names': robot.joint_names, 't': t, **rows})
@@ -44,8 +46,25 @@ def torque(options: Namespace) -> None:
             print(f'wrote {len(rows["tau"])} rows to {options.out}')
         if options.plot:
             print(f'wrote {options.plot}')
+    elif sys.stdout.isatty():
+        _print_largest(robot, t, rows['tau'])
     else:
         write_states(sys.stdout, t, rows, robot.joint_names)
+
+
+def _print_largest(robot: Robot, t: Array | None, tau: Array) -> None:
+    """Print the largest torque of each joint along a motion, for a terminal."""
+    names, limits = robot.joint_names, robot.limits.effort
+    tau = without_rounding(tau, torque_size(robot.model))
+    rows = []
+    for name, column, limit in zip(names, tau.T, limits, strict=True):
+        k = int(np.argmax(np.abs(column)))
+        share = f'{abs(column[k]) / limit:.0%}' if np.isfinite(limit) and limit > 0.0 else ''
+        unit = 'N' if name in robot.model.sliding else 'N m'
+        when = '' if t is None else f'{t[k]:.4g} s'
+        rows.append([name, float(column[k]), unit, when, share])
+    print_table(['joint', 'largest torque', '', 'at', 'of its limit'], rows)
+    print(f'{len(tau)} rows; --out FILE writes them, a pipe prints them')
 
 
 def _print_state(options: Namespace, model: Model, robot: Robot) -> None:

@@ -223,3 +223,13 @@ def test_the_longest_step_of_a_motion_counts_its_speeds():
     assert longest_step(robot, [0.0], [1.0]).step > 1e3 * longest_step(robot, [0.0]).step
     with pytest.raises(InputError, match=r'u: .*; expected'):
         longest_step(robot, [0.0], [0.0, 1.0])
+
+
+def test_divergence_in_a_users_torque_names_the_time_and_the_joint():
+    robot = Robot(wheel().model)
+
+    def away(t, q, u):
+        return robot.gravity_force(q) + 50.0 * u
+    with pytest.raises(InputError, match=r"the state diverged \(is \d.*e\+12\) at 0\.\d+ s "
+                       r"\('wheel' first\)"):
+        simulate(robot, [0.1], [1.0], 2.0, torque=away)
