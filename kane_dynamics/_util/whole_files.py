@@ -5,13 +5,13 @@ from contextlib import contextmanager, suppress
 import os
 from pathlib import Path
 import secrets
-from typing import IO, Any
+from typing import Any
 
 FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL
 
 
 @contextmanager
-def whole_file(path: str | os.PathLike[str], *, binary: bool = False) -> Iterator[IO[Any]]:
+def whole_file(path: str | os.PathLike[str], *, binary: bool = False) -> Iterator[Any]:
     """
     Yield a stream whose content becomes the file at the end, unless an error occurs before.
 

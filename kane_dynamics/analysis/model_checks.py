@@ -126,8 +126,8 @@ def _examine_inertias(model: Model, reach: float) -> list[Finding]:
     mass = sum(body.inertial.mass for body in model.bodies)
     if mass > DENSEST * reach**3:
         found.append(Finding('problem', f'the masses are {mass:.5g} kg together, for a robot '
-                             f'whose links reach {reach:.4g} m in one line; expected kg: are these '
-                             'grams?'))
+                             f'whose links reach {reach:.4g} m in one line; expected kg: are '
+                             'these grams?'))
     size = max(reach, SMALLEST_REACH)
     far = [f'{body.name} ({np.linalg.norm(body.inertial.com):.4g} m)' for body in model.bodies
            if np.linalg.norm(body.inertial.com) > size]

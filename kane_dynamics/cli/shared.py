@@ -11,8 +11,8 @@ import sys
 from typing import Any
 import warnings
 
+from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
-from kane_dynamics.analysis.model_checks import listed
 from kane_dynamics.cli.wording import in_options
 from kane_dynamics.control.quasi_static import QuasiStatic, rigid_and_bending
 from kane_dynamics.errors import InputError, ModelWarning, UnusedWarning
@@ -186,7 +186,7 @@ def warn_outside(robot: Robot, q: Array, what: str) -> None:
     """Print a warning if positions of all joints, (n_q,), are outside their limits."""
     outside = outside_limits(robot, q) if q.shape == (robot.n_q,) else []
     if outside:
-        print(f'kane-dynamics: warning: {what}: outside the limits: {listed(outside)}',
+        print(f'kane-dynamics: warning: {what}: outside the limits: {short(outside)}',
               file=sys.stderr)
 
 
@@ -196,7 +196,7 @@ def say_start(robot: Robot, q: Array, what: str) -> None:
     if len(moved):
         values = [f'{robot.coordinate_names[k]} {q[k]:.4g}' for k in moved]
         print(f'kane-dynamics: {what}: 0 is outside the limits of these joints; they start in '
-              f'the middle of their limits: {listed(values)}', file=sys.stderr)
+              f'the middle of their limits: {short(values)}', file=sys.stderr)
 
 
 def vector(options: Namespace, name: str, robot: Robot) -> Array:

@@ -184,8 +184,11 @@ def test_one_problem_is_counted_as_one(capsys):
     assert capsys.readouterr().out.endswith('1 problem, 2 warnings, 0 fine\n')
 
 
-def test_positions_in_reach_of_the_limits_get_no_remark(files, capsys):
-    _, err = said(capsys, 'torque', files / 'arm.urdf', '--q', '1.4', '-3.1')
+def test_positions_a_little_beyond_the_limits_are_named_and_not_taken_for_degrees(files, capsys):
+    _, err = said(capsys, 'torque', files / 'arm.urdf', '--q', '0.4', '-3.1')
+    assert err.splitlines() == ['kane-dynamics: warning: --q: outside the limits: j2 -3.1 '
+                                '(limits -1 to 1)']
+    _, err = said(capsys, 'torque', files / 'arm.urdf', '--q', '1.0', '-1.0')
     assert not err
 
 
