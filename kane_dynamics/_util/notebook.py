@@ -1,7 +1,6 @@
 """Tables for notebooks: HTML of the objects that users look at."""
 
 from collections.abc import Iterable, Sequence
-from html import escape
 from typing import Any
 
 MOST_ROWS = 60
@@ -13,6 +12,7 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]])
 
     Of more than `MOST_ROWS` rows the first are shown, and the number of the others.
     """
+    from html import escape  # only notebooks need it
     lines = list(rows)
     head = ''.join(f'<th>{escape(name)}</th>' for name in header)
     body = []

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 import os
 from pathlib import Path
-import secrets
 from typing import Any
 
 FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL
@@ -36,7 +35,7 @@ def whole_file(path: str | os.PathLike[str], *, binary: bool = False) -> Iterato
     target = Path(os.path.realpath(path))
     special = target.exists() and not target.is_file()
     temporary = target if special else target.with_name(
-        f'.{target.name[:100]}.{secrets.token_hex(4)}')
+        f'.{target.name[:100]}.{os.urandom(4).hex()}')
     try:
         handle = os.open(temporary, os.O_WRONLY if special else FLAGS, 0o666)
         with os.fdopen(handle, **options) as stream:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.analysis.known_arms import arms_named, words
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.model.model import Model
@@ -84,6 +83,8 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[F
 
 def _compensation(model: Model) -> list[Finding]:
     """Return what a known arm adds to commanded efforts itself."""
+    # Only doctor needs the table of arms, whose reader imports yaml.
+    from kane_dynamics.analysis.known_arms import arms_named, words
     found = []
     for row in arms_named(model.name, model.joint_names):
         if not row.commandable:

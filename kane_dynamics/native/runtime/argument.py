@@ -45,8 +45,10 @@ def converted(argument: Argument, value: Any) -> Array:
     """Return a value as a C-contiguous float64 array of one state or a batch."""
     name, shape = argument.name, argument.shape
     expected = f'{shape} or (N, {", ".join(map(str, shape))})'
-    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
-        raise InputError(f'{name}: a masked array with {np.count_nonzero(value.mask)} masked '
+    # By the attribute, since numpy.ma is slow to import.
+    masked = getattr(value, 'mask', None) if isinstance(value, np.ndarray) else None
+    if masked is not None and np.any(masked):
+        raise InputError(f'{name}: a masked array with {np.count_nonzero(masked)} masked '
                          f'entries; expected numbers of shape {expected}')
     try:
         array = np.asarray(value)

@@ -230,6 +230,6 @@ def test_divergence_in_a_users_torque_names_the_time_and_the_joint():
 
     def away(t, q, u):
         return robot.gravity_force(q) + 50.0 * u
-    with pytest.raises(InputError, match=r"the state diverged \(is \d.*e\+12\) at 0\.\d+ s "
+    with pytest.raises(InputError, match=r'the state diverged \(is \d.*e\+12\) at 0\.\d+ s '
                        r"\('wheel' first\)"):
         simulate(robot, [0.1], [1.0], 2.0, torque=away)
