@@ -46,7 +46,7 @@ class Limits:
     velocity: float = math.inf
     effort: float = math.inf
 
-    def with_follower(self, other: 'Limits', multiplier: float, offset: float) -> 'Limits | None':
+    def with_follower(self, other: Limits, multiplier: float, offset: float) -> Limits | None:
         """
         Return these limits narrowed by those of a joint that mimics this one.
 
