@@ -145,6 +145,22 @@ def test_a_second_publisher_of_joint_states_gives_a_warning(client, start):
     client.destroy_publisher(gripper)
 
 
+def test_joint_states_in_parts_are_reported_once_with_the_reason(client, start):
+    node = start(state_timeout=60.0)
+    client.connect()
+    words = 'joint_states: in parts, [reach] and [turn, lift], which give no torques; expected all'
+
+    def reported():
+        client.send([0.0, 0.0], [0.0, 0.0], names=('turn', 'lift'))
+        client.send([0.0], [0.0], names=('reach',))
+        time.sleep(0.05)
+        return words in node.log and any(words in message for _, message, _ in client.diagnostics)
+    assert wait_until(reported), node.log
+    client.diagnostics.clear()
+    assert wait_until(lambda: reported() and len(client.diagnostics) > 2)
+    assert node.log.count(words) == 1
+
+
 def test_states_that_the_node_does_not_read_in_time_are_counted_and_reported(client, start):
     node = start(state_timeout=60.0)
     client.connect()

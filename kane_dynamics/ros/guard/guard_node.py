@@ -6,6 +6,7 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from kane_dynamics.analysis.model_checks import listed
 from kane_dynamics.errors import KaneError
 from kane_dynamics.ros.common import realtime
 from kane_dynamics.ros.common.configuration_files import load_model, resolve_path
@@ -15,6 +16,7 @@ from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard
 from kane_dynamics.ros.guard.guard_diagnostics import guard_status
 from kane_dynamics.ros.guard.node_parameters import NodeParameters, SHARED, SIMULATED_TIME
+from kane_dynamics.ros.parameters.parameter_checks import FOREIGN
 from kane_dynamics.ros.torque_path.guard_messages import (arm_digest, FIELDS, HEARTBEAT_PERIOD,
                                                           LOADS, loads_from_numbers,
                                                           LOADS_LENGTH, LOST, NodeLoads, STATE)
@@ -49,9 +51,11 @@ class GuardNode(Node):
         super().__init__('torque_guard')
         answer_service_errors(self)
         self.target = str(self.declare_parameter('node', 'kane_dynamics').value)
+        self._warn_of_ignored_parameters()
         self.guard: ConfiguredGuard | None = None
         self.reason = (f'no message on {self.target}/{LOADS}; expected a configured node with '
                        'guard.enabled true')
+        self.get_logger().info(f'not guarding yet: {self.reason}')
         self._warn = ThrottledWarning(self.get_logger())
         self._description = ''
         self._configuration = 0.0
@@ -74,6 +78,16 @@ class GuardNode(Node):
         self._reported = self._reminded = time.monotonic()
         self.create_timer(HEARTBEAT_PERIOD, self._heartbeat, clock=steady)
         self.create_timer(PERIOD, self._check, clock=steady)
+
+    def _warn_of_ignored_parameters(self) -> None:
+        """Log parameters that the guard does not have."""
+        overrides = getattr(self, '_parameter_overrides', {})
+        ignored = [name for name in overrides
+                   if name != 'node' and name.partition('.')[0] not in FOREIGN]
+        if ignored:
+            self.get_logger().warning(
+                f'parameters {listed(ignored)}: ignored, since the guard reads them from '
+                f"{self.target}; expected 'node' alone")
 
     def _on_description(self, message: String) -> None:
         """Store the URDF from the topic; use it with the next configuration."""

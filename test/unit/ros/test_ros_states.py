@@ -3,11 +3,13 @@
 from array import array
 import math
 import struct
+from types import SimpleNamespace
 
 from kane_dynamics.ros.torque_path.joint_state_reader import (JointStateReader, MALFORMED,
                                                               MAX_LAYOUTS, MISSING,
                                                               NO_VELOCITY, NOT_FINITE, SHORT,
                                                               TWICE)
+from kane_dynamics.ros.torque_path.torque_path import TorquePath
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
@@ -77,6 +79,18 @@ def test_the_joints_of_partial_and_of_foreign_messages_are_kept():
         reader.read(wire(names, [0, 0], [0, 0]), True)
     assert reader.partial_joints == {('a', 'b'), ('c',)}
     assert reader.foreign_joints == {('x', 'y')}
+
+
+@pytest.mark.parametrize(('messages', 'parts'), [
+    (('ab', 'c'), [('a', 'b'), ('c',)]), (('ab',), []), (('a', 'b'), []), (('xy', 'ab'), [])])
+def test_states_that_only_together_have_all_joints_are_recognized_as_parts(messages, parts):
+    reader = JointStateReader(JOINTS)
+    for names in messages:
+        count = [0.0] * len(names)
+        reader.read(wire(names, count, count), True)
+    path = SimpleNamespace(_reader=reader)
+    assert TorquePath.take_parts(path) == parts
+    assert TorquePath.take_parts(path) == []
 
 
 def test_padding_and_trailing_bytes_are_ignored():
