@@ -29,6 +29,7 @@ from kane_dynamics.ros.torque_path.gravity_payload import parameter_loads
 import numpy as np
 
 PROGRAM = 'dynamics_node'  # which runs the node kane_dynamics
+FILES = ('robot_description', 'urdf', 'supplement', 'constraints')
 PLANT_PARAMETERS = frozenset(spec.name for spec in PLANT_SPECS)
 # Values that disable the checks of check_optional_topics.
 DISABLED: dict[str, Any] = {'wrench.frames': (), 'observer.enabled': False,
@@ -144,6 +145,7 @@ class ConfigurationExamination:
         self.found: list[Finding] = []
         self._loads = True  # whether the node would load the arm
         self._joints_known = True
+        self._invalid: set[str] = set()  # parameters with invalid values
         self._check_node_name()
         for warning in unknown_parameters(list(block.own), BY_NAME):
             self._find('problem', warning)
@@ -161,8 +163,9 @@ class ConfigurationExamination:
         robot = None
         stated = values['arm_compensates']
         if model is not None:
-            for contradiction in self._attempt(examine_statement, values, model) or []:
-                self._find('warning', contradiction)
+            if 'arm_compensates' not in self._invalid:
+                for contradiction in self._attempt(examine_statement, values, model) or []:
+                    self._find('warning', contradiction)
             values['arm_compensates'] = stated or (NO_TERM,)  # for the other checks
             robot = self._fit(values, model)
             self._compare_urdf(values, model, urdf)
@@ -182,6 +185,7 @@ class ConfigurationExamination:
             value = self._attempt(read, spec, self._block.given.get(name, spec.default))
             if value is None:
                 self._loads = False
+                self._invalid.add(name)
                 value = read(spec, spec.default)
             values[name] = value
         return values
@@ -238,7 +242,8 @@ class ConfigurationExamination:
         for name in ('supplement', 'constraints'):
             if values[name]:
                 source += f", {name} '{resolve_path(name, values[name])}'"
-        changed = [name for name, value in self._block.given.items() if name in BY_NAME
+        changed = [name for name, value in self._block.given.items()
+                   if name in BY_NAME and name not in FILES
                    and not np.array_equal(read(BY_NAME[name], value),
                                           read(BY_NAME[name], BY_NAME[name].default))]
         effect = f'other than default: {", ".join(changed)}' if changed else 'all as by default'
