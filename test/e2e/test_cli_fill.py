@@ -57,6 +57,18 @@ def plan(tmp_path):
     return path
 
 
+def test_efforts_with_gravity_for_an_arm_that_adds_it_give_a_warning(tmp_path):
+    plan, arm = tmp_path / 'plan.csv', URDF.with_name('ur10e.urdf')
+    names = load_urdf(arm).joint_names
+    plan.write_text('t,' + ','.join(f'q.{name}' for name in names) + '\n'
+                    '0,0,-1.2,1.4,-1.7,-1.57,0\n1,0.1,-1.2,1.4,-1.7,-1.57,0\n')
+    arguments = ('fill', str(arm), '--motion', str(plan), '--json')
+    done = command(*arguments)
+    assert done.returncode == 0, done.stderr
+    assert '--without: none, where gravity would count twice; expected gravity' in done.stderr
+    assert command(*arguments, '--without', 'gravity', 'friction').stderr == ''
+
+
 def test_what_topic_echo_prints_becomes_a_trajectory_with_all_fields(plan, robot):
     out = plan.with_name('filled.yaml')
     done = command('fill', str(URDF), '--motion', str(plan), '--out', str(out), '--tolerance',

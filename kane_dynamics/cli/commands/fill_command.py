@@ -1,14 +1,16 @@
 """The command `fill`: efforts for trajectories of joint_trajectory_controller."""
 
 from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
+import sys
 from typing import Any
 
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli.commands.inspect_command import print_table
 from kane_dynamics.cli.shared import load_rigid, print_json, warn_degrees
 from kane_dynamics.control.quasi_static import QuasiStatic
-from kane_dynamics.control.terms import Terms
+from kane_dynamics.control.terms import NO_TERM, Terms
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory, FilledTrajectory
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
@@ -26,6 +28,7 @@ def fill(options: Namespace) -> None:
     if options.out and (kind != '' if is_bag else kind not in ('.yaml', '.yml', '.csv')):
         raise InputError(f"--out: '{options.out}'; expected "
                          + ('the folder of a new bag' if is_bag else 'a .yaml or .csv file'))
+    _warn_of_arm(robot, options.without)
     filled = []
     for k, points in enumerate(given):
         _warn_of_degrees(robot, points, options.motion)
@@ -52,6 +55,15 @@ def fill(options: Namespace) -> None:
         _print(each, robot)
     if options.out:
         print(f'wrote {options.out}')
+
+
+def _warn_of_arm(robot: Robot, without: Sequence[str]) -> None:
+    """Print a warning if a known arm adds other terms itself than those that are left out."""
+    from kane_dynamics.analysis.known_arms import arms_named, contradiction  # reads a file
+    rows = arms_named(robot.model.name, robot.model.joint_names)
+    if wrong := contradiction(rows, tuple(without) or (NO_TERM,)):
+        words = wrong.replace('arm_compensates:', '--without:')
+        print(f'kane-dynamics: warning: {words}', file=sys.stderr)
 
 
 def _warn_of_degrees(robot: Robot, points: Any, file: str) -> None:
