@@ -1,6 +1,6 @@
 """Plots of motions over time and in the phase plane."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from itertools import cycle
 from typing import Any
 
@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 import numpy as np
 
+MOST = 9  # joints in one panel
 MANIFOLD = 10.0  # from here on, a share of a limit is a multiple
 WIDE, SLIM = 3.4, 1.0  # line widths, from the first joint to the last
 
@@ -27,7 +28,8 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
     """
     Plot positions, speeds, torques and energies of a simulation over time.
 
-    Line widths decrease from joint to joint, so that coinciding lines are all visible.
+    Line widths decrease from joint to joint, so that coinciding lines are all visible. More than
+    `MOST` joints have panels side by side, with the same scales.
 
     Parameters
     ----------
@@ -43,6 +45,8 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
     joints, speeds = list(trajectory.joint_names), list(trajectory.speed_names)
     if np.shape(trajectory.q)[1] > len(joints):  # quaternions
         joints = list(trajectory.coordinate_names)
+    if max(len(joints), len(speeds)) > MOST:
+        return _side_by_side(trajectory, path, joints, speeds, prismatic, limits, title)
     lines = dict(zip(dict.fromkeys([*joints, *speeds]), cycle(
         (color, dash) for dash in ('-', '--', ':') for color in LINES)))
     shown: dict[str, Any] = {}
@@ -66,14 +70,58 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
             shown['limit'] = Line2D([], [], color=INK, linestyle='--', linewidth=THIN)
         figure.legend(shown.values(), shown, loc='outside right upper', title='Joint',
                       alignment='left', ncols=1 + len(shown) // 32)
-        kinetic, potential = np.asarray(trajectory.energy).T
-        draw(panels[3], trajectory.t, {
-            'kinetic': (kinetic, ORANGE, '-'), 'potential': (potential, SKY, '-'),
-            'total': (kinetic + potential, INK, '--')})
-        panels[3].set_ylabel('Energy\n[J]')
-        above(panels[3], 3)
+        _energies(panels[3], trajectory)
         time_axis(panels)
     return figure
+
+
+def _side_by_side(trajectory: Trajectory, path: Path | None, joints: Sequence[str],
+                  speeds: Sequence[str], prismatic: Collection[str],
+                  limits: JointLimits | None, title: str) -> Figure:
+    """Plot many joints in columns of `len(LINES)`, each with its own legend."""
+    each = len(LINES)
+    columns = -(-max(len(joints), len(speeds)) // each)
+    bounds = {} if limits is None else {
+        'Speed': dict(zip(trajectory.joint_names, limits.velocity.tolist())),
+        'Torque': dict(zip(trajectory.joint_names, limits.effort.tolist()))}
+    with styled(1.0 + 3.6 * columns, 11.0, title, path) as figure:
+        panels = figure.subplots(4, columns, sharex=True, sharey='row', squeeze=False)
+        shown = []
+        for of, values, what, names in zip(
+                panels, (trajectory.q, trajectory.u, trajectory.tau),
+                ('Position', 'Speed', 'Torque'), (joints, speeds, speeds), strict=False):
+            hide_rounding_of = NOISE * float(np.abs(values).max(initial=1.0))
+            for c, axes in enumerate(of):
+                part = slice(c * each, (c + 1) * each)
+                rows = dict(zip(names[part], np.asarray(values).T[part], strict=True))
+                colors = dict(zip(rows, LINES))
+                for name, row in rows.items():
+                    axes.plot(trajectory.t, row, color=colors[name], label=name)
+                if rows and (what == 'Position' or (what == 'Speed' and speeds != joints)):
+                    axes.legend(loc='lower left', bbox_to_anchor=(0.0, 1.02), fontsize=8.0,
+                                borderaxespad=0.0, ncols=2, handlelength=1.2)
+                if what in bounds:
+                    _limits(axes, rows, bounds[what], colors)
+                shown.append(axes)
+            hide_rounding(of[0], hide_rounding_of, 0.1)
+            of[0].set_ylabel(f'{what}\n[{unit(what, names, prismatic)}]')
+        for axes in panels[3, 1:]:
+            axes.remove()
+        _energies(panels[3, 0], trajectory)
+        for axes in panels[2, 1:]:
+            axes.tick_params(labelbottom=True)
+        time_axis([*shown, panels[3, 0]])
+    return figure
+
+
+def _energies(axes: Axes, trajectory: Trajectory) -> None:
+    """Plot kinetic, potential and total energy."""
+    kinetic, potential = np.asarray(trajectory.energy).T
+    draw(axes, trajectory.t, {
+        'kinetic': (kinetic, ORANGE, '-'), 'potential': (potential, SKY, '-'),
+        'total': (kinetic + potential, INK, '--')})
+    axes.set_ylabel('Energy\n[J]')
+    above(axes, 3)
 
 
 def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,

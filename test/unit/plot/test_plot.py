@@ -250,3 +250,25 @@ def test_joints_that_move_alike_are_all_seen():
     same = SimpleNamespace(**{**vars(TRAJECTORY), 'q': Q[:, :1] * np.ones(3)})
     widths = [line.get_linewidth() for line in plot_trajectory(same).axes[0].lines]
     assert len(set(widths)) == 3 and widths == sorted(widths, reverse=True)
+
+
+def test_many_joints_have_panels_side_by_side_each_line_in_one_of_them():
+    n, t = 17, np.linspace(0.0, 1.0, 50)
+    names = tuple(f'joint_{k}' for k in range(n))
+    rows = np.sin(t[:, None] * np.arange(1.0, n + 1.0))
+    run = SimpleNamespace(t=t, q=rows, u=2.0 * rows, tau=3.0 * rows, joint_names=names,
+                          speed_names=names, coordinate_names=names, energy=rows[:, :2])
+    limits = JointLimits(*[np.full(n, np.inf)] * 2, np.full(n, 1.9), np.full(n, 0.1))
+    figure = plot_trajectory(run, limits=limits)
+    panels = figure.axes
+    assert len(panels) == 10  # three quantities in three columns, and the energy
+    for scale, of in zip((1.0, 2.0, 3.0), (panels[:3], panels[3:6], panels[6:9])):
+        drawn = [line for axes in of for line in axes.lines if line.get_label() in names]
+        assert [line.get_label() for line in drawn] == list(names)
+        np.testing.assert_allclose([line.get_ydata() for line in drawn], scale * rows.T)
+        assert max(len({line.get_color() for line in axes.lines if line.get_label() in names})
+                   for axes in of) == 7
+        assert len({axes.get_ylim() for axes in of}) == 1
+    legends = [text.get_text() for axes in panels[:3] for text in axes.get_legend().get_texts()]
+    assert legends == list(names)
+    assert panels[6].get_title(loc='right').startswith('at most 30 times a limit')
