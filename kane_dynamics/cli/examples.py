@@ -26,6 +26,7 @@ tau.<joint>. With a column t each row holds until the time of the next row, else
 examples:
   kane-dynamics sweep payloads.yaml --out payloads
   kane-dynamics sweep payloads.yaml --out payloads --workers 4 --json
+  kane-dynamics sweep payloads.yaml --out payloads --plot payloads.png
   kane-dynamics sweep payloads.yaml --out payloads --dask tcp://127.0.0.1:8786
 
 payloads.yaml, for example:

@@ -21,11 +21,12 @@ from kane_dynamics.plot.demand_plot import plot_demand
 from kane_dynamics.plot.energy_plots import plot_energy
 from kane_dynamics.plot.reaction_plot import plot_reactions
 from kane_dynamics.plot.style import check_path
+from kane_dynamics.plot.sweep_plot import plot_sweep
 from kane_dynamics.plot.timing_plot import plot_timing
 from kane_dynamics.plot.torque_plots import plot_replay, plot_torque_by_source
 from kane_dynamics.plot.tracking_plot import plot_tracking
 from kane_dynamics.plot.trajectory_plots import plot_phase, plot_trajectory
 
 __all__ = ['check_path', 'plot_bending', 'plot_demand', 'plot_energy', 'plot_phase',
-           'plot_reactions', 'plot_replay', 'plot_timing', 'plot_torque_by_source',
+           'plot_reactions', 'plot_replay', 'plot_sweep', 'plot_timing', 'plot_torque_by_source',
            'plot_tracking', 'plot_trajectory', 'plot_vibrations']

@@ -171,3 +171,14 @@ def test_a_cluster_that_is_not_there_is_exit_code_2(tmp_path, capsys, monkeypatc
     assert main(['sweep', str(path), '-o', str(tmp_path / 'out'), '--dask',
                  'tcp://127.0.0.1:9']) == 2
     assert "dask: 'tcp://127.0.0.1:9': " in capsys.readouterr().err
+
+
+def test_a_sweep_is_drawn(tmp_path, capsys):
+    path, picture = tmp_path / 'sweep.yaml', tmp_path / 'sweep.png'
+    path.write_text(FILE.format(urdf=URDF, samples=8, duration=0.01))
+    assert main(['sweep', str(path), '--out', str(tmp_path / 'table'), '--workers', '1',
+                 '--plot', str(picture)]) == 0
+    assert picture.read_bytes().startswith(b'\x89PNG')
+    assert 'found in the table' not in capsys.readouterr().out
+    assert main(['sweep', str(path), '--out', str(tmp_path / 'table'), '--workers', '1']) == 0
+    assert ', 8 were in the folder before' in capsys.readouterr().out

@@ -8,6 +8,7 @@ from pathlib import Path
 import time
 from typing import Any
 
+from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.yaml_io import read_yaml
 from kane_dynamics.cli.commands import inspect_command
@@ -71,6 +72,9 @@ def read_sweep(path: str | os.PathLike[str], verbose: bool = False) -> Sweep:
 
 def sweep(options: Namespace) -> None:
     """Run a sweep, or continue it, and print a summary of its table."""
+    if options.plot is not None:
+        plot = extra('kane_dynamics.plot', 'plot', '--plot')  # report errors early
+        plot.check_path(options.plot)
     wanted = read_sweep(options.sweep, options.verbose)
     start = time.perf_counter()
     with model_warnings():
@@ -87,6 +91,9 @@ def sweep(options: Namespace) -> None:
             'energy_missed': rows['energy_closes'].to_pylist().count(False),
             'errors': {text: errors.count(text) for text in kinds[:SHOWN]}}
     (print_json if options.json else print_result)(data)
+    if options.plot is not None:
+        plot.plot_sweep(read_table(options.out).to_pydict(), options.plot,
+                        title=f'{wanted.robot.model.name}: sweep of {rows.num_rows} trials')
 
 
 def print_result(data: Mapping[str, Any]) -> None:

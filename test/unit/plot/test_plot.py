@@ -9,7 +9,8 @@ from types import SimpleNamespace
 from kane_dynamics import InputError, ModelBuilder, Robot, rod, simulate
 from kane_dynamics.analysis.power_balance import power_balance, unaccounted_energy
 from kane_dynamics.plot import (plot_demand, plot_energy, plot_phase, plot_reactions, plot_replay,
-                                plot_timing, plot_torque_by_source, plot_tracking, plot_trajectory)
+                                plot_sweep, plot_timing, plot_torque_by_source, plot_tracking,
+                                plot_trajectory)
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.simulation.trajectory import Trajectory
 import matplotlib
@@ -272,3 +273,19 @@ def test_many_joints_have_panels_side_by_side_each_line_in_one_of_them():
     legends = [text.get_text() for axes in panels[:3] for text in axes.get_legend().get_texts()]
     assert legends == list(names)
     assert panels[6].get_title(loc='right').startswith('at most 30 times a limit')
+
+
+def test_a_sweep_is_drawn_over_what_varies_with_the_failed_trials_on_the_axis():
+    table = {'index': [0, 1, 2], 'seed': [1, 1, 1], 'q0.a': [0.0, 0.0, 0.0],
+             'payload.mass': [1.0, 2.0, 3.0], 'ok': [True, True, False],
+             'error': [None, None, 'x'], 'peak_torque.a': [4.0, 5.0, None],
+             'peak_torque.b': [-6.0, 1.0, None], 'rms_error.a': [0.1, 0.2, None]}
+    figure = plot_sweep(table)
+    torque, error = figure.axes
+    lines = {line.get_label(): line for line in torque.lines}
+    np.testing.assert_array_equal(lines['completed'].get_xydata(), [[1, 6], [2, 5]])
+    np.testing.assert_array_equal(lines['failed'].get_xdata(), [3.0])
+    np.testing.assert_array_equal(error.lines[0].get_ydata(), [0.1, 0.2])
+    assert error.get_xlabel() == 'payload.mass'
+    with pytest.raises(InputError, match='expected one that varies'):
+        plot_sweep({**table, 'payload.mass': [1.0] * 3})
