@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
+SIMILAR = 0.75  # least similarity of spellings without a common word, as of difflib
 # Parameters of ROS that a parameter file may contain beside those of the node.
 FOREIGN = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 FRAMES = ('payload.frame', 'imu.frame', 'wrench.frames', 'observer.frame')
@@ -158,18 +159,21 @@ def similar_parameter(name: str, known: Collection[str]) -> str:
     """
     Return the known parameter that is most similar to a name; empty if none is similar.
 
-    Names that have the words of `name` in any order come first (``kp``: ``gains.kp``,
-    ``effort_limit``: ``limits.effort``), the shortest of them; then similar spellings, also of
-    the last word.
+    Names that have all words of `name` in any order come first (``kp``: ``gains.kp``,
+    ``effort_limit``: ``limits.effort``), the shortest of them; then those that share most words
+    with it, the most similar spelling of them; then similar spellings alone.
     """
     wanted = _words(name)
     same_words = [candidate for candidate in known if wanted <= _words(candidate)]
     if same_words:
         return min(same_words, key=len)
-    by_spelling = {candidate.rpartition('.')[2]: candidate for candidate in known}
-    by_spelling |= {candidate: candidate for candidate in known}
-    near = difflib.get_close_matches(name, by_spelling, n=1)
-    return by_spelling[near[0]] if near else ''
+    shared = {candidate: len(wanted & _words(candidate)) for candidate in known}
+    most = max(shared.values())
+    if most:
+        candidates = [candidate for candidate, count in shared.items() if count == most]
+        return difflib.get_close_matches(name, candidates, n=1, cutoff=0.0)[0]
+    near = difflib.get_close_matches(name, known, n=1, cutoff=SIMILAR)
+    return near[0] if near else ''
 
 
 def _words(name: str) -> set[str]:

@@ -102,7 +102,7 @@ def test_an_unknown_parameter_gives_the_most_similar_name():
     ('kp', 'gains.kp'), ('effort_limit', 'limits.effort'), ('max_effort', 'limits.effort'),
     ('payload_mass', 'payload.mass'), ('joint_names', 'joints'), ('urdf_path', 'urdf'),
     ('gravity_compensation', 'arm_compensates'), ('robot_descripton', 'robot_description'),
-    ('foo', '')])
+    ('foo', ''), ('measured', ''), ('seed', '')])
 def test_similar_parameters_have_the_same_words_or_a_similar_spelling(name, similar):
     assert similar_parameter(name, BY_NAME) == similar
 
