@@ -44,13 +44,19 @@ def least_eigenvalues(robot, q):
 
 
 def assert_definite(robot, seed):
-    """Require at the admissible deflection half of the least eigenvalue of the straight beam."""
+    """
+    Require up to the admissible deflection half of the least eigenvalue of the straight beam.
+
+    If no mode of the straight beam moves with the hinge, its least eigenvalue is far larger than
+    that of a bent beam: 0.05 is enough.
+    """
     beam = robot.model.bodies[0].beam
+    straight = least_eigenvalues(robot, np.zeros((1, robot.n)))[0]
+    assert straight > 1e-4
     for part in (1.0, 0.3, 0.03):  # of the admissible deflection
         eta = deflected(beam, CASES, 0.1 * LENGTH * part, seed)
         q = np.concatenate([np.zeros((len(eta), 1)), eta], axis=1)
-        straight = least_eigenvalues(robot, np.zeros((1, robot.n)))[0]
-        assert least_eigenvalues(robot, q).min() > 0.5 * straight > 0.0
+        assert least_eigenvalues(robot, q).min() > min(0.5 * straight, 0.05)
 
 
 @pytest.mark.parametrize('modes, axis, twists', [
