@@ -83,13 +83,14 @@ class Rig:
         joints = tuple(n for n in load_urdf(URDF).joint_names if 'finger' not in n)
         values = {spec.name: read(spec, spec.default) for spec in SPECS} | {
             'mode': 'computed_torque', 'joints': joints, 'state_timeout': 5.0,
-            'arm_compensates': ('none',)}
+            'arm_compensates': ('none',),
+            'state_check.noise': 1.0, 'state_check.position_margin': 1.0}  # the states jump
         values |= REALTIME if settings == ON else {}
         controller = path_controller(load_model(URDF, values, _ignore), values)
         controller.compile()
         self.statistics, self.commands, self.torques = Statistics(), Sink(), Sink()
         self.path = TorquePath(controller, self.commands, self.torques, time.time_ns,
-                               values['state_timeout'], self.statistics, _refuse)
+                               values, self.statistics, _refuse)
         rng, n = np.random.default_rng(0), len(joints)
         pose = controller.robot.neutral() + 0.2
         self.motion = Motion.from_points(

@@ -77,6 +77,11 @@ class LoopStep:
             [self.last, T, self.target, self.rates, *more, *time], self._result,
             'Close the loops.')
 
+    @property
+    def accepted_figure(self) -> float:
+        """Square of the conditioning figure of the last accepted result."""
+        return float(self._state[-1])
+
     def follow(self) -> bool:
         """Move `q` and `u` to the measured joints by one call; return whether that is valid."""
         try:

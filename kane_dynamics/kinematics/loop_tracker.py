@@ -141,6 +141,11 @@ class LoopTracker:
         return math.sqrt(self._step.figures[3])
 
     @property
+    def accepted_figure(self) -> float:
+        """Conditioning figure of the last accepted configuration."""
+        return math.sqrt(self._step.accepted_figure)
+
+    @property
     def deviation(self) -> float:
         """Largest deviation of further measured joints in the last update, rad or m."""
         return math.sqrt(self._step.figures[-1])

@@ -48,7 +48,8 @@ def test_computed_torque_moves_the_plant_with_only_the_driven_joints_measured(cl
     motion = Motion.from_points([0.0, DURATION], [START, END], REST, joint_names=DRIVEN)
     try:
         plant.wait_for('joint states/s', 60.0)
-        node = start(mode='computed_torque', gains__kp=36.0, gains__kd=12.0, state_timeout=1.0,
+        node = start(real_states=True,
+                     mode='computed_torque', gains__kp=36.0, gains__kd=12.0, state_timeout=1.0,
                      **files)
         node.wait_for('active, mode', 60.0)
         assert wait_until(lambda: client.motions.get_subscription_count() > 0 and states

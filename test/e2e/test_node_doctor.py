@@ -73,7 +73,8 @@ def test_a_valid_graph_has_no_problem(client, urdf):
     away = ('-r', '__ns:=/ward',  # from what the client itself publishes
             '-r', 'commands:=effort/commands')
     # A machine that stalls must not let the arm fall: it has to be at rest.
-    running = [Process(*away, mode='gravity_compensation', use_sim_time=True, state_timeout=2.0,
+    running = [Process(*away, real_states=True,
+                       mode='gravity_compensation', use_sim_time=True, state_timeout=2.0,
                        robot_description=f"'{URDF}'"),
                Process(*away, module=PLANT, robot_description=f"'{URDF}'", rate=200.0,
                        publish_clock=True, after_timeout='hold',

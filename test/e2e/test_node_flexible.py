@@ -32,7 +32,8 @@ def error_of_rigid_feedforward(motion):
 def test_quasi_static_feedforward_is_better_than_rigid_feedforward(client, start):
     plant = Process(module='kane_dynamics.ros.plant.plant_main', after_timeout='hold', urdf=URDF,
                     rate=200, substeps=5, supplement=BENDING, initial__position=list(POINTS[0][1]))
-    node = start(urdf=URDF, supplement=BENDING, mode='computed_torque', gains__kp=GAINS['kp'],
+    node = start(real_states=True,
+                 urdf=URDF, supplement=BENDING, mode='computed_torque', gains__kp=GAINS['kp'],
                  gains__kd=GAINS['kd'])
     states = []
     listening = client.create_subscription(JointState, 'joint_states', lambda m: states.append(

@@ -99,7 +99,8 @@ def test_the_node_moves_the_bending_plant(client, start, files):
     motion = Motion.from_points([0.0, DURATION], [START, END], REST, joint_names=DRIVEN)
     try:
         plant.wait_for('flexible modes lower_arm/mode_1, upper_arm/mode_1', 120.0)
-        node = start(mode='computed_torque', gains__kp=25.0, gains__kd=10.0, state_timeout=1.0,
+        node = start(real_states=True,
+                     mode='computed_torque', gains__kp=25.0, gains__kd=10.0, state_timeout=1.0,
                      **files)
         node.wait_for('active, mode', 120.0)
         assert wait_until(lambda: client.motions.get_subscription_count() > 0 and states

@@ -66,7 +66,8 @@ class Pair:
 
 @pytest.fixture(scope='module')
 def processes():
-    node = Process(robot_description=f"'{URDF}'", use_sim_time='true', mode='gravity_compensation',
+    node = Process(real_states=True,
+                   robot_description=f"'{URDF}'", use_sim_time='true', mode='gravity_compensation',
                    state_timeout=0.1, diagnostics_rate=10)
     plant = Process(module='kane_dynamics.ros.plant.plant_main', robot_description=f"'{URDF}'",
                     publish_clock='true', rate=1.0 / PERIOD, initial__position=START.tolist())

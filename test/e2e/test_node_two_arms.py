@@ -56,7 +56,8 @@ def arms(participant):
     for side in MASSES:
         common = {'robot_description': f"'{urdf(side)}'", 'prefix': f'{side}_'}
         namespace = ('-r', f'__ns:=/{side}')
-        running += [Process(*namespace, mode='gravity_compensation', state_timeout=0.5,
+        running += [Process(*namespace, real_states=True,
+                            mode='gravity_compensation', state_timeout=0.5,
                             payload__frame='c', **common),
                     Process(*namespace, module='kane_dynamics.ros.plant.plant_main', rate=200,
                             initial__position=POSES[side], after_timeout='hold', **common)]

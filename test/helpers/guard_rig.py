@@ -173,7 +173,8 @@ class Rig:
         self.start_guard()
 
     def start_node(self):
-        self.node = Process(module=self._module, environment=without_shared_memory(),
+        self.node = Process(module=self._module, real_states=True,
+                            environment=without_shared_memory(),
                             **self.urdf, **self.parameters)
 
     def start_guard(self):

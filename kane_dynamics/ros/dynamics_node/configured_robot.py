@@ -31,6 +31,7 @@ from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload, Grav
                                                            parameter_loads)
 from kane_dynamics.ros.torque_path.guard_messages import arm_digest
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
+from kane_dynamics.ros.torque_path.state_check import speed_limits
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.step_kernels import compile_simulation, step_kernel
@@ -147,7 +148,7 @@ class ConfiguredRobot:
             values['stamped_commands']) else None
         self.path = TorquePath(
             controller, self._commands, publisher(JointState, '~/joint_torques', qos), self._now,
-            values['state_timeout'], self._statistics,
+            values, self._statistics,
             lambda reason, detail: warn(f'joint states: {reason}', detail), stamped,
             None if self.fault else closed_loop_reader(controller, values))
         self.optional_topics = OptionalTopics(node, server, self.path, values, self._now,
@@ -213,6 +214,7 @@ class ConfiguredRobot:
     def check(self, values: Mapping[str, Any], given: Collection[str]) -> None:
         """Raise InputError unless new parameters, of which `given` are set, fit the robot."""
         path_settings(values, self.robot)
+        speed_limits(self.robot, values)
         FillSettings.from_values(values, self.robot.joint_names)
         parameter_loads(self.robot.model, values)
         check_optional_topics(values, self.robot)
@@ -232,7 +234,7 @@ class ConfiguredRobot:
             self.guard.new_parameters()
         if before['mode'] != values['mode'] and self.path.active_motion.clear():
             self._warn('mode', 'changed; desired motion dropped')
-        self.path.set_timeout(values['state_timeout'])
+        self.path.set_limits(values)
         if self.path.loops is not None:
             self.path.loops.update(values)
         self.path.controller.update(**path_settings(values, self.robot))

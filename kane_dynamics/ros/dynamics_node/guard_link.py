@@ -113,6 +113,10 @@ class GuardLink:
         self._last = now
         return True
 
+    def may_repeat(self, now: float) -> bool:
+        """Return whether this node may command at a state that is not believed."""
+        return self.may_command(now)
+
     def may_stop(self, now: float) -> bool:
         """Return whether this node may command zeros; ask as before a command."""
         if self._asked:

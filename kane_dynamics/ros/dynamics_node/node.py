@@ -1,6 +1,7 @@
 """The lifecycle node: loads the URDF, compiles the robot, and runs the torque path."""
 
 from collections.abc import Collection, Mapping
+from functools import partial
 from pathlib import Path
 import time
 from typing import Any
@@ -21,6 +22,7 @@ from kane_dynamics.ros.dynamics_node.sim_time_watchdog import SimTimeWatchdog
 from kane_dynamics.ros.parameters.arm_statement import examine_statement
 from kane_dynamics.ros.parameters.live_parameters import LiveParameters
 from kane_dynamics.ros.parameters.parameter_table import SPECS
+from kane_dynamics.ros.services.motion_check import refuse_impossible
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.torque_path.trajectory_input import follow_trajectory
 from kane_dynamics_interfaces.srv import SetPayload
@@ -248,9 +250,13 @@ class DynamicsNode(LifecycleNode):
     def _on_trajectory(self, data: bytes, received: int) -> None:
         """Schedule a new desired motion; called in the services' thread."""
         try:
-            if self.arm is None or not self.arm.path.running:
+            served = self.server.served
+            if self.arm is None or served is None or not self.arm.path.running:
                 raise InputError(f'node: {self.state}; expected active')
-            if warning := follow_trajectory(self.arm.path, data, received, self.values):
+            served.apply_loads()
+            warning = follow_trajectory(self.arm.path, data, received, self.values,
+                                        partial(refuse_impossible, served))
+            if warning:
                 self.get_logger().warning(f'joint_trajectory: {warning}')
         except KaneError as error:
             self._reject_trajectory('joint_trajectory', str(error))

@@ -11,6 +11,7 @@ from kane_dynamics.ros.common.node_statistics import status
 from kane_dynamics.ros.dynamics_node.configured_robot import ConfiguredRobot
 from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE, MISSING, NO_CLOCK,
                                                               NO_VELOCITY, STALE)
+from kane_dynamics.ros.torque_path.state_check import JUMP, OUTSIDE, TOO_FAST
 from kane_dynamics.ros.torque_path.torque_path import REFUSED
 
 if TYPE_CHECKING:
@@ -34,6 +35,9 @@ DROP_REMEDIES = {reason: f'{reason} ({remedy})' for reason, remedy in {
     CONTRADICTION: 'check the encoders, the constraints file and closure.tolerance',
     UNKNOWN: 'publish all joints, or move the arm to the configuration of the constraints file, '
              'deactivate and activate the node',
+    JUMP: 'check the encoders, the speed limits of the URDF, limits.velocity and state_check.*',
+    TOO_FAST: 'check the encoders, the speed limits of the URDF and state_check.speed_factor',
+    OUTSIDE: 'check units (rad), encoders and the position limits of the URDF',
     REFUSED: 'keep motions away from singular configurations'}.items()}
 
 
@@ -60,6 +64,7 @@ def node_status(node: 'DynamicsNode', period: float) -> DiagnosticStatus:
                     'kernels verified to': f'{arm.verified:.1e}',
                     'gravity': ' '.join(f'{g:.3f}' for g in arm.loads.gravity) + ' m/s^2',
                     'payload': f'{0.0 if payload is None else payload.mass:g} kg',
+                    'faults of joint states': str(node.statistics.faults),
                     'publishers of joint states': str(arm.state_publishers),
                     'publishers of commands': str(len(arm.commanders))}
         figures |= arm.optional_topics.figures()
@@ -97,6 +102,10 @@ def _active(arm: ConfiguredRobot, rate: float, dropped: Counter[str],
                     f'no valid joint state for {arm.path.state_age:.2f} s') + ': '
                    + ('commanding zeros' if arm.path.last_update else 'no commands yet')
                    + '; check the driver, its topic and its stamps')
+    elif arm.path.fault:
+        level = DiagnosticStatus.ERROR
+        message = (f'joint states are not believed for {arm.path.state_age:.2f} s: '
+                   f'{arm.path.fault}; ' + arm.path.reaction)
     elif arm.guard is not None and arm.guard.waiting:
         level, message = WARN, 'active, waiting for torque_guard to hand over `commands`'
     if dropped:

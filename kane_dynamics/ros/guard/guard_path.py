@@ -66,7 +66,7 @@ class GuardPath(TorquePath):
     def __init__(self, controller: Controller, commands: Publisher, torques: Publisher,
                  now: Callable[[], int], values: Mapping[str, Any], statistics: Statistics,
                  warn: Callable[[str, str], None], report: Callable[[str, str], None]) -> None:
-        super().__init__(controller, commands, torques, now, values['state_timeout'], statistics,
+        super().__init__(controller, commands, torques, now, values, statistics,
                          warn, loops=closed_loop_reader(controller, values))
         joints = self.messages.joints
         self.watch = NodeWatch(values['guard.lease'], len(joints))
@@ -81,7 +81,7 @@ class GuardPath(TorquePath):
         """Use checked parameters from the next state on."""
         self._values = values
         self.controller.update(**guard_settings(values, self.controller))
-        self.set_timeout(values['state_timeout'])
+        self.set_limits(values)
         if self.loops is not None:
             self.loops.update(values)
 
@@ -143,6 +143,8 @@ class GuardPath(TorquePath):
                 return
             self._report('info', 'the dynamics node commands without a request; watching it')
         self.commanding = False
+        if self.fault and torque.any() and not self.watch.armed:
+            self._forget_states()  # the node was activated again and believes the states
         if self.loops is not None and self.loops.lost:
             self.loops.restart()  # the node knows the assembly mode again
         self.watch.note_node_command(torque, now)
@@ -166,7 +168,7 @@ class GuardPath(TorquePath):
         if self.watch.acting:
             super().check_timeout()
         elif self.watch.armed and self.watch.known and (
-                self._now() - self._last_good > LATE * self._timeout):
+                self._now() - self._last_heard > LATE * self._timeout):
             self.watch.take_over(time.perf_counter())
             self._takeovers, self._took_over = self.watch.takeovers, self._now()
             self.commanding = True

@@ -85,6 +85,11 @@ class NodeWatch:
             self.check(now)
         return self.acting
 
+    def may_repeat(self, now: float) -> bool:
+        """Return whether the guard commands; a state that is not believed does not count."""
+        self.tick(now)
+        return self.acting
+
     def may_stop(self, now: float) -> bool:
         """Return whether the guard commands."""
         return self.acting

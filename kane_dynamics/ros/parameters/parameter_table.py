@@ -133,6 +133,9 @@ SPECS = (
     live('limits.effort', 'per_joint', [], 'effort limit, N m or N, in addition to that of the '
          'URDF; the smaller one applies; empty: only that of the URDF', positive=True,
          infinite=True, low=0.0),
+    live('limits.velocity', 'per_joint', [], 'speed limit, rad/s or m/s, in addition to that of '
+         'the URDF; the smaller one applies to checks of joint states and motions, which need '
+         'one; empty: only that of the URDF', positive=True, infinite=True, low=0.0),
     live('limits.rate', 'per_joint', [], 'limit of the rate of effort, N m/s or N/s; empty: 20 '
          'times the effort limit each second',
          positive=True, infinite=True, low=0.0),
@@ -216,9 +219,30 @@ SPECS = (
          low=0.0, high=3600.0),
     live('state_timeout', 'number', 0.1, 'age, s, above which joint states are stale: the node '
          'commands zeros and drops the desired motion', low=1e-3, high=3600.0),
+    live('state_check.speed_factor', 'number', 2.0, 'factor on the speed limit above which a '
+         'joint cannot move: a joint state with a larger velocity, or whose position moved '
+         'farther than this speed allows, is dropped; infinite: no such check', low=1.0,
+         infinite=True),
+    live('state_check.jitter', 'number', 0.002, 'uncertainty of the stamps of joint states, s, '
+         'which is added to the time between two of them', low=0.0, high=10.0),
+    live('state_check.noise', 'number', 0.01, 'jump of a position that is no fault, rad or m: '
+         'noise and resolution of the sensor', positive=True, low=0.0, infinite=True),
+    live('state_check.position_margin', 'number', 0.2, 'distance, rad or m, by which a measured '
+         'position may lie outside the position limits of its joint; beyond it the state is '
+         'dropped, as it is for degrees; infinite: no such check', low=0.0, infinite=True),
+    live('state_check.grace', 'number', 0.05, 'time, s, in which the last command goes on while '
+         'joint states are dropped as impossible; then state_check.action', low=0.0, high=10.0),
+    live('state_check.action', 'text', 'zero', 'torques after state_check.grace: zero, or hold: '
+         'gravity at the last accepted position, until states are valid again or stop',
+         choices=('zero', 'hold')),
     live('diagnostics_rate', 'number', 1.0, 'rate of /diagnostics, 1/s', low=1e-3, high=100.0),
     live('trajectory.max_points', 'count', 10_000, 'largest accepted number of points of a '
          'desired motion', low=1.0, high=1e6),
+    live('trajectory.start_tolerance', 'number', 0.1, 'largest distance of a joint, rad or m, '
+         'from where a motion sets out to where the arm is then; infinite: any', positive=True,
+         low=0.0, infinite=True),
+    live('trajectory.limit_factor', 'number', 1.2, 'factor on the limits of speed and effort '
+         'above which a motion is refused; infinite: none is', low=1.0, infinite=True),
     live('simulation.max_duration', 'number', 3600.0, 'largest accepted duration of a simulation, '
          's', positive=True, low=0.0),
     live('simulation.max_steps', 'count', 1_000_000, 'largest accepted number of steps of a '

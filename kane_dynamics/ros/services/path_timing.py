@@ -11,6 +11,7 @@ from kane_dynamics.feasibility import time_optimal
 from kane_dynamics.feasibility.path_geometry import path_of
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.conversion import check_points, doubles, message_of_points
+from kane_dynamics.ros.services.motion_check import check_positions
 from kane_dynamics.ros.services.served_robot import RIGID, ServedRobot
 from kane_dynamics.ros.services.trajectory_filling import assembly_mode, FIELDS, table
 import numpy as np
@@ -47,6 +48,7 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
     if not len(times) and (u is not None or udot is not None):
         raise InputError('time_from_start: empty; expected the times of points with velocities or '
                          'accelerations')
+    check_positions(served, joints, q, times if len(times) else np.arange(float(count)))
     limits: dict[str, Any] = {}
     for what in ('acceleration', 'power', 'jerk', 'torque_rate'):
         limit = _per_joint(getattr(request, f'max_{what}'), what, n, order)

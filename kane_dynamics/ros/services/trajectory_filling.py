@@ -10,9 +10,12 @@ from kane_dynamics.control.trajectory_feedforward import fill_trajectory, Filled
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.closed_path import LoopLimits
 from kane_dynamics.kinematics.loop_error import LoopError, UNKNOWN
+from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.conversion import Array, check_points, doubles, point_columns
+from kane_dynamics.ros.common.conversion import (Array, check_points, doubles, nanoseconds,
+                                                 point_columns)
 from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
+from kane_dynamics.ros.services.motion_check import refuse_impossible
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.trajectory_cdr import serialized_trajectory
 from kane_dynamics.ros.torque_path.trajectory_input import read_trajectory
@@ -66,8 +69,9 @@ def filled_message(served: ServedRobot, data: bytes) -> bytes:
     if not message.points:
         return data
     names = message.joint_names
-    return serialized_trajectory(message.header, _filled(
-        served, names, point_columns(message, names, most), None))
+    columns = point_columns(message, names, most)
+    _refuse_impossible(served, names, columns, executed=not nanoseconds(message.header.stamp))
+    return serialized_trajectory(message.header, _filled(served, names, columns, None))
 
 
 def fill_trajectory_tables(served: ServedRobot, request: Any, response: Any) -> None:
@@ -77,6 +81,7 @@ def fill_trajectory_tables(served: ServedRobot, request: Any, response: Any) -> 
     check_points(len(times), served.values['trajectory.max_points'])
     columns = [table(request, field, len(times), len(names)) for field in FIELDS]
     tolerance = np.array(request.tolerance)
+    _refuse_impossible(served, names, (times, *columns), executed=False)
     filled = _filled(served, names, (times, *columns), (
         tolerance[0] if len(tolerance) == 1 else tolerance) if len(tolerance) else None)
     response.joint_names = list(filled.joint_names)
@@ -87,6 +92,23 @@ def fill_trajectory_tables(served: ServedRobot, request: Any, response: Any) -> 
     response.inserted = filled.inserted
     if filled.effort_error is not None:
         response.effort_error = doubles(filled.effort_error)
+
+
+def _refuse_impossible(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
+                       executed: bool) -> None:
+    """
+    Raise InputError unless the arm can move like that; `fill_trajectory` refuses other faults.
+
+    Where the motion sets out is judged only if it is executed on receipt.
+    """
+    joints = served.robot.joint_names
+    if not set(names) <= set(joints):
+        return
+    measured = served.measured()
+    place = None if measured is None else measured[[joints.index(name) for name in names]]
+    start = None if place is None else (place, None, None)
+    motion = Motion.from_points(*points, joint_names=names, start=start)
+    refuse_impossible(served, motion, place if executed else None)
 
 
 def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],

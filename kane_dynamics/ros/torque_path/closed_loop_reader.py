@@ -8,9 +8,12 @@ from kane_dynamics.kinematics.loop_error import LoopError
 from kane_dynamics.kinematics.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.conversion import Array
+from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
 import numpy as np
+
+REACH = 2.0  # times its last speed, an arm moves until the next state at most
+STANDSTILL = 1e-3  # rad, or lengths of the mechanism: noise of positions at rest
 
 
 def commanded_joints(robot: Robot, followed: Sequence[str]) -> tuple[int, ...]:
@@ -62,16 +65,22 @@ class ClosedLoopReader(JointStateReader):
 
     def __init__(self, controller: Controller, values: Mapping[str, Any]) -> None:
         robot, followed = controller.robot, controller.followed
-        names = robot.joint_names
+        equations, names = robot.equations, robot.joint_names
+        assert isinstance(equations, ConstrainedEquations)
         others = [name for name in names if name not in followed]
         super().__init__(followed, others,
                          [names[k] for k in commanded_joints(robot, followed)])
         self._places = [names.index(name) for name in others]
         self.tracker = LoopTracker(robot, followed)
-        self.q, self.u, self._state = self.tracker.q, self.tracker.u, self.tracker.given
-        self._q, self._u = np.split(self._state, 2)  # what is read is the tracker's measurement
+        self.q, self.u, self.state = self.tracker.q, self.tracker.u, self.tracker.given
+        self._q, self._u = np.split(self.state, 2)  # what is read is the tracker's measurement
         self._compared = self._rows = self.others  # the last others, and their indices in q
-        self._accepted = False
+        self._singular = False  # whether a refused state was near a singular configuration
+        self._before = self.q.copy()  # one accepted state before the last
+        self._kept, self._copied = memoryview(self._before).cast('B'), memoryview(
+            np.ascontiguousarray(self.q)).cast('B')
+        self._stamps = 0, 0  # of both, ns
+        self._lengths = equations.mechanism.units
         self.update(values)
 
     def update(self, values: Mapping[str, Any]) -> None:
@@ -82,29 +91,56 @@ class ClosedLoopReader(JointStateReader):
     def restart(self) -> None:
         """Begin with the assembly mode of the constraints file, or of the first state."""
         self.tracker.restart()
-        self._accepted = False
+        self._singular, self._stamps = False, (0, 0)
 
     @property
     def lost(self) -> bool:
         """Return whether the assembly mode is unknown."""
         return not self.tracker.known
 
-    def configuration(self) -> Array | None:
-        """Return the last closed configuration, for other threads; None without a state."""
-        return self.q.copy() if self._accepted and not self.lost else None
+    def give_up(self) -> None:
+        """
+        Note that states are not believed for longer than the grace time.
 
-    def complete(self) -> str | None:
-        """Close the loops at the accepted state; return None, or the reason to refuse it."""
+        If the loops came near a singular configuration meanwhile, the assembly mode is unknown.
+        """
+        if self._singular:
+            self.tracker.known = False
+
+    def complete(self, stamp: int) -> str | None:
+        """Close the loops at the state; return None, or the reason to refuse it."""
+        tracker, known = self.tracker, self.tracker.known
+        self._kept[:] = self._copied
         try:
             if self.others is not self._compared:
                 self._compared = self.others
                 self._rows = tuple(self._places[k] for k in self.others)
-            self.tracker.update_given(self._rows, self.positions)
+            tracker.update_given(self._rows, self.positions)
         except LoopError as error:
             self.detail = error.detail
+            if known and not tracker.known:
+                self._singular = True
+                tracker.known = not self._may_be_singular(stamp)
             return error.reason
-        self._accepted = True
+        self._singular, self._stamps = False, (self._stamps[1], stamp)
         return None
+
+    def _may_be_singular(self, stamp: int) -> bool:
+        """
+        Return whether the arm can have come to a singular configuration since the last state.
+
+        If it cannot, a state next to one is false, and the assembly mode is that of the last
+        accepted state. The distance is one over the conditioning figure there; the speed is that
+        of the last state, measured and as its change from the one before.
+        """
+        before, last = self._stamps
+        if not before:
+            return True
+        rates = self.tracker.robot.joint_rates(self.q, self.u)
+        change = (self.q - self._before) * (NANO / max(last - before, 1))
+        speed = np.maximum(np.abs(rates), np.abs(change)) / self._lengths
+        reached = REACH * float(speed.max()) * (stamp - last) / NANO + STANDSTILL
+        return reached >= 1.0 / self.tracker.accepted_figure
 
     def figures(self) -> dict[str, str]:
         """Return the entries for the diagnostics."""

@@ -53,6 +53,18 @@ class CommandMessages:
         self._torque_message.numbers[:] = numbers
         self._torques.publish(self._torque_message.serialized())
 
+    def repeat(self) -> None:
+        """Publish the last torques again, with their stamp."""
+        self._commands.publish(self._command_message.serialized())
+        if self._stamped is not None:
+            self._stamped.publish(self._stamped_message.serialized())
+        self._torques.publish(self._torque_message.serialized())
+
+    def resume(self, tau: Array) -> None:
+        """Let `repeat` continue torques of the commanded joints that another process published."""
+        for message in (self._command_message, self._torque_message, self._stamped_message):
+            message.numbers[:] = tau
+
     def of_commanded(self, tau: Array) -> Array:
         """Return the torques of the commanded joints, of all torques."""
         return tau[self._places]

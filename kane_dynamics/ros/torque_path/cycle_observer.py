@@ -61,6 +61,9 @@ class Arbiter(Protocol):
     def may_command(self, now: float) -> bool:
         """Return whether this process may command; called once for each valid state."""
 
+    def may_repeat(self, now: float) -> bool:
+        """Return whether this process may command at a state that is not believed."""
+
     def may_stop(self, now: float) -> bool:
         """Return whether this process may command zeros because states are stale."""
 

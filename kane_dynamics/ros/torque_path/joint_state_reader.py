@@ -65,6 +65,8 @@ class JointStateReader:
 
     Attributes
     ----------
+    state : (2 n,) array
+        Positions and velocities of `joints` in the latest message, accepted or not.
     q, u : (n,) arrays
         The latest state; undefined after `read` returned a reason.
     others : tuple of int
@@ -99,8 +101,8 @@ class JointStateReader:
         self.need_effort, self.has_velocity = False, False
         self.foreign_joints: set[tuple[str, ...]] = set()
         self.partial_joints: set[tuple[str, ...]] = set()
-        self._state = np.zeros(2 * len(self.joints))
-        self._q, self._u = np.split(self._state, 2)
+        self.state = np.zeros(2 * len(self.joints))
+        self._q, self._u = np.split(self.state, 2)
         self.q, self.u = self._q, self._u
         self.others: tuple[int, ...] = ()
         self.positions = np.zeros(0)
@@ -126,7 +128,7 @@ class JointStateReader:
         layout.buffer[:] = data
         self.has_velocity = layout.has_velocity
         if layout.has_velocity:
-            layout.numbers.take(layout.index, out=self._state, mode='clip')
+            layout.numbers.take(layout.index, out=self.state, mode='clip')
         else:
             layout.numbers.take(layout.index, out=self._q, mode='clip')
             self._u.fill(0.0)
@@ -138,12 +140,8 @@ class JointStateReader:
                                 layout.others.efforts)
         return self._finite()
 
-    def configuration(self) -> Array | None:
-        """Return a copy of the positions, for other threads; None if they are unknown."""
-        return self.q.copy()
-
-    def complete(self) -> str | None:
-        """Compute what an accepted state lacks; return None, or the reason to refuse it."""
+    def complete(self, stamp: int) -> str | None:
+        """Compute what a state lacks, with its stamp, ns; return None, or why it is refused."""
         return None
 
     def _parse(self, data: bytes, need_velocity: bool) -> str | None:
@@ -234,7 +232,7 @@ class JointStateReader:
     def _finite(self) -> str | None:
         """Return None if the state is finite, else the reason to drop it."""
         # Sums of lists are faster than numpy for short rows.
-        if math.isfinite(sum(self._state.tolist())) and (
+        if math.isfinite(sum(self.state.tolist())) and (
                 not self.others or math.isfinite(sum(self.positions.tolist()))):
             return None
         bad = [*np.compress(~(np.isfinite(self._q) & np.isfinite(self._u)), self.joints),

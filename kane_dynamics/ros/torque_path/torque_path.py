@@ -4,12 +4,14 @@ The torque path: publishes one command for each joint state, and zeros when stat
 It runs in the main thread only and works on serialized messages.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import time
+from typing import Any
 
 from kane_dynamics.control.controller import Controller, Mode
 from kane_dynamics.control.torque_limiter import Command
 from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.kinematics.loop_error import BRANCH, CONTRADICTION
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
@@ -20,11 +22,15 @@ from kane_dynamics.ros.torque_path.command_messages import CommandMessages
 from kane_dynamics.ros.torque_path.cycle_observer import Arbiter, Cycle, CycleObserver
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN, JointStateReader, MISSING,
-                                                              NO_CLOCK, time_fault)
+                                                              NO_CLOCK, NOT_FINITE, time_fault)
+from kane_dynamics.ros.torque_path.state_check import FIRST, JUMP, OUTSIDE, StateCheck, TOO_FAST
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput
 from rclpy.publisher import Publisher
 
 NO_TORQUE, REFUSED = 'no finite torque', 'closed loop without a torque'
+# Reasons that show a false state: after a fault that lasts, states must come back to the last
+# accepted one. Other reasons are of the arm or of the motion.
+FALSE = frozenset((NOT_FINITE, JUMP, TOO_FAST, OUTSIDE, CONTRADICTION, BRANCH))
 
 
 class TorquePath:
@@ -38,8 +44,8 @@ class TorquePath:
         Publishers of Float64MultiArray and of JointState; they receive serialized messages.
     now : callable
         Returns the node's clock, ns.
-    timeout : float
-        Age above which a state is stale, s.
+    values : mapping
+        The node's parameters; state_timeout, state_check.* and limits.velocity are used.
     statistics : Statistics
     warn : callable
         Called with the reason and the details of each dropped state.
@@ -48,10 +54,15 @@ class TorquePath:
     loops : ClosedLoopReader, optional
         Reads the states of an arm with closed loops.
 
+    Attributes
+    ----------
+    fault : str
+        Why states are not believed, since longer than the grace time; empty if they are.
+
     """
 
     def __init__(self, controller: Controller, commands: Publisher, torques: Publisher,
-                 now: Callable[[], int], timeout: float, statistics: Statistics,
+                 now: Callable[[], int], values: Mapping[str, Any], statistics: Statistics,
                  warn: Callable[[str, str], None], stamped: Publisher | None = None,
                  loops: ClosedLoopReader | None = None) -> None:
         robot, self.controller, self.statistics = controller.robot, controller, statistics
@@ -62,6 +73,7 @@ class TorquePath:
         self.active_motion = ActiveMotion()
         self._now, self._warn = now, warn
         self._reader, self.loops = loops or JointStateReader(robot.joint_names), loops
+        self.states = StateCheck(robot, self._reader.joints, self._reader.state, values)
         commanded = commanded_joints(robot, controller.followed)
         self.messages = CommandMessages(robot.joint_names, commanded, commands, torques, stamped)
         self._follow = [robot.joint_names.index(name) for name in controller.followed]
@@ -71,12 +83,17 @@ class TorquePath:
         self._observers: list[CycleObserver] = []
         self._loads: GravityAndPayload | None = None
         self._applied_loads: GravityAndPayload | None = None
-        self._last_good = self._last_now = self._last_stamp = 0
-        self.set_timeout(timeout)
+        self._last_good = self._last_heard = self._last_now = self._last_stamp = 0
+        self._doubted = 0  # since when states are not believed, ns; 0: they are
+        self.fault = ''
+        self.set_limits(values)
 
-    def set_timeout(self, timeout: float) -> None:
-        """Set the age, s, above which a state is stale."""
-        self._timeout = round(timeout * NANO)
+    def set_limits(self, values: Mapping[str, Any]) -> None:
+        """Judge states by checked parameters from the next one on."""
+        self._timeout = round(values['state_timeout'] * NANO)
+        self._grace = round(values['state_check.grace'] * NANO)
+        self._holds = values['state_check.action'] == 'hold'
+        self.states.update(values)
 
     def add_observer(self, observer: CycleObserver, need_effort: bool) -> None:
         """Call `observer` after each command; read the efforts of states if it needs them."""
@@ -88,14 +105,22 @@ class TorquePath:
         state = self.active_motion.desired(stamp)
         if state is None and self.last_update:
             pose = self.controller.pose
-            q = self._reader.q[self._follow] if pose is None else pose.copy()
+            q = self._accepted()[self._follow] if pose is None else pose.copy()
             state = q, 0.0 * q, 0.0 * q
         return state
 
     def measured(self) -> Array | None:
-        """Return the last measured positions, (n,), for other threads; None if missing."""
-        valid = self.running and self.last_update and not self.timed_out
-        return self._reader.configuration() if valid else None
+        """Return the last accepted positions, (n,), for other threads; None if missing."""
+        lost = self.loops is not None and self.loops.lost
+        valid = self.running and self.last_update and self.states.known and not (
+            lost or self.timed_out or self.fault)
+        return self._accepted() if valid else None
+
+    def _accepted(self) -> Array:
+        """Return a copy of the positions of all joints in the last accepted state, (n_q,)."""
+        if self.loops is not None:
+            return self.loops.q.copy()
+        return self.states.accepted[:len(self._reader.joints)].copy()
 
     def take_foreign_joints(self) -> set[tuple[str, ...]]:
         """Return and clear the name lists of states that contained other joints only."""
@@ -116,8 +141,9 @@ class TorquePath:
         """Start; the first command follows the first state."""
         self.active_motion.clear()
         self.timed_out, self.last_update = False, 0.0
-        self._last_now = self._last_good = self._now()
+        self._last_now = self._last_good = self._last_heard = self._now()
         self._last_stamp = 0
+        self._forget_states()
         self.controller.stop()
         if self.loops is not None:
             self.loops.restart()
@@ -145,10 +171,10 @@ class TorquePath:
             self.arbiter.note_zeros()
 
     def check_timeout(self) -> None:
-        """Command zeros, once, if the last valid state has timed out."""
+        """Command zeros, once, if the last state in time has timed out."""
         now = self._clock()
-        if self.running and now - self._last_good > self._timeout and not self.timed_out:
-            self.time_out(f'none for {(now - self._last_good) / NANO:.3f} s')
+        if self.running and now - self._last_heard > self._timeout and not self.timed_out:
+            self.time_out(f'none for {(now - self._last_heard) / NANO:.3f} s')
 
     def time_out(self, reason: str) -> None:
         """Command zeros until the next valid state, and drop the desired motion."""
@@ -156,6 +182,7 @@ class TorquePath:
                 time.perf_counter()):
             return  # another process may hold the arm; the next check decides
         self.timed_out = True
+        self._forget_states()
         dropped = self.active_motion.clear()
         if self.commanding:
             self.command_zeros()
@@ -174,6 +201,13 @@ class TorquePath:
         return self._now()
 
     @property
+    def reaction(self) -> str:
+        """Return what is commanded while states are not believed, and until when."""
+        action = 'holding the last accepted position' if self._holds else 'commanding zeros'
+        return (f'{action} until states are valid again; deactivate and activate the node to '
+                'begin from others')
+
+    @property
     def state_age(self) -> float:
         """Return the time since the last valid state, or since the start, s."""
         return (self.now - self._last_good) / NANO
@@ -188,7 +222,8 @@ class TorquePath:
         if stamp is None:
             return
         if self.arbiter is not None and not self.arbiter.may_command(began):
-            self._last_good, self._last_stamp, self._waiting = min(now, stamp), stamp, data
+            self._keep(stamp, now)
+            self._waiting = data
             return
         # Between two cycles, so that each command is computed with consistent loads.
         if self._loads is not self._applied_loads:
@@ -198,12 +233,13 @@ class TorquePath:
             external = None if self.wrenches is None else self.wrenches.torques(reader.q, now)
             command = self._command(stamp, motion, moment, external)
         except InputError as error:  # the torques of a finite state overflowed
-            self._drop(NO_TORQUE, str(error))
+            self._doubt(NO_TORQUE, str(error), now)
             return
         except ConstraintError as error:
-            self._refuse(REFUSED, str(error))
+            dropped = self.active_motion.clear()
+            self._doubt(REFUSED, str(error) + '; desired motion dropped' * dropped, now)
             return
-        self._last_good, self._last_stamp = min(now, stamp), stamp
+        self._keep(stamp, now)
         if self.arbiter is not None and not self.arbiter.confirm(time.perf_counter()):
             return
         self.timed_out, self.commanding, self.last_update = False, True, began
@@ -226,7 +262,7 @@ class TorquePath:
         reader = self._reader
         fault = reader.read(data, self.need_velocity)
         stamp = reader.stamp or now
-        if fault is not None:
+        if fault is not None and fault is not NOT_FINITE:
             if fault is FOREIGN and not self.timed_out:
                 self.statistics.foreign_states += 1
             else:  # without other states, a state of other joints only is a fault
@@ -239,10 +275,29 @@ class TorquePath:
         if stamp_fault is not None:
             self._drop(*stamp_fault)
             return None
-        if (fault := reader.complete()) is not None:
-            self._refuse(fault, reader.detail)
+        self._last_heard = moment = min(stamp, now)
+        if fault is not None:
+            self._doubt(fault, reader.detail, now)
+            return None
+        # Before the loops are closed, so that a false state does not move them.
+        fault = self.states.reason(moment)
+        if fault is not None:
+            if fault is not FIRST:
+                self._doubt(fault, self.states.detail, now)
+            return None
+        fault = reader.complete(moment)
+        if fault is not None:
+            self._doubt(fault, reader.detail, now)
             return None
         return stamp
+
+    def _keep(self, stamp: int, now: int) -> None:
+        """Keep the state as the last accepted one."""
+        self._last_good = moment = min(stamp, now)  # a stamp ahead must not delay the next state
+        self._last_stamp = moment
+        self.states.accept(moment)
+        if self._doubted:
+            self._doubted, self.fault = 0, ''
 
     def _command(self, stamp: int, motion: Motion | None, moment: float,
                  external: Array | None) -> Command:
@@ -257,7 +312,9 @@ class TorquePath:
         As after a pause of the joint states, the desired motion is dropped if the last command is
         older than the timeout. The first change of torque is that of one period of the states.
         """
-        self._last_good, self.commanding = self._now(), True
+        self._last_good = self._last_heard = self._now()
+        self.commanding = True
+        self.messages.resume(tau)
         self.controller.resume(self._last_stamp / NANO if self._last_stamp else None,
                                self.messages.of_all(tau))
         silent = time.perf_counter() - self.last_update if self.last_update else 0.0
@@ -285,8 +342,9 @@ class TorquePath:
     def on_clock_jump(self) -> None:
         """Drop motions, wrenches and stamps, which refer to the time before the jump."""
         self.active_motion.clear()
-        self._last_good = self._last_now = self._now()
+        self._last_good = self._last_heard = self._last_now = self._now()
         self._last_stamp = 0
+        self._forget_states()
         self.controller.stop()
         if self.wrenches is not None:
             self.wrenches.clear()
@@ -297,10 +355,54 @@ class TorquePath:
         self.statistics.dropped[reason] += 1
         self._warn(reason, detail)
 
-    def _refuse(self, reason: str, detail: str) -> None:
-        """Drop a state that no torque follows from, and command zeros."""
-        dropped = self.active_motion.clear()
-        self._drop(reason, detail + '; commanding zeros' + ', desired motion dropped' * dropped)
-        if self.commanding and (self.arbiter is None or self.arbiter.may_stop(
-                time.perf_counter())):
+    def _forget_states(self) -> None:
+        """Compare the next state with none before it."""
+        self.states.forget()
+        self._doubted, self.fault = 0, ''
+
+    def _doubt(self, reason: str, detail: str, now: int) -> None:
+        """
+        Drop a state that is not believed; the last command goes on during the grace time.
+
+        After it the torques are zero, or hold the last accepted position, as configured.
+        """
+        self._doubted = self._doubted or now
+        self._drop(reason, detail)
+        if now - self._doubted > self._grace and not self.fault:
+            self._give_up(reason, now)
+        if not self.commanding:
+            return
+        if self.arbiter is not None and not self.arbiter.may_repeat(time.perf_counter()):
+            return
+        if not self.fault:
+            self.messages.repeat()
+        elif self._holds:
+            self._hold(self._last_heard)
+        else:
             self.command_zeros()
+
+    def _give_up(self, reason: str, now: int) -> None:
+        """End the desired motion, because states are not believed for longer than the grace."""
+        self.fault = reason
+        dropped = self.active_motion.clear()
+        if reason in FALSE:
+            self.states.freeze()
+        if self.loops is not None:
+            self.loops.give_up()
+        self.statistics.faults += 1
+        if self.commanding:
+            self._warn('fault', f'{reason} for {(now - self._doubted) / NANO:.3f} s; '
+                       f'{self.reaction}' + ', desired motion dropped' * dropped)
+
+    def _hold(self, moment: int) -> None:
+        """Command gravity at the last accepted position, within the limits, at a time, ns."""
+        if not self.states.known:
+            self.messages.repeat()
+            return
+        try:
+            tau = self.controller.gravity_torque(self._accepted())
+            command = self.controller.limit(moment / NANO, tau)
+        except (InputError, ConstraintError):  # the loops are singular there
+            self.messages.repeat()
+            return
+        self._publish(command.tau, *divmod(moment, NANO))

@@ -5,12 +5,14 @@ rclpy converts a message without releasing the interpreter; for thousands of poi
 torque path for tens of milliseconds. This module reads the message point by point.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+import math
 from typing import Any, NamedTuple
 
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
+from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.conversion import (Array, check_points, motion_from_message, NANO,
                                                  nanoseconds)
 from kane_dynamics.ros.torque_path.cdr import Reader
@@ -77,8 +79,8 @@ def read_trajectory(data: bytes, max_points: int) -> ReceivedTrajectory:
     return ReceivedTrajectory(TrajectoryHeader(stamp, frame_id), names, points)
 
 
-def follow_trajectory(path: TorquePath, data: bytes, received: int,
-                      values: Mapping[str, Any]) -> str:
+def follow_trajectory(path: TorquePath, data: bytes, received: int, values: Mapping[str, Any],
+                      refuse: Callable[[Motion, Array | None, float], None]) -> str:
     """
     Make the torque path follow a serialized JointTrajectory; an empty one ends the motion.
 
@@ -95,16 +97,19 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int,
         System time of reception, ns; 0 if unknown.
     values : mapping
         The node's parameters.
+    refuse : callable
+        Called with the motion, the place of its joints when it begins, (n,) rad or m or None, and
+        the time of the motion then, s; raises KaneError if the arm cannot move like that.
 
     Returns
     -------
     str
-        A warning about the motion; empty: none.
+        What the message does, where it is no motion; else empty.
 
     Raises
     ------
     InputError
-        The message is invalid, or no motion can be followed now.
+        The message is invalid, the arm cannot move like that, or no motion can be followed now.
 
     """
     active_motion, now = path.active_motion, path.now
@@ -122,20 +127,22 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int,
     if path.timed_out:
         raise InputError(f'joint states: none for {path.state_age:.3f} s; expected one within '
                          'state_timeout')
+    if path.fault:
+        raise InputError(f'joint states: {path.fault}; expected states that can be believed')
     if not now:
         raise InputError('use_sim_time: true without a message on /clock; expected simulated time')
     start = nanoseconds(message.header.stamp) or now
+    entry = max(now, start)
     motion = motion_from_message(message, path.controller.followed,
                                  values['trajectory.max_points'], path.desired(start))
     if start != now and start + motion.duration * NANO < now:
         raise InputError(f'end of the motion: {(now - start) / NANO - motion.duration:.3f} s ago; '
                          'expected a time in the future')
+    place = path.desired(entry)
+    if place is None and values['trajectory.start_tolerance'] < math.inf:
+        raise InputError('joint states: none yet; expected one, from which the motion sets out')
+    refuse(motion, None if place is None else place[0], (entry - start) / NANO)
     if not active_motion.follow(motion, start, now, generation):
         raise InputError('joint_trajectory: received while the node was stopped, ended its '
                          'motion, timed out, or changed clock or mode; expected a later one')
-    robot = path.controller.robot
-    places, limits = [robot.joint_names.index(x) for x in motion.joint_names], robot.limits
-    outside = (motion.positions < limits.lower[places]) | (
-        motion.positions > limits.upper[places])
-    beyond = [name for name, points in zip(motion.joint_names, outside.T) if points.any()]
-    return 'exceeds the position limits of ' + ', '.join(beyond) if beyond else ''
+    return ''

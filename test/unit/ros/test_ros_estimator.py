@@ -20,6 +20,7 @@ from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from node_values import node_values, UNCHECKED  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 
@@ -53,7 +54,8 @@ class Rig:
         self.robot = Robot(MODEL, payload_frame=FRAME)
         silent = SimpleNamespace(publish=lambda message: None)
         self.path = TorquePath(Controller(self.robot, mode='gravity_compensation'), silent, silent,
-                               lambda: self.time, 0.1, Statistics(), lambda *words: None)
+                               lambda: self.time, node_values(UNCHECKED), Statistics(),
+                               lambda *words: None)
         timers = SimpleNamespace(create_timer=self.timer)
         self.estimator = PayloadMonitor(self.robot, settings(**changes), timers,
                                         SimpleNamespace(publish=self.published.append),

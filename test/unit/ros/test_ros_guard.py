@@ -25,8 +25,7 @@ from kane_dynamics.model.inertial import Inertial  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink  # noqa: E402
 from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard  # noqa: E402
-from kane_dynamics.ros.parameters.parameter_checks import controller_settings, read  # noqa: E402
-from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_checks import controller_settings  # noqa: E402
 from kane_dynamics.ros.torque_path.cdr import float64_multi_array, write_joint_state  # noqa: E402
 from kane_dynamics.ros.torque_path.cdr import PreparedMessage  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
@@ -34,6 +33,7 @@ from kane_dynamics.ros.torque_path.guard_messages import (arm_digest,  # noqa: E
                                                           loads_from_numbers,
                                                           LOADS_LENGTH, loads_to_numbers)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from node_values import node_values, UNCHECKED  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 
@@ -135,8 +135,7 @@ class Pair:
     """A dynamics node and its guard on one machine, with a driver of joint states."""
 
     def __init__(self, monkeypatch, controller, period=0.002, **changes):
-        values = {spec.name: read(spec, spec.default) for spec in SPECS}
-        values['arm_compensates'] = ('none',)
+        values = node_values(UNCHECKED)
         self.values = values | {'limits.rate': np.array(RATE), 'guard.lease': LEASE, **changes}
         self.machine = Machine(monkeypatch)
         self.period = period
@@ -161,7 +160,7 @@ class Pair:
         self.path = TorquePath(
             self.controller, process.create_publisher(None, 'commands', None),
             process.create_publisher(None, '~/joint_torques', None),
-            lambda: round(self.machine.now * NANO), 0.1, Statistics(), lambda *words: None)
+            lambda: round(self.machine.now * NANO), self.values, Statistics(), lambda *words: None)
         self.link = self.path.arbiter = GuardLink(process, self.path, LEASE, ExitStack(), 2, 0.0)
         self.path.start()
         process.create_subscription(None, 'joint_states', self.path.on_state, None)

@@ -1,5 +1,6 @@
 """The torque path without a ROS graph: clock, stamps, timeouts, motions."""
 
+from functools import partial
 import math
 
 import numpy as np
@@ -13,6 +14,7 @@ from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
 from kane_dynamics.ros.common.conversion import motion_from_message  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.services.motion_check import refuse_impossible  # noqa: E402
 from kane_dynamics.ros.torque_path import trajectory_input  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE,  # noqa: E402
@@ -21,6 +23,7 @@ from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE,  # noqa: E
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from kane_dynamics.ros.torque_path.trajectory_input import follow_trajectory  # noqa: E402
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput  # noqa: E402
+from node_values import node_values, served_robot, UNCHECKED  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
@@ -51,7 +54,7 @@ class Rig:
         self.torques, self.warnings = Publisher(JointState, 'effort'), []
         self.statistics = Statistics()
         self.path = TorquePath(Controller(ROBOT, **settings), self.commands, self.torques,
-                               lambda: self.time, 0.1, self.statistics,
+                               lambda: self.time, node_values(UNCHECKED), self.statistics,
                                lambda reason, detail: self.warnings.append(reason))
         self.path.start()
 
@@ -197,22 +200,23 @@ def trajectory(*points, stamp=0, names=ROBOT.joint_names):
     return serialize_message(message)
 
 
-VALUES = {'trajectory.max_points': 100}
+VALUES = node_values(UNCHECKED)
+JUDGE = partial(refuse_impossible, served_robot(ROBOT, UNCHECKED))
 POINTS = (0.0, (0.3, -0.2)), (2.0, (1.0, -1.0))
 
 
 def test_a_timeout_drops_the_motion_and_rejects_others_until_the_next_state():
     rig = Rig(mode='computed_torque')
     rig.state()
-    follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES, JUDGE)
     rig.state(after=0.05)
     rig.time += NANO
     rig.path.check_timeout()
     assert (rig.commands.sent[-1] == 0.0).all()
     with pytest.raises(InputError, match=r'joint states: none for 1\.0\d* s; expected one within'):
-        follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+        follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES, JUDGE)
     np.testing.assert_allclose(rig.state(after=0.01), gravity(), rtol=1e-12)  # holds the pose
-    follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES, JUDGE)
     assert np.abs(rig.state(after=0.05) - gravity()).max() > 1e-3
 
 
@@ -221,7 +225,7 @@ def test_a_motion_received_or_read_before_the_motions_were_cleared_is_rejected(m
     rig.state()
     with pytest.raises(InputError, match='received before the node was activated'):
         follow_trajectory(rig.path, trajectory(*POINTS), rig.path.active_motion.cleared_at - 1,
-                          VALUES)
+                          VALUES, JUDGE)
 
     def read(*arguments):  # the node is deactivated and activated during the call
         rig.path.stop()
@@ -229,16 +233,17 @@ def test_a_motion_received_or_read_before_the_motions_were_cleared_is_rejected(m
         return motion_from_message(*arguments)
     monkeypatch.setattr(trajectory_input, 'motion_from_message', read)
     with pytest.raises(InputError, match='received while the node was stopped'):
-        follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+        follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES, JUDGE)
     np.testing.assert_array_equal(rig.state(after=0.01), gravity())
 
 
 def test_a_scheduled_motion_starts_from_the_active_one_which_continues_until_then():
     rig = Rig()
     rig.state()
-    follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES, JUDGE)
     first, begun = rig.path.active_motion.at(rig.time)[0], rig.time
-    follow_trajectory(rig.path, trajectory((1.0, (0.0, 0.0)), stamp=rig.time + NANO), 0, VALUES)
+    follow_trajectory(rig.path, trajectory((1.0, (0.0, 0.0)), stamp=rig.time + NANO), 0, VALUES,
+                      JUDGE)
     np.testing.assert_array_equal(rig.state(after=0.9), ROBOT.inverse_dynamics(*first.sample(0.9)))
     q, u, _ = first.sample(1.0)
     second, moment = rig.path.active_motion.at(begun + NANO)
@@ -252,7 +257,7 @@ def test_a_motion_with_a_later_first_point_starts_from_the_held_pose():
     rig = Rig(mode='computed_torque')
     rig.state()
     rig.state(q=(0.31, -0.2), after=0.01)
-    follow_trajectory(rig.path, trajectory((2.0, (1.0, -1.0))), 0, VALUES)
+    follow_trajectory(rig.path, trajectory((2.0, (1.0, -1.0))), 0, VALUES, JUDGE)
     motion, _ = rig.path.active_motion.at(rig.time)
     np.testing.assert_allclose(motion.sample(0.0)[0], (0.3, -0.2), rtol=1e-12)
     assert motion.duration == 2.0
@@ -261,26 +266,18 @@ def test_a_motion_with_a_later_first_point_starts_from_the_held_pose():
 def test_a_trajectory_without_points_ends_the_motion_at_the_measured_pose():
     rig = Rig(mode='computed_torque')
     rig.state()
-    follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+    follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES, JUDGE)
     rig.state(after=0.05)
-    assert 'no points' in follow_trajectory(rig.path, trajectory(names=()), 0, VALUES)
+    assert 'no points' in follow_trajectory(rig.path, trajectory(names=()), 0, VALUES, JUDGE)
     np.testing.assert_allclose(rig.state(q=(0.5, 0.1), after=0.05), gravity((0.5, 0.1)),
                                rtol=1e-12)
-
-
-def test_a_motion_beyond_the_position_limits_gives_a_warning():
-    rig = Rig()
-    rig.state()
-    assert follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES) == ''
-    far = trajectory((1.0, (0.0, 50.0)))
-    assert follow_trajectory(rig.path, far, 0, VALUES).endswith('position limits of joint2')
 
 
 def test_gravity_compensation_rejects_motions():
     rig = Rig(mode='gravity_compensation')
     rig.state()
     with pytest.raises(InputError, match='gravity_compensation; expected a mode that follows'):
-        follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES)
+        follow_trajectory(rig.path, trajectory(*POINTS), 0, VALUES, JUDGE)
 
 
 def test_the_timeout_refers_to_the_stamp_of_the_state():

@@ -28,6 +28,7 @@ from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE,  # noqa: E
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from kane_dynamics.ros.torque_path.wrench_input import (FRAME, LARGE,  # noqa: E402
                                                         STALE, TIMED_OUT, WrenchInput)
+from node_values import node_values, UNCHECKED  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
@@ -64,7 +65,7 @@ class Rig:
     def __init__(self, mode='inverse_dynamics', arm_compensates=('none',), efforts=None,
                  **changes):
         self.time, self.rejected, self.log = 100 * NANO, [], Log()
-        self.values = {spec.name: read(spec, spec.default) for spec in SPECS}
+        self.values = node_values(UNCHECKED)
         self.values |= {'arm_compensates': arm_compensates} | {
             f'observer.{name}': read(BY_NAME[f'observer.{name}'], value)
             for name, value in changes.items()} | {
@@ -73,7 +74,7 @@ class Rig:
         self.commands = Sink(Float64MultiArray)
         self.outputs = ContactPublishers(Sink(JointState), Sink(WrenchStamped), Sink(None))
         self.path = TorquePath(Controller(ROBOT, mode=mode), self.commands, Sink(JointState),
-                               lambda: self.time, 0.1, Statistics(), lambda *words: None)
+                               lambda: self.time, self.values, Statistics(), lambda *words: None)
         self.wrenches = self.path.wrenches = WrenchInput(ROBOT, lambda: self.time, self.values,
                                                          self.reject)
         self.contact = ContactMonitor(ROBOT, self.values, self.outputs, self.log, self.reject)

@@ -1,0 +1,224 @@
+"""
+Refuse motions that cannot be: one set of rules for every motion that the node receives.
+
+A motion is refused if it leaves the position limits, sets out far from where the arm is, or needs
+speeds or efforts beyond the limits by more than a factor. It is judged at its points and at some
+times between them.
+"""
+
+from collections.abc import Sequence
+import math
+
+from kane_dynamics.control.constrained_law import joints_that_follow
+from kane_dynamics.control.trajectory_limits import described_time
+from kane_dynamics.errors import InputError
+from kane_dynamics.kinematics.driven_loops import driving_tracker
+from kane_dynamics.kinematics.loop_error import LoopError
+from kane_dynamics.kinematics.mechanism_motion import motion_of_closed
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.motion.motion import Motion, State
+from kane_dynamics.ros.common.conversion import Array
+from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
+from kane_dynamics.ros.services.served_robot import ServedRobot
+from kane_dynamics.ros.torque_path.state_check import looks_like_degrees, speed_limits
+import numpy as np
+
+INSIDE = np.arange(1.0, 8.0) / 8.0  # fractions of a segment at which it is judged
+MOST_TIMES = 20_000  # at which a motion is judged: a few milliseconds of native code
+MOST_CLOSURES = 400  # of closed loops, in Python
+ROUNDING = 1e-6  # rad or m
+
+
+def refuse_impossible(served: ServedRobot, motion: Motion, place: Array | None = None,
+                      moment: float = 0.0) -> None:
+    """
+    Raise InputError unless an arm can move like that.
+
+    Parameters
+    ----------
+    served : ServedRobot
+        The robot of the calling thread, with its loads applied, and the node's parameters:
+        trajectory.*, limits.* and compensate.* are used.
+    motion : Motion
+        Of some or all joints of the robot.
+    place : (n,) array, optional
+        Where the joints of the motion are at `moment`, rad or m; the motion must be near.
+    moment : float
+        Time of the motion, s, from which on it is executed.
+
+    Raises
+    ------
+    InputError
+        Names the joint, the time, the value and the limit.
+    LoopError
+        The loops do not close along the motion.
+
+    """
+    names = motion.joint_names
+    check_positions(served, names, motion.positions, motion.times, place=place)
+    if place is not None:
+        _check_start(served, motion, place, moment)
+    times = _times(motion, MOST_TIMES)
+    state = motion.sample(times)
+    check_positions(served, names, state[0], motion.times, times, place)
+    _check_speeds(served, motion, times, state[1])
+    if set(joints_that_follow(served.robot)) <= _places(served, names):
+        _check_efforts(served, motion)
+
+
+def check_positions(served: ServedRobot, names: Sequence[str], positions: Array, points: Array,
+                    times: Array | None = None, place: Array | None = None) -> None:
+    """
+    Raise InputError unless positions are within the limits of their joints.
+
+    Parameters
+    ----------
+    served : ServedRobot
+    names : sequence of n str
+    positions : (K, n) array
+        rad or m.
+    points : array
+        Times of the points of the motion, s, by which the message describes a time.
+    times : (K,) array, optional
+        Times of the positions, s. Default: those of the points.
+    place : (n,) array, optional
+        Where the joints are: if outside the limits, they may move back from there.
+
+    """
+    limits = served.robot.limits
+    places = _indices(served, names)
+    lower, upper = limits.lower[places] - ROUNDING, limits.upper[places] + ROUNDING
+    if place is not None:
+        lower, upper = np.minimum(lower, place), np.maximum(upper, place)
+    outside = np.maximum(lower - positions, positions - upper)
+    if not (outside > 0.0).any():
+        return
+    k, j = divmod(int(np.argmax(outside)), len(names))
+    value, least, most = float(positions[k, j]), float(lower[j]), float(upper[j])
+    expected = f'at most {most:.6g}' if value > most else f'at least {least:.6g}'
+    hint = looks_like_degrees(value, least, most)
+    raise InputError(f"joint '{names[j]}': position {value:.6g} "
+                     f'{described_time(float((points if times is None else times)[k]), points)}; '
+                     f'expected {expected}{hint}')
+
+
+def _check_start(served: ServedRobot, motion: Motion, place: Array, moment: float) -> None:
+    """Raise InputError unless the motion sets out near the place where the arm is."""
+    tolerance = served.values['trajectory.start_tolerance']
+    q = motion.sample(max(moment, 0.0))[0]
+    away = np.abs(q - place)
+    if (away <= tolerance).all():
+        return
+    j = int(np.argmax(away))
+    name, limits = motion.joint_names[j], served.robot.limits
+    at = _indices(served, [name])[0]
+    hint = ''
+    if abs(math.radians(float(q[j])) - place[j]) < 0.1 * abs(q[j] - place[j]):
+        hint = looks_like_degrees(float(q[j]), float(limits.lower[at]), float(limits.upper[at]))
+    raise InputError(f"joint '{name}': the motion sets out at {q[j]:.6g}, the arm is at "
+                     f'{place[j]:.6g} rad or m; expected at most {tolerance:g} away (parameter '
+                     f'trajectory.start_tolerance), or a first point after 0 s{hint}')
+
+
+def _check_speeds(served: ServedRobot, motion: Motion, times: Array, u: Array) -> None:
+    """Raise InputError if a joint must be faster than its limit times the factor."""
+    factor = served.values['trajectory.limit_factor']
+    limit = speed_limits(served.robot, served.values)[_indices(served, motion.joint_names)]
+    _check_limit('speed', motion, motion.joint_names, times, u, limit, factor)
+
+
+def _check_efforts(served: ServedRobot, motion: Motion) -> None:
+    """Raise InputError if the motion needs a larger effort than the limit times the factor."""
+    robot, values = served.robot, served.values
+    factor = values['trajectory.limit_factor']
+    stated = per_joint(values, 'limits.effort', robot.joint_names, math.inf)
+    limit = np.minimum(robot.limits.effort, stated)
+    if not np.isfinite(factor * limit).any():
+        return
+    closed = isinstance(robot.equations, ConstrainedEquations)
+    times = _times(motion, MOST_CLOSURES if closed else MOST_TIMES)
+    state = motion.sample(times)
+    tau = _constrained_efforts(served, motion, times, state) if closed else (
+        terms(values).inverse_dynamics(served.bending or robot, *_whole(served, motion, state)))
+    _check_limit('effort', motion, robot.joint_names, times, tau, limit, factor)
+
+
+def _whole(served: ServedRobot, motion: Motion, state: State) -> Array:
+    """Return q, u and udot, (3, K, n), in the order of the robot's joints."""
+    columns = [motion.joint_names.index(name) for name in served.robot.joint_names]
+    return np.ascontiguousarray(np.array(state)[..., columns])
+
+
+def _constrained_efforts(served: ServedRobot, motion: Motion, times: Array,
+                         state: State) -> Array:
+    """Return the torques of all joints, (K, n_q), of a robot with closed loops."""
+    robot = served.robot
+    driving = joints_that_follow(robot)
+    columns = [motion.joint_names.index(robot.joint_names[k]) for k in driving]
+    q, rates, accelerations = (values[:, columns] for values in state)
+    Q = np.zeros((len(times), robot.n_q))
+    if robot.constraint_names:
+        Q[:] = _closed(served, motion, times, q, driving)
+    else:
+        Q[:, driving] = q
+    whole = motion_of_closed(robot, driving, np.zeros(len(times)), Q, rates, accelerations)
+    tau = terms(served.values).inverse_dynamics(served.bending or robot, *whole)
+    efforts: Array = robot.joint_torques(tau, whole.q)
+    return efforts
+
+
+def _closed(served: ServedRobot, motion: Motion, times: Array, q: Array,
+            driving: Sequence[int]) -> Array:
+    """Return closed configurations, (K, n_q), in the assembly mode of the arm."""
+    robot, values = served.robot, served.values
+    tracker = driving_tracker(robot, [robot.joint_names[k] for k in driving],
+                              tolerance=values['closure.tolerance'],
+                              max_figure=values['closure.max_conditioning'])
+    order = [list(driving).index(k) for k in tracker.places]
+    start = served.measured()
+    if start is not None:
+        tracker.restart(start)
+    still = np.zeros(robot.n)
+    rows = []
+    for time, row in zip(times.tolist(), q[:, order]):
+        try:
+            tracker.update(row, still)
+        except LoopError as error:
+            raise LoopError(error.reason, f'{described_time(time, motion.times)}: '
+                            f'{error.detail}') from None
+        rows.append(tracker.q.copy())
+    return np.array(rows)
+
+
+def _check_limit(what: str, motion: Motion, names: Sequence[str], times: Array, values: Array,
+                 limit: Array, factor: float) -> None:
+    """Raise InputError if values, (K, n), exceed a limit, (n,), times the factor."""
+    excess = np.abs(values) - factor * limit * (1.0 + ROUNDING)
+    if not (excess > 0.0).any():
+        return
+    k, j = divmod(int(np.argmax(np.abs(values) / limit)), len(names))
+    raise InputError(f"joint '{names[j]}': {what} {values[k, j]:.6g} "
+                     f'{described_time(float(times[k]), motion.times)}; expected at most '
+                     f'{factor * limit[j]:.6g}, {factor:g} times its limit (parameter '
+                     'trajectory.limit_factor)')
+
+
+def _times(motion: Motion, most: int) -> Array:
+    """Return times at which a motion is judged: its points, and some between them."""
+    knots, count = motion.times, len(motion.times)
+    if count > most:
+        chosen: Array = knots[np.unique(np.linspace(0, count - 1, most).astype(int))]
+        return chosen
+    inside = INSIDE[::max(1, math.ceil(len(INSIDE) * count / most))]
+    between = knots[:-1] + inside[:, None] * np.diff(knots)
+    return np.sort(np.concatenate([knots, between.ravel()]))
+
+
+def _indices(served: ServedRobot, names: Sequence[str]) -> list[int]:
+    """Return the indices of joints of the robot."""
+    return [served.robot.joint_names.index(name) for name in names]
+
+
+def _places(served: ServedRobot, names: Sequence[str]) -> set[int]:
+    """Return the indices of joints of the robot, as a set."""
+    return set(_indices(served, names))

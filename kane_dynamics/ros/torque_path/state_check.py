@@ -1,0 +1,216 @@
+"""
+Judge joint states by what the arm can do: limits of position and speed, and the last state.
+
+A state is impossible if a joint lies far outside its position limits, is faster than it can be,
+or is farther from its last accepted position than it can have moved since then. One native call
+compares all joints; the reason is found only for a state that is refused.
+"""
+
+from collections.abc import Mapping, Sequence
+import math
+from typing import Any
+
+from kane_dynamics.control.terms import Mode
+from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.conversion import Array, NANO
+from kane_dynamics.ros.parameters.parameter_checks import per_joint
+import numpy as np
+
+JUMP, TOO_FAST, OUTSIDE = (
+    'position jumped', 'velocity beyond its limit', 'position beyond its limits')
+FIRST = 'first state'  # no fault: it is compared with the next one
+UNLIMITED = float(np.finfo(np.float64).max)  # stands for an infinite bound
+ROUNDING = 1e-9  # rad or m
+WHOLE_TURN = 2.0 * math.pi
+
+
+class StateCheck:
+    """
+    Compares each joint state with the limits of the joints and with the last accepted state.
+
+    The first state after `forget` is compared with the next one: a command follows only from two
+    states that agree, so that a false first state is not believed.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its joint limits are used; joints without a limit are not compared with it.
+    joints : sequence of n str
+        The joints that are measured.
+    state : (2 n,) array
+        Positions and velocities of the state to judge, rad or m and s; overwritten by the caller.
+    values : mapping
+        The node's parameters; state_check.* and limits.velocity are used.
+
+    Attributes
+    ----------
+    accepted : (2 n,) array
+        The last accepted state.
+    detail : str
+        Details of the last reason.
+
+    """
+
+    def __init__(self, robot: Robot, joints: Sequence[str], state: Array,
+                 values: Mapping[str, Any]) -> None:
+        self._robot, self._joints = robot, tuple(joints)
+        self._places = [robot.coordinate_names.index(name) for name in joints]
+        count = len(self._joints)
+        self._state, self.accepted = state, np.zeros(2 * count)
+        # The byte views are copied several times as fast as the arrays.
+        self._from, self._to = memoryview(state).cast('B'), memoryview(self.accepted).cast('B')
+        self._bounds, self._elapsed = np.zeros((5, count)), np.zeros(())
+        self._possible = np.zeros(1)
+        self._judge = state_kernel(robot, count).bind(
+            [state, self.accepted, self._bounds.ravel(), self._elapsed], self._possible,
+            'Judge a joint state.')
+        self.detail = ''
+        self.update(values)
+        self.forget()
+
+    def update(self, values: Mapping[str, Any]) -> None:
+        """Use checked parameters from the next state on."""
+        limits, places = self._robot.limits, self._places
+        margin, factor = values['state_check.position_margin'], values['state_check.speed_factor']
+        noise, jitter = values['state_check.noise'], values['state_check.jitter']
+        fastest = factor * speed_limits(self._robot, values)[places]
+        self._turns = values['mode'] != Mode.COMPUTED_TORQUE
+        limited = np.isfinite(fastest)
+        slope = np.where(limited, fastest, 0.0)
+        step = np.where(limited, noise + jitter * slope, UNLIMITED)
+        margin += ROUNDING
+        lower, upper = limits.lower[places] - margin, limits.upper[places] + margin
+        self._turning = np.isinf(limits.lower[places]) & np.isinf(limits.upper[places]) & [
+            name not in self._robot.model.sliding for name in self._joints]
+        self._bounds[:] = np.clip([lower, upper, fastest, slope, step], -UNLIMITED, UNLIMITED)
+        self._compares = bool(limited.any())
+        self._grace = round(values['state_check.grace'] * NANO)
+
+    def forget(self) -> None:
+        """Compare the next state with no earlier one."""
+        self._stamp = self._latest = 0
+        self._confirmed = False
+
+    def freeze(self) -> None:
+        """
+        Let states be compared as if no more than the grace time had passed, until one is accepted.
+
+        A fault that lasts must not become possible because time passes.
+        """
+        self._latest = self._stamp + self._grace
+
+    @property
+    def known(self) -> bool:
+        """Return whether there is an accepted state."""
+        return self._confirmed
+
+    def reason(self, stamp: int) -> str | None:
+        """Return why the state with this stamp, ns, is refused; None if it is possible."""
+        if not self._stamp:
+            return self._first(stamp)
+        elapsed = min(stamp, self._latest) - self._stamp if self._latest else stamp - self._stamp
+        self._elapsed[()] = max(elapsed, 0) / NANO
+        self._judge()
+        if self._possible[0]:
+            self._confirmed = True
+            return None
+        reason = self._explain()
+        if reason is not None and not self._confirmed and reason is JUMP:
+            self.accept(stamp)  # one of the two is false: compare the next one with this one
+        return reason
+
+    def accept(self, stamp: int) -> None:
+        """Keep the state as the last accepted one."""
+        self._to[:] = self._from
+        self._stamp, self._latest = stamp, 0
+
+    def _first(self, stamp: int) -> str | None:
+        """Judge a state without an earlier one."""
+        self._to[:] = self._from
+        self._elapsed[()] = 0.0
+        self._judge()
+        if not self._possible[0]:
+            return self._explain()
+        self.accept(stamp)
+        self._confirmed = not self._compares
+        return None if self._confirmed else FIRST
+
+    def _explain(self) -> str | None:
+        """Return the reason why the last state is impossible, with details; None if it is not."""
+        q, u = np.split(self._state, 2)
+        lower, upper, fastest, slope, step = self._bounds
+        outside = np.maximum(lower - q, q - upper)
+        if not (outside < 0.0).all():
+            j = int(np.argmax(outside))
+            limits, place = self._robot.limits, self._places[j]
+            self.detail = (f"'{self._joints[j]}' at {q[j]:.6g} rad or m; expected "
+                           f'{lower[j]:.4g} to {upper[j]:.4g}, its limits with '
+                           'state_check.position_margin'
+                           + looks_like_degrees(float(q[j]), float(limits.lower[place]),
+                                                float(limits.upper[place])))
+            return OUTSIDE
+        if not (np.abs(u) < fastest).all():
+            j = int(np.argmax(np.abs(u) / fastest))
+            self.detail = (f"'{self._joints[j]}' at {u[j]:.6g} rad/s or m/s; expected at most "
+                           f'{fastest[j]:.4g}, its limit times state_check.speed_factor')
+            return TOO_FAST
+        moved = q - self.accepted[:len(q)]
+        if self._turns:  # a driver may publish the angle of such a joint between -pi and pi
+            moved = np.where(self._turning, np.remainder(moved + math.pi, WHOLE_TURN) - math.pi,
+                             moved)
+        allowed = step + slope * self._elapsed
+        if (np.abs(moved) < allowed).all():
+            self._confirmed = True
+            return None
+        j = int(np.argmax(np.abs(moved) / allowed))
+        self.detail = (f"'{self._joints[j]}' moved by {moved[j]:.4g} rad or m in "
+                       f'{float(self._elapsed):.4f} s; expected at most {allowed[j]:.4g}, as its '
+                       'speed limit, state_check.speed_factor, jitter and noise allow')
+        return JUMP
+
+
+def speed_limits(robot: Robot, values: Mapping[str, Any]) -> Array:
+    """Return the speed limits of the joints, (n_q,); InputError if the parameter does not fit."""
+    stated = per_joint(values, 'limits.velocity', robot.joint_names, math.inf)
+    return np.minimum(robot.limits.velocity, stated)
+
+
+def looks_like_degrees(value: float, lower: float, upper: float) -> str:
+    """Return a hint if a position outside its limits, rad, lies within them as degrees."""
+    turned = math.radians(value)
+    finite = math.isfinite(lower) and math.isfinite(upper)
+    within = lower <= turned <= upper if finite else abs(turned) <= WHOLE_TURN
+    return f' ({turned:.3g} rad, if these are degrees)' if within else ''
+
+
+def state_kernel(robot: Robot, count: int) -> Kernel:
+    """
+    Return the kernel that judges a state: 1 if every joint is within its bounds, else 0.
+
+    Its arguments are positions and velocities of the state and of the last one, (2 n,) each; the
+    bounds, (5 n,): lower and upper positions, speeds, and the largest change of a position as
+    slope and constant; and the time between the states, s.
+    """
+    arguments = [Argument('state', (2 * count,)), Argument('last', (2 * count,)),
+                 Argument('bounds', (5 * count,)), Argument('elapsed', ())]
+
+    def judged(state: Any, last: Any, bounds: Any, elapsed: Any, parameters: Any) -> Any:
+        lower, upper, fastest, slope, step = np.split(bounds, 5)
+        possible: Any = 1.0
+        for j in range(count):
+            position, speed = state[j], state[count + j]
+            moved, allowed = position - last[j], step[j] + slope[j] * elapsed[()]
+            for small, large in ((lower[j], position), (position, upper[j]),
+                                 (-fastest[j], speed), (speed, fastest[j]),
+                                 (-allowed, moved), (moved, allowed)):
+                possible = select(small < large, possible, 0.0)
+        return [possible]
+    block = robot.parameters.block
+    name = f'state_check_{count}'
+    return robot.kernels.extra(name, lambda: trace_program(name, judged, [
+        *((a.name, a.shape) for a in arguments), ('parameters', block.shape)]), arguments, block,
+        (1,))

@@ -1,0 +1,27 @@
+"""Values of the node's parameters, as the node checks them."""
+
+import math
+
+from kane_dynamics.ros.parameters.parameter_checks import read
+from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
+from kane_dynamics.ros.services.served_robot import ServedRobot
+from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
+from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
+
+# For tests whose states are of no arm: these jump, and the first one is answered.
+UNCHECKED = {'state_check.speed_factor': math.inf, 'state_check.position_margin': math.inf,
+             'trajectory.start_tolerance': math.inf}
+
+
+def node_values(changes=None):
+    """Return all parameters, with changes by name."""
+    values = {spec.name: read(spec, spec.default) for spec in SPECS}
+    return values | {'arm_compensates': ('none',)} | {
+        name: read(BY_NAME[name], value) for name, value in (changes or {}).items()}
+
+
+def served_robot(robot, changes=None, measured=lambda: None):
+    """Return a robot as the services have it, with parameters by name."""
+    robot = robot.copy()
+    return ServedRobot(robot, robot, GravityAndPayload(robot.parameters.gravity),
+                       node_values(changes), WrenchFrames(robot), measured=measured)

@@ -1,0 +1,332 @@
+"""One false joint state moves nothing: which states are refused, and what is commanded then."""
+
+import math
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402, I100
+from kane_dynamics._util.resources import resource_path  # noqa: E402
+from kane_dynamics.errors import InputError  # noqa: E402
+from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.guard.guard_path import GuardPath  # noqa: E402
+from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE,  # noqa: E402
+                                                              NOT_FINITE, OUT_OF_ORDER, STALE)
+from kane_dynamics.ros.torque_path.state_check import (FIRST, JUMP, OUTSIDE,  # noqa: E402
+                                                       StateCheck, TOO_FAST)
+from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from node_values import node_values  # noqa: E402
+from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import Float64MultiArray  # noqa: E402
+
+NANO = 10**9
+PERIOD = NANO // 500
+ARM = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'),
+                      joints=[f'fr3_joint{k}' for k in range(1, 8)]))
+HOME = np.array([0.0, -0.7, 0.0, -2.2, 0.0, 1.6, 0.8])
+LIMITS = ARM.limits
+REST = np.zeros(7)
+
+
+class Rig:
+    """The torque path of an arm with its defaults and a manual clock."""
+
+    def __init__(self, mode='computed_torque', rate_limit=math.inf, **checks):
+        self.time, self.commands, self.warnings = 100 * NANO, [], []
+        self.statistics = Statistics()
+        values = node_values({f'state_check.{name}': x for name, x in checks.items()}
+                             | {'mode': mode})
+        self.path = TorquePath(Controller(ARM, mode=mode, rate_limit=rate_limit), self, Unread(),
+                               lambda: self.time, values, self.statistics,
+                               lambda *words: self.warnings.append(words))
+        self.path.start()
+
+    def publish(self, data):
+        self.commands.append(np.array(deserialize_message(data, Float64MultiArray).data))
+
+    def state(self, q=HOME, u=REST, *, after=PERIOD, age=0):
+        """Pass a state; return the commands that follow."""
+        self.time += after
+        message = JointState(name=list(ARM.joint_names), position=list(q), velocity=list(u))
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(self.time - age, NANO)
+        before = len(self.commands)
+        self.path.on_state(serialize_message(message))
+        return self.commands[before:]
+
+    def begin(self, q=HOME):
+        """Pass two states that agree; return the command at the second."""
+        assert self.state(q) == []
+        command, = self.state(q)
+        return command
+
+
+class Unread:
+    def publish(self, data):
+        pass
+
+
+def away(joint, by):
+    q = HOME.copy()
+    q[joint] += by
+    return q
+
+
+FALSE = {
+    'jump': (JUMP, {'q': away(1, 1.0)}),
+    'small jump': (JUMP, {'q': away(4, -0.08)}),
+    'velocity': (TOO_FAST, {'u': away(3, 500.0) - HOME}),
+    'degrees': (OUTSIDE, {'q': np.degrees(HOME)}),
+    'beyond a limit': (OUTSIDE, {'q': away(0, 3.1)}),
+    'not finite': (NOT_FINITE, {'q': away(2, math.nan)}),
+    'infinite velocity': (NOT_FINITE, {'u': away(2, math.inf)}),
+    'stale': (STALE, {'q': away(1, 0.5), 'age': NANO // 5}),
+    'future': (FUTURE, {'q': away(1, 0.5), 'age': -NANO // 5}),
+    'disordered': (OUT_OF_ORDER, {'q': away(1, 0.5), 'age': NANO // 20}),
+}
+
+
+@pytest.mark.parametrize('mode', ['inverse_dynamics', 'computed_torque', 'gravity_compensation'])
+@pytest.mark.parametrize('fault', FALSE)
+def test_after_a_false_state_the_last_command_goes_on_and_the_state_is_counted(fault, mode):
+    rig, (reason, state) = Rig(mode), FALSE[fault]
+    held = rig.begin()
+    for count in range(1, 2 if fault == 'small jump' else 4):  # the last stays, or is repeated
+        assert all((command == held).all() for command in rig.state(**state))
+        assert rig.statistics.dropped == {reason: count}
+        assert rig.path.measured().tolist() == HOME.tolist()
+    command, = rig.state()
+    np.testing.assert_array_equal(command, held)
+    assert rig.path.fault == ''
+
+
+@pytest.mark.parametrize('fault', FALSE)
+def test_a_motion_after_a_false_state_sets_out_from_the_last_accepted_one(fault):
+    rig, (_, state) = Rig('inverse_dynamics'), FALSE[fault]
+    rig.begin()
+    rig.state(**state)
+    np.testing.assert_array_equal(rig.path.desired(rig.time)[0], HOME)
+
+
+@pytest.mark.parametrize('fault', ['jump', 'velocity', 'degrees', 'not finite'])
+def test_a_false_first_state_gives_no_command_and_the_next_two_do(fault):
+    rig, (reason, state) = Rig(), FALSE[fault]
+    rig.state(**state)
+    assert rig.commands == [] and rig.path.measured() is None
+    for _ in range(2):
+        rig.state()
+    command, = rig.state()
+    np.testing.assert_allclose(command, ARM.gravity_force(HOME), rtol=1e-9, atol=1e-12)
+    assert set(rig.statistics.dropped) == {reason}
+
+
+@pytest.mark.parametrize('fault', ['jump', 'velocity', 'degrees', 'not finite'])
+@pytest.mark.parametrize('action', ['zero', 'hold'])
+def test_a_fault_that_lasts_ends_after_the_grace_time_as_configured(fault, action):
+    rig, (reason, state) = Rig(action=action, grace=0.02), FALSE[fault]
+    held = rig.begin()
+    motion = Motion.from_points([0.0, 2.0], [HOME, HOME + 0.1], joint_names=ARM.joint_names)
+    active = rig.path.active_motion
+    assert active.follow(motion, rig.time, rig.time, active.generation)
+    for _ in range(11):  # 0 to 20 ms
+        command, = rig.state(**state)
+        np.testing.assert_array_equal(command, held)
+    assert rig.path.fault == ''
+    commands = [command for _ in range(2000) for command in rig.state(**state)]
+    assert rig.path.fault == reason and active.desired(rig.time) is None
+    assert rig.statistics.faults == 1 and rig.path.measured() is None
+    if action == 'zero':
+        zeros, = commands  # once; a jump does not become possible as time passes
+        assert not zeros.any()
+    else:
+        assert len(commands) == 2000
+        np.testing.assert_allclose(commands[-1], ARM.gravity_force(HOME), rtol=1e-12)
+    command, = rig.state()
+    np.testing.assert_allclose(command, held, rtol=1e-9, atol=1e-12)
+    assert rig.path.fault == '' and rig.path.measured() is not None
+
+
+def test_after_zeros_states_elsewhere_need_an_activation():
+    rig, there = Rig(), away(1, 1.0)
+    rig.begin()
+    for _ in range(1000):
+        rig.state(there)
+    assert not rig.commands[-1].any() and rig.statistics.faults == 1
+    rig.path.stop()
+    rig.path.start()
+    command = rig.begin(there)
+    np.testing.assert_allclose(command, ARM.gravity_force(there), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize('action', ['zero', 'hold'])
+def test_torques_do_not_climb_from_zero_after_a_fault_that_did_not_end_in_zeros(action):
+    rig = Rig('gravity_compensation', rate_limit=100.0, action=action)
+    rig.begin()
+    for _ in range(1000):
+        held = rig.state()[0]
+    np.testing.assert_allclose(held, ARM.gravity_force(HOME), rtol=1e-12)
+    for lasting in (1, 5, 20):
+        for _ in range(lasting):
+            rig.state(away(1, 1.0))
+        command, = rig.state()
+        np.testing.assert_array_equal(command, held)
+    for _ in range(60):
+        rig.state(away(1, 1.0))
+    command, = rig.state()
+    if action == 'hold':
+        np.testing.assert_array_equal(command, held)
+    else:
+        assert np.abs(command).max() <= 0.2 + 1e-9  # from zeros within the limit of the rate
+
+
+def test_a_jump_of_the_clock_or_a_pause_of_the_states_begins_with_new_ones():
+    rig, there = Rig(), away(1, 1.0)
+    rig.begin()
+    rig.time -= NANO  # a simulator begins again elsewhere
+    assert rig.state(there) == []
+    command, = rig.state(there)
+    np.testing.assert_allclose(command, ARM.gravity_force(there), rtol=1e-9, atol=1e-12)
+    rig.time += NANO // 5
+    rig.path.check_timeout()
+    assert not rig.commands[-1].any()
+    np.testing.assert_allclose(rig.begin(), ARM.gravity_force(HOME), rtol=1e-9, atol=1e-12)
+    assert not rig.statistics.dropped
+
+
+def test_a_stamp_ahead_of_the_clock_does_not_delay_the_next_state():
+    rig = Rig()
+    rig.begin()
+    assert len(rig.state(age=-NANO // 20)) == 1
+    assert len(rig.state()) == 1 and not rig.statistics.dropped
+
+
+def test_states_of_a_slow_publisher_may_be_far_apart():
+    rig, q = Rig(), HOME.copy()
+    rig.begin()
+    for _ in range(10):
+        q[1] += 0.9 * LIMITS.velocity[1] * 0.09
+        assert len(rig.state(q, after=9 * NANO // 100)) == 1
+
+
+def check(robot=ARM, **checks):
+    state = np.zeros(2 * robot.n)
+    values = {f'state_check.{name}': x for name, x in checks.items()}
+    return state, StateCheck(robot, robot.joint_names, state, node_values(values))
+
+
+FRACTION = st.floats(-1.0, 1.0)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(FRACTION, min_size=14, max_size=14), st.lists(FRACTION, min_size=7, max_size=7),
+       st.floats(1e-6, 0.3))
+def test_what_an_arm_within_its_limits_does_is_accepted(numbers, changes, elapsed):
+    state, judge = check()
+    place, speed, change = np.array(numbers[:7]), np.array(numbers[7:]), np.array(changes)
+    q = LIMITS.lower + 0.5 * (place + 1.0) * (LIMITS.upper - LIMITS.lower)
+    state[:] = np.concatenate([q, speed * LIMITS.velocity])
+    assert judge.reason(NANO) is FIRST
+    q = np.clip(q + change * LIMITS.velocity * elapsed, LIMITS.lower, LIMITS.upper)
+    state[:7] = q
+    assert judge.reason(NANO + round(elapsed * NANO)) is None
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(FRACTION, min_size=7, max_size=7), st.integers(0, 6), st.floats(1e-6, 0.1),
+       st.floats(1.001, 1e3), st.sampled_from([-1.0, 1.0]))
+def test_a_joint_that_moved_farther_than_it_can_is_refused(places, joint, elapsed, excess, sign):
+    state, judge = check(position_margin=math.inf)
+    state[:7] = LIMITS.lower + 0.5 * (np.array(places) + 1.0) * (LIMITS.upper - LIMITS.lower)
+    judge.reason(NANO)
+    judge.reason(NANO)
+    judge.accept(NANO)
+    stamp = NANO + round(elapsed * NANO)
+    allowed = 0.01 + 2.0 * LIMITS.velocity[joint] * (0.002 + (stamp - NANO) / NANO)
+    state[joint] += sign * excess * allowed
+    assert judge.reason(stamp) is JUMP
+    assert f"'{ARM.joint_names[joint]}' moved by" in judge.detail
+    state[joint] -= sign * (excess - 0.999) * allowed
+    assert judge.reason(stamp) is None
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 6), st.floats(1.001, 1e6), st.sampled_from([-1.0, 1.0]), st.booleans())
+def test_a_joint_beyond_a_bound_is_refused(joint, excess, sign, fast):
+    state, judge = check()
+    state[:7] = HOME
+    judge.reason(NANO)
+    if fast:
+        state[7 + joint] = sign * excess * 2.0 * LIMITS.velocity[joint]
+    else:
+        bound = (LIMITS.upper if sign > 0.0 else LIMITS.lower)[joint]
+        state[joint] = bound + sign * excess * 0.2
+    assert judge.reason(NANO + PERIOD) is (TOO_FAST if fast else OUTSIDE)
+    assert f"'{ARM.joint_names[joint]}'" in judge.detail
+
+
+def test_degrees_are_named_as_such():
+    state, judge = check()
+    state[:7] = np.degrees(HOME)
+    assert judge.reason(NANO) is OUTSIDE and 'if these are degrees' in judge.detail
+
+
+def test_joints_without_limits_are_not_compared_with_them():
+    robot = Robot(load_urdf(
+        '<robot name="spindle"><link name="base"/><link name="a"><inertial><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="turn" type="continuous"><parent link="base"/><child link="a"/>'
+        '<axis xyz="0 0 1"/></joint></robot>'))
+    state, judge = check(robot)
+    for position, speed in ((0.0, 0.0), (1e6, 1e6), (-1e300, 0.0)):
+        state[:] = position, speed
+        assert judge.reason(NANO) is None
+        judge.accept(NANO)
+    judge.update(node_values({'limits.velocity': 2.0}))
+    state[:] = 0.0, 0.0
+    judge.forget()
+    judge.reason(NANO)
+    state[0] = 3.0
+    assert judge.reason(NANO) is JUMP  # with a limit in the parameters it is
+    judge.forget()
+    state[0] = 3.1
+    judge.reason(NANO)
+    state[0] -= 2.0 * math.pi  # a driver that publishes the angle between -pi and pi
+    assert judge.reason(NANO) is None
+    judge.update(node_values({'limits.velocity': 2.0, 'mode': 'computed_torque'}))
+    judge.accept(NANO)
+    state[0] += 2.0 * math.pi
+    assert judge.reason(NANO) is JUMP  # a whole turn would be an error of the position
+
+
+def test_a_speed_limit_for_another_number_of_joints_is_refused():
+    values = node_values({'limits.velocity': [1.0, 2.0]})
+    with pytest.raises(InputError, match=r"parameter 'limits\.velocity': 2 entries; expected one"):
+        StateCheck(ARM, ARM.joint_names, np.zeros(14), values)
+
+
+def test_the_guard_believes_what_the_node_believes_after_an_activation():
+    rig, there = Rig(), away(1, 1.0)
+    guard = GuardPath(Controller(ARM), Unread(), Unread(), lambda: rig.time, node_values(),
+                      Statistics(), lambda *words: None, lambda words: None)
+    guard.start()
+    rig.path, node = guard, rig.path
+    torques = node.messages._torque_message
+    torques.numbers[:] = ARM.gravity_force(HOME)
+    guard.on_torques(torques.serialized())
+    rig.state(), rig.state()
+    for _ in range(100):
+        rig.state(there)
+    assert guard.fault == JUMP and not guard.watch.acting
+    guard.on_torques(torques.serialized())  # the node holds
+    assert guard.fault == JUMP
+    torques.numbers[:] = 0.0
+    guard.on_torques(torques.serialized())
+    torques.numbers[:] = ARM.gravity_force(there)
+    guard.on_torques(torques.serialized())
+    assert guard.fault == ''
+    rig.state(there), rig.state(there)
+    assert guard.states.known
