@@ -17,7 +17,7 @@ class Statistics:
         self.commands = 0
         self.clamped = 0
         self.timeouts = 0
-        self.faults = 0  # times that states were not believed for longer than the grace time
+        self.faults = 0  # times that states were refused for longer than the grace time
         self.foreign_states = 0  # joint states that contain other joints only
         self.full_parses = 0  # states whose layout was not cached
         self.dropped: Counter[str] = Counter()

@@ -114,7 +114,7 @@ class GuardLink:
         return True
 
     def may_repeat(self, now: float) -> bool:
-        """Return whether this node may command at a state that is not believed."""
+        """Return whether this node may command at a refused state."""
         return self.may_command(now)
 
     def may_stop(self, now: float) -> bool:

@@ -104,8 +104,8 @@ def _active(arm: ConfiguredRobot, rate: float, dropped: Counter[str],
                    + '; check the driver, its topic and its stamps')
     elif arm.path.fault:
         level = DiagnosticStatus.ERROR
-        message = (f'joint states are not believed for {arm.path.state_age:.2f} s: '
-                   f'{arm.path.fault}; ' + arm.path.reaction)
+        message = (f'joint states impossible for {arm.path.state_age:.2f} s: '
+                   f'{arm.path.fault}; {arm.path.reaction}')
     elif arm.guard is not None and arm.guard.waiting:
         level, message = WARN, 'active, waiting for torque_guard to hand over `commands`'
     if dropped:

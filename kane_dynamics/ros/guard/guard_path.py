@@ -144,7 +144,7 @@ class GuardPath(TorquePath):
             self._report('info', 'the dynamics node commands without a request; watching it')
         self.commanding = False
         if self.fault and torque.any() and not self.watch.armed:
-            self._forget_states()  # the node was activated again and believes the states
+            self._forget_states()  # the node was activated again and accepts the states
         if self.loops is not None and self.loops.lost:
             self.loops.restart()  # the node knows the assembly mode again
         self.watch.note_node_command(torque, now)

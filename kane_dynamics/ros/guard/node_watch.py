@@ -86,7 +86,7 @@ class NodeWatch:
         return self.acting
 
     def may_repeat(self, now: float) -> bool:
-        """Return whether the guard commands; a state that is not believed does not count."""
+        """Return whether the guard commands; a refused state does not count."""
         self.tick(now)
         return self.acting
 

@@ -86,11 +86,11 @@ SPECS = (
          'constraints; joint states then need the joints of its key `independent`, and `commands` '
          'are of its `actuated` joints; empty: none'),
     live('closure.tolerance', 'number', 0.02, 'largest deviation of further measured joints from '
-         'the closed loops, rad or m; beyond it the node commands zeros', positive=True, low=0.0,
+         'the closed loops, rad or m; beyond it a state is dropped', positive=True, low=0.0,
          high=1.0),
     live('closure.max_conditioning', 'number', 200.0, 'largest conditioning figure of the closed '
-         'loops, about one over the distance from a singular configuration in rad; beyond it the '
-         'node commands zeros', low=1.0, high=1e4),
+         'loops, about one over the distance from a singular configuration in rad; beyond it a '
+         'state is dropped', low=1.0, high=1e4),
     Spec('prefix', 'text', '', 'prefix of the names of joints and frames in messages, for two '
          'arms with the same URDF; parameters and the supplement use the names of the URDF'),
     live('gravity', 'vector', [0.0, 0.0, -9.81], 'gravity in world axes, m/s^2'),

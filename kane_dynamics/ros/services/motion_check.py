@@ -133,13 +133,14 @@ def _check_efforts(served: ServedRobot, motion: Motion) -> None:
     factor = values['trajectory.limit_factor']
     stated = per_joint(values, 'limits.effort', robot.joint_names, math.inf)
     limit = np.minimum(robot.limits.effort, stated)
-    if not np.isfinite(factor * limit).any():
-        return
     closed = isinstance(robot.equations, ConstrainedEquations)
     times = _times(motion, MOST_CLOSURES if closed else MOST_TIMES)
     state = motion.sample(times)
-    tau = _constrained_efforts(served, motion, times, state) if closed else (
-        terms(values).inverse_dynamics(served.bending or robot, *_whole(served, motion, state)))
+    if closed:
+        tau = _constrained_efforts(served, motion, times, state)
+    else:
+        tau = terms(values).inverse_dynamics(served.bending or robot,
+                                             *_whole(served, motion, state))
     _check_limit('effort', motion, robot.joint_names, times, tau, limit, factor)
 
 
@@ -161,6 +162,7 @@ def _constrained_efforts(served: ServedRobot, motion: Motion, times: Array,
         Q[:] = _closed(served, motion, times, q, driving)
     else:
         Q[:, driving] = q
+    check_positions(served, robot.joint_names, Q, motion.times, times, served.measured())
     whole = motion_of_closed(robot, driving, np.zeros(len(times)), Q, rates, accelerations)
     tau = terms(served.values).inverse_dynamics(served.bending or robot, *whole)
     efforts: Array = robot.joint_torques(tau, whole.q)

@@ -100,7 +100,7 @@ class ClosedLoopReader(JointStateReader):
 
     def give_up(self) -> None:
         """
-        Note that states are not believed for longer than the grace time.
+        Note that states are refused for longer than the grace time.
 
         If the loops came near a singular configuration meanwhile, the assembly mode is unknown.
         """

@@ -62,7 +62,7 @@ class Arbiter(Protocol):
         """Return whether this process may command; called once for each valid state."""
 
     def may_repeat(self, now: float) -> bool:
-        """Return whether this process may command at a state that is not believed."""
+        """Return whether this process may command at a refused state."""
 
     def may_stop(self, now: float) -> bool:
         """Return whether this process may command zeros because states are stale."""

@@ -33,7 +33,7 @@ class StateCheck:
     Compares each joint state with the limits of the joints and with the last accepted state.
 
     The first state after `forget` is compared with the next one: a command follows only from two
-    states that agree, so that a false first state is not believed.
+    states that agree, so that a false first state is not answered.
 
     Parameters
     ----------
@@ -180,7 +180,9 @@ def speed_limits(robot: Robot, values: Mapping[str, Any]) -> Array:
 
 
 def looks_like_degrees(value: float, lower: float, upper: float) -> str:
-    """Return a hint if a position outside its limits, rad, lies within them as degrees."""
+    """Return a hint if a position beyond a turn, outside its limits, is within them as degrees."""
+    if abs(value) <= WHOLE_TURN:
+        return ''
     turned = math.radians(value)
     finite = math.isfinite(lower) and math.isfinite(upper)
     within = lower <= turned <= upper if finite else abs(turned) <= WHOLE_TURN

@@ -57,7 +57,7 @@ class TorquePath:
     Attributes
     ----------
     fault : str
-        Why states are not believed, since longer than the grace time; empty if they are.
+        Why states are refused, for longer than the grace time; empty if they are not.
 
     """
 
@@ -84,7 +84,7 @@ class TorquePath:
         self._loads: GravityAndPayload | None = None
         self._applied_loads: GravityAndPayload | None = None
         self._last_good = self._last_heard = self._last_now = self._last_stamp = 0
-        self._doubted = 0  # since when states are not believed, ns; 0: they are
+        self._refused_since = 0  # since when states are refused, ns; 0: they are not
         self.fault = ''
         self.set_limits(values)
 
@@ -202,7 +202,7 @@ class TorquePath:
 
     @property
     def reaction(self) -> str:
-        """Return what is commanded while states are not believed, and until when."""
+        """Return what is commanded while states are refused, and until when."""
         action = 'holding the last accepted position' if self._holds else 'commanding zeros'
         return (f'{action} until states are valid again; deactivate and activate the node to '
                 'begin from others')
@@ -233,11 +233,11 @@ class TorquePath:
             external = None if self.wrenches is None else self.wrenches.torques(reader.q, now)
             command = self._command(stamp, motion, moment, external)
         except InputError as error:  # the torques of a finite state overflowed
-            self._doubt(NO_TORQUE, str(error), now)
+            self._refuse(NO_TORQUE, str(error), now)
             return
         except ConstraintError as error:
             dropped = self.active_motion.clear()
-            self._doubt(REFUSED, str(error) + '; desired motion dropped' * dropped, now)
+            self._refuse(REFUSED, str(error) + '; desired motion dropped' * dropped, now)
             return
         self._keep(stamp, now)
         if self.arbiter is not None and not self.arbiter.confirm(time.perf_counter()):
@@ -277,17 +277,17 @@ class TorquePath:
             return None
         self._last_heard = moment = min(stamp, now)
         if fault is not None:
-            self._doubt(fault, reader.detail, now)
+            self._refuse(fault, reader.detail, now)
             return None
         # Before the loops are closed, so that a false state does not move them.
         fault = self.states.reason(moment)
         if fault is not None:
             if fault is not FIRST:
-                self._doubt(fault, self.states.detail, now)
+                self._refuse(fault, self.states.detail, now)
             return None
         fault = reader.complete(moment)
         if fault is not None:
-            self._doubt(fault, reader.detail, now)
+            self._refuse(fault, reader.detail, now)
             return None
         return stamp
 
@@ -296,8 +296,8 @@ class TorquePath:
         self._last_good = moment = min(stamp, now)  # a stamp ahead must not delay the next state
         self._last_stamp = moment
         self.states.accept(moment)
-        if self._doubted:
-            self._doubted, self.fault = 0, ''
+        if self._refused_since:
+            self._refused_since, self.fault = 0, ''
 
     def _command(self, stamp: int, motion: Motion | None, moment: float,
                  external: Array | None) -> Command:
@@ -358,17 +358,17 @@ class TorquePath:
     def _forget_states(self) -> None:
         """Compare the next state with none before it."""
         self.states.forget()
-        self._doubted, self.fault = 0, ''
+        self._refused_since, self.fault = 0, ''
 
-    def _doubt(self, reason: str, detail: str, now: int) -> None:
+    def _refuse(self, reason: str, detail: str, now: int) -> None:
         """
-        Drop a state that is not believed; the last command goes on during the grace time.
+        Refuse a state; the last command goes on during the grace time.
 
         After it the torques are zero, or hold the last accepted position, as configured.
         """
-        self._doubted = self._doubted or now
+        self._refused_since = self._refused_since or now
         self._drop(reason, detail)
-        if now - self._doubted > self._grace and not self.fault:
+        if now - self._refused_since > self._grace and not self.fault:
             self._give_up(reason, now)
         if not self.commanding:
             return
@@ -382,7 +382,7 @@ class TorquePath:
             self.command_zeros()
 
     def _give_up(self, reason: str, now: int) -> None:
-        """End the desired motion, because states are not believed for longer than the grace."""
+        """End the desired motion, because states are refused for longer than the grace."""
         self.fault = reason
         dropped = self.active_motion.clear()
         if reason in FALSE:
@@ -391,7 +391,7 @@ class TorquePath:
             self.loops.give_up()
         self.statistics.faults += 1
         if self.commanding:
-            self._warn('fault', f'{reason} for {(now - self._doubted) / NANO:.3f} s; '
+            self._warn('fault', f'{reason} for {(now - self._refused_since) / NANO:.3f} s; '
                        f'{self.reaction}' + ', desired motion dropped' * dropped)
 
     def _hold(self, moment: int) -> None:

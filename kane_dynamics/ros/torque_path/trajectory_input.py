@@ -128,7 +128,7 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int, values: Mapp
         raise InputError(f'joint states: none for {path.state_age:.3f} s; expected one within '
                          'state_timeout')
     if path.fault:
-        raise InputError(f'joint states: {path.fault}; expected states that can be believed')
+        raise InputError(f'joint states: {path.fault}; expected possible ones')
     if not now:
         raise InputError('use_sim_time: true without a message on /clock; expected simulated time')
     start = nanoseconds(message.header.stamp) or now

@@ -308,7 +308,7 @@ def test_a_speed_limit_for_another_number_of_joints_is_refused():
         StateCheck(ARM, ARM.joint_names, np.zeros(14), values)
 
 
-def test_the_guard_believes_what_the_node_believes_after_an_activation():
+def test_the_guard_accepts_what_the_node_accepts_after_an_activation():
     rig, there = Rig(), away(1, 1.0)
     guard = GuardPath(Controller(ARM), Unread(), Unread(), lambda: rig.time, node_values(),
                       Statistics(), lambda *words: None, lambda words: None)
