@@ -123,7 +123,8 @@ def check_faulty_inputs(client, start, files, seconds, rate):
     zeros = [stamp for stamp, torques in client.torques.items() if not torques.any()]
     good = sent['good'] + sent['complete']
     assert answered.total() > 0.5 * good, (answered, sent)  # best effort, on a busy machine
-    assert len(zeros) > 0.3 * (sent['contradictory'] + sent['singular'])
+    # The last command goes on; zeros come at the end, and where the machine stops this process.
+    assert len(zeros) < 0.1 * (sent['contradictory'] + sent['singular'])
     assert not set(expected) & set(zeros)
     counts = client.diagnostics[-1][2]
     for kind, reason in (('late', STALE), ('missing', MISSING), ('contradictory', CONTRADICTION),

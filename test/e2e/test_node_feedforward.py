@@ -3,6 +3,7 @@
 import ast
 import importlib.util
 import json
+import math
 import os
 from pathlib import Path
 import re
@@ -204,12 +205,15 @@ def test_efforts_beyond_the_limits_are_rejected_or_clamped(filler, module_node):
     free = filler.ask(trajectory())[3]
     assert client.adjust(limits__effort=5.0).successful
     try:
+        rejected(filler, module_node, trajectory(), "joint 'lift': effort -?10.* at most 6, 1.2")
+        assert client.adjust(trajectory__limit_factor=math.inf).successful
         rejected(filler, module_node, trajectory(), "joint 'lift': effort -?10.* at point")
         assert client.adjust(feedforward__clip=True).successful
         np.testing.assert_allclose(filler.ask(trajectory())[3], np.clip(free, -5.0, 5.0))
         assert not client.adjust(feedforward__tolerance=[1.0, 2.0]).successful
     finally:
-        assert client.adjust(limits__effort=1e3, feedforward__clip=False).successful
+        assert client.adjust(limits__effort=1e3, feedforward__clip=False,
+                             trajectory__limit_factor=1.2).successful
 
 
 @pytest.fixture

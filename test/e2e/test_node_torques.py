@@ -223,7 +223,8 @@ def test_live_parameters_may_be_set_while_active_and_invalid_values_are_refused_
         assert not answer.successful
         assert spec.name in answer.reason
         assert spec.read_only or f'expected {spec.constraint}' in answer.reason
-    assert node.adjust(state_timeout=1.0).successful
+    assert node.adjust(state_timeout=1.0, state_check__speed_factor=math.inf,
+                       trajectory__start_tolerance=math.inf).successful
     after = node.call(GetParameters, 'get_parameters', names=[spec.name for spec in SPECS])
     for spec, old, new in zip(SPECS, before.values, after.values):
         assert spec.live or old == new, spec.name
@@ -259,16 +260,16 @@ def test_a_mode_change_or_an_empty_trajectory_ends_the_motion(node, robot):
 
     def held():
         return wait_until(lambda: close(node.ask(q, np.zeros(3)), robot.gravity_force(q)))
-    node.follow([(0.0, q), (0.1, q + 0.5)])
+    node.follow([(0.0, q), (0.5, q + 0.5)])
     assert followed()
     node.follow([])
     assert held()
-    node.follow([(0.0, q), (0.1, q + 0.5)])
+    node.follow([(0.0, q), (0.5, q + 0.5)])
     assert followed()
     assert node.adjust(mode='gravity_compensation').successful
     words = 'gravity_compensation; expected a mode that follows'
     before = node.process.log.count(words)
-    node.follow([(0.0, q), (0.1, q + 0.5)])
+    node.follow([(0.0, q), (0.5, q + 0.5)])
     assert wait_until(lambda: node.process.log.count(words) > before)
     assert node.adjust(mode='computed_torque').successful
     assert held()

@@ -311,7 +311,7 @@ def test_a_speed_limit_for_another_number_of_joints_is_refused():
 def test_the_guard_accepts_what_the_node_accepts_after_an_activation():
     rig, there = Rig(), away(1, 1.0)
     guard = GuardPath(Controller(ARM), Unread(), Unread(), lambda: rig.time, node_values(),
-                      Statistics(), lambda *words: None, lambda words: None)
+                      Statistics(), lambda *words: None, lambda *words: None)
     guard.start()
     rig.path, node = guard, rig.path
     torques = node.messages._torque_message

@@ -1,0 +1,222 @@
+"""
+A simulated arm under the torque path, with a false joint state and without it.
+
+Each state in the place of which a false one comes moves the arm by less than 2 mrad, at rest and
+in motion; faults that last end as configured. Time is simulated, so that both runs are equal up to
+the fault.
+"""
+
+from functools import cache
+
+from kane_dynamics import load_urdf, Motion, Robot
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.kinematics.loop_error import CONTRADICTION
+from kane_dynamics.mechanics.constraints.loop_closure import closed_posture
+import numpy as np
+from palletizer import DRIVEN, palletizer, positions
+import pytest
+
+pytest.importorskip('rclpy')
+
+from kane_dynamics import Controller  # noqa: E402, I100
+from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
+from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
+from kane_dynamics.ros.plant.plant_parameters import SPECS  # noqa: E402
+from kane_dynamics.ros.plant.plant_state import PlantState  # noqa: E402
+from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader  # noqa: E402
+from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE,  # noqa: E402
+                                                              NOT_FINITE, OUT_OF_ORDER, STALE)
+from kane_dynamics.ros.torque_path.state_check import JUMP, OUTSIDE, TOO_FAST  # noqa: E402
+from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
+from node_values import node_values  # noqa: E402
+from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import Float64MultiArray  # noqa: E402
+
+NANO = 10**9
+PERIOD = NANO // 500
+FAULT, SHORT, LONG = 80, 160, 450  # states until the first false one, and in all
+MOST = 2e-3  # rad
+HOME = np.array([0.0, -0.7, 0.0, -2.2, 0.0, 1.6, 0.8])
+POSE = (0.2, 0.3, -0.1, 0.5)
+SETTINGS = {'inverse_dynamics': {}, 'computed_torque': {'kp': 100.0, 'kd': 20.0},
+            'gravity_compensation': {}}
+
+
+@cache
+def arm(name):
+    """Return a robot, its first configuration, and a motion of its joints."""
+    if name == 'palletizer':
+        robot = palletizer()
+        return robot, positions(robot, *POSE), Motion.from_points(
+            [0.0, 0.6, 1.2], [POSE, (0.3, 0.2, 0.0, 0.2), POSE], joint_names=DRIVEN)
+    robot = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'),
+                            joints=[f'fr3_joint{k}' for k in range(1, 8)]))
+    middle = HOME + [0.2, 0.1, -0.2, 0.2, 0.3, -0.2, 0.3]
+    return robot, HOME, Motion.from_points([0.0, 0.6, 1.2], [HOME, middle, HOME],
+                                           joint_names=robot.joint_names)
+
+
+@cache
+def other_mode():
+    """Return the positions of the palletizer's passive joints in another assembly mode."""
+    robot = palletizer()
+    names, start = robot.joint_names, positions(robot, *POSE)
+    for name, angle in (('triangle_pin', -3.0), ('rod_1_pin', 0.5), ('wrist_pin', -3.0),
+                        ('rod_2_pin', 3.0)):
+        start[names.index(name)] += angle
+    return closed_posture(robot.mechanism, start, fixed=DRIVEN)
+
+
+class Run:
+    """The arm under the torque path, tick by tick."""
+
+    def __init__(self, name, mode, moving, **checks):
+        self.robot, start, motion = arm(name)
+        values = {spec.name: read(spec, spec.default) for spec in SPECS} | {'substeps': 2}
+        self.arm = PlantState(self.robot.copy(), values).arm
+        self.arm.reset(start)
+        controller = Controller(self.robot, mode=mode, **SETTINGS[mode])
+        values = node_values({f'state_check.{key}': x for key, x in checks.items()}
+                             | {'mode': mode})
+        self.time, self.torque, self.commands = 100 * NANO, None, 0
+        self.statistics, self.warnings = Statistics(), []
+        self.path = TorquePath(controller, self, Unread(), lambda: self.time, values,
+                               self.statistics, lambda *words: self.warnings.append(words),
+                               loops=closed_loop_reader(controller, values))
+        self.path.start()
+        for _ in range(3):
+            self.state()
+        if moving:
+            active = self.path.active_motion
+            assert active.follow(motion, self.time, self.time, active.generation)
+
+    def publish(self, data):
+        tau = np.array(deserialize_message(data, Float64MultiArray).data)
+        self.torque = self.path.messages.of_all(tau)
+        self.commands += 1
+
+    def state(self, change=None):
+        """Publish the state of the arm, changed if asked for."""
+        self.time += PERIOD
+        names = self.robot.joint_names
+        message = JointState(name=list(names), position=self.arm.q.tolist(),
+                             velocity=self.arm.u.tolist())
+        age = 0
+        if change is not None:
+            q, u, age = change(np.array(message.position), np.array(message.velocity))
+            message.position, message.velocity = q.tolist(), u.tolist()
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(self.time - age, NANO)
+        self.path.on_state(serialize_message(message))
+        self.path.check_timeout()
+
+    def positions(self, change=None, first=FAULT, count=1, length=SHORT):
+        """Return the positions of all ticks, (K, n); `count` states are false."""
+        rows = []
+        for k in range(length):
+            self.state(change if first <= k < first + count else None)
+            for _ in range(2):
+                self.arm.step(self.torque)
+            rows.append(self.arm.q.copy())
+        return np.array(rows)
+
+
+class Unread:
+    def publish(self, data):
+        pass
+
+
+@cache
+def undisturbed(name, mode, moving, length=SHORT):
+    return Run(name, mode, moving).positions(length=length)
+
+
+def changed(joint, by, velocity=0.0, age=0, names=None):
+    """Return a function that makes a state false."""
+    def change(q, u):
+        q, u = q.copy(), u.copy()
+        k = names.index(joint) if isinstance(joint, str) else joint
+        q[k] += by
+        u[k] += velocity
+        return q, u, age
+    return change
+
+
+PASSIVE = palletizer().joint_names
+FALSE = {
+    'fr3': {
+        'jump': (JUMP, changed(1, 2.0)), 'small jump': (JUMP, changed(3, -0.05)),
+        'velocity': (TOO_FAST, changed(2, 0.0, 500.0)), 'far': (OUTSIDE, changed(0, 40.0)),
+        'degrees': (OUTSIDE, lambda q, u: (np.degrees(q), np.degrees(u), 0)),
+        'not finite': (NOT_FINITE, changed(1, np.nan)),
+        'stale': (STALE, changed(1, 1.0, age=NANO)),
+        'future': (FUTURE, changed(1, 1.0, age=-NANO)),
+        'disordered': (OUT_OF_ORDER, changed(1, 1.0, age=NANO // 50))},
+    'palletizer': {
+        'jump': (JUMP, changed('shoulder', 2.0 - 0.9, names=PASSIVE)),
+        'far': (OUTSIDE, changed('shoulder', 2.0, names=PASSIVE)),
+        'contradiction': (CONTRADICTION, changed('elbow', 0.05, names=PASSIVE)),
+        'another assembly mode': (CONTRADICTION, lambda q, u: (
+            q + other_mode() - positions(palletizer(), *POSE), u, 0)),
+        'not finite': (NOT_FINITE, changed('elbow', np.nan, names=PASSIVE)),
+        'stale': (STALE, changed('shoulder', 1.0, age=NANO, names=PASSIVE)),
+        'disordered': (OUT_OF_ORDER, changed('shoulder', 1.0, age=NANO // 50, names=PASSIVE))}}
+EACH = [(name, fault) for name, faults in FALSE.items() for fault in faults]
+
+
+def check_false_state(name, fault, mode, moving, length):
+    reason, change = FALSE[name][fault]
+    run = Run(name, mode, moving)
+    rows = run.positions(change, length=length)
+    away = np.abs(rows - undisturbed(name, mode, moving, length))
+    assert away[:FAULT].max() == 0.0
+    assert away.max() < MOST
+    assert run.statistics.dropped == {reason: 1}
+    assert run.statistics.faults == run.statistics.timeouts == 0
+
+
+@pytest.mark.parametrize(('mode', 'moving'), [('inverse_dynamics', False),
+                                              ('computed_torque', True)])
+@pytest.mark.parametrize(('name', 'fault'), EACH)
+def test_a_false_state_moves_the_arm_by_less_than_2_mrad(name, fault, mode, moving):
+    check_false_state(name, fault, mode, moving, SHORT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('moving', [False, True], ids=['at rest', 'in motion'])
+@pytest.mark.parametrize('mode', ['inverse_dynamics', 'computed_torque'])
+@pytest.mark.parametrize(('name', 'fault'), EACH)
+def test_a_false_state_moves_the_arm_by_less_than_2_mrad_for_long(name, fault, mode, moving):
+    check_false_state(name, fault, mode, moving, LONG)
+
+
+@pytest.mark.parametrize(('name', 'fault'), [x for x in EACH if x[1] != 'small jump'])
+def test_three_false_states_in_a_row_are_counted_and_the_arm_goes_on(name, fault):
+    reason, change = FALSE[name][fault]
+    run = Run(name, 'computed_torque', True)
+    rows = run.positions(change, count=3)
+    assert run.statistics.dropped == {reason: 3}
+    assert np.abs(rows - undisturbed(name, 'computed_torque', True)).max() < MOST
+    assert run.statistics.faults == run.statistics.timeouts == 0
+
+
+@pytest.mark.parametrize('action', ['zero', 'hold'])
+@pytest.mark.parametrize(('name', 'fault'), [
+    ('fr3', 'jump'), ('fr3', 'degrees'), ('fr3', 'not finite'), ('palletizer', 'jump'),
+    ('palletizer', 'contradiction'), ('palletizer', 'another assembly mode')])
+def test_a_fault_that_lasts_ends_in_zeros_or_the_arm_is_held(name, fault, action):
+    reason, change = FALSE[name][fault]
+    run = Run(name, 'inverse_dynamics', False, action=action)
+    rows = run.positions(change, count=60, length=FAULT + 60)
+    assert run.statistics.faults == 1 and run.path.fault == reason
+    moved = np.abs(rows - rows[0])
+    assert moved[:FAULT + 26].max() < MOST, 'during the grace time the last command goes on'
+    if action == 'zero':
+        assert not run.torque.any() and moved.max() > 5.0 * MOST
+        return
+    assert moved.max() < MOST
+    dropped = run.statistics.dropped.total()
+    again = run.positions(length=40)
+    assert run.path.fault == '' and run.statistics.dropped.total() == dropped
+    assert np.abs(again - rows[-1]).max() < MOST
