@@ -22,6 +22,7 @@ from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.torque_path.state_check import looks_like_degrees, speed_limits
 import numpy as np
+import numpy.ma  # noqa: F401  # else the first motion imports it, for 0.1 s
 
 INSIDE = np.arange(1.0, 8.0) / 8.0  # fractions of a segment at which it is judged
 MOST_TIMES = 20_000  # at which a motion is judged: a few milliseconds of native code
@@ -38,7 +39,7 @@ def refuse_impossible(served: ServedRobot, motion: Motion, place: Array | None =
     ----------
     served : ServedRobot
         The robot of the calling thread, with its loads applied, and the node's parameters:
-        trajectory.*, limits.* and compensate.* are used.
+        trajectory.*, limits.* and arm_compensates are used.
     motion : Motion
         Of some or all joints of the robot.
     place : (n,) array, optional
@@ -74,7 +75,9 @@ def check_positions(served: ServedRobot, names: Sequence[str], positions: Array,
     Parameters
     ----------
     served : ServedRobot
+        The robot and the node's parameters.
     names : sequence of n str
+        Names of the joints.
     positions : (K, n) array
         rad or m.
     points : array

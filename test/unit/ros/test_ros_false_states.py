@@ -123,6 +123,8 @@ class Run:
 
 
 class Unread:
+    """Stands for a publisher that nobody reads."""
+
     def publish(self, data):
         pass
 

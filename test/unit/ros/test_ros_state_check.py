@@ -66,6 +66,8 @@ class Rig:
 
 
 class Unread:
+    """Stands for a publisher that nobody reads."""
+
     def publish(self, data):
         pass
 
