@@ -123,7 +123,7 @@ class Run:
 
 
 class Unread:
-    """Stands for a publisher that nobody reads."""
+    """Stands for a publisher without subscribers."""
 
     def publish(self, data):
         pass

@@ -66,7 +66,7 @@ class Rig:
 
 
 class Unread:
-    """Stands for a publisher that nobody reads."""
+    """Stands for a publisher without subscribers."""
 
     def publish(self, data):
         pass
