@@ -57,7 +57,7 @@ class DeflectionWatch:
         self._first: dict[int, Excess] = {}  # by simulation
         self.look(states[:, None], np.array([start]))
 
-    def look(self, states: Array, t: Array) -> None:
+    def look(self, states: Array, t: Array, extremes: tuple[Array, Array] | None = None) -> None:
         """
         Look at further states.
 
@@ -67,16 +67,20 @@ class DeflectionWatch:
             States of every simulation at further times.
         t : (K,) array
             Their times, s.
+        extremes : (N, size) arrays, optional
+            Minimum and maximum of each entry over the K times, if known already.
 
         """
         for name, beam, places, largest in self._beams:
-            eta = states[:, :, places]  # (N, K, m)
-            # A bound of the deflection from the peaks of the modes decides in most cases.
-            # A motion that diverges passes the bound before it is not finite.
-            peaks = np.fmax.reduce(np.abs(eta), axis=1)
-            for i in np.flatnonzero(peaks @ largest > beam.admissible_deflection):
-                if int(i) not in self._first:
-                    self._look_at(name, beam, int(i), eta[i], t)
+            # A bound of the deflection from the peaks of the modes decides in most cases, unless
+            # the motion diverges.
+            if extremes is None:
+                peaks = np.abs(states[:, :, places]).max(axis=1, initial=0.0)
+            else:
+                peaks = np.maximum(*(np.abs(extreme[:, places]) for extreme in extremes))
+            for i in np.flatnonzero(~(peaks @ largest <= beam.admissible_deflection)).tolist():
+                if i not in self._first:
+                    self._look_at(name, beam, i, states[i][:, places], t)
 
     def _look_at(self, name: str, beam: Beam, simulation: int, eta: Array, t: Array) -> None:
         """Store the first excess among the modal coordinates eta, (K, m), of a simulation."""

@@ -201,7 +201,7 @@ def _run_native(source: Any, starts: Array, single: bool, count: int, every: int
         extremes = source.advance(buffer, done, single)
         took = time.perf_counter() - started
         t = t0 + (done + np.arange(1, chunk + 1)) * np.float64(source.step)
-        bends.look(buffer[:, 1:], t)
+        bends.look(buffer[:, 1:], t, extremes)
         _finite(robot, buffer, done, source.step, single, bends)
         jumps.look_back(buffer, done)
         watch.look(buffer[:, 1:], t, extremes)

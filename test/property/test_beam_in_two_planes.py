@@ -45,7 +45,7 @@ def least_eigenvalues(robot, q):
 
 def assert_definite(robot, seed):
     """
-    Require up to the admissible deflection half of the least eigenvalue of the straight beam.
+    Require up to the admissible deflection 0.4 of the least eigenvalue of the straight beam.
 
     If no mode of the straight beam moves with the hinge, its least eigenvalue is far larger than
     that of a bent beam: 0.05 is enough.
@@ -56,7 +56,7 @@ def assert_definite(robot, seed):
     for part in (1.0, 0.3, 0.03):  # of the admissible deflection
         eta = deflected(beam, CASES, 0.1 * LENGTH * part, seed)
         q = np.concatenate([np.zeros((len(eta), 1)), eta], axis=1)
-        assert least_eigenvalues(robot, q).min() > min(0.5 * straight, 0.05)
+        assert least_eigenvalues(robot, q).min() > min(0.4 * straight, 0.05)
 
 
 @pytest.mark.parametrize('modes, axis, twists', [
