@@ -51,6 +51,8 @@ SYNONYMS = {  # names of options in other tools
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code: 2, with a message on stderr, for invalid input."""
     given = list(sys.argv[1:] if argv is None else argv)
+    if sys.stdout is None:  # closed by the caller: nothing is printed
+        sys.stdout = open(os.devnull, 'w', encoding='utf-8')  # noqa: SIM115
     parser = _parser(given[0] if given else '')
     if not given:
         parser.print_help()

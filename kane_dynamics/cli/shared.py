@@ -37,6 +37,9 @@ ROUNDING = 1e-13  # relative to the largest number of a table
 
 def source_of(options: Namespace) -> str | bytes:
     """Return the URDF for load_urdf: a path, or its text from standard input or from xacro."""
+    if options.urdf == '-' and sys.stdin is None:
+        raise InputError("URDF: '-', and standard input is closed; expected a URDF on standard "
+                         'input, or the path of a file')
     if options.urdf == '-':
         if sys.stdin is None:
             raise InputError('standard input: closed; expected a URDF')

@@ -257,3 +257,14 @@ def test_a_torque_function_of_another_signature_or_without_result_is_named():
     for torque, words in ((lambda q: q, r'torque\(t, q, u\)'), (lambda t, q, u: None, 'None')):
         with pytest.raises(ValueError, match=words):
             simulate(arm, [0.0, 0.0], [0.0, 0.0], 0.01, torque=torque)
+
+
+@pytest.mark.parametrize(('redirection', 'code', 'words'), [
+    ('- <&-', 2, "error: URDF: '-', and standard input is closed"),
+    ('urdf/two_link.urdf >&-', 0, '')])
+def test_closed_streams_are_no_traceback(redirection, code, words):
+    program = f'{sys.executable} -m kane_dynamics.cli torque {redirection}'
+    done = subprocess.run(['bash', '-c', program], capture_output=True, text=True, timeout=60,
+                          check=False)
+    assert done.returncode == code
+    assert words in done.stderr and 'Traceback' not in done.stderr
