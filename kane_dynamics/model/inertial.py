@@ -70,6 +70,24 @@ class Inertial:
         first = self.mass * self.com[:, None]
         return np.block([[second, first], [first.T, np.array([[self.mass]])]])
 
+    @property
+    def parameters(self) -> Array:
+        """
+        Return the ten inertial parameters, (10,), about the body's origin.
+
+        Mass, mass times center of mass, and the integrals of xx, xy, xz, yy, yz and zz over the
+        mass; kg, kg m, kg m^2. Functions with the parameter 'payload' take them in this order.
+        """
+        P = self.pseudo_inertia
+        return np.array([P[3, 3], *P[:3, 3], *P[0, :3], *P[1, 1:3], P[2, 2]])
+
+    @classmethod
+    def from_parameters(cls, parameters: ArrayLike) -> Inertial:
+        """Return the inertial with these ten `parameters`; ModelError if they are impossible."""
+        m, hx, hy, hz, xx, xy, xz, yy, yz, zz = constant(parameters, (10,), 'parameters')
+        return cls.from_pseudo_inertia([[xx, xy, xz, hx], [xy, yy, yz, hy], [xz, yz, zz, hz],
+                                        [hx, hy, hz, m]])
+
     @classmethod
     def from_pseudo_inertia(cls, pseudo: ArrayLike) -> Inertial:
         """Return the inertial with this pseudo-inertia about the body's origin, (4, 4)."""

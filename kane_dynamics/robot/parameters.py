@@ -124,22 +124,28 @@ class Parameters:
 
     @property
     def payload(self) -> Inertial | None:
-        """Return the payload in the axes of `payload_frame`; None without one."""
+        """
+        Return the payload in the axes of `payload_frame`; None without one.
+
+        Set it to an Inertial, or to its ten `Inertial.parameters`, as functions for CasADi,
+        PyTorch, JAX and GPUs take them.
+        """
         return self._payload
 
     @payload.setter
-    def payload(self, value: Inertial | None) -> None:
+    def payload(self, value: Any) -> None:
         if self._frame is None:
             raise InputError('payload: given to a robot without payload frame; expected '
                              "robot.with_payload('<frame>', payload), or "
                              "Robot(..., payload_frame='...')")
         if not (value is None or isinstance(value, Inertial)):
-            raise InputError(f'payload: a {type(value).__name__}; expected an Inertial or None')
+            if np.shape(value) != (10,):
+                raise InputError(f'payload: a {type(value).__name__}; expected an Inertial, its '
+                                 'ten parameters or None')
+            value = Inertial.from_parameters(constant(value, (10,), 'payload', InputError))
         if value is not None:
             _check_payload(value, self._reach)
-        P = np.zeros((4, 4)) if value is None else value.pseudo_inertia
-        self.block[3:13] = [P[3, 3], *P[:3, 3], P[0, 0], P[0, 1], P[0, 2], P[1, 1], P[1, 2],
-                            P[2, 2]]
+        self.block[3:13] = 0.0 if value is None else value.parameters
         self._payload = value
 
 

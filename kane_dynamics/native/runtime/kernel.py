@@ -11,6 +11,7 @@ from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.backends.llvm_simd import lane_text, width
 from kane_dynamics.native.backends.real_types import size_limit
 from kane_dynamics.native.machine_code import llvm, object_cache
+from kane_dynamics.native.machine_code.compile_log import logged
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry_table import bound_table, EntryTable
 from kane_dynamics.native.runtime.argument import Argument, converted, require_finite
@@ -92,13 +93,15 @@ class Kernel:
             with _TRACING.held():
                 return text()
         key, source = self._key, traced
+
+        def made() -> bytes:
+            with logged(self.name):
+                return llvm.assemble(source(), in_order=in_order)
         with gc_paused():
             if key is None:
                 key = traced()
                 source = partial(str, key)
-            return llvm.Code(object_cache.fetch(object_cache.key(self.name, key, kind),
-                                                lambda: llvm.assemble(source(),
-                                                                      in_order=in_order)))
+            return llvm.Code(object_cache.fetch(object_cache.key(self.name, key, kind), made))
 
     def with_parameters(self, parameters: Array,
                         reason: ResultCheck | None = None) -> 'Kernel':
@@ -150,7 +153,12 @@ class Kernel:
                            self._fallback(arguments, result))
 
     def _fallback(self, arguments: Sequence[Array], result: Array) -> Callable[[], Any]:
-        def call() -> Any:
+        def call(*given: Any, **named: Any) -> Any:
+            if given or named:
+                places = ', '.join(a.name for a in self.arguments)
+                words = ', '.join([*(type(x).__name__ for x in given), *named])
+                raise InputError(f'workspace: {self.name}({words}); expected no arguments: it '
+                                 f'reads the arrays of the workspace ({places})')
             return self(*arguments, out=result if self.shape else None)
         return call
 

@@ -11,6 +11,7 @@ from kane_dynamics._util.optional_imports import extra
 from kane_dynamics.errors import CompileError, InputError
 from kane_dynamics.native.backends.casadi_library import casadi_text
 from kane_dynamics.native.machine_code import llvm, object_cache, shared_library
+from kane_dynamics.native.machine_code.compile_log import logged
 from kane_dynamics.native.tracing.expression import Expr
 from kane_dynamics.native.tracing.matrix_function import full, MatrixFunction, retraced
 from kane_dynamics.native.tracing.program import OPERATORS, Program, Shape, size_of
@@ -118,11 +119,15 @@ def external(casadi: Any, source: Source, linker: str) -> Any:
     text = casadi_text(function)
 
     def made() -> bytes:
+        with logged(f'the CasADi function of {function.name}'):
+            return linked()
+
+    def linked() -> bytes:
         gradient = function.reverse()
         others = [function.forward(), gradient, source.jacobian(function), gradient.forward(),
                   gradient.jacobian_by_columns()]
-        return shared_library.linked(linker, [
-            llvm.assemble(each, shared=True) for each in [text, *map(casadi_text, others)]])
+        texts = [text, *map(casadi_text, others)]
+        return shared_library.linked(linker, [llvm.assemble_long(each) for each in texts])
     library = object_cache.fetch(object_cache.key('casadi', text), made)
     # By CasADi's rules, one direction by forward or reverse mode, more by the Jacobian.
     fewest = min(sum(len(x.places) for x in function.inputs), len(function.program.outputs))

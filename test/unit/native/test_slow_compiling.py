@@ -1,0 +1,60 @@
+"""What compiles for long is logged, and long programs compile quickly to the same function."""
+
+import logging
+import time
+
+from kane_dynamics import InputError, Inertial, Robot
+from kane_dynamics.native.machine_code import compile_log, llvm
+from kinds_of_mechanism import case
+from mechanisms import wheel
+import numpy as np
+import pytest
+
+
+def test_a_line_says_what_is_compiled_and_one_how_long_it_took(caplog, monkeypatch):
+    monkeypatch.setattr(compile_log, 'SLOW', 0.05)
+    with caplog.at_level(logging.INFO, logger=compile_log.LOGGER):
+        with compile_log.logged('a quick one'):
+            pass
+        assert not caplog.messages
+        with compile_log.logged('inverse_dynamics'):
+            time.sleep(0.3)
+            assert caplog.messages == ['compiling inverse_dynamics, more than 0.05 s so far']
+    assert caplog.messages[1].startswith('compiled inverse_dynamics in 0.')
+
+
+def test_long_programs_in_pieces_give_the_same_numbers(monkeypatch):
+    casadi = pytest.importorskip('casadi')
+    one = case('closed loop')
+    expected = one.robot.inverse_dynamics(one.q, one.u, one.udot)
+    monkeypatch.setattr(llvm, 'LONG', 100)
+    monkeypatch.setattr(llvm, 'PIECE', 37)
+    monkeypatch.setenv('KANE_DYNAMICS_CACHE', '')
+    function = one.robot.casadi('inverse_dynamics')
+    assert function.class_name() == 'External'
+    given = [casadi.DM(x) for x in (one.q, one.u, one.udot)]
+    given.append(casadi.DM.zeros(*function.size_in('wrench')))
+    np.testing.assert_allclose(function(*given).full().ravel(), expected, atol=1e-12)
+    slopes = function.jacobian()(*given, casadi.DM.zeros(one.robot.n))
+    by = one.robot.inverse_dynamics_derivatives(one.q, one.u, one.udot)
+    for slope, reference in zip(slopes, by):
+        np.testing.assert_allclose(slope.full(), reference, atol=1e-11)
+
+
+def test_a_workspace_that_is_given_arguments_says_what_it_reads():
+    workspace = wheel().bind()
+    for arguments in ((np.zeros(1),), (1, 2)):
+        with pytest.raises(InputError, match=r'workspace: mass_matrix\(.*expected no arguments'):
+            workspace.mass_matrix(*arguments)
+
+
+def test_a_payload_is_an_inertial_or_its_ten_parameters():
+    load = Inertial(2.0, (0.1, 0.02, -0.03), np.diag([0.01, 0.02, 0.025]))
+    robot = Robot(case('tree').robot.model, payload_frame='tool')
+    robot.parameters.payload = load
+    block = robot.parameters.block.copy()
+    robot.parameters.payload = load.parameters
+    np.testing.assert_allclose(robot.parameters.block, block, atol=1e-15)
+    assert robot.parameters.payload.mass == pytest.approx(2.0)
+    with pytest.raises(InputError, match='payload: a list; expected an Inertial, its ten'):
+        robot.parameters.payload = [1.0, 2.0]
