@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Sequence
 import difflib
 from importlib import import_module
-import logging
 import os
 import re
 import signal
@@ -16,7 +15,7 @@ from kane_dynamics.cli.arguments import ADD
 from kane_dynamics.cli.examples import EXAMPLES
 from kane_dynamics.cli.wording import in_options
 from kane_dynamics.errors import InputError, KaneError
-from kane_dynamics.native.machine_code.compile_log import LOGGER
+from kane_dynamics.native.machine_code import compile_log
 
 # Description of each command; its module and function in `cli.commands`.
 COMMANDS = {
@@ -50,17 +49,6 @@ SYNONYMS = {  # names of options in other tools
     'time': 'duration', 'output': 'out', 'tool': 'tip', 'ee': 'tip', 'end-effector': 'tip'}
 
 
-def _show_slow_compiling() -> None:
-    """Show on stderr what is compiled, where that takes long."""
-    log = logging.getLogger(LOGGER)
-    if not log.handlers:
-        handler = logging.StreamHandler()
-        handler.setFormatter(logging.Formatter('kane-dynamics: %(message)s'))
-        log.addHandler(handler)
-        log.setLevel(logging.INFO)
-        log.propagate = False
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code: 2, with a message on stderr, for invalid input."""
     given = list(sys.argv[1:] if argv is None else argv)
@@ -87,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if sys.stdout is None:
             raise InputError('standard output: closed; expected an open one')
-        _show_slow_compiling()
+        compile_log.on_stderr = True
         module, function = options.run.split('.')  # import only the chosen command
         commands = import_module(f'kane_dynamics.cli.commands.{module}')
         code = int(getattr(commands, function)(options) or 0)

@@ -3,7 +3,7 @@
 import logging
 import time
 
-from kane_dynamics import InputError, Inertial, Robot
+from kane_dynamics import Inertial, InputError, Robot
 from kane_dynamics.native.machine_code import compile_log, llvm
 from kinds_of_mechanism import case
 from mechanisms import wheel

@@ -20,7 +20,6 @@ import pytest
 # and others.
 KINDS = (('tree',), ('chosen speeds', 'time-dependent'), ('closed loop',))
 IDENTITIES = ('joint_rates', 'joint_accelerations', 'joint_torques')
-PARAMETERS = ('wrench', 't', 'out')
 
 
 def names_of(robot):
@@ -32,7 +31,9 @@ def names_of(robot):
 def positional(name, robot):
     """Return the names of a method's arguments before the wrench and the time."""
     parameters = inspect.signature(getattr(Robot, name)).parameters
-    names = [key for key in parameters if key not in ('self', 'frame', 'joint', *PARAMETERS)]
+    names = [key for key, parameter in parameters.items()
+             if parameter.kind is not parameter.KEYWORD_ONLY
+             and key not in ('self', 'frame', 'joint')]
     if name == 'friction_force' and 'q' not in robot.kernels.arguments(name):
         names.remove('q')  # ignored where friction does not depend on it
     return tuple(names)

@@ -110,9 +110,9 @@ def test_memory_stays_where_it_is(robot):
 
 def test_arguments_and_unknown_names_are_refused(robot):
     workspace = bound(robot)
-    with pytest.raises(TypeError, match='0 positional'):
+    with pytest.raises(InputError, match=r'workspace: inverse_dynamics\(ndarray\); expected no'):
         workspace.inverse_dynamics(STATE[0])
-    with pytest.raises(TypeError, match='keyword'):
+    with pytest.raises((InputError, TypeError), match=r'inverse_dynamics\(.*no .*arguments'):
         workspace.inverse_dynamics(q=STATE[0])
     with pytest.raises(AttributeError, match='torque'):
         _ = workspace.torque
@@ -153,7 +153,7 @@ def test_quantities_are_methods_of_machine_code_found_without_a_look_into_the_ob
 def test_a_robot_of_no_joints_has_what_nobody_asks_of_others():
     workspace = Robot(random_model(0, 0, passive=False)).bind()
     assert workspace.inverse_dynamics().shape == (0,)
-    with pytest.raises(TypeError):
+    with pytest.raises(InputError, match='expected no arguments'):
         workspace.inverse_dynamics(1)
 
 
