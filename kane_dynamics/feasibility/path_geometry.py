@@ -29,7 +29,7 @@ from kane_dynamics.native.runtime.kernel import Kernel
 import numpy as np
 from numpy.typing import ArrayLike
 
-SAME, CLOSE = 1e-12, 1e-6  # distance of waypoints, of the length of the path
+CLOSE = 1e-6  # distance of waypoints that count as one, of the length of the path
 MESH, FINER = 200, 4  # intervals on which the parameter is computed, and more per segment
 STEP = 0.25  # of s between samples
 STILL = 1e-13  # range of a joint that does not move, relative to the largest range
@@ -66,7 +66,9 @@ def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
     Return a motion along a path: the motion itself, or the spline through waypoints.
 
     The spline has the distance of the waypoints as its time, and is one cubic along its first
-    two and last two intervals, so that its ends are as smooth as the rest.
+    two and last two intervals, so that its ends are as smooth as the rest. A waypoint nearer to
+    the last one than `CLOSE` of the length of the path is left out, since a spline through close
+    waypoints that rounding has moved swings far off. The path passes it at no more than that.
 
     Raises
     ------
@@ -80,18 +82,13 @@ def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
         return path
     points = _waypoints(path, names)
     steps = _lengths(points)
-    kept = np.flatnonzero(np.append(True, steps > SAME * steps.sum())[:len(points)])
+    least = CLOSE * float(steps.sum())
     q = points
-    if len(kept) < len(points):
-        q = points[kept]
+    if len(points) and (steps <= least).any():
+        q = _apart(points, least)
         steps = _lengths(q)
     if len(q) < 2:
         raise InputError(f'path: {len(q)} different waypoints; expected at least 2')
-    k = int(steps.argmin())
-    if steps[k] < CLOSE * steps.sum():
-        raise InputError(f'path: waypoints {kept[k]} and {kept[k + 1]} are {steps[k]:.3g} apart; '
-                         f'expected equal ones, or at least {CLOSE:g} of the length of the path, '
-                         'since a spline through close waypoints swings far off the path')
     times = np.concatenate([[0.0], np.cumsum(steps)])
     return Motion(tuple(names), times, q, segment_coefficients(
         times, q, free_velocities(times, q), None))
@@ -109,6 +106,19 @@ def _waypoints(path: ArrayLike, names: Sequence[str]) -> Array:
                          ) from None
     checked = [finite_row(row, f'waypoint {k}', names) for k, row in enumerate(rows)]
     return np.array(checked).reshape(len(checked), len(names))
+
+
+def _apart(points: Array, least: float) -> Array:
+    """Return the first and the last of the points, and those between that are apart."""
+    kept = [points[0]]
+    for point in points[1:]:
+        if math.dist(point, kept[-1]) > least:
+            kept.append(point)
+    if len(kept) > 1:  # the path ends at the last point, whatever is near it
+        if math.dist(points[-1], kept[-1]) <= least:
+            kept.pop()
+        kept.append(points[-1])
+    return np.array(kept)
 
 
 def _lengths(points: Array) -> Array:

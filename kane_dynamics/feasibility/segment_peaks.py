@@ -30,7 +30,7 @@ class Peaks(NamedTuple):
     largest : (S,) array
         The largest of them.
     change : (S,) array
-        Largest range of a share.
+        Largest range of a share that, by its estimate, may exceed its limit; 0 for none.
     estimate : (S,) array
         Largest share plus its range, of those that change.
 
@@ -61,13 +61,15 @@ def peaks_kernel(robot: Robot) -> Kernel:
         tau = robot.equations.inverse_dynamics(q, u, udot, None, parameters)
         shares = [np.ravel([state[3], state[1], state[3] * state[1], state[2]])
                   * np.ravel(factors) for state in (begin, end, (q, u, udot, tau))]
-        peaks, ranges, estimates = [], [], []
+        peaks, changes, estimates = [], [], []
         for row in zip(*shares):
             high, low = largest(row), -largest([-share for share in row])
-            peaks.append(largest([high, -low]))
-            ranges.append(high - low)
-            estimates.append(peaks[-1] + select(ranges[-1] > CHANGING, ranges[-1], 0.0))
-        return np.array([*peaks, largest(peaks), largest(ranges), largest(estimates)])
+            peak, change = largest([high, -low]), high - low
+            estimate = peak + select(change > CHANGING, change, 0.0)
+            peaks.append(peak)
+            changes.append(select(estimate > 1.0, change, 0.0))
+            estimates.append(estimate)
+        return np.array([*peaks, largest(peaks), largest(changes), largest(estimates)])
     size = len(QUANTITIES) * n + 3
     return robot.kernels.extra(
         'shares', lambda: trace_program('shares', values, [*inputs, ('parameters', block.shape)]),

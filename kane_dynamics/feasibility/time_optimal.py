@@ -41,7 +41,7 @@ FASTEST = 1e9  # speed at an end, whose square is a number
 SMALLEST = 1e-9  # x relative to its size
 SLOW = 1e-3  # x of the first profile with limits of power, relative to that without
 SLOWER = 12  # times that a profile is slowed down where the limits at it have no solution
-ROUNDS = 6  # in which limits are tightened
+ROUNDS, FINEST_ROUNDS = 6, 20  # in which limits are tightened; the most on the finest grid
 SMALL, LARGEST = 1e-5, 1e-3  # excess of a limit between points; on the finest grid
 COARSE, FINE = 2e-3, 4000  # a grid on which tighter limits cost more time, and is not fine yet
 
@@ -180,17 +180,17 @@ def _solve(along: PathRobot, section: Section, bounds: Bounds, start: float, end
     The limits are exceeded at most by `most`.
     """
     limits, x, first = along.limits(section, bounds), None, math.inf
-    for _ in range(ROUNDS):
+    rounds = FINEST_ROUNDS if most == LARGEST else ROUNDS
+    for done in range(rounds):
         x = _profile(limits, start, end, x)
         found = along.checked(timed(section, x), bounds)
         first = min(first, found.points.t[-1])
-        if found.largest.max() <= 1.0:
+        excess = found.largest.max() - 1.0
+        if excess <= 0.0 or (done >= ROUNDS - 1 and excess <= most):
             return found, first
         worst = found.largest.copy()
         worst[:, 1:-1] = np.maximum(worst[:, 1:-1], np.maximum(worst[:, :-2], worst[:, 2:]))
         limits.tighten(worst)
-    if found.largest.max() <= 1.0 + most:
-        return found, first
     limit, k, j = np.unravel_index(int(found.largest.argmax()), found.largest.shape)
     raise _Coarse(
         f"path: joint '{along.robot.joint_names[int(j)]}': {found.largest.max():.6g} times its "

@@ -59,4 +59,5 @@ class MechanismPeaks(SegmentPeaks):
         high, low = np.maximum.reduce(shares), np.minimum.reduce(shares)
         peaks, ranges = np.maximum(high, -low), high - low
         estimates = peaks + np.where(ranges > CHANGING, ranges, 0.0)
-        return Peaks(peaks, *(each.max(axis=(1, 2)) for each in (peaks, ranges, estimates)))
+        changes = np.where(estimates > 1.0, ranges, 0.0)
+        return Peaks(peaks, *(each.max(axis=(1, 2)) for each in (peaks, changes, estimates)))
