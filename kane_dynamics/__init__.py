@@ -8,6 +8,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
     from kane_dynamics.control.computed_torque import ComputedTorque
     from kane_dynamics.control.controller import Controller, Mode
+    from kane_dynamics.control.controller_kernels import controller_kernels
     from kane_dynamics.control.friction_error import FrictionError
     from kane_dynamics.control.momentum_observer import MomentumObserver
     from kane_dynamics.control.quasi_static import QuasiStatic
@@ -44,8 +45,9 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.urdf import expand_xacro, load_urdf
 
 __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'ComputedTorque',
-           'ConstraintError', 'Controller', 'Coupling', 'DependentSpeeds', 'DeviceError',
-           'FilledTrajectory', 'FlexibleLink', 'Frame', 'FrictionError', 'Inertial', 'InputError',
+           'ConstraintError', 'Controller', 'controller_kernels', 'Coupling', 'DependentSpeeds',
+           'DeviceError', 'FilledTrajectory', 'FlexibleLink', 'Frame', 'FrictionError',
+           'Inertial', 'InputError',
            'InverseKinematics', 'Joint', 'KaneError', 'Limits', 'LoopError', 'LoopLimits',
            'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
            'MomentumObserver', 'Motion', 'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot',
@@ -64,6 +66,7 @@ _NAMES_BY_MODULE = {
     'control.collision_detection': 'CollisionDetector frame_wrench',
     'control.computed_torque': 'ComputedTorque',
     'control.controller': 'Controller Mode',
+    'control.controller_kernels': 'controller_kernels',
     'control.friction_error': 'FrictionError',
     'control.momentum_observer': 'MomentumObserver',
     'control.quasi_static': 'QuasiStatic',

@@ -34,6 +34,17 @@ from numpy.typing import ArrayLike
 OBSERVED = ('mass_matrix', 'bias_force', 'coriolis_matrix')  # quantities that it evaluates
 
 
+def residual_step(residual: Any, last_momentum: Any, momentum: Any, tau: Any, beta: Any,
+                  elapsed: Any, forgotten: Any) -> Any:
+    """
+    Return the residual after a step, (n,), over any scalar.
+
+    tau and beta are means over the step, and `forgotten` is exp(-K elapsed).
+    """
+    external = (momentum - last_momentum) / elapsed - tau + beta
+    return forgotten * residual + (1.0 - forgotten) * external
+
+
 @guarded
 class MomentumObserver:
     """
@@ -154,9 +165,8 @@ class MomentumObserver:
         if elapsed is not None:
             forgotten = np.exp(-self._gain * elapsed)
             drive = self._tau if self.held else 0.5 * (self._tau + torques)
-            external = ((momentum - self._momentum) / elapsed - drive
-                        + 0.5 * (self._beta + beta))
-            self.torque = forgotten * self.torque + (1.0 - forgotten) * external
+            self.torque = residual_step(self.torque, self._momentum, momentum, drive,
+                                        0.5 * (self._beta + beta), elapsed, forgotten)
             if self.friction_error is not None:
                 self.friction_error.adapt(elapsed, forgotten, self._workspace.u, self.torque)
         self._t, self._tau, self._momentum, self._beta = t, torques, momentum, beta

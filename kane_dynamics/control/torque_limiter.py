@@ -2,13 +2,25 @@
 
 from collections.abc import Sequence
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.dual import select
 import numpy as np
 
+Number = Any  # over any scalar, for tracing too
 FINITE = float(np.finfo(np.float64).max)
+
+
+def clipped(x: Number, low: Number, high: Number) -> Number:
+    """Return x within bounds."""
+    return select(x < low, low, select(high < x, high, x))
+
+
+def within_rate(x: Number, last: Number, change: Number) -> Number:
+    """Return a torque that differs from the last one by at most a change."""
+    return clipped(x, last - change, last + change)
 
 
 class Command(NamedTuple):
@@ -94,11 +106,11 @@ class TorqueLimiter:
             raise InputError('torques: not finite, '
                              f'{dict(zip(self._names, wanted, strict=True))}; expected a state, '
                              'a motion and gains in a physical range')
-        within = [min(max(x, -most), most)
+        within = [clipped(x, -most, most)
                   for x, most in zip(wanted, self._largest, strict=True)]
         elapsed = 0.0 if self._stamp is None else max(t - self._stamp, 0.0)
         out = within if not self._rated else [
-            min(max(x, last - (slope * elapsed + free)), last + (slope * elapsed + free))
+            within_rate(x, last, slope * elapsed + free)
             for x, last, slope, free in zip(within, self._last, self._slope, self._free,
                                             strict=True)]
         self._last, self._stamp = out, t

@@ -9,6 +9,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.native.backends.c99 import comment, identifier, prototype, string
 from kane_dynamics.native.backends.c99_math import Precision
+from kane_dynamics.native.backends.real_types import size_limit
 from kane_dynamics.native.tracing.program import Program
 
 
@@ -32,11 +33,15 @@ def header_text(robot: Any, prefix: str, about: Sequence[str], kernels: Sequence
                 precision: Precision, self_test: bool) -> str:
     """Return the header: sizes, the order of the joints, prototypes."""
     upper, equations = prefix.upper(), robot.equations
+    largest = f'{size_limit("q"):g}{precision.suffix}'
     lines = [*about, f'#ifndef {upper}_H', f'#define {upper}_H', '',
              f'#define {upper}_MODEL_NAME {string(robot.model.name)}',
              f'#define {upper}_MODEL_DIGEST {string(robot.model.digest())}',
              f'#define {upper}_GENERATOR {string(f"kane_dynamics {package_version()}")}',
              *_sizes(robot, upper),
+             f'#define {upper}_N_JOINTS {len(robot.joint_names)}',
+             f'#define {upper}_NAME_SIZE {name_size(robot)} /* of the longest name, with its 0 */',
+             f'#define {upper}_LARGEST_POSITION {largest} /* rad or m */',
              f'#define {upper}_N_WRENCHES {len(equations.wrench_frames)}',
              f'#define {upper}_N_PARAMETERS {len(robot.parameters.block)}',
              f'#define {upper}_REAL {precision.c}',
@@ -44,6 +49,7 @@ def header_text(robot: Any, prefix: str, about: Sequence[str], kernels: Sequence
                for kernel in kernels), '', *_joint_enum(robot, upper), '',
              '/*', *(f' * {line}'.rstrip() for line in _conventions(robot, prefix)), ' */', '',
              '#ifdef __cplusplus', 'extern "C" {', '#endif']
+    lines += _data_declarations(prefix, upper)
     for kernel in kernels:
         doc = inspect.getdoc(getattr(type(robot), kernel.name, None)) or kernel.name
         words = ' '.join(doc.split('\n\n')[0].split())
@@ -66,6 +72,34 @@ def _sizes(robot: Any, upper: str) -> list[str]:
         return [f'#define {upper}_N {robot.n} /* joints: entries of q, u, udot and tau */']
     return [f'#define {upper}_N {robot.n} /* independent speeds: entries of u, udot and tau */',
             f'#define {upper}_N_Q {robot.n_q} /* coordinates: entries of q */']
+
+
+def name_size(robot: Any) -> int:
+    """Return the size of an array of characters for every joint's name."""
+    return 1 + max((len(name.encode()) for name in robot.joint_names), default=0)
+
+
+def joint_limits(robot: Any) -> dict[str, Array]:
+    """Return the limits of all joints by their names in C."""
+    limits = robot.limits
+    return {'lower_limits': limits.lower, 'upper_limits': limits.upper,
+            'velocity_limits': limits.velocity, 'effort_limits': limits.effort}
+
+
+def _data_declarations(prefix: str, upper: str) -> list[str]:
+    """Return the declarations of names and limits of the joints, and of the check of a state."""
+    number = f'{upper}_REAL'
+    return [
+        '', '/* Names and limits of the joints, in the order of their enumeration; infinite where',
+        ' * there is no limit. rad or m, rad/s or m/s, N m or N. */',
+        f'extern const char {prefix}_joint_names[{upper}_N_JOINTS][{upper}_NAME_SIZE];',
+        *(f'extern const {number} {prefix}_{name}[{upper}_N_JOINTS];' for name in (
+            'lower_limits', 'upper_limits', 'velocity_limits', 'effort_limits')),
+        '', '/* Return 0 if a state may be used: q and u are finite, and no position is beyond',
+        f' * {upper}_LARGEST_POSITION, where a number has lost the angle. Otherwise return',
+        ' * 1 + the index of the first entry that is not, counted through q, then u. Results for',
+        ' * such a state are undefined. */',
+        f'int {prefix}_check_state(const {number} *q, const {number} *u);']
 
 
 def _joint_enum(robot: Any, upper: str) -> list[str]:
@@ -108,7 +142,8 @@ def _conventions(robot: Any, prefix: str) -> list[str]:
                  robot) else []),
              'in the order above. A result may overlay an argument. Nothing is allocated, no',
              'state is kept: any thread may call anything at any time. Arguments are not',
-             'checked.', '', 'parameters: gravity, the acceleration of free fall, m/s^2']
+             f'checked: call {prefix}_check_state before.', '',
+             'parameters: gravity, the acceleration of free fall, m/s^2']
     lines += [] if robot.equations.payload_frame is None else [
         '  then the payload, in its frame: mass, mass x center of mass (3), and the integrals',
         '  of xx, xy, xz, yy, yz, zz over its mass; kg, kg m, kg m^2']

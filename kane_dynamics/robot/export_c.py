@@ -8,10 +8,12 @@ from typing import Any
 from kane_dynamics._util.resources import package_version
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.native.backends.c99 import c_functions, comment, constant, identifier
+from kane_dynamics.native.backends.c99 import (c_functions, comment, constant, identifier,
+                                               string)
 from kane_dynamics.native.backends.c99_math import elementary_functions, Precision, PRECISIONS
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import evaluate
-from kane_dynamics.robot.c_header import CKernel, constrained, header_text
+from kane_dynamics.robot.c_header import CKernel, constrained, header_text, joint_limits
 import numpy as np
 
 DEFAULT_KERNELS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'bias_force',
@@ -41,7 +43,7 @@ FRAME_NAMES = {'jacobian': 'partial_velocities', 'frame_pose': 'frame_pose',
                'partial_velocities': 'partial_velocities'}
 
 
-def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str],
+def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str | Kernel],
             scalar: str = 'float64', self_test: bool = True) -> tuple[Path, Path]:
     """
     Write a Robot's kernels as C; see `Robot.export_c`.
@@ -65,15 +67,20 @@ def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str],
     for file in (source, header):
         _check_place(file)
     prefix, precision = identifier(source.stem), PRECISIONS[scalar]
-    chosen = [_kernel(robot, prefix, name, precision)
-              for name in _checked_names(robot, kernels)]
+    laws = [kernel for kernel in kernels if isinstance(kernel, Kernel)]
+    quantities: Sequence[Any] = kernels
+    if laws:
+        quantities = [name for name in kernels if not isinstance(name, Kernel)]
+    names = _checked_names(robot, quantities) if quantities or not laws else []
+    chosen = [_kernel(robot, prefix, name, precision) for name in names]
+    chosen += [_reference(robot, prefix, law, law.name, law.name, precision) for law in laws]
     about = _about(robot, chosen)
     _write(header, header_text(robot, prefix, about, chosen, precision, self_test))
     _write(source, _source_text(robot, prefix, header.name, about, chosen, precision, self_test))
     return source, header
 
 
-def _checked_names(robot: Any, kernels: Sequence[str]) -> list[str]:
+def _checked_names(robot: Any, kernels: Sequence[Any]) -> list[str]:
     """Return the names of the kernels, each once; raise InputError for an unknown one."""
     if isinstance(kernels, str):
         raise InputError(f"kernels: the string '{kernels}'; expected a sequence of names")
@@ -121,11 +128,17 @@ def _write(file: Path, text: str) -> None:
 
 
 def _kernel(robot: Any, prefix: str, name: str, precision: Precision) -> CKernel:
-    """Trace a kernel and compute its reference results."""
+    """Trace the kernel of a quantity and compute its reference results."""
     quantity, _, frame = name.partition(':')
     quantity = FRAME_NAMES.get(quantity, quantity)
     kernel = (robot.kernels.at_frame(quantity, frame) if frame
               else robot.kernels.quantity(quantity))
+    return _reference(robot, prefix, kernel, quantity, name, precision)
+
+
+def _reference(robot: Any, prefix: str, kernel: Kernel, quantity: str, name: str,
+               precision: Precision) -> CKernel:
+    """Return a kernel with its reference results."""
     rng, program = np.random.default_rng(0), kernel.traced()
     inputs, results = [], []
     tolerance = TOLERANCE if precision.name == 'float64' else float(precision.epsilon)
@@ -187,6 +200,7 @@ def _source_text(robot: Any, prefix: str, header: str, about: Sequence[str],
     no_wrench = robot.kernels.no_wrench
     if any(name == 'wrench' for kernel in kernels for name, _ in kernel.program.inputs):
         lines.append(_array('no_wrench', no_wrench, precision))
+    lines += ['', *_joint_data(robot, prefix, precision)]
     texts = []
     for kernel in kernels:
         defaults = {'parameters': 'default_parameters', 'wrench': 'no_wrench'}
@@ -199,6 +213,32 @@ def _source_text(robot: Any, prefix: str, header: str, about: Sequence[str],
                                         if any(f'{name}(' in text for text in texts)})]
     test = _self_test(prefix, kernels, precision) if self_test else []
     return '\n'.join([*lines, *texts, '', *test, ''])
+
+
+def _joint_data(robot: Any, prefix: str, precision: Precision) -> list[str]:
+    """Return the definitions of names and limits of the joints, and the check of a state."""
+    upper, number, size = prefix.upper(), precision.c, f'fabs{precision.suffix}'
+    names = [f'    {string(name)},' for name in robot.joint_names] or ['    ""']
+    lines = [f'const char {prefix}_joint_names[{upper}_N_JOINTS][{upper}_NAME_SIZE] = {{',
+             *names, '};']
+    for name, limits in joint_limits(robot).items():
+        entries = []
+        for limit in limits:
+            entry = f'({number})INFINITY'
+            if np.isfinite(limit):
+                entry = constant(limit, precision)
+            elif limit < 0.0:
+                entry = f'-{entry}'
+            entries.append(entry)
+        lines.append(f'const {number} {prefix}_{name}[{upper}_N_JOINTS] = {{'
+                     + ', '.join(entries) + '};')
+    return [*lines, '', f'int {prefix}_check_state(const {number} *q, const {number} *u)', '{',
+            '    int k;',
+            f'    for (k = 0; k < {robot.n_q}; ++k)',
+            f'        if (!({size}(q[k]) <= {upper}_LARGEST_POSITION)) return 1 + k;',
+            f'    for (k = 0; k < {robot.n}; ++k)',
+            f'        if (!isfinite(u[k])) return {1 + robot.n_q} + k;',
+            '    return 0;', '}']
 
 
 def _array(name: str, values: Array, precision: Precision) -> str:

@@ -24,6 +24,7 @@ from kane_dynamics.mechanics.constraints.independent_speeds import (choose_indep
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.methods.configuration_methods import Configurations
@@ -319,24 +320,27 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
         from kane_dynamics.robot.verification import verified  # imports the definition
         return verified(self, states)
 
-    def export_c(self, path: str | os.PathLike[str], kernels: Sequence[str] = DEFAULT_KERNELS,
-                 *, scalar: str = 'float64', self_test: bool = True) -> tuple[Path, Path]:
+    def export_c(self, path: str | os.PathLike[str],
+                 kernels: Sequence[str | Kernel] = DEFAULT_KERNELS, *, scalar: str = 'float64',
+                 self_test: bool = True) -> tuple[Path, Path]:
         """
         Write kernels as C99 that needs libm alone: a source, and a header that documents it.
 
         The current parameters are its defaults. `<stem>_self_test()` compares every function with
         results of this library. Sines and cosines are computed by code that compilers vectorise;
         ``-D'<STEM>_SINCOS(x, s, c)=...'`` replaces them by another function, such as one of the
-        processor's vendor.
+        processor's vendor. Names and limits of the joints are constants, and
+        `<stem>_check_state` refuses numbers that are not finite, or positions beyond 1e12.
 
         Parameters
         ----------
         path : path
             The source, `<stem>.c`; the header is `<stem>.h` beside it, and every name in them
             begins with `<stem>_`. Only files of an earlier export are overwritten.
-        kernels : sequence of str
+        kernels : sequence of str or Kernel
             Names of quantities, as `operation_count` lists them; of a frame
-            ``'frame_pose:<frame>'`` and ``'jacobian:<frame>'`` (or ``'partial_velocities:...'``).
+            ``'frame_pose:<frame>'`` and ``'jacobian:<frame>'`` (or ``'partial_velocities:...'``);
+            of a controller those of `control.controller_kernels`.
         scalar : {'float64', 'float32'}
             Type of arguments, results and arithmetic. The self-test of 'float32' has the tolerance
             of single precision.

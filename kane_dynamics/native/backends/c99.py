@@ -18,7 +18,7 @@ IN_C = {'arctan': 'atan'}  # functions that C calls otherwise than numpy
 def constant(value: float, precision: Precision) -> str:
     """Return a number as a C literal: the shortest decimal that reads back bit for bit."""
     if np.isnan(value):
-        return 'NAN'  # of math.h
+        return f'({precision.c})NAN'  # of math.h, a float
     if not np.isfinite(value):
         raise CompileError(f'constant: {value}; expected a finite number or NaN: C has no other '
                            'literal')

@@ -20,7 +20,8 @@ import numpy as np
 import pytest
 
 pytestmark = pytest.mark.skipif(shutil.which('gcc') is None, reason='no C compiler')
-STRICT = ['-Wall', '-Wextra', '-Wpedantic', '-Werror', '-O2', '-fPIC', '-shared']
+STRICT = ['-Wall', '-Wextra', '-Wpedantic', '-Wdouble-promotion', '-Werror', '-O2', '-fPIC',
+          '-shared']
 SOLVED = ('forward_dynamics', 'inverse_mass_matrix')
 
 
@@ -98,8 +99,8 @@ def test_subroutines_are_static_functions_that_give_the_librarys_numbers(tmp_pat
     check(robot, library, 'tree', ['inverse_mass_matrix'])
     symbols = subprocess.run(['nm', '-D', '--defined-only', library._name], text=True,
                              capture_output=True, check=True).stdout
-    assert sorted(re.findall(r' T (\w+)', symbols)) == ['tree_inverse_mass_matrix',
-                                                        'tree_self_test']
+    assert sorted(re.findall(r' T (\w+)', symbols)) == [
+        'tree_check_state', 'tree_inverse_mass_matrix', 'tree_self_test']
 
 
 def test_null_stands_for_the_parameters_at_export_and_for_no_wrench(tmp_path):

@@ -1,0 +1,88 @@
+"""The parts of a controller as kernels, for `Robot.export_c`: the functions of this package."""
+
+from typing import Any
+
+from kane_dynamics.control.computed_torque_law import law_kernel
+from kane_dynamics.control.momentum_observer import residual_step
+from kane_dynamics.control.torque_limiter import clipped, within_rate
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import Shape, trace_program
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+
+def controller_kernels(robot: Robot) -> tuple[Kernel, Kernel, Kernel]:
+    """
+    Return the kernels of computed torque, torque limits and momentum observer, for `export_c`.
+
+    They are traced from the functions that `Controller`, `TorqueLimiter` and `MomentumObserver`
+    use. In C, after the name of the file:
+
+    - ``computed_torque(q, u, q_d, u_d, udot_d, gains, ...)``: gains are kp, then kd.
+    - ``limited_torque(tau, last, effort, change)``: the torque clamped to the limits of effort,
+      then to a change from the last command; change is the limit of the rate times the time since.
+    - ``momentum_observer(q, u, tau, memory, elapsed, forgotten, ...)``: the memory is the estimate
+      of the external torques, the momenta and the torques beta, (3, n), of the sample before; the
+      result is that of this sample. tau is the mean torque since, and `forgotten` exp(-K elapsed)
+      of each joint. Begin with an elapsed time of 0, which sets the estimate to 0.
+
+    Parameters
+    ----------
+    robot : Robot
+        In joint rates, without constraints.
+
+    Raises
+    ------
+    InputError
+        The robot has chosen speeds or constraints.
+
+    """
+    if not isinstance(robot.equations, TreeEquations):
+        raise InputError('controller_kernels: a robot with chosen speeds or constraints; expected '
+                         'one in joint rates without constraints')
+    return law_kernel(robot), _limiter(robot), _observer(robot)
+
+
+def _limiter(robot: Robot) -> Kernel:
+    """Return the kernel of the torque limits."""
+    def limits(*rows: Any) -> Any:
+        *joints, _ = rows
+        return np.array([within_rate(clipped(x, -most, most), last, change)
+                         for x, last, most, change in zip(*joints)])
+    return _kernel(robot, 'limited_torque', limits,
+                   dict.fromkeys(('tau', 'last', 'effort', 'change'), (robot.n,)), (robot.n,))
+
+
+def _observer(robot: Robot) -> Kernel:
+    """Return the kernel of a step of the momentum observer."""
+    equations: Any = robot.equations
+
+    def step(q: Any, u: Any, tau: Any, memory: Any, elapsed: Any, forgotten: Any,
+             parameters: Any) -> Any:
+        residual, last_momentum, last_beta = memory
+        C = equations.coriolis_matrix(q, u, parameters)
+        momentum = equations.mass_matrix(q, parameters) @ u
+        beta = equations.bias_force(q, u, parameters) - (C @ u + u @ C)
+        time = elapsed[()]
+        begun = time > 0.0
+        safe = select(begun, time, 1.0)
+        new = residual_step(residual, last_momentum, momentum, tau, 0.5 * (last_beta + beta),
+                            safe, forgotten)
+        return np.array([[select(begun, x, 0.0) for x in new], momentum, beta])
+    n = robot.n
+    inputs: dict[str, Shape] = {'q': (n,), 'u': (n,), 'tau': (n,), 'memory': (3, n),
+                                'elapsed': (), 'forgotten': (n,)}
+    return _kernel(robot, 'momentum_observer', step, inputs, (3, n))
+
+
+def _kernel(robot: Robot, name: str, function: Any, inputs: dict[str, Shape],
+            shape: Shape) -> Kernel:
+    """Return a kernel of a function of inputs and the robot's parameters."""
+    block = robot.parameters.block
+    program_inputs = [*inputs.items(), ('parameters', block.shape)]
+    return robot.kernels.extra(name, lambda: trace_program(name, function, program_inputs),
+                               [Argument(*each) for each in inputs.items()], block, shape)
