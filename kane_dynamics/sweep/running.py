@@ -31,8 +31,10 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | No
     Complete the table of a sweep in a folder.
 
     Rows are written as chunks finish. Running the same sweep with the same folder continues an
-    interrupted run. On processors of one kind, the rows are equal bit for bit for any number and
-    kind of workers.
+    interrupted run; chunks that were not finished are computed again. A run that ends before its
+    first chunks, as in the seconds in which kernels compile, has written nothing: a smaller
+    `Sweep.chunk` loses less. On processors of one kind, the rows are equal bit for bit for any
+    number and kind of workers.
 
     Parameters
     ----------

@@ -8,6 +8,7 @@ import sys
 from threading import Thread
 
 from kane_dynamics import CompileError, ConstraintError, InputError, load_urdf, Robot
+from kane_dynamics._util.resources import resource_path
 from kinds_of_mechanism import case
 from learning import arm, driven, fr3, QUANTITIES, states, value_and_gradients
 from linkages import at_angle
@@ -307,3 +308,13 @@ def test_without_jax_the_error_names_the_extra(monkeypatch):
                         raising=False)
     with pytest.raises(InputError, match=r'robot.jax: .*pip install .kane_dynamics\[jax\]'):
         Robot(load_urdf('urdf/two_link.urdf')).jax('gravity_force')
+
+
+def test_jax_export_is_refused_with_its_reason():
+    """Machine code of this process cannot be in a file; the page on JAX says so."""
+    from jax import export
+    robot = Robot(load_urdf(resource_path('urdf', 'two_link.urdf')))
+    function = jax.jit(robot.jax('inverse_dynamics'))
+    row = jax.ShapeDtypeStruct((2,), np.float64)
+    with pytest.raises(ValueError, match='custom calls whose targets have no compatibility'):
+        export.export(function)(row, row, row)

@@ -78,9 +78,9 @@ def test_the_example_controller_is_built_moves_the_arm_and_refuses_bad_states(tm
     assert tuple(row[0] for row in rows) == robot.joint_names
     q, external, effort = np.array([row[1:] for row in rows], dtype=float).T
     assert (effort == robot.limits.effort).all()
-    # Computed torque yields to the push by the acceleration M^-1 push over kp.
-    push = np.array([2.0, 0.0])
-    yielded = robot.inverse_mass_matrix(q) @ push / 400.0
+    # Computed torque yields to an external torque by the acceleration over kp.
+    torque = np.array([2.0, 0.0])
+    yielded = robot.inverse_mass_matrix(q) @ torque / 400.0
     np.testing.assert_allclose(q, 0.8 + yielded, atol=1e-6)
-    np.testing.assert_allclose(external, push, atol=1e-5)
+    np.testing.assert_allclose(external, torque, atol=1e-5)
     assert shown[2] == 'refused 1 4', 'the first position, and the second speed'
