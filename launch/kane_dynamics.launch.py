@@ -23,8 +23,7 @@ DESCRIPTION = ('urdf', 'supplement', 'constraints', 'arm_compensates', 'prefix')
 ARGUMENTS = {
     'config': ('', 'parameter file: a path, or a file name in share/kane_dynamics/config'),
     'urdf': ('', 'path of the URDF; overrides the parameter files'),
-    'arm_compensates': ('', 'torque terms that the arm adds to commanded efforts itself, as '
-                        'names separated by commas, or none; overrides the parameter files'),
+    'arm_compensates': ('', 'terms that the arm adds itself, separated by commas, or none'),
     'supplement': ('', 'path of the supplement of the URDF; overrides the parameter files'),
     'constraints': ('', 'path of the constraints file of closed loops; overrides the files'),
     'activation': ('', 'when the node activates itself: simulated, at_once, on_request'),
