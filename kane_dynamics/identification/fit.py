@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import warnings
 
 from kane_dynamics._util.fork_safety import lazy_property
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.base_regressor import true_unknowns
 from kane_dynamics.identification.physical_consistency import physical, pseudo_inertia_of
@@ -54,6 +54,9 @@ class Identification:
         Standard deviations of single inertial parameters about the body's origin, in the order of
         `regressor.PARAMETERS`: those of the torques alone, or larger by the bias of the prior; NaN
         for parameters that are not identifiable by themselves, and with `friction_only`.
+    fitted_moving, held_out_moving : (n,) arrays
+        `fitted` and `held_out` of the rows in which the joint moves, N m or N: rows at standstill
+        have static friction, which no parameter describes. NaN for a joint without such rows.
     condition : float
         Condition number of the equations with the prior, columns scaled to unit length.
     weight : float
@@ -68,6 +71,8 @@ class Identification:
     before: Array
     fitted: Array
     held_out: Array
+    fitted_moving: Array
+    held_out_moving: Array
     deviations: Array
     inertial_deviations: Array
     condition: float
@@ -162,9 +167,11 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     deviations, inertial_deviations, condition = (
         friction_statistics(A, model) if friction_only
         else statistics(A, model, x, speeds, weight))
+    fitted, held_out = _error(first, speeds, x), _error(second, speeds, x)
     return Identification(
         model, x, speeds, friction_only, rms(recording_error(model, second.recording)),
-        rms(_error(first, speeds, x)), rms(_error(second, speeds, x)), deviations,
+        rms(fitted), rms(held_out), _moving_rms(fitted, first.moving),
+        _moving_rms(held_out, second.moving), deviations,
         inertial_deviations, condition, float(weight))
 
 
@@ -262,6 +269,13 @@ def _chosen_weight(model: Model, data: RegressionRows, speeds: Array, x: Array,
     best = int(np.argmin(mean))
     spread = missed[:, best].std(ddof=1) / np.sqrt(len(stretches))
     return float(WEIGHTS[mean <= mean[best] + spread][-1])
+
+
+def _moving_rms(error: Array, moving: Flags) -> Array:
+    """Return the RMS of each joint's error over the rows in which it moves, (n,)."""
+    counts = moving.sum(axis=0)
+    squares = np.sum(np.where(moving, error, 0.0)**2, axis=0)
+    return np.where(counts > 0, np.sqrt(squares / np.maximum(counts, 1)), np.nan)
 
 
 def _error(data: RegressionRows, speeds: Array, x: Array) -> Array:

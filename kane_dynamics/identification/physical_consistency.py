@@ -21,6 +21,7 @@ import numpy as np
 
 SMALLEST = 1e-4  # lower bound of the eigenvalues of 1 + Z
 FLOOR = 1e-6  # lower bound of P0's eigenvalues, relative to the largest, for thin bodies
+REGULARIZATION = 1e-12  # of Clarabel's linear systems; its 1e-8 hides a prior of small weight
 MASSLESS = 1e-3  # kg m^2 and kg, eigenvalues for P0 = 0
 # An orthonormal basis of symmetric matrices: |Z|^2 is that of the coefficients.
 SYMMETRIC = np.array([(np.outer(e, f) + np.outer(f, e)) / (2.0 if r == s else np.sqrt(2.0))
@@ -139,6 +140,7 @@ def _constrained(R: Array, bodies: int, lowest: Array) -> Array:
              *[clarabel.PSDTriangleConeT(4)] * bodies]
     settings = clarabel.DefaultSettings()
     settings.verbose = False
+    settings.static_regularization_constant = REGULARIZATION
     P = sparse.block_diag([sparse.csc_matrix((count, count)), sparse.eye(rows)], format='csc')
     found = clarabel.DefaultSolver(P, np.zeros(count + rows), A, above, cones, settings).solve()
     if str(found.status) != 'Solved':

@@ -217,6 +217,7 @@ def as_data(found: Identification, recording: Recording) -> dict[str, Any]:
     return {
         'joint_names': list(found.given.joint_names), 'rows': len(recording),
         'rms_before': found.before, 'rms_fitted': found.fitted, 'rms_held_out': found.held_out,
+        'rms_fitted_moving': found.fitted_moving, 'rms_held_out_moving': found.held_out_moving,
         'friction': {**dict(zip(FRICTION, found.losses.T.tolist(), strict=True)),
                      'friction_speed': found.friction_speed.tolist()},
         'standard_deviations': dict(zip(FRICTION, found.deviations.T.tolist(), strict=True)),
@@ -240,10 +241,11 @@ def _identifiable(found: Identification) -> dict[str, dict[str, dict[str, float]
 def print_data(data: dict[str, Any]) -> None:
     """Print the result of `as_data`."""
     print(f'{data["rows"]} rows: fitted to the first half, validated on the second; RMS of '
-          'torque error')
-    inspect_command.print_table(['joint', 'before', 'fitted', 'held out'], zip(
-        data['joint_names'], data['rms_before'], data['rms_fitted'], data['rms_held_out'],
-        strict=True))
+          'torque error, of all rows and of those in motion')
+    inspect_command.print_table(
+        ['joint', 'before', 'fitted', 'held out', 'fitted, moving', 'held out, moving'], zip(
+            data['joint_names'], data['rms_before'], data['rms_fitted'], data['rms_held_out'],
+            data['rms_fitted_moving'], data['rms_held_out_moving'], strict=True))
     print()
     deviations = data['standard_deviations']
     inspect_command.print_table(

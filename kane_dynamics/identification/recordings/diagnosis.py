@@ -13,9 +13,12 @@ from itertools import combinations
 import math
 from typing import Literal, NamedTuple
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
+from kane_dynamics.identification.recordings.signal_faults import (beyond_limits, frozen_rows,
+                                                                   gaps, kept, longest_stretch,
+                                                                   without_outliers)
 from kane_dynamics.identification.recordings.torque_delay import (NOISE, smoothed,
                                                                   torque_delays, TorqueDelays)
 from kane_dynamics.identification.solvers import on_one_processor, scientific
@@ -28,6 +31,15 @@ from numpy.typing import NDArray
 CLEARLY = 0.5  # largest ratio of errors, with and without a correction, of a finding
 MOST_ROWS = 1500  # used rows, evenly distributed
 MOST_FAULTS = 8
+MOST_GAPS = 3  # of which the times are named
+LARGE_UNITS = 1e3, 1e2, 10.0  # of efforts beyond limits
+OFFSET = math.log(1.0 / 0.6)  # needed fall of the logarithm of errors, of a torque offset
+ENCODER_OFFSET = 1.0  # needed fall, of all joints; wrong masses cause up to 0.7
+LEAST_OFFSET = 0.05  # rad, of an encoder
+LEAST_TORQUE_OFFSET = 0.02  # of the effort limit
+ASYMMETRY = 0.5  # of the Coulomb friction, that is no offset of the sensor
+RANK = 1e-3  # relative size of what is regarded as zero in the fit of inertial parameters
+DIFFERENCE = 1e-4  # rad or m, of a derivative by differences
 SLIP = 0.05  # assumed friction speed, rad/s or m/s
 FLOOR = 0.03  # of the measured torque: smaller errors need no correction
 WINDOWS = 200  # number of windows in which positions and speeds are compared
@@ -92,7 +104,10 @@ def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
     if not recording.tau.any():
         found.append(Finding('wrong', 'the measured efforts are all 0: the recording has none'))
     elif not found:
-        found += _torques(model, recording, gravity_added)
+        sound, signals = _signals(model, recording)
+        found += signals
+        found += _torques(model, sound, gravity_added, silent=bool(signals))
+    found += _gaps(recording)
     noise = recording.acceleration_noise()
     noisy = np.flatnonzero(noise > NOISE)
     if len(noisy):
@@ -139,9 +154,12 @@ def _motion(model: Model, recording: Recording) -> Iterator[str]:
                    'milliseconds?')
         return
     width = max(1, len(recording) // WINDOWS)
+    # Speeds are integrated over windows of rows; a window must not span a gap of the times.
+    missing = np.concatenate([[0.0], np.cumsum(_is_gap(recording))])
+    whole = missing[width:] == missing[:-width]
     mean = 0.5 * (recording.u[1:] + recording.u[:-1]) * np.diff(recording.t)[:, None]
     way = np.vstack([np.zeros(mean.shape[1]), np.cumsum(mean, axis=0)])
-    D, W = (x[width:] - x[:-width] for x in (recording.q, way))
+    D, W = ((x[width:] - x[:-width])[whole] for x in (recording.q, way))
     size = np.linalg.norm(D, axis=0)
     moves = np.flatnonzero(np.abs(recording.q - recording.q[0]).max(axis=0) > 0.02)
     with np.errstate(invalid='ignore', divide='ignore'):
@@ -169,16 +187,70 @@ def _motion(model: Model, recording: Recording) -> Iterator[str]:
         yield f'speeds of {_named(model, joints)} are {words}'
 
 
-def _torques(model: Model, recording: Recording, gravity_added: bool) -> Iterator[Finding]:
-    """Yield errors of torques, found by the corrections that reduce the residual."""
+def _is_gap(recording: Recording) -> Array:
+    """Return for each step of time whether it is a gap, 0 or 1, (N - 1,)."""
+    steps = np.zeros(len(recording) - 1)
+    steps[gaps(recording)] = 1.0
+    return steps
+
+
+def _gaps(recording: Recording) -> Iterator[Finding]:
+    """Yield the gaps of the times."""
+    after = gaps(recording)
+    if len(after):
+        lengths = np.diff(recording.t)[after]
+        where = ', '.join(f'{length:.3g} s after {recording.t[row]:.4g} s'
+                          for row, length in zip(after[:MOST_GAPS], lengths, strict=False))
+        more = f' and {len(after) - MOST_GAPS} more' if len(after) > MOST_GAPS else ''
+        yield Finding('remark', f'times: gap of {where}{more}; expected a recording without gaps, '
+                      'as filters and differences need it')
+
+
+def _signals(model: Model, recording: Recording) -> tuple[Recording, list[Finding]]:
+    """Return a recording without faults of single effort signals, and these faults."""
+    found: dict[str, list[int]] = {}
+    sound, flags = without_outliers(longest_stretch(recording))
+    for j in np.flatnonzero(flags.any(axis=0)):
+        row = int(np.flatnonzero(flags[:, j])[0])
+        kind = (f'efforts of {{}} have {flags[:, j].sum()} outliers, the first at '
+                f'{sound.t[row]:.4g} s: a spike or a lost message')
+        found.setdefault(kind, []).append(int(j))
+    frozen = frozen_rows(sound)
+    for j in np.flatnonzero(frozen.any(axis=0)):
+        stretch = np.flatnonzero(frozen[:, j])
+        first, last = sound.t[stretch[0]], sound.t[stretch[-1]]
+        kind = (f'efforts of {{}} are constant from {first:.4g} s to {last:.4g} s while the joint '
+                'moves')
+        found.setdefault(kind, []).append(int(j))
+    # A joint without any sound row gets the model's torque, in which nothing is to be corrected.
+    dead = frozen.all(axis=0)
+    sound_rows: Flags = ~np.asarray((frozen & ~dead).any(axis=1))
+    sound = kept(sound, sound_rows)
+    if dead.any():
+        rigid = Robot(model, friction=False).inverse_dynamics(sound.q, sound.u, sound.udot)
+        sound = replace(sound, tau=np.where(dead, rigid, sound.tau))
+    return sound, [Finding('wrong', kind.format(_named(model, joints)))
+                   for kind, joints in found.items()]
+
+
+def _torques(model: Model, recording: Recording, gravity_added: bool, *, silent: bool
+             ) -> Iterator[Finding]:
+    """
+    Yield errors of torques, found by the corrections that reduce the residual.
+
+    Delays are judged only if there is no other error, `silent` says of a former one.
+    """
     given = smoothed(recording)
     robot = Robot(model, friction=False)
     now = given.rows(slice(None, None, max(1, len(given) // MOST_ROWS)))
-    errors = _errors(robot, now)
     found: dict[str, list[int]] = {}
+    now, scaled = _within_limits(robot, now)
+    for kind, joint in scaled:
+        found.setdefault(kind, []).append(joint)
+    errors = _errors(robot, now)
     for _ in range(MOST_FAULTS):
         best: tuple[float, _Repair, Array] | None = None
-        for repair in _repairs(robot, now, gravity_added):
+        for repair in _repairs(robot, now, errors, gravity_added):
             left = _errors(robot, repair.recording)
             own = list(repair.joints)
             as_measured = left.copy()
@@ -195,8 +267,30 @@ def _torques(model: Model, recording: Recording, gravity_added: bool) -> Iterato
     for kind, joints in found.items():
         which = sorted(set(joints))
         yield Finding('wrong', kind.format(_named(model, which)))
-    if not found:
+    if not found and not silent:
         yield from _delays(model, torque_delays(model, given))
+
+
+def _within_limits(robot: Robot, r: Recording) -> tuple[Recording, list[tuple[str, int]]]:
+    """Return the efforts in N m where they exceed the limits by far, with kind and joint."""
+    rigid = robot.inverse_dynamics(r.q, r.u, r.udot)
+    tau, found = r.tau.copy(), []
+    for j in np.flatnonzero(beyond_limits(r, np.asarray(robot.limits.effort))):
+        measured, computed = (float(np.linalg.norm(x[:, j])) for x in (tau, rigid))
+        ratio = measured / max(computed, 1e-12)
+        distances = np.abs(np.log(ratio / np.array(LARGE_UNITS)))
+        value = LARGE_UNITS[int(np.argmin(distances))]
+        tau[:, j] /= value
+        found.append((_scale_words(value), int(j)))
+    return replace(r, tau=tau), found
+
+
+def _scale_words(factor: float) -> str:
+    """Return the description of efforts of another unit."""
+    unit = next((f': {name}?' for value, name in (
+        (1e3, 'mN m'), (1e2, 'N cm'), (1e-3, 'kN m')) if 0.6 < factor / value < 1.6),
+        ': another unit, a current, or torque before the gearbox?')
+    return f'efforts of {{}} are about {factor:.3g} times the torques{unit}'
 
 
 def _errors(robot: Robot, recording: Recording) -> Array:
@@ -209,16 +303,18 @@ def _errors(robot: Robot, recording: Recording) -> Array:
 def _fitted(recording: Recording, j: int, left: Array, model: Array | None = None
             ) -> tuple[float, float]:
     """Return the residual of a torque with fitted friction, and the factor of a model torque."""
-    u, tau = recording.u[:, j], recording.tau[:, j]
-    columns = [u, coulomb(u, SLIP), recording.udot[:, j], *([] if model is None else [model])]
-    R: Array = np.asarray(np.linalg.qr(np.column_stack([*columns, left]), mode='r'))
+    tau = recording.tau[:, j]
+    torques = [] if model is None else [model]
+    columns = np.column_stack([_friction_columns(recording, j), *torques, left])
+    R: Array = np.asarray(np.linalg.qr(columns, mode='r'))
     x, missed = scientific('scipy.optimize').nnls(R[:, :-1], R[:, -1])
-    root = math.sqrt(len(u))
+    root = math.sqrt(len(tau))
     return (max(float(missed), FLOOR * float(np.linalg.norm(tau)), 1e-9 * root) / root,
             float(x[-1]))
 
 
-def _repairs(robot: Robot, r: Recording, gravity_added: bool) -> Iterator[_Repair]:
+def _repairs(robot: Robot, r: Recording, errors: Array, gravity_added: bool
+             ) -> Iterator[_Repair]:
     """Yield recordings with one correction each."""
     n, once = robot.n, math.log(1.0 / CLEARLY)
     q, tau, gravity = r.q, r.tau, robot.gravity_force(r.q)
@@ -248,8 +344,11 @@ def _repairs(robot: Robot, r: Recording, gravity_added: bool) -> Iterator[_Repai
             yield _Repair('efforts of {} fit the torques with gravity twice: they hold the weight '
                           'already; expected no --efforts-without-gravity', joints,
                           with_tau(lambda tau: tau - gravity, joints), once * len(heavy))
-    factors = np.array([_fitted(r, j, tau[:, j], rigid[:, j])[1] for j in range(n)])
+    scaled = [_fitted(r, j, tau[:, j], rigid[:, j]) for j in range(n)]
+    factors = np.array([factor for _, factor in scaled])
+    # The factor is known where rigid bodies cause most of the torque, or where it matters.
     clear = factors * np.abs(rigid).max(axis=0) > 0.5 * np.abs(tau).max(axis=0)
+    clear |= (np.array([left for left, _ in scaled]) < CLEARLY * errors) & (factors > 0.0)
     for joints in sets:
         known = [j for j in joints if clear[j]]
         if not known:
@@ -257,10 +356,7 @@ def _repairs(robot: Robot, r: Recording, gravity_added: bool) -> Iterator[_Repai
         factor = float(np.median(factors[known]))
         if 0.4 < factor < 2.5:
             continue
-        unit = next((f': {name}?' for value, name in (
-            (1e3, 'mN m'), (1e2, 'N cm'), (1e-3, 'kN m')) if 0.6 < factor / value < 1.6),
-            ': another unit, a current, or torque before the gearbox?')
-        yield _Repair(f'efforts of {{}} are about {factor:.3g} times the torques{unit}', joints,
+        yield _Repair(_scale_words(factor), joints,
                       with_tau(lambda tau, factor=factor: tau / factor,  # type: ignore[misc]
                                joints), once * len(known), factor)
     for j in range(n):
@@ -270,6 +366,8 @@ def _repairs(robot: Robot, r: Recording, gravity_added: bool) -> Iterator[_Repai
         yield _Repair('positions of {} have the opposite sign', (j,), turned, 2.0 * once)
         yield _Repair('positions and efforts of {} have the opposite sign', (j,),
                       replace(turned, tau=tau * sign), 2.0 * once)
+    yield from _torque_offsets(robot, r, tau - rigid)
+    yield from _encoder_offsets(robot, r, errors)
     for pair in combinations(range(n), 2):
         order = np.arange(n)
         order[list(pair)] = pair[::-1]
@@ -278,6 +376,77 @@ def _repairs(robot: Robot, r: Recording, gravity_added: bool) -> Iterator[_Repai
         yield _Repair('efforts of {} are exchanged', pair, replace(r, tau=exchanged), 2.0 * once)
         yield _Repair('positions of {} are exchanged', pair, replace(r, **moved), 3.0 * once)
         yield _Repair('{} are exchanged', pair, replace(r, **moved, tau=exchanged), 3.0 * once)
+
+
+def _torque_offsets(robot: Robot, r: Recording, left: Array) -> Iterator[_Repair]:
+    """
+    Yield recordings without the constant offset of one joint's torques.
+
+    Wrong masses cause a mean error too. The offset is therefore fitted together with all inertial
+    parameters, and only then compared with the given ones.
+    """
+    if robot.model.flexible:  # beams have no regressor
+        return
+    Y = robot.regressor(r.q, r.u, r.udot)
+    limits = np.asarray(robot.limits.effort)
+    for j in range(robot.n):
+        columns = np.column_stack([Y[:, j], _friction_columns(r, j), np.ones(len(r))])
+        columns = columns[:, columns.any(axis=0)]
+        size = np.linalg.norm(columns, axis=0)
+        x = scientific('scipy.linalg').lstsq(columns / size, left[:, j], cond=RANK,
+                                             lapack_driver='gelsy')[0] / size
+        offset, coulomb_friction = float(x[-1]), abs(float(x[-3]))
+        # Friction differs with the direction: a smaller offset is part of it.
+        least = ASYMMETRY * coulomb_friction
+        if np.isfinite(limits[j]):
+            least = max(least, LEAST_TORQUE_OFFSET * float(limits[j]))
+        if abs(offset) <= least:
+            continue
+        tau = r.tau.copy()
+        tau[:, j] -= offset
+        yield _Repair(f'efforts of {{}} have a constant offset of about {offset:.3g} N m or N',
+                      (j,), replace(r, tau=tau), OFFSET)
+
+
+def _encoder_offsets(robot: Robot, r: Recording, errors: Array) -> Iterator[_Repair]:
+    """
+    Yield recordings without an offset of one joint's positions.
+
+    The offset is that of a Gauss-Newton step: residuals of all joints, without what their
+    friction explains, are fitted by the derivative of the torques with respect to the position.
+    """
+    for j in range(robot.n):
+        shifted, total = r, 0.0
+        for _ in range(2):  # steps
+            step = _encoder_step(robot, shifted, errors, j)
+            q = shifted.q.copy()
+            q[:, j] += step
+            shifted, total = replace(shifted, q=q), total + step
+        if LEAST_OFFSET < abs(total) < 1.0:
+            yield _Repair(f'positions of {{}} have an offset of about {-total:.2g} rad or m', (j,),
+                          shifted, ENCODER_OFFSET)
+
+
+def _encoder_step(robot: Robot, r: Recording, errors: Array, j: int) -> float:
+    """Return the change of a joint's position that reduces the residuals most, rad or m."""
+    change = np.zeros(robot.n)
+    change[j] = DIFFERENCE
+    high, low = (robot.inverse_dynamics(r.q + sign * change, r.u, r.udot) for sign in (1.0, -1.0))
+    slope = (high - low) / (2.0 * DIFFERENCE)
+    left = r.tau - 0.5 * (high + low)
+    product = square = 0.0
+    for k in range(robot.n):
+        basis = np.linalg.qr(_friction_columns(r, k))[0]
+        of_slope = slope[:, k] - basis @ (basis.T @ slope[:, k])
+        product += float(of_slope @ left[:, k]) / errors[k]**2
+        square += float(of_slope @ of_slope) / errors[k]**2
+    return product / square if square > 0.0 else 0.0
+
+
+def _friction_columns(r: Recording, j: int) -> Array:
+    """Return the torques of unit damping, friction and armature of a joint, (N, 3)."""
+    u = r.u[:, j]
+    return np.column_stack([u, coulomb(u, SLIP), r.udot[:, j]])
 
 
 def _delays(model: Model, delays: TorqueDelays) -> Iterator[Finding]:

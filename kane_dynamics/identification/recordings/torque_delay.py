@@ -6,12 +6,16 @@ motion: base parameters, friction, armature, offset. Masses of the model do not 
 squares is a parabola in the shift near its minimum, at the delay. Torque that the equations lack
 (play, elasticity, friction with a memory) shifts the minimum too. It is correlated in time, which
 noise is not, so its part of the residual is known, and widens the standard deviation.
+
+Friction with a memory lags the speed as if the torque came late. A joint's own delay is therefore
+none if Dahl friction (P. Dahl, "A solid friction model", 1968) fits as well without a delay.
 """
 
 from dataclasses import dataclass
 
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
+from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
@@ -24,6 +28,7 @@ MOST_ROWS = 1500  # used rows, evenly distributed
 NEAR = 0.03  # s, of the minimum: where the sum of squares is fitted by a parabola
 BLOCKS = 8  # of consecutive rows, for the jackknife
 FRICTION_SPEEDS = (0.02, 0.1)  # rad/s or m/s
+DAHL_LENGTHS = (0.01, 0.05)  # rad or m, over which friction reverses
 RANK = 1e-4  # relative size of singular values that are regarded as zero
 LIKENESS = 0.25  # assumed correlation of missing torque with that of a delay; RMS of real arms
 JUDGED = 0.025  # s, largest standard deviation of a known delay
@@ -43,6 +48,8 @@ class TorqueDelays:
         Of each joint, s. The deviation is infinite where there is no minimum within 0.2 s.
     common, common_deviation : float
         Of the joints that agree with each other, s; NaN and infinite if none can be judged.
+    friction_memory : (n,) array of bool
+        Whether friction with a memory explains the torque as well as the delay does.
 
     """
 
@@ -50,6 +57,7 @@ class TorqueDelays:
     deviation: Array
     common: float
     common_deviation: float
+    friction_memory: Flags
 
     @property
     def judged(self) -> Flags:
@@ -64,7 +72,8 @@ class TorqueDelays:
     @property
     def different(self) -> Flags:
         """Return for each joint whether its delay is not the common one, (n,)."""
-        return self.judged & _outlying(self.delay, self.deviation, self.common)
+        outlying = _outlying(self.delay, self.deviation, self.common)
+        return self.judged & outlying & ~self.friction_memory
 
 
 def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
@@ -75,6 +84,7 @@ def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
         recording = recording.resampled()
     n = recording.tau.shape[1]
     delay, deviation = np.zeros(n), np.full(n, np.inf)
+    friction_memory = np.zeros(n, dtype=bool)
     step = float(np.median(np.diff(recording.t)))
     most = min(int(np.ceil(LONGEST / step)), len(recording) // 4)
     lags = np.unique(np.linspace(-most, most, min(2 * most + 1, MOST_LAGS)).round().astype(int))
@@ -83,13 +93,33 @@ def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
         robot = Robot(model, friction=False)
         q, u, udot = (x[inner] for x in (recording.q, recording.u, recording.udot))
         Y, rigid = robot.regressor(q, u, udot), robot.inverse_dynamics(q, u, udot)
+        memory = [_dahl_friction(recording.q, length)[inner] for length in DAHL_LENGTHS]
         for j in np.flatnonzero(np.ptp(u, axis=0) > 0.0):
             A = np.column_stack([Y[:, j], u[:, j], *(coulomb(u[:, j], v)
                                                      for v in FRICTION_SPEEDS),
                                  udot[:, j], np.ones(len(u))])
             torques = recording.tau[inner[:, None] + lags, j] - rigid[:, j, None]
-            delay[j], deviation[j] = _vertex(step * lags, _residuals(A, torques))
-    return TorqueDelays(delay, deviation, *_common(delay, deviation))
+            missed = _residuals(A, torques)
+            delay[j], deviation[j] = _vertex(step * lags, missed)
+            with_memory = np.column_stack([A, *(friction[:, j] for friction in memory)])
+            undelayed = _residuals(with_memory, torques[:, lags == 0])
+            friction_memory[j] = np.sum(undelayed**2) <= np.sum(missed**2, axis=0).min()
+    return TorqueDelays(delay, deviation, *_common(delay, deviation), friction_memory)
+
+
+def _dahl_friction(q: Array, length: float) -> Array:
+    """
+    Return the friction of coefficient 1 by Dahl's law along positions, (N, n).
+
+    z' = (u - |u| z) / length, exact between rows: z approaches the sign of the motion over the
+    length, whatever the speed.
+    """
+    friction = np.zeros_like(q)
+    for k, step in enumerate(np.diff(q, axis=0), start=1):
+        direction = np.sign(step)
+        kept = np.exp(-np.abs(step) / length)
+        friction[k] = direction + (friction[k - 1] - direction) * kept
+    return friction
 
 
 def smoothed(recording: Recording) -> Recording:
@@ -123,7 +153,9 @@ def _outlying(delay: Array, deviation: Array, from_delay: float) -> Flags:
 def _residuals(A: Array, torques: Array) -> Array:
     """Return what the columns of A miss of each column of torques."""
     size = np.linalg.norm(A, axis=0)
-    U, s, _ = np.linalg.svd(A[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+    # numpy's driver, gesdd, does not converge for some of these matrices, though they are finite.
+    U, s, _ = scientific('scipy.linalg').svd(A[:, size > 0.0] / size[size > 0.0],
+                                             full_matrices=False, lapack_driver='gesvd')
     U = U[:, s > RANK * s[0]]
     missed: Array = torques - U @ (U.T @ torques)
     return missed

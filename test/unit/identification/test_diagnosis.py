@@ -49,7 +49,58 @@ def gravity(r):
 
 
 STATE = ('q', 'u', 'udot')
+
+
+def changed(r, name, joint, change):
+    """Return the recording with another quantity of a joint."""
+    values = getattr(r, name).copy()
+    values[:, joint] = change(values[:, joint])
+    return replace(r, **{name: values})
+
+
+def spike(r, joint):
+    """Return the recording with one effort of a joint wrong by 500 N m."""
+    tau = r.tau.copy()
+    tau[len(r) // 3, joint] += 500.0
+    return replace(r, tau=tau)
+
+
+def frozen(r, joint):
+    """Return the recording with the efforts of a joint constant for 2 s."""
+    tau = r.tau.copy()
+    rows = np.flatnonzero((r.t >= 4.0) & (r.t < 6.0))
+    tau[rows, joint] = tau[rows[0], joint]
+    return replace(r, tau=tau)
+
+
+def gap(r, start=4.0):
+    """Return the recording without one second."""
+    rows = (r.t < start) | (r.t >= start + 1.0)
+    return replace(r, **{name: getattr(r, name)[rows] for name in ('t', *STATE, 'tau')})
+
+
+# Faults of one joint; each names it, and no other joint.
+JOINT_FAULTS = {
+    'reversed': (lambda r, j: changed(r, 'tau', j, lambda tau: -tau), 'opposite sign'),
+    'tenth': (lambda r, j: changed(r, 'tau', j, lambda tau: 0.1 * tau), 'times the torques'),
+    'mN m': (lambda r, j: changed(r, 'tau', j, lambda tau: 1e3 * tau), 'mN m'),
+    'encoder offset': (lambda r, j: changed(r, 'q', j, lambda q: q + 0.2),
+                       'positions of .* offset'),
+    'torque offset': (lambda r, j: changed(r, 'tau', j, lambda tau: tau + 5.0),
+                      'efforts of .* offset'),
+    'spike': (spike, 'have 1 outliers'),
+    'frozen': (frozen, 'are constant from'),
+    'zero': (lambda r, j: changed(r, 'tau', j, lambda tau: 0.0 * tau), 'are constant from'),
+    'reversed positions': (lambda r, j: turned(r, STATE, j), 'positions of .* opposite'),
+    'degrees': (lambda r, j: changed(r, 'q', j, np.degrees), 'degrees'),
+    'reversed speeds': (lambda r, j: changed(r, 'u', j, lambda u: -u), 'negative derivative')}
+FR3 = URDF.with_name('fr3.urdf')
+FR3_FRICTION = dict(zip([f'fr3_joint{k}' for k in range(1, 8)], [
+    {'damping': d, 'friction': mu, 'armature': 0.1, 'friction_offset': offset}
+    for d, mu, offset in ((.5, .6, .2), (.5, .7, -.2), (.4, .5, .2), (.4, .6, .1),
+                          (.15, .35, .05), (.15, .3, -.05), (.1, .25, .02))], strict=True))
 FAULTS = {
+    'gap': (gap, 'remark', r'times: gap of 1\.01 s after 3\.99 s; expected'),
     'reversed efforts': (lambda r: turned(r, ['tau']), 'wrong',
                          "efforts of joint 'wrist_1_joint' have the opposite sign"),
     'reversed positions': (lambda r: turned(r, STATE, 1), 'wrong',
@@ -96,6 +147,38 @@ def test_fault_of_a_recording_is_named(fault):
     assert {finding.level for finding in found} == {level}
     matching = [finding.words for finding in found]
     assert any(re.search(words, each) for each in matching), matching
+
+
+def named(model, r, joint, words):
+    """Return whether a fault is named with its joint, and no other joint with it."""
+    others = [f"'{name}'" for k, name in enumerate(model.joint_names) if k != joint]
+    findings = [finding.words for finding in diagnose(model, r)]
+    right = [f for f in findings if re.search(words, f)
+             and f"'{model.joint_names[joint]}'" in f]
+    return bool(right) and not any(other in f for f in findings for other in others)
+
+
+@pytest.mark.parametrize(('fault', 'joint'), [
+    ('reversed', 5), ('tenth', 4), ('mN m', 5), ('encoder offset', 2), ('torque offset', 4),
+    ('spike', 1), ('frozen', 3), ('zero', 2), ('degrees', 1)])
+def test_fault_of_a_joint_is_named_with_that_joint_only(fault, joint):
+    change, words = JOINT_FAULTS[fault]
+    assert named(model(), change(good(), joint), joint, words)
+
+
+@pytest.mark.slow
+def test_ninety_of_hundred_faults_of_single_joints_are_named():
+    arm = load_urdf(FR3, joints=list(FR3_FRICTION))
+    truth = load_urdf(FR3, joints=list(FR3_FRICTION), supplement={'joints': FR3_FRICTION})
+    rng = np.random.default_rng(3)
+    truth = replace(truth, bodies=tuple(replace(body, inertial=type(body.inertial)(
+        body.inertial.mass * rng.uniform(0.9, 1.1), body.inertial.com, body.inertial.inertia))
+        for body in truth.bodies))
+    r = simulated(truth, 3, 0.05, duration=20.0, speed=1.5)
+    assert diagnose(arm, r) == []
+    missed = [(fault, joint) for fault, (change, words) in JOINT_FAULTS.items()
+              for joint in range(7) if not named(arm, change(r, joint), joint, words)]
+    assert len(missed) <= 0.1 * 7 * len(JOINT_FAULTS), missed
 
 
 @pytest.mark.parametrize('seed', [2, 3, 4])

@@ -1,0 +1,97 @@
+"""Faults of signals of a recording: gaps, outliers, constant efforts, efforts beyond limits."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+from kane_dynamics._util.typing import Array, Flags
+from kane_dynamics.identification.recordings.recording import NAMES, Recording
+import numpy as np
+from numpy.typing import NDArray
+
+GAP_STEPS, GAP = 10.0, 0.15  # median steps of time, and s, of the shortest gap
+NEIGHBORS = 2  # rows on either side, of whose median an outlier differs
+OUTLIER_RANGE = 0.3  # of the usual range of a signal
+OUTLIER_NOISE = 8.0  # of the 99.5th percentile of such differences
+MOST_OUTLIERS = 0.005  # fraction of rows; more are no outliers
+USUAL = 0.002, 0.998  # quantiles of the usual range
+FROZEN, FROZEN_ROWS = 0.25, 8  # s, and rows, of the shortest constant stretch
+FROZEN_RUNS = 10.0  # times the 95th percentile of the lengths of other constant stretches
+FROZEN_MOTION = 0.02  # rad or m, by which the joint moves meanwhile
+BEYOND = 1.5  # effort limits that a tenth of the efforts exceeds
+
+
+def gaps(recording: Recording) -> NDArray[np.intp]:
+    """Return the rows after which time is missing, (k,)."""
+    steps = np.diff(recording.t)
+    return np.flatnonzero(steps > max(GAP_STEPS * float(np.median(steps)), GAP))
+
+
+def longest_stretch(recording: Recording) -> Recording:
+    """Return the longest stretch of rows without a gap."""
+    after = gaps(recording)
+    if not len(after):
+        return recording
+    ends = [0, *(after + 1).tolist(), len(recording)]
+    first, last = max(pairwise(ends), key=lambda stretch: stretch[1] - stretch[0])
+    return recording.rows(slice(first, last))
+
+
+def outliers(values: Array) -> tuple[Flags, Array]:
+    """
+    Return where single rows are far from their neighbors, (N, n), and the neighbors' medians.
+
+    The median of a signal over a few rows follows every motion; its difference is noise, or an
+    outlier if it is large relative to the range of the whole signal and to the noise.
+    """
+    if len(values) < 4 * NEIGHBORS:
+        return np.zeros(values.shape, dtype=bool), values
+    padded = np.pad(values, ((NEIGHBORS, NEIGHBORS), (0, 0)), mode='reflect')
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBORS + 1, axis=0)
+    medians = np.median(windows, axis=2)
+    differences = np.abs(values - medians)
+    low, high = np.quantile(values, USUAL, axis=0)
+    bound = np.maximum(OUTLIER_RANGE * (high - low),
+                       OUTLIER_NOISE * np.quantile(differences, 0.995, axis=0))
+    flags = differences > bound
+    flags[:, flags.mean(axis=0) > MOST_OUTLIERS] = False
+    return flags, medians
+
+
+def without_outliers(recording: Recording) -> tuple[Recording, Flags]:
+    """Return the recording with the neighbors' medians for outliers of efforts, and these."""
+    flags, medians = outliers(recording.tau)
+    return replace(recording, tau=np.where(flags, medians, recording.tau)), flags
+
+
+def frozen_rows(recording: Recording) -> Flags:
+    """
+    Return where efforts stay the same while the joint moves, (N, n).
+
+    Efforts of a coarse resolution are equal over some rows everywhere; the stretch must be much
+    longer than the others.
+    """
+    flags = np.zeros(recording.tau.shape, dtype=bool)
+    for j, tau in enumerate(recording.tau.T):
+        changes = np.flatnonzero(np.diff(tau) != 0.0) + 1
+        ends = np.concatenate([[0], changes, [len(tau)]])
+        lengths = np.diff(ends)
+        longest = int(np.argmax(lengths))
+        stretch = slice(int(ends[longest]), int(ends[longest + 1]))
+        usual = np.quantile(np.delete(lengths, longest), 0.95) if len(lengths) > 1 else 0.0
+        duration = recording.t[stretch.stop - 1] - recording.t[stretch.start]
+        if (duration >= FROZEN and lengths[longest] >= max(FROZEN_ROWS, FROZEN_RUNS * usual)
+                and np.ptp(recording.q[stretch, j]) > FROZEN_MOTION):
+            flags[stretch, j] = True
+    return flags
+
+
+def beyond_limits(recording: Recording, limits: Array) -> Flags:
+    """Return whose efforts exceed the effort limits by far and not only for moments, (n,)."""
+    usual = np.quantile(np.abs(recording.tau), 0.9, axis=0)
+    beyond: Flags = usual > BEYOND * limits
+    return beyond
+
+
+def kept(recording: Recording, rows: Flags) -> Recording:
+    """Return the rows of a mask, (N,)."""
+    return replace(recording, **{name: getattr(recording, name)[rows] for name in ('t', *NAMES)})
