@@ -17,7 +17,7 @@ from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.recordings.signal_faults import (beyond_limits, frozen_rows,
-                                                                   gaps, kept, longest_stretch,
+                                                                   interruptions, kept, longest_stretch,
                                                                    without_outliers)
 from kane_dynamics.identification.recordings.torque_delay import (NOISE, smoothed,
                                                                   torque_delays, TorqueDelays)
@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 CLEARLY = 0.5  # largest ratio of errors, with and without a correction, of a finding
 MOST_ROWS = 1500  # used rows, evenly distributed
 MOST_FAULTS = 8
-MOST_GAPS = 3  # of which the times are named
+MOST_PAUSES = 3  # of which the times are named
 LARGE_UNITS = 1e3, 1e2, 10.0  # of efforts beyond limits
 OFFSET = math.log(1.0 / 0.6)  # needed fall of the logarithm of errors, of a torque offset
 ENCODER_OFFSET = 1.0  # needed fall, of all joints; wrong masses cause up to 0.7
@@ -107,7 +107,7 @@ def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
         sound, signals = _signals(model, recording)
         found += signals
         found += _torques(model, sound, gravity_added, silent=bool(signals))
-    found += _gaps(recording)
+    found += _interruptions(recording)
     noise = recording.acceleration_noise()
     noisy = np.flatnonzero(noise > NOISE)
     if len(noisy):
@@ -154,8 +154,8 @@ def _motion(model: Model, recording: Recording) -> Iterator[str]:
                    'milliseconds?')
         return
     width = max(1, len(recording) // WINDOWS)
-    # Speeds are integrated over windows of rows; a window must not span a gap of the times.
-    missing = np.concatenate([[0.0], np.cumsum(_is_gap(recording))])
+    # Speeds are integrated over windows of rows; a window must not span an interruption of the times.
+    missing = np.concatenate([[0.0], np.cumsum(_is_interruption(recording))])
     whole = missing[width:] == missing[:-width]
     mean = 0.5 * (recording.u[1:] + recording.u[:-1]) * np.diff(recording.t)[:, None]
     way = np.vstack([np.zeros(mean.shape[1]), np.cumsum(mean, axis=0)])
@@ -187,22 +187,22 @@ def _motion(model: Model, recording: Recording) -> Iterator[str]:
         yield f'speeds of {_named(model, joints)} are {words}'
 
 
-def _is_gap(recording: Recording) -> Array:
-    """Return for each step of time whether it is a gap, 0 or 1, (N - 1,)."""
+def _is_interruption(recording: Recording) -> Array:
+    """Return for each step of time whether it is an interruption, 0 or 1, (N - 1,)."""
     steps = np.zeros(len(recording) - 1)
-    steps[gaps(recording)] = 1.0
+    steps[interruptions(recording)] = 1.0
     return steps
 
 
-def _gaps(recording: Recording) -> Iterator[Finding]:
-    """Yield the gaps of the times."""
-    after = gaps(recording)
+def _interruptions(recording: Recording) -> Iterator[Finding]:
+    """Yield the interruptions of the times."""
+    after = interruptions(recording)
     if len(after):
         lengths = np.diff(recording.t)[after]
         where = ', '.join(f'{length:.3g} s after {recording.t[row]:.4g} s'
-                          for row, length in zip(after[:MOST_GAPS], lengths, strict=False))
-        more = f' and {len(after) - MOST_GAPS} more' if len(after) > MOST_GAPS else ''
-        yield Finding('remark', f'times: gap of {where}{more}; expected a recording without gaps, '
+                          for row, length in zip(after[:MOST_PAUSES], lengths, strict=False))
+        more = f' and {len(after) - MOST_PAUSES} more' if len(after) > MOST_PAUSES else ''
+        yield Finding('remark', f'times: interruption of {where}{more}; expected a recording without interruptions, '
                       'as filters and differences need it')
 
 

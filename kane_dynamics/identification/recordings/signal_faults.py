@@ -1,4 +1,4 @@
-"""Faults of signals of a recording: gaps, outliers, constant efforts, efforts beyond limits."""
+"""Faults of signals of a recording: interruptions, outliers, constant efforts, efforts beyond limits."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -8,7 +8,7 @@ from kane_dynamics.identification.recordings.recording import NAMES, Recording
 import numpy as np
 from numpy.typing import NDArray
 
-GAP_STEPS, GAP = 10.0, 0.15  # median steps of time, and s, of the shortest gap
+PAUSE_STEPS, PAUSE = 10.0, 0.15  # median steps of time, and s, of the shortest interruption
 NEIGHBORS = 2  # rows on either side, of whose median an outlier differs
 OUTLIER_RANGE = 0.3  # of the usual range of a signal
 OUTLIER_NOISE = 8.0  # of the 99.5th percentile of such differences
@@ -20,15 +20,15 @@ FROZEN_MOTION = 0.02  # rad or m, by which the joint moves meanwhile
 BEYOND = 1.5  # effort limits that a tenth of the efforts exceeds
 
 
-def gaps(recording: Recording) -> NDArray[np.intp]:
+def interruptions(recording: Recording) -> NDArray[np.intp]:
     """Return the rows after which time is missing, (k,)."""
     steps = np.diff(recording.t)
-    return np.flatnonzero(steps > max(GAP_STEPS * float(np.median(steps)), GAP))
+    return np.flatnonzero(steps > max(PAUSE_STEPS * float(np.median(steps)), PAUSE))
 
 
 def longest_stretch(recording: Recording) -> Recording:
-    """Return the longest stretch of rows without a gap."""
-    after = gaps(recording)
+    """Return the longest stretch of rows without an interruption."""
+    after = interruptions(recording)
     if not len(after):
         return recording
     ends = [0, *(after + 1).tolist(), len(recording)]

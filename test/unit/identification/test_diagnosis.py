@@ -73,7 +73,7 @@ def frozen(r, joint):
     return replace(r, tau=tau)
 
 
-def gap(r, start=4.0):
+def interruption(r, start=4.0):
     """Return the recording without one second."""
     rows = (r.t < start) | (r.t >= start + 1.0)
     return replace(r, **{name: getattr(r, name)[rows] for name in ('t', *STATE, 'tau')})
@@ -100,7 +100,7 @@ FR3_FRICTION = dict(zip([f'fr3_joint{k}' for k in range(1, 8)], [
     for d, mu, offset in ((.5, .6, .2), (.5, .7, -.2), (.4, .5, .2), (.4, .6, .1),
                           (.15, .35, .05), (.15, .3, -.05), (.1, .25, .02))], strict=True))
 FAULTS = {
-    'gap': (gap, 'remark', r'times: gap of 1\.01 s after 3\.99 s; expected'),
+    'interruption': (interruption, 'remark', r'times: interruption of 1\.01 s after 3\.99 s; expected'),
     'reversed efforts': (lambda r: turned(r, ['tau']), 'wrong',
                          "efforts of joint 'wrist_1_joint' have the opposite sign"),
     'reversed positions': (lambda r: turned(r, STATE, 1), 'wrong',
