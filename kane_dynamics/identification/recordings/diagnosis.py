@@ -17,7 +17,8 @@ from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.recordings.signal_faults import (beyond_limits, frozen_rows,
-                                                                   interruptions, kept, longest_stretch,
+                                                                   interruptions, kept,
+                                                                   longest_stretch,
                                                                    without_outliers)
 from kane_dynamics.identification.recordings.torque_delay import (NOISE, smoothed,
                                                                   torque_delays, TorqueDelays)
@@ -154,7 +155,7 @@ def _motion(model: Model, recording: Recording) -> Iterator[str]:
                    'milliseconds?')
         return
     width = max(1, len(recording) // WINDOWS)
-    # Speeds are integrated over windows of rows; a window must not span an interruption of the times.
+    # Speeds are integrated over windows of rows; no window spans an interruption.
     missing = np.concatenate([[0.0], np.cumsum(_is_interruption(recording))])
     whole = missing[width:] == missing[:-width]
     mean = 0.5 * (recording.u[1:] + recording.u[:-1]) * np.diff(recording.t)[:, None]
@@ -202,8 +203,8 @@ def _interruptions(recording: Recording) -> Iterator[Finding]:
         where = ', '.join(f'{length:.3g} s after {recording.t[row]:.4g} s'
                           for row, length in zip(after[:MOST_PAUSES], lengths, strict=False))
         more = f' and {len(after) - MOST_PAUSES} more' if len(after) > MOST_PAUSES else ''
-        yield Finding('remark', f'times: interruption of {where}{more}; expected a recording without interruptions, '
-                      'as filters and differences need it')
+        yield Finding('remark', f'times: interruption of {where}{more}; expected a recording '
+                      'without interruptions, as filters and differences need it')
 
 
 def _signals(model: Model, recording: Recording) -> tuple[Recording, list[Finding]]:

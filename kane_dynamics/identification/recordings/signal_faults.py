@@ -1,4 +1,4 @@
-"""Faults of signals of a recording: interruptions, outliers, constant efforts, efforts beyond limits."""
+"""Faults of signals: interruptions, outliers, constant efforts, efforts beyond limits."""
 
 from dataclasses import replace
 from itertools import pairwise

@@ -100,7 +100,8 @@ FR3_FRICTION = dict(zip([f'fr3_joint{k}' for k in range(1, 8)], [
     for d, mu, offset in ((.5, .6, .2), (.5, .7, -.2), (.4, .5, .2), (.4, .6, .1),
                           (.15, .35, .05), (.15, .3, -.05), (.1, .25, .02))], strict=True))
 FAULTS = {
-    'interruption': (interruption, 'remark', r'times: interruption of 1\.01 s after 3\.99 s; expected'),
+    'interruption': (interruption, 'remark',
+                     r'times: interruption of 1\.01 s after 3\.99 s; expected'),
     'reversed efforts': (lambda r: turned(r, ['tau']), 'wrong',
                          "efforts of joint 'wrist_1_joint' have the opposite sign"),
     'reversed positions': (lambda r: turned(r, STATE, 1), 'wrong',
