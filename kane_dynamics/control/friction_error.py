@@ -1,5 +1,7 @@
 """Friction that a model lacks, known from a contact-free run and adapted slowly in motion."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 from kane_dynamics._util.attribute_hints import guarded
