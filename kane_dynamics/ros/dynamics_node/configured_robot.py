@@ -85,8 +85,8 @@ class ConfiguredRobot:
     def __init__(self, node: LifecycleNode, server: Services, model: Model,
                  values: Mapping[str, Any], statistics: Statistics,
                  warn: Callable[[str, str], None]) -> None:
-        self._digest = arm_digest(model, values)
         controller = path_controller(model, values)
+        self._digest = arm_digest(model, controller.robot.options['constraints'])
         self.robot, bending = controller.robot, controller.bending
         model = self.robot.model
         self.values, self._node, self._server, self._warn = values, node, server, warn

@@ -58,8 +58,9 @@ class ConfiguredGuard:
     def __init__(self, node: Node, target: str, model: Model, values: Mapping[str, Any],
                  warn: Callable[[str, str], None], report: Callable[[str, str], None],
                  identity: float) -> None:
-        self.digest, self._identity = arm_digest(model, values), identity
+        self._identity = identity
         controller = path_controller(model, values)
+        self.digest = arm_digest(model, controller.robot.options['constraints'])
         self.robot, self.statistics = controller.robot, Statistics()
         self.verified = max(robot.verify() for robot in (
             self.robot, *([controller.bending.robot] if controller.bending else [])))

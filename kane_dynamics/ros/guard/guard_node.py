@@ -9,7 +9,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from kane_dynamics.analysis.model_checks import listed
 from kane_dynamics.errors import KaneError
 from kane_dynamics.ros.common import realtime
-from kane_dynamics.ros.common.configuration_files import load_model, resolve_path
+from kane_dynamics.ros.common.configuration_files import (load_model, resolve_path,
+                                                          robot_options)
 from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
 from kane_dynamics.ros.common.service_errors import answer_service_errors
 from kane_dynamics.ros.common.throttle import ThrottledWarning
@@ -188,7 +189,8 @@ class GuardNode(Node):
             log.warning(self.reason)
             return
         model = load_model(source, values, lambda warning: None)  # the node logs them
-        if self._loads is not None and arm_digest(model, values) != self._loads.digest:
+        digest = arm_digest(model, robot_options(values).get('constraints'))
+        if self._loads is not None and digest != self._loads.digest:
             self._refuse(DIFFERENT.format(model=model.name, target=self.target))
             return
         self.guard = ConfiguredGuard(self, self.target, model, values, self._warn, self._report,

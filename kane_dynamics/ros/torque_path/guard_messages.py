@@ -8,15 +8,15 @@ until then, whether the last torques are the guard's, the identity of the guard 
 that started later), the last torques. Without a request it is sent with number 0 as a heartbeat.
 """
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import replace
 import hashlib
+import sys
 from typing import Any, NamedTuple
 
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.model import Model
 from kane_dynamics.ros.common.commanders import GUARD_STATE
-from kane_dynamics.ros.common.configuration_files import resolve_path
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 import numpy as np
@@ -39,23 +39,23 @@ class NodeLoads(NamedTuple):
     digest: float
 
 
-def arm_digest(model: Model, values: Mapping[str, Any]) -> float:
+def arm_digest(model: Model, constraints: Sequence[Any] | None) -> float:
     """
     Return a number that differs for arms of other equations of motion.
 
-    It covers the model and the file of constraints, but not gravity, which may change.
+    It covers the model and its constraints, but not gravity, which may change.
 
     Parameters
     ----------
     model : Model
         Model that the parameters describe.
-    values : mapping
-        The parameters of the dynamics node.
+    constraints : sequence, optional
+        Those of a constraints file.
 
     """
     content = replace(model, gravity=np.zeros(3)).digest().encode()
-    if values['constraints']:
-        content += resolve_path('constraints', values['constraints']).read_bytes()
+    with np.printoptions(floatmode='unique', threshold=sys.maxsize):
+        content += repr(tuple(constraints or ())).encode()
     return float(int(hashlib.sha256(content).hexdigest()[:DIGITS], 16))
 
 

@@ -19,7 +19,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402, I100
+from kane_dynamics import Closure, Controller, load_urdf, Motion, Robot  # noqa: E402, I100
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.model.inertial import Inertial  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
@@ -464,18 +464,16 @@ def test_the_guard_uses_the_loads_of_the_node(pair):
     np.testing.assert_allclose(both.machine.commands[-1][2], gravity, rtol=1e-12)
 
 
-def test_the_digest_of_an_arm_changes_with_its_equations_but_not_with_gravity(tmp_path):
-    digest = arm_digest(MODEL, {'constraints': ''})
+def test_the_digest_of_an_arm_changes_with_its_equations_but_not_with_gravity():
+    digest = arm_digest(MODEL, None)
     assert 0.0 < digest == int(digest) < 2.0**53
-    assert digest == arm_digest(replace(MODEL, gravity=np.array([0.0, 0.0, -5.0])),
-                                {'constraints': ''})
+    assert digest == arm_digest(replace(MODEL, gravity=np.array([0.0, 0.0, -5.0])), ())
     heavier = load_urdf(resource_path('urdf', 'two_link.urdf').read_text().replace('2.4', '2.5'))
-    assert digest != arm_digest(heavier, {'constraints': ''})
-    constraints = tmp_path / 'constraints.yaml'
+    assert digest != arm_digest(heavier, None)
     digests = {digest}
-    for text in ('a: 1', 'a: 2'):
-        constraints.write_text(text)
-        digests.add(arm_digest(MODEL, {'constraints': str(constraints)}))
+    for axis in ((0.0, 1.0, 0.0), (0.0, 1.0, 1e-9)):
+        pin = Closure('upper_arm', 'tool', kind='inline', axis=axis)
+        digests.add(arm_digest(MODEL, [pin]))
     assert len(digests) == 3
 
 
