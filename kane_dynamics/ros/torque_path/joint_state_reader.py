@@ -83,6 +83,8 @@ class JointStateReader:
         Whether the latest state has velocities; else `u` is zero.
     need_effort : bool
         Whether efforts are read; initially False.
+    judged : bool
+        Whether the caller refuses states that are not finite (`StateCheck`); initially False.
     foreign_joints : set
         Name lists of messages that contain none of `joints`; the caller may clear it.
     partial_joints : set
@@ -98,7 +100,7 @@ class JointStateReader:
                  actuated: Sequence[str] | None = None) -> None:
         self.joints, self.optional = tuple(joints), tuple(optional)
         self._actuated = None if actuated is None else tuple(actuated)
-        self.need_effort, self.has_velocity = False, False
+        self.need_effort, self.has_velocity, self.judged = False, False, False
         self.foreign_joints: set[tuple[str, ...]] = set()
         self.partial_joints: set[tuple[str, ...]] = set()
         self.state = np.zeros(2 * len(self.joints))
@@ -138,7 +140,7 @@ class JointStateReader:
         if self.need_effort:
             self._gather_effort(layout.efforts, layout.entry if self._actuated is None else
                                 layout.others.efforts)
-        return self._finite()
+        return None if self.judged and not self.others else self._finite()
 
     def complete(self, stamp: int) -> str | None:
         """Compute what a state lacks, with its stamp, ns; return None, or why it is refused."""

@@ -1,9 +1,9 @@
 """
 Judge joint states by what the arm can do: limits of position and speed, and the last state.
 
-A state is impossible if a joint lies far outside its position limits, is faster than it can be,
-or is farther from its last accepted position than it can have moved since then. One native call
-compares all joints; the reason is found only for a state that is refused.
+A state is impossible if it is not finite, if a joint lies far outside its position limits, is
+faster than it can be, or is farther from its last accepted position than it can have moved since
+then. One native call compares all joints; the reason is found only for a state that is refused.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,6 +11,7 @@ import math
 from typing import Any
 
 from kane_dynamics.control.terms import Mode
+from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -18,6 +19,7 @@ from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
+from kane_dynamics.ros.torque_path.joint_state_reader import NOT_FINITE
 import numpy as np
 
 JUMP, TOO_FAST, OUTSIDE = (
@@ -114,8 +116,7 @@ class StateCheck:
             return self._first(stamp)
         elapsed = min(stamp, self._latest) - self._stamp if self._latest else stamp - self._stamp
         self._elapsed[()] = max(elapsed, 0) / NANO
-        self._judge()
-        if self._possible[0]:
+        if self._is_possible():
             self._confirmed = True
             return None
         reason = self._explain()
@@ -132,17 +133,28 @@ class StateCheck:
         """Judge a state without an earlier one."""
         self._to[:] = self._from
         self._elapsed[()] = 0.0
-        self._judge()
-        if not self._possible[0]:
+        if not self._is_possible():
             return self._explain()
         self.accept(stamp)
         self._confirmed = not self._compares
         return None if self._confirmed else FIRST
 
+    def _is_possible(self) -> bool:
+        """Return whether the state is finite and within its bounds."""
+        try:
+            self._judge()
+        except InputError:  # not finite
+            return False
+        return bool(self._possible[0])
+
     def _explain(self) -> str | None:
         """Return the reason why the last state is impossible, with details; None if it is not."""
         q, u = np.split(self._state, 2)
         lower, upper, fastest, slope, step = self._bounds
+        finite = np.isfinite(q) & np.isfinite(u)
+        if not finite.all():
+            self.detail = ', '.join(np.compress(~finite, self._joints))
+            return NOT_FINITE
         outside = np.maximum(lower - q, q - upper)
         if not (outside < 0.0).all():
             j = int(np.argmax(outside))

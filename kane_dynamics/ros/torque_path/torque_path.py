@@ -74,6 +74,7 @@ class TorquePath:
         self._now, self._warn = now, warn
         self._reader, self.loops = loops or JointStateReader(robot.joint_names), loops
         self.states = StateCheck(robot, self._reader.joints, self._reader.state, values)
+        self._reader.judged = True
         commanded = commanded_joints(robot, controller.followed)
         self.messages = CommandMessages(robot.joint_names, commanded, commands, torques, stamped)
         self._follow = [robot.joint_names.index(name) for name in controller.followed]
