@@ -123,7 +123,8 @@ examples:
 
 Optimizes sums of sines within the limits of the URDF for the identification of inertial parameters
 and friction. Move the arm to the start, run the motion, record q and tau, and pass the recording
-to identify. The motion is checked against the floor, not for collisions.""",
+to identify. The motion keeps above the floor, and its links apart; links that are near each other
+at rest keep half of that distance.""",
     'replay': """
 examples:
   kane-dynamics replay arm.urdf recording.csv --plot torques.png

@@ -1,6 +1,7 @@
 """The command `excite`: a motion to record for `identify`."""
 
 from argparse import Namespace
+import sys
 from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
@@ -12,6 +13,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.identification.excitation.optimal_excitation import Excitation, excite
 from kane_dynamics.shapes.collision_shapes import load_collision_shapes
 import numpy as np
+
+BAD_CONDITION = 1e3  # of the base parameters' equations, columns scaled to unit length
 
 
 def excitation(options: Namespace) -> None:
@@ -30,11 +33,28 @@ def excitation(options: Namespace) -> None:
             **{name: values[0] if len(values) == 1 else values for name, values in (
                 ('velocity', options.velocity), ('acceleration', options.acceleration))})
     write(found, options.out, options.rate)
+    for remark in remarks(found, options.distance):
+        print(f'kane-dynamics: warning: {remark}', file=sys.stderr)
     q, _, _ = found.sample(np.zeros(1))
     (print_json if options.json else print_data)({
         'joint_names': list(found.joint_names), 'condition': found.condition, 'start': q[0],
         'uses': found.uses, 'lowest': found.lowest, 'nearest': found.nearest,
         'files': [options.out]})
+
+
+def remarks(found: Excitation, distance: float | None) -> list[str]:
+    """Return what the motion does not reach: the stated distance, a good condition number."""
+    lines = []
+    if distance is not None and found.nearest is not None and found.nearest[2] < distance:
+        first, second, nearest = found.nearest
+        lines.append(f"distance: {nearest:.3f} m between '{first}' and '{second}', which are near "
+                     f'each other at rest; expected {distance:g} m, which is kept by links that '
+                     'are further apart there')
+    if found.condition > BAD_CONDITION:
+        lines.append(f'condition number: {found.condition:.3g}; expected at most '
+                     f'{BAD_CONDITION:g} for accurate inertial parameters: a longer motion, more '
+                     'harmonics or starts, higher limits')
+    return lines
 
 
 def write(found: Excitation, path: str, rate: float) -> None:
