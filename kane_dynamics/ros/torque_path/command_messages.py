@@ -65,6 +65,11 @@ class CommandMessages:
         for message in (self._command_message, self._torque_message, self._stamped_message):
             message.numbers[:] = tau
 
+    @property
+    def last(self) -> Array:
+        """Return the last torques of all joints, (n_q,)."""
+        return self.of_all(self._command_message.numbers)
+
     def of_commanded(self, tau: Array) -> Array:
         """Return the torques of the commanded joints, of all torques."""
         return tau[self._places]

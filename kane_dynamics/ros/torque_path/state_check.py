@@ -35,7 +35,8 @@ class StateCheck:
     Compares each joint state with the limits of the joints and with the last accepted state.
 
     The first state after `forget` is compared with the next one: a command follows only from two
-    states that agree, so that a false first state is not answered.
+    states that agree, so that a false first state is not answered. A first state older than the
+    timeout confirms no other: meanwhile the arm can have moved anywhere.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ class StateCheck:
     state : (2 n,) array
         Positions and velocities of the state to judge, rad or m and s; overwritten by the caller.
     values : mapping
-        The node's parameters; state_check.* and limits.velocity are used.
+        The node's parameters; state_check.*, state_timeout and limits.velocity are used.
 
     Attributes
     ----------
@@ -91,6 +92,7 @@ class StateCheck:
         self._bounds[:] = np.clip([lower, upper, fastest, slope, step], -UNLIMITED, UNLIMITED)
         self._compares = bool(limited.any())
         self._grace = round(values['state_check.grace'] * NANO)
+        self._timeout = round(values['state_timeout'] * NANO)
 
     def forget(self) -> None:
         """Compare the next state with no earlier one."""
@@ -112,7 +114,8 @@ class StateCheck:
 
     def reason(self, stamp: int) -> str | None:
         """Return why the state with this stamp, ns, is refused; None if it is possible."""
-        if not self._stamp:
+        confirms = self._confirmed or stamp - self._stamp <= self._timeout
+        if not self._stamp or not confirms:
             return self._first(stamp)
         elapsed = min(stamp, self._latest) - self._stamp if self._latest else stamp - self._stamp
         self._elapsed[()] = max(elapsed, 0) / NANO

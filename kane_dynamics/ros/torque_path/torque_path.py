@@ -104,7 +104,7 @@ class TorquePath:
     def desired(self, stamp: int) -> State | None:
         """Return the initial q, u and udot of a new motion; None before the first state."""
         state = self.active_motion.desired(stamp)
-        if state is None and self.last_update:
+        if state is None and self.last_update and self.states.known:
             pose = self.controller.pose
             q = self._accepted()[self._follow] if pose is None else pose.copy()
             state = q, 0.0 * q, 0.0 * q
@@ -388,6 +388,10 @@ class TorquePath:
         dropped = self.active_motion.clear()
         if reason in FALSE:
             self.states.freeze()
+        if self.commanding and self._holds:
+            # The torque continues, but the pose that was held is left: meanwhile the arm can have
+            # moved, and the position gain would throw it back.
+            self.controller.resume(self._last_stamp / NANO, self.messages.last)
         if self.loops is not None:
             self.loops.give_up()
         self.statistics.faults += 1

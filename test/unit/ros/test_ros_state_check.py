@@ -199,6 +199,41 @@ def test_a_jump_of_the_clock_or_a_pause_of_the_states_begins_with_new_ones():
     assert not rig.statistics.dropped
 
 
+def test_a_first_state_older_than_the_timeout_does_not_confirm_a_false_one():
+    rig = Rig()
+    rig.begin()
+    rig.time += NANO // 5
+    rig.path.check_timeout()
+    assert rig.state() == []  # one state, and again none for seconds
+    assert rig.state(away(1, 1.0), after=5 * NANO) == []
+    assert rig.state() == [] and rig.statistics.dropped == {JUMP: 1}
+    command, = rig.state()
+    np.testing.assert_allclose(command, ARM.gravity_force(HOME), rtol=1e-9, atol=1e-12)
+
+
+def test_after_a_jump_of_the_clock_no_motion_sets_out_from_where_the_arm_was():
+    rig = Rig()
+    rig.begin()
+    rig.time -= NANO
+    rig.path.check_timeout()
+    assert rig.path.desired(rig.time) is None
+    rig.begin(away(1, 1.0))
+    np.testing.assert_array_equal(rig.path.desired(rig.time)[0], away(1, 1.0))
+
+
+@pytest.mark.parametrize('action', ['zero', 'hold'])
+def test_after_a_fault_an_arm_that_moved_is_held_where_it_is(action):
+    rig = Rig(action=action)
+    rig.begin()
+    for _ in range(60):
+        rig.state(away(1, 1.0))
+    assert rig.path.fault == JUMP
+    sunk = away(1, 0.1)
+    command, = rig.state(sunk)
+    np.testing.assert_allclose(command, ARM.gravity_force(sunk), rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(rig.path.desired(rig.time)[0], sunk)
+
+
 def test_a_stamp_ahead_of_the_clock_does_not_delay_the_next_state():
     rig = Rig()
     rig.begin()
@@ -231,7 +266,7 @@ def test_what_an_arm_within_its_limits_does_is_accepted(numbers, changes, elapse
     place, speed, change = np.array(numbers[:7]), np.array(numbers[7:]), np.array(changes)
     q = LIMITS.lower + 0.5 * (place + 1.0) * (LIMITS.upper - LIMITS.lower)
     state[:] = np.concatenate([q, speed * LIMITS.velocity])
-    assert judge.reason(NANO) is FIRST
+    assert judge.reason(NANO) is FIRST and judge.reason(NANO) is None
     q = np.clip(q + change * LIMITS.velocity * elapsed, LIMITS.lower, LIMITS.upper)
     state[:7] = q
     assert judge.reason(NANO + round(elapsed * NANO)) is None
