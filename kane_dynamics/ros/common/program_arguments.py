@@ -17,7 +17,7 @@ from kane_dynamics.ros.common.parameter_files import parameter_blocks, takes_eff
 ROS_ARGUMENTS = '--ros-args'
 INVALID = 2  # exit code of an invalid command line
 OPTIONS_OF_ROS = ('-p', '--param', '-r', '--remap', '--params-file', '-e', '--enclave',
-                  '--log-level', '--log-config-file')
+                  '--log-level', '--log-config-file', '--log-file-name')
 
 
 @dataclass(frozen=True)

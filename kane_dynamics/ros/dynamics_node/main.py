@@ -16,8 +16,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     program = Program(
         'dynamics_node', 'kane_dynamics',
         'Publish the torques of an arm for each of its joint states.',
-        ('--ros-args -p urdf:=arm.urdf', '--ros-args --params-file arm.yaml',
-         '--ros-args -p urdf:=arm.urdf -r commands:=/forward_effort_controller/commands'))
+        ('--ros-args -p urdf:=arm.urdf -p arm_compensates:=none',
+         '--ros-args --params-file arm.yaml',
+         '--ros-args --params-file arm.yaml -r commands:=/forward_effort_controller/commands'))
     return run_program(program, arguments, run_node)
 
 

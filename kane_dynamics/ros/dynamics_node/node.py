@@ -199,6 +199,7 @@ class DynamicsNode(LifecycleNode):
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Command zeros and release the robot."""
+        self._activates_itself = False
         self.halt()
         self._release()
         return SUCCESS

@@ -57,7 +57,8 @@ def test_parameters_of_another_node_are_refused():
     words = refusal('--ros-args', '-p', 'dynamics_node:urdf:=a.urdf')
     assert 'a parameter of dynamics_node; expected one of /kane_dynamics' in words
     check('--ros-args', '-p', 'kane_dynamics:urdf:=a.urdf', '-p', 'mode:=x', '-r', 'a:=b')
-    check('--ros-args', '-r', '__node:=left', '-p', 'left:urdf:=a.urdf', '--log-level', 'info')
+    check('--ros-args', '-r', '__node:=left', '-p', 'left:urdf:=a.urdf', '--log-level', 'info',
+          '--log-file-name', 'left')
 
 
 @pytest.mark.parametrize(('block', 'remappings', 'good'), [
@@ -104,6 +105,8 @@ def test_help_has_usage_and_examples_that_are_valid(name):
     assert text.startswith(f'usage: {name} --ros-args')
     examples = re.findall(rf'^  {name} (.*)$', text, re.MULTILINE)
     assert examples
+    if name == 'dynamics_node':  # without one of both it does not configure
+        assert all('arm_compensates' in x or 'params-file' in x for x in examples)
     for example in examples:
         arguments = [part for part in example.split() if not part.endswith('.yaml')]
         check(*(part for part in arguments if part != '--params-file'))
