@@ -164,15 +164,26 @@ class GuardPath(TorquePath):
         return acted
 
     def check_timeout(self) -> None:
-        """Command zeros if states are stale and the node does not command them."""
+        """Start to command if states are stale or impossible and the node does not react."""
         if self.watch.acting:
             super().check_timeout()
-        elif self.watch.armed and self.watch.known and (
-                self._now() - self._last_heard > LATE * self._timeout):
-            self.watch.take_over(time.perf_counter())
-            self._takeovers, self._took_over = self.watch.takeovers, self._now()
-            self.commanding = True
-            self.time_out('and no zeros from the dynamics node')
+        elif self.watch.armed and self.watch.known:
+            now, late = time.perf_counter(), LATE * self._timeout
+            if self._now() - self._last_heard > late:
+                self.watch.take_over(now)
+                self._takeovers, self._took_over = self.watch.takeovers, self._now()
+                self.commanding = True
+                self.time_out('and no zeros from the dynamics node')
+            elif self.fault and now - self.watch.waiting_since > late / NANO:
+                self._take_over_in_fault(now)
+
+    def _take_over_in_fault(self, now: float) -> None:
+        """Command what the parameters say, from the next impossible state on."""
+        self.watch.take_over(now)
+        self._took_over = self._now()
+        self.resume(self.watch.torque)
+        self._report('error', f'no command for {self.watch.silent_for * 1e3:.1f} ms, and joint '
+                     f'states are impossible ({self.fault}): {self.reaction}')
 
     def command_zeros(self) -> None:
         """Command zeros immediately; a later command starts from them."""

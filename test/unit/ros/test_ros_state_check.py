@@ -345,6 +345,35 @@ def test_a_speed_limit_for_another_number_of_joints_is_refused():
         StateCheck(ARM, ARM.joint_names, np.zeros(14), values)
 
 
+@pytest.mark.parametrize('action', ['zero', 'hold'])
+def test_the_guard_takes_over_from_a_node_that_died_while_states_are_impossible(action):
+    rig, there, reports = Rig(), away(1, 1.0), []
+    values = node_values({'state_check.action': action})
+    guard = GuardPath(Controller(ARM), rig, Unread(), lambda: rig.time, values, Statistics(),
+                      lambda *words: None, lambda *words: reports.append(words))
+    guard.start()
+    guard.watch.known = True
+    torques, rig.path = guard.messages._torque_message, guard
+    gravity = ARM.gravity_force(HOME)
+    torques.numbers[:] = gravity
+    guard.on_torques(torques.serialized())
+    rig.state(), rig.state()
+    for _ in range(100):
+        guard.on_torques(torques.serialized())  # of a node that lives, and holds
+        assert rig.state(there) == []
+        guard.check_timeout()
+    assert guard.fault == JUMP and not guard.watch.acting and not reports
+    guard.watch.waiting_since -= 0.2  # s without a command of the node
+    guard.check_timeout()
+    assert guard.watch.acting and 'position jumped' in reports[-1][1]
+    guard.watch.tick(guard.watch.waiting_since + 0.2)
+    command, = rig.state(there)
+    if action == 'hold':
+        np.testing.assert_allclose(command, gravity, rtol=1e-9, atol=1e-12)
+    else:
+        assert not command.any() and rig.state(there) == []
+
+
 def test_the_guard_accepts_what_the_node_accepts_after_an_activation():
     rig, there = Rig(), away(1, 1.0)
     guard = GuardPath(Controller(ARM), Unread(), Unread(), lambda: rig.time, node_values(),
