@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from kane_dynamics._util.checks import instance
 from kane_dynamics.control.computed_torque_law import law_kernel
 from kane_dynamics.control.momentum_observer import residual_step
 from kane_dynamics.control.torque_limiter import clipped, within_rate
@@ -41,6 +42,7 @@ def controller_kernels(robot: Robot) -> tuple[Kernel, Kernel, Kernel]:
         The robot has chosen speeds or constraints.
 
     """
+    instance(robot, Robot, 'robot')
     if not isinstance(robot.equations, TreeEquations):
         raise InputError('controller_kernels: a robot with chosen speeds or constraints; expected '
                          'one in joint rates without constraints')

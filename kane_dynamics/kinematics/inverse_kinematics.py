@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import finite_row, instance, integer, number
+from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.kinematics.poses import checked_pose, pose_error
@@ -152,12 +153,21 @@ class _Search:
         names = self.robot.joint_names
         if joints is None:
             return np.zeros(len(names), dtype=bool)
-        if isinstance(joints, str) or not len(joints) or not set(joints) <= set(names):
-            raise InputError(f'joints: {joints!r}; expected some of {", ".join(names)}')
+        try:
+            chosen = set() if isinstance(joints, str) else set(joints)
+        except TypeError:
+            chosen = set()
+        if not chosen or not chosen <= set(names):
+            raise InputError(f'joints: {SHORT.repr(joints)}; expected some of {", ".join(names)}')
         if self.looped:
             raise InputError(f'joints: {list(joints)}, of a robot with closed loops; expected '
                              'None: the loops determine which joints move together')
-        return np.array([name not in joints for name in names])
+        for ball in balls(self.robot.model):
+            parts = set(names[ball.speed:ball.speed + 3])
+            if 0 < len(parts & chosen) < len(parts):
+                raise InputError(f'joints: {", ".join(sorted(parts & chosen))} of the ball joint '
+                                 f"'{ball.name}'; expected {', '.join(sorted(parts))} together")
+        return np.array([name not in chosen for name in names])
 
     def first(self, q0: ArrayLike | None) -> Array:
         """Return q0 clipped to the limits and closed."""

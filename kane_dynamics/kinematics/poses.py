@@ -55,7 +55,11 @@ def pose_from(position: ArrayLike = (0.0, 0.0, 0.0), *, rpy: ArrayLike | None = 
         angles = _numbers(np.zeros(3) if rpy is None else rpy, (3,), 'rpy')
         x, y, z = (rotation_exp(angles[..., k, None] * axis) for k, axis in enumerate(np.eye(3)))
         R = z @ y @ x
-    shape = np.broadcast_shapes(p.shape[:-1], R.shape[:-2])
+    try:
+        shape = np.broadcast_shapes(p.shape[:-1], R.shape[:-2])
+    except ValueError:
+        raise InputError(f'position: {p.shape[:-1]} positions, and {R.shape[:-2]} orientations; '
+                         'expected as many, or one') from None
     return _homogeneous(np.broadcast_to(R, (*shape, 3, 3)), np.broadcast_to(p, (*shape, 3)))
 
 

@@ -10,15 +10,16 @@ from collections.abc import Mapping
 from dataclasses import replace
 import math
 from typing import Any
+import warnings
 
 from kane_dynamics._util.checks import instance, number
-from kane_dynamics._util.text import listing
+from kane_dynamics._util.text import listing, SHORT
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.model.builder import ModelBuilder
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.joint_expansion import quaternion_names
-from kane_dynamics.model.model import Body, Joint, Model, WORLD
+from kane_dynamics.model.model import Body, Joint, Model, ROUNDING, WORLD
 from kane_dynamics.model.model_assembly import ORIGIN
 from kane_dynamics.model.placement import EYE, Placement, rotation_about, snapped
 import numpy as np
@@ -55,11 +56,15 @@ def with_tool(model: Model, on: str, name: str, inertial: Inertial, *, at: Array
     ------
     ModelError
         A frame is unknown or exists already, or the inertia is impossible.
+    InputError
+        `frames` is no mapping.
 
     """
+    origins = {} if frames is None else frames
+    _require_mapping(origins, 'frames', 'frame names to positions')
     builder = ModelBuilder.from_model(model)
     builder.body(name, on, 'fixed', at=at, rpy=rpy, quaternion=quaternion, matter=inertial)
-    for frame, origin in (frames or {}).items():
+    for frame, origin in origins.items():
         builder.frame(frame, name, at=origin)
     return builder.model()
 
@@ -85,9 +90,12 @@ def with_model(model: Model, other: Model, on: str, *, at: ArrayLike = ORIGIN,
     ------
     ModelError
         A name exists already; choose a prefix.
+    InputError
+        `other` is no model, or the prefix is no text.
 
     """
     instance(other, Model, 'other')
+    instance(prefix, str, 'prefix')
     builder = ModelBuilder.from_model(model)
     builder.mount(other, on, at=at, rpy=rpy, quaternion=quaternion, prefix=prefix)
     return builder.model()
@@ -107,12 +115,13 @@ def with_names(model: Model, names: Mapping[str, str]) -> Model:
     Raises
     ------
     InputError
-        A name is unknown, or a new one is no text.
+        `names` is no mapping, a name is unknown, or a new one is no text.
     ModelError
         Two joints, bodies or frames would have one name.
 
     """
     instance(model, Model, 'model')
+    _require_mapping(names, 'names', 'present names to new ones')
     known = {model.name, model.base_name, *model.coordinate_names, *model.joint_names,
              *(frame.name for frame in model.frames)}
     for body in model.bodies:
@@ -139,7 +148,8 @@ def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
     """
     Return a model in which some joints are locked; joints that mimic them are locked too.
 
-    Their bodies become parts of the bodies that carry them, with their mass.
+    Their bodies become parts of the bodies that carry them, with their mass. A beam on a locked
+    joint is clamped there, and keeps its modes.
 
     Parameters
     ----------
@@ -148,11 +158,16 @@ def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
     positions : mapping of str to float
         Position of each locked joint, rad or m.
 
+    Warns
+    -----
+    ModelWarning
+        A position is outside the limits of its joint, as degrees are.
+
     Raises
     ------
     InputError
-        A joint is unknown, a part of a ball joint or a mode of a beam, or mimics another; a
-        position is not finite; or no joint would be left.
+        `positions` is no mapping; a joint is unknown, a part of a ball joint or a mode of a beam,
+        or mimics another; a position is not finite; or no joint would be left.
 
     """
     instance(model, Model, 'model')
@@ -172,6 +187,11 @@ def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
         if joint.coordinate in held and joint.deflection is None:
             position = joint.multiplier * held[joint.coordinate] + joint.offset
             placement = placement.frame(*_displacement(joint, position))
+            if body.beam is not None:
+                # The modes need a body of their own, whose joint does not move.
+                bodies.append(_clamped(body, placement, kept))
+                places.append(Placement(len(bodies) - 1))
+                continue
             inertial = body.inertial.moved(placement.rotation, placement.translation)
             if placement.body == WORLD:
                 base_inertial = base_inertial + inertial
@@ -198,6 +218,7 @@ def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
 
 def _checked_positions(model: Model, positions: Mapping[str, float]) -> dict[int, float]:
     """Return the positions by coordinate."""
+    _require_mapping(positions, 'positions', 'joint names to positions')
     parts = {model.bodies[ball + k].joint.name for ball in model.balls for k in range(3)}
     modes = {model.joint_names[k] for k in model.modal_coordinates}
     held = {}
@@ -208,7 +229,30 @@ def _checked_positions(model: Model, positions: Mapping[str, float]) -> dict[int
                              f'expected some of {listing(valid)}')
         held[model.joint_names.index(name)] = number(
             position, f"position of joint '{name}'", 'a finite number, rad or m', math.isfinite)
+    _warn_of_limits(model, held)
     return held
+
+
+def _require_mapping(value: Any, what: str, expected: str) -> None:
+    """Raise InputError for anything but a mapping."""
+    if not isinstance(value, Mapping):
+        raise InputError(f'{what}: {SHORT.repr(value)}; expected a mapping of {expected}')
+
+
+def _warn_of_limits(model: Model, held: Mapping[int, float]) -> None:
+    """Warn of locked positions outside the limits of their joints."""
+    outside = []
+    for body in model.bodies:
+        joint = body.joint
+        position = held.get(joint.coordinate)
+        if position is None or joint.name != model.joint_names[joint.coordinate]:
+            continue
+        low, high = joint.limits.lower, joint.limits.upper
+        if not low - ROUNDING <= position <= high + ROUNDING:
+            outside.append(f"'{joint.name}' at {position:g}, limits {low:g} to {high:g}")
+    if outside:
+        warnings.warn(f'positions: outside the limits: {"; ".join(outside)}; expected rad or m '
+                      'within them', ModelWarning, stacklevel=4)
 
 
 def _displacement(joint: Joint, position: float) -> tuple[Array, Array]:
@@ -216,6 +260,16 @@ def _displacement(joint: Joint, position: float) -> tuple[Array, Array]:
     if joint.kind == 'prismatic':
         return EYE, position * joint.axis
     return snapped(rotation_about(joint.axis, position)), np.zeros(3)
+
+
+def _clamped(body: Body, placement: Placement, kept: list[int]) -> Body:
+    """Return a beam with its root fixed, by a joint with multiplier 0 as of `ModelBuilder`."""
+    beam: Any = body.beam
+    coordinates = tuple(kept.index(k) for k in beam.coordinates)
+    joint = Joint(body.joint.name, 'revolute', np.array([0.0, 0.0, 1.0]), placement.rotation,
+                  placement.translation, coordinates[0], multiplier=0.0)
+    return replace(body, parent=placement.body, joint=joint,
+                   beam=replace(beam, coordinates=coordinates))
 
 
 def _reindexed(body: Body, placement: Placement, kept: list[int]) -> Body:

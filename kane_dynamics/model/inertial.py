@@ -85,6 +85,9 @@ class Inertial:
     def from_parameters(cls, parameters: ArrayLike) -> Inertial:
         """Return the inertial with these ten `parameters`; ModelError if they are impossible."""
         m, hx, hy, hz, xx, xy, xz, yy, yz, zz = constant(parameters, (10,), 'parameters')
+        if m == 0.0 and (hx or hy or hz):
+            raise ModelError(f'parameters: mass times center of mass {hx:g}, {hy:g}, {hz:g} kg m '
+                             'without mass; expected a mass')
         return cls.from_pseudo_inertia([[xx, xy, xz, hx], [xy, yy, yz, hy], [xz, yz, zz, hz],
                                         [hx, hy, hz, m]])
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from kane_dynamics._util.checks import finite_row, integer, number
+from kane_dynamics._util.checks import finite_row, instance, integer, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.momentum_observer import MomentumObserver
 from kane_dynamics.motion.motion import Motion
@@ -49,6 +49,7 @@ class PredictiveController:
     def __init__(self, optimizer: TrajectoryOptimizer, *, iterations: int = 1,
                  disturbance_gain: float = 0.0) -> None:
         """Store the optimizer; compile the observer."""
+        instance(optimizer, TrajectoryOptimizer, 'optimizer')
         self.optimizer = optimizer
         self.iterations = integer(iterations, 'iterations', 1)
         gain = number(disturbance_gain, 'disturbance_gain', 'a finite number >= 0, 1/s',
@@ -93,7 +94,8 @@ class PredictiveController:
 
         Every finite state has a result. Where no torques that are tried lead from it to finite
         states (the last plan's, with its feedback or without, those of gravity, none), the result
-        is that of the last plan, and `solution.feasible` is False. The next cycle tries again.
+        is that of the last plan, `solution.feasible` is False, and the estimate of the disturbance
+        begins again. The next cycle tries again.
 
         Parameters
         ----------
@@ -133,6 +135,7 @@ class PredictiveController:
             else:
                 solution = _moved(last, elapsed / optimizer.interval)
             optimizer.start(solution.tau)
+            self._forget_disturbance()
         self.solution = solution
         tau: Array = solution.tau[0]
         if self._observer is not None:
@@ -161,6 +164,14 @@ class PredictiveController:
         gains = np.zeros((N, len(tau), optimizer.directions))
         torques = np.tile(tau, (N, 1))
         return Solution(positions, speeds, torques, gains, np.inf, 0, False, feasible=False)
+
+    def _forget_disturbance(self) -> None:
+        """Begin the estimate again: a state that no torques lead from would stay in it."""
+        if self._observer is None:
+            return
+        self._observer.reset()
+        self.disturbance = np.zeros(len(self._actuators))
+        self.optimizer.set_disturbance(self.disturbance)
 
     def _estimate(self, q: ArrayLike, u: ArrayLike, elapsed: float) -> None:
         """Estimate the disturbance from the last command and the measured state."""

@@ -16,6 +16,7 @@ from kane_dynamics.optimal_control.horizon_layout import NUMBERS
 from kane_dynamics.optimal_control.mechanism_horizon import MechanismHorizon
 from kane_dynamics.optimal_control.target import Target
 from kane_dynamics.optimal_control.tree_horizon import TreeHorizon
+from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -197,10 +198,13 @@ class TrajectoryOptimizer:
         or of as many driving joints as a mechanism has independent speeds. t, s, is also the time
         at the beginning for constraints and speeds that depend on it. The target of the torques is
         what the target needs: those of gravity, or of inverse dynamics, with the present payload.
+        A configuration that looks like degrees is warned of.
         """
         moments = constant(t, (), 't (s)', InputError) + self.interval * np.arange(
             1, self.nodes + 1)
         self._arrays.targets[:] = self._target.rows(target, moments)
+        if not isinstance(target, Motion):
+            warn_of_degrees(self.robot, np.asarray(target, dtype=float), 'target')
         self._t, self._aimed = float(t), True
 
     def holding_torques(self, q: ArrayLike) -> Array:

@@ -1,6 +1,6 @@
 """Export of a robot's kernels as C99, for targets without Python and LLVM."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import os
 from pathlib import Path
 from typing import Any
@@ -67,7 +67,7 @@ def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str | Ke
     for file in (source, header):
         _check_place(file)
     prefix, precision = identifier(source.stem), PRECISIONS[scalar]
-    laws = [kernel for kernel in kernels if isinstance(kernel, Kernel)]
+    laws = _checked_laws(robot, kernels)
     quantities: Sequence[Any] = kernels
     if laws:
         quantities = [name for name in kernels if not isinstance(name, Kernel)]
@@ -78,6 +78,19 @@ def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str | Ke
     _write(header, header_text(robot, prefix, about, chosen, precision, self_test))
     _write(source, _source_text(robot, prefix, header.name, about, chosen, precision, self_test))
     return source, header
+
+
+def _checked_laws(robot: Any, kernels: Sequence[Any]) -> list[Kernel]:
+    """Return the kernels of a controller, each once; InputError for those of another robot."""
+    if isinstance(kernels, Kernel) or not isinstance(kernels, Iterable):
+        raise InputError(f'kernels: a {type(kernels).__name__}; expected a sequence of names and '
+                         'kernels')
+    laws = {kernel.name: kernel for kernel in kernels if isinstance(kernel, Kernel)}
+    for law in laws.values():
+        if law.parameters is not robot.parameters.block:
+            raise InputError(f"kernels: '{law.name}' of another robot; expected those of "
+                             'controller_kernels(robot) of the robot to export')
+    return list(laws.values())
 
 
 def _checked_names(robot: Any, kernels: Sequence[Any]) -> list[str]:

@@ -128,6 +128,8 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
             'configuration': coordinates_by_name(model, configuration),
             'redundant': redundant, 'rank_tolerance': rank_tolerance}
         self.model, self.friction = model, bool(friction)
+        self._bare = model  # without the payloads of `with_payload` at other frames, below
+        self._carried: dict[str, Inertial] = {}
         tree = self.equations = (BallEquations if model.balls else TreeEquations)(
             model, **self._options)
         key: str | None = model.digest() + repr(sorted(self._options.items()))
@@ -192,7 +194,8 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle model, options, limits and parameters; kernels load from the cache again."""
         return _restored, (self.model, self.options, self.parameters.gravity,
-                           self.parameters.payload, self.__dict__.get('limits'))
+                           self.parameters.payload, self.__dict__.get('limits'), self._bare,
+                           self._carried)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -211,7 +214,8 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
         if kernels is self.kernels:
             return self
         other = object.__new__(type(self))
-        for name in ('_options', 'model', 'friction', 'speed_sets', 'parameters'):
+        for name in ('_options', 'model', 'friction', '_bare', '_carried', 'speed_sets',
+                     'parameters'):
             setattr(other, name, getattr(self, name))
         other._choices = {**self._choices, 'independent': kernels.equations.speed_names}
         other.kernels, other.equations = kernels, kernels.equations
@@ -226,7 +230,8 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
         For use in another thread, with another payload or gravity, without compiling again.
         """
         other = object.__new__(type(self))
-        for name in ('_options', '_choices', 'model', 'friction', 'equations'):
+        for name in ('_options', '_choices', 'model', 'friction', '_bare', '_carried',
+                     'equations'):
             setattr(other, name, getattr(self, name))
         other.parameters = self.parameters.copy()
         other.speed_sets = None
@@ -245,8 +250,8 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
         Return a robot that carries a payload at a frame, with the present gravity and limits.
 
         Its kernels compile at their first use, unless `frame` is the `payload_frame`: then only a
-        parameter changes. A payload that this robot has at another frame stays, as a part of the
-        model.
+        parameter changes. Payloads at other frames stay, as parts of the model, until another call
+        for their frame.
 
         Parameters
         ----------
@@ -264,10 +269,16 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
         if frame == self._options['payload_frame']:
             robot = self.copy()
         else:
-            model, previous = self.model, self.parameters.payload
-            if previous is not None:
-                model = with_payload(model, self._options['payload_frame'], previous)
+            carried = dict(self._carried)
+            if self.parameters.payload is not None:
+                carried[self._options['payload_frame']] = self.parameters.payload
+            carried.pop(frame, None)
+            model = self._bare
+            for other_frame, load in carried.items():
+                model = with_payload(model, other_frame, load)
             robot = Robot(model, **{**self.options, 'payload_frame': frame})
+            # The robot is not in use yet, so that its attributes may still change.
+            robot.__dict__.update(_bare=self._bare, _carried=carried)
             robot.limits = self.limits
             robot.parameters.gravity = self.parameters.gravity
         robot.parameters.payload = payload
@@ -370,8 +381,10 @@ for _base in Robot.__mro__[1:-1]:
 
 
 def _restored(model: Model, options: dict[str, Any], gravity: Array,
-              payload: Inertial | None, limits: JointLimits | None) -> Robot:
+              payload: Inertial | None, limits: JointLimits | None, bare: Model,
+              carried: dict[str, Inertial]) -> Robot:
     robot = Robot(model, **options)
+    robot.__dict__.update(_bare=bare, _carried=carried)
     if limits is not None:
         robot.limits = limits
     robot.parameters.gravity = gravity

@@ -87,26 +87,25 @@ class Dispatch:
         result = self.kernels.kernel(name, at)(*self._at_time(given, t), out=out)
         return result
 
-    def _under(self, wrenches: Mapping[str, Any]) -> tuple[Dispatch, Array]:
+    def _under(self, wrenches: Mapping[str, Any]) -> tuple[Dispatch, Array | None]:
         """Return a robot that declares the frames of wrenches, and the rows of its argument."""
+        if not wrenches:
+            return self, None
         rows = {}
         for frame, wrench in wrenches.items():
             self.equations.model.frame(frame)  # raises InputError
             rows[frame] = converted(Argument(f"wrench of '{frame}'", (6,)), wrench)
         declared = tuple(frame.name for frame in self.equations.wrench_frames)
-        known = bool(rows) and set(rows) <= set(declared)
-        frames = declared if known or not rows else tuple(sorted(rows))
+        frames = declared if set(rows) <= set(declared) else tuple(sorted(rows))
         shapes = {row.shape for row in rows.values()}
         if len(shapes) > 1:
             raise InputError(f'wrench: shapes {", ".join(map(str, sorted(shapes)))}; expected one '
                              'shape, (6,) or (N, 6), for all frames')
-        shape = shapes.pop() if shapes else (6,)
-        stacked = np.zeros((*shape[:-1], len(frames), 6))
+        stacked = np.zeros((*shapes.pop()[:-1], len(frames), 6))
         for k, frame in enumerate(frames):
             stacked[..., k, :] = rows.get(frame, 0.0)
-        if frames == declared:
-            return self, stacked if frames else None  # type: ignore[return-value]
-        return self._declaring(frames), stacked
+        robot = self if frames == declared else self._declaring(frames)
+        return robot, stacked
 
     def _declaring(self, frames: tuple[str, ...]) -> Dispatch:
         """Return this robot with other wrench frames, which shares the parameters."""

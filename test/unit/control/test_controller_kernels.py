@@ -60,6 +60,18 @@ def test_the_observer_is_that_of_the_library(held):
 def test_a_robot_with_constraints_is_refused():
     with pytest.raises(InputError, match='chosen speeds or constraints'):
         controller_kernels(four_bar('crank'))
+    with pytest.raises(InputError, match='robot: a Model; expected a Robot'):
+        controller_kernels(arm().model)
+
+
+def test_controllers_of_another_robot_are_not_exported(tmp_path):
+    robot = arm()
+    with pytest.raises(InputError, match="'computed_torque' of another robot"):
+        robot.export_c(tmp_path / 'arm.c', controller_kernels(robot.copy()))
+    with pytest.raises(InputError, match='kernels: a Kernel; expected a sequence'):
+        robot.export_c(tmp_path / 'arm.c', controller_kernels(robot)[0])
+    source, _ = robot.export_c(tmp_path / 'arm.c', [controller_kernels(robot)[1]] * 2)
+    assert source.read_text().count('\nvoid arm_limited_torque(') == 1
 
 
 @pytest.mark.skipif(shutil.which('cmake') is None, reason='no CMake')

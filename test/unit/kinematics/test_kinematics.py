@@ -367,6 +367,7 @@ def test_roll_and_yaw_of_an_upright_rotation_are_one(pitch):
 @pytest.mark.parametrize(('options', 'words'), [
     ({'rpy': (0, 0, 0), 'quaternion': (0, 0, 0, 1)}, 'rpy: given with quaternion'),
     ({'quaternion': (0, 0, 0, 2)}, 'quaternion: length 2; expected 1, in the order x, y, z, w'),
+    ({'position': np.zeros((4, 3)), 'rpy': np.zeros((3, 3))}, r'position: \(4,\) positions'),
     ({'rpy': (0, 0)}, r'rpy: shape \(2,\)'), ({'quaternion': (0, 0, np.nan, 1)}, 'not finite')])
 def test_an_orientation_that_is_none_is_refused(options, words):
     with pytest.raises(InputError, match=words):

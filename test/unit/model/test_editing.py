@@ -1,8 +1,8 @@
 """Models are changed without XML: tools, further models, locked joints, other names."""
 
 from kane_dynamics import (ball, box, FlexibleLink, Inertial, InputError, load_urdf, ModelBuilder,
-                           ModelError, point_mass, Robot, with_locked, with_model, with_names,
-                           with_tool)
+                           ModelError, ModelWarning, point_mass, Robot, with_locked, with_model,
+                           with_names, with_tool)
 from kane_dynamics._util.resources import resource_path
 from mechanisms import random_model
 import numpy as np
@@ -143,3 +143,44 @@ def test_a_builder_goes_on_from_a_model():
     b = ModelBuilder.from_model(ARM)
     b.body('track', 'tool0', 'prismatic', axis=(0, 0, 1), matter=point_mass(1.0))
     assert b.model().joint_names == (*ARM.joint_names, 'track')
+
+
+@pytest.mark.parametrize('modes', [(1, 0), (2, 2)])
+def test_a_beam_on_a_locked_joint_keeps_its_modes_and_its_load(modes):
+    b = ModelBuilder('boom')
+    b.body('turret', matter=ball(3.0, 0.2))
+    b.beam('boom', 'turret', FlexibleLink(length=1.0, density=0.8, stiffness=120.0, modes=modes),
+           axis=(0, -1, 0), at=(0.1, 0.0, 0.3))
+    b.body('load', 'boom/tip', axis=(0, 1, 0), matter=box(0.5, (0.2, 0.1, 0.1), at=(0.1, 0, 0)))
+    whole, rng = Robot(b.model()), np.random.default_rng(0)
+    for names in (['boom'], ['turret', 'boom']):
+        positions = dict(zip(names, (0.4, -0.3)))
+        clamped = Robot(with_locked(whole.model, positions))
+        held = [whole.joint_names.index(name) for name in names]
+        moving = [k for k in range(whole.n) if k not in held]
+        assert clamped.joint_names == tuple(whole.joint_names[k] for k in moving)
+        q, u, udot = np.zeros((3, whole.n))
+        q[held] = list(positions.values())
+        q[moving], u[moving], udot[moving] = 0.02 * rng.standard_normal((3, len(moving)))
+        assert_allclose(clamped.inverse_dynamics(q[moving], u[moving], udot[moving]),
+                        whole.inverse_dynamics(q, u, udot)[moving], rtol=1e-9, atol=1e-11)
+        assert_allclose(clamped.mass_matrix(q[moving]),
+                        whole.mass_matrix(q)[np.ix_(moving, moving)], rtol=1e-9, atol=1e-11)
+        assert_allclose(clamped.frame_pose('load', q[moving]), whole.frame_pose('load', q),
+                        atol=1e-14)
+
+
+def test_locked_positions_in_degrees_are_warned_of():
+    with pytest.warns(ModelWarning, match=r"'elbow_joint' at 90, limits .*expected rad or m"):
+        with_locked(ARM, {'elbow_joint': 90.0})
+
+
+@pytest.mark.parametrize(('call', 'words'), [
+    (lambda: with_locked(ARM, ['elbow_joint']), 'positions: .*expected a mapping of joint names'),
+    (lambda: with_names(ARM, None), 'names: None; expected a mapping of present names'),
+    (lambda: with_tool(ARM, 'tool0', 'x', GRIPPER, frames=['tcp']),
+     'frames: .*expected a mapping'),
+    (lambda: with_model(ARM, ARM, 'tool0', prefix=None), 'prefix: a NoneType; expected a str')])
+def test_arguments_of_edits_that_are_no_mapping_or_text_are_named(call, words):
+    with pytest.raises(InputError, match=words):
+        call()

@@ -3,8 +3,8 @@
 from dataclasses import replace
 from functools import cache
 
-from kane_dynamics import (Inertial, InputError, load_urdf, ModelBuilder, Motion, rod, Robot,
-                           simulate)
+from kane_dynamics import (Inertial, InputError, load_urdf, ModelBuilder, ModelWarning, Motion,
+                           rod, Robot, simulate)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.optimal_control import CostWeights, PredictiveController, TrajectoryOptimizer
 import numpy as np
@@ -132,6 +132,26 @@ def test_without_a_plan_the_last_one_moves_in_time_and_the_result_says_so():
         assert (moved.q[:-k] == plan.q[k:]).all()
     controller.torque(plan.q[3], plan.u[3], 0.02)
     assert controller.solution.feasible
+
+
+def test_an_estimate_from_an_impossible_state_is_dropped_with_it():
+    controller = PredictiveController(swing_up('acrobot'), disturbance_gain=20.0)
+    controller.set_target([np.pi, 0.0])
+    controller.torque([0.0, 0.1], [0.0, 0.0], 0.02)
+    controller.torque([0.0, 0.1], [1e100, -1e100], 0.02)
+    assert not controller.solution.feasible
+    assert not controller.disturbance.any()
+    controller.torque([0.0, 0.1], [0.0, 0.0], 0.02)
+    assert controller.solution.feasible
+    assert not controller.disturbance.any()
+
+
+def test_a_target_in_degrees_is_warned_of_and_a_robot_is_no_optimizer():
+    problem = TrajectoryOptimizer(arm(), nodes=5)
+    with pytest.warns(ModelWarning, match='target: .*degrees'):
+        problem.set_target([90.0, 45.0])
+    with pytest.raises(InputError, match='optimizer: a Robot; expected a TrajectoryOptimizer'):
+        PredictiveController(arm())
 
 
 def test_a_first_state_without_a_plan_has_the_torques_of_gravity():

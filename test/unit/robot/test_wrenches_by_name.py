@@ -1,9 +1,10 @@
 """Wrenches and payloads without declaring their frames, several frames a call, body Jacobians."""
 
 from functools import cache
+import pickle
 
-from kane_dynamics import (Inertial, InputError, load_urdf, ModelWarning, point_mass, pose_from,
-                           Robot)
+from kane_dynamics import (Inertial, InputError, load_urdf, ModelError, ModelWarning, point_mass,
+                           pose_from, Robot)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.model.with_payload import with_payload
 from linkages import four_bar
@@ -51,6 +52,8 @@ def test_names_and_rows_of_declared_frames_are_one_thing():
     assert_array_equal(robot.inverse_dynamics(q, u, udot, wrench={}),
                        robot.inverse_dynamics(q, u, udot))
     q, u, udot, wrench = states(3)
+    assert_array_equal(robot.inverse_dynamics(q, u, udot, wrench={}),
+                       robot.inverse_dynamics(q, u, udot))
     assert_array_equal(robot.inverse_dynamics(q, u, udot, wrench=wrench),
                        robot.inverse_dynamics(q, u, udot, wrench=wrench[:, None]))
     base = robot.joint_reaction('shoulder_pan_joint', q[0], u[0], udot[0],
@@ -103,6 +106,28 @@ def test_a_payload_at_any_frame_is_the_model_with_it():
     assert_allclose(empty.inverse_dynamics(q, u, udot), robot.inverse_dynamics(q, u, udot),
                     rtol=1e-12)
     assert carrying.parameters.payload is LOAD
+
+
+def test_payloads_at_two_frames_are_taken_off_one_by_one():
+    robot, (q, u, udot, _) = arm(), states()
+    part = point_mass(1.0)
+    both = robot.with_payload('tool0', LOAD).with_payload('forearm_link', part)
+    for two in (both, both.copy(), pickle.loads(pickle.dumps(both))):
+        one = two.with_payload('tool0', None)
+        expected = robot.with_payload('forearm_link', part)
+        assert_allclose(one.inverse_dynamics(q, u, udot), expected.inverse_dynamics(q, u, udot),
+                        rtol=1e-12)
+        none = one.with_payload('forearm_link', None)
+        assert_allclose(none.inverse_dynamics(q, u, udot), robot.inverse_dynamics(q, u, udot),
+                        rtol=1e-12)
+
+
+@pytest.mark.parametrize('moment', range(3))
+def test_ten_parameters_with_a_first_moment_and_no_mass_are_refused(moment):
+    parameters = np.zeros(10)
+    parameters[1 + moment] = 0.1
+    with pytest.raises(ModelError, match='without mass; expected a mass'):
+        Inertial.from_parameters(parameters)
 
 
 def test_impossible_payloads_are_refused_and_far_ones_warned_of():

@@ -100,6 +100,11 @@ def test_a_foot_is_placed_by_its_leg_alone_or_with_the_base(walker):
     assert not inverse_kinematics(walker, 'foot', pose, q0, joints=LEG, starts=3).converged
     with pytest.raises(InputError, match=r"joints: \['knee'\]; expected some of root_joint/x"):
         inverse_kinematics(walker, 'foot', target, joints=['knee'])
+    with pytest.raises(InputError, match="joints: root_joint/wx of the ball joint 'root_joint'; "
+                       'expected root_joint/wx, root_joint/wy, root_joint/wz together'):
+        inverse_kinematics(walker, 'foot', target, joints=['root_joint/wx', *LEG])
+    with pytest.raises(InputError, match='joints: 3; expected some of'):
+        inverse_kinematics(walker, 'foot', target, joints=3)
 
 
 def test_doctor_does_not_say_that_a_floating_robot_holds_itself(walker, tmp_path, capsys):
