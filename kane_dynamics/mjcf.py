@@ -113,6 +113,8 @@ def is_mjcf(source: Any) -> bool:
 
 def _compiled(mujoco: Any, source: str | os.PathLike[str]) -> Any:
     """Return MuJoCo's model of a file or a text."""
+    if not isinstance(source, str | os.PathLike):
+        raise InputError(f'source: {type(source).__name__}; expected a path, or the XML as str')
     is_text = isinstance(source, str) and source.lstrip('\ufeff \t\r\n').startswith('<')
     if not is_text and not Path(source).is_file():
         raise InputError(f"no such file: '{os.fspath(source)}'; expected the path of an MJCF "
@@ -156,15 +158,16 @@ class _Reader:
             options['configuration'] = self._reference(model)
         unused = self._unused()
         actuated = self._actuated_joints()
+        speeds = model.n
         if constraints and actuated:
             start = coordinates_by_name(model, options['configuration'])
-            free = choose_independent(model, None, constraints, configuration=start).free
-            if len(actuated) < len(free):
-                unused.append(f'which joints have actuators ({", ".join(actuated)}), for they are '
-                              f'fewer than the {len(free)} independent speeds, to which tau is '
-                              'dual instead')
-            else:
-                options['actuated'] = actuated
+            speeds = len(choose_independent(model, None, constraints, configuration=start).free)
+        if actuated and len(actuated) < speeds:
+            unused.append(f'which joints have actuators ({", ".join(actuated)}), for they are '
+                          f'fewer than the {speeds} independent speeds, to which tau is dual '
+                          'instead')
+        elif actuated and constraints:
+            options['actuated'] = actuated
         if unused:
             warnings.warn(f'MJCF: not used: {"; ".join(unused)}', ModelWarning, stacklevel=3)
         return MjcfMechanism(model, options)

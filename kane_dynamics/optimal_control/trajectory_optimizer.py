@@ -122,7 +122,8 @@ class TrajectoryOptimizer:
         Length of an interval, s.
     weights : CostWeights, optional
     torque_limits : float or (m,) array_like, optional
-        0 for an actuator that is not there, as of a floating base. Default: `robot.limits.effort`.
+        0 for an actuator that is not there, as of a floating base. Default: `robot.limits.effort`,
+        which no URDF states for a floating base.
     speed_limits : float or (n_j,) array_like, optional
         Of all joints. Default: `robot.limits.velocity`.
 

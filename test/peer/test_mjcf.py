@@ -1,6 +1,7 @@
 """Mechanisms from MJCF have the dynamics that MuJoCo itself gives them."""
 
 from pathlib import Path
+import re
 import warnings
 
 from kane_dynamics import Closure, load_mjcf, Robot
@@ -185,6 +186,15 @@ def test_fewer_actuators_than_independent_speeds_still_make_a_robot():
     falling = robot.forward_dynamics(q, np.zeros(7), np.zeros(7))
     z = robot.speed_names.index('root/z')
     assert falling[z] == pytest.approx(-9.81)
+
+
+def test_joints_of_a_tree_without_actuators_are_said_to_be_actuated():
+    with pytest.warns(ModelWarning, match=r'which joints have actuators \(left\), for they are '
+                      'fewer than the 9 independent speeds'):
+        mechanism = load_mjcf(re.sub('<equality>.*</equality>', '', UNDERACTUATED))
+    assert mechanism.options == {}
+    with pytest.raises(InputError, match='source: NoneType; expected a path'):
+        load_mjcf(None)
 
 
 def test_limits_are_those_of_joints_and_actuators():
