@@ -49,7 +49,7 @@ def header_text(robot: Any, prefix: str, about: Sequence[str], kernels: Sequence
                for kernel in kernels), '', *_joint_enum(robot, upper), '',
              '/*', *(f' * {line}'.rstrip() for line in _conventions(robot, prefix)), ' */', '',
              '#ifdef __cplusplus', 'extern "C" {', '#endif']
-    lines += _data_declarations(prefix, upper)
+    lines += _data_declarations(robot, prefix, upper)
     for kernel in kernels:
         doc = inspect.getdoc(getattr(type(robot), kernel.name, None)) or kernel.name
         words = ' '.join(doc.split('\n\n')[0].split())
@@ -79,6 +79,13 @@ def name_size(robot: Any) -> int:
     return 1 + max((len(name.encode()) for name in robot.joint_names), default=0)
 
 
+def limit_size(robot: Any, name: str, upper: str) -> str:
+    """Return the size of an array of limits in C: positions have an entry a coordinate."""
+    if name in ('lower_limits', 'upper_limits') and robot.n_q != len(robot.joint_names):
+        return f'{upper}_N_Q'
+    return f'{upper}_N_JOINTS'
+
+
 def joint_limits(robot: Any) -> dict[str, Array]:
     """Return the limits of all joints by their names in C."""
     limits = robot.limits
@@ -86,15 +93,16 @@ def joint_limits(robot: Any) -> dict[str, Array]:
             'velocity_limits': limits.velocity, 'effort_limits': limits.effort}
 
 
-def _data_declarations(prefix: str, upper: str) -> list[str]:
+def _data_declarations(robot: Any, prefix: str, upper: str) -> list[str]:
     """Return the declarations of names and limits of the joints, and of the check of a state."""
     number = f'{upper}_REAL'
     return [
-        '', '/* Names and limits of the joints, in the order of their enumeration; infinite where',
-        ' * there is no limit. rad or m, rad/s or m/s, N m or N. */',
+        '', '/* Names and limits of the joints, in the order of their enumeration; limits of',
+        ' * positions in the order of q. Infinite where there is none. rad or m, rad/s or m/s,',
+        ' * N m or N. */',
         f'extern const char {prefix}_joint_names[{upper}_N_JOINTS][{upper}_NAME_SIZE];',
-        *(f'extern const {number} {prefix}_{name}[{upper}_N_JOINTS];' for name in (
-            'lower_limits', 'upper_limits', 'velocity_limits', 'effort_limits')),
+        *(f'extern const {number} {prefix}_{name}[{limit_size(robot, name, upper)}];'
+          for name in ('lower_limits', 'upper_limits', 'velocity_limits', 'effort_limits')),
         '', '/* Return 0 if a state may be used: q and u are finite, and no position is beyond',
         f' * {upper}_LARGEST_POSITION, where a number has lost the angle. Otherwise return',
         ' * 1 + the index of the first entry that is not, counted through q, then u. Results for',

@@ -13,7 +13,8 @@ from kane_dynamics.native.backends.c99 import (c_functions, comment, constant, i
 from kane_dynamics.native.backends.c99_math import elementary_functions, Precision, PRECISIONS
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import evaluate
-from kane_dynamics.robot.c_header import CKernel, constrained, header_text, joint_limits
+from kane_dynamics.robot.c_header import (CKernel, constrained, header_text, joint_limits,
+                                           limit_size)
 import numpy as np
 
 DEFAULT_KERNELS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'bias_force',
@@ -243,7 +244,7 @@ def _joint_data(robot: Any, prefix: str, precision: Precision) -> list[str]:
             elif limit < 0.0:
                 entry = f'-{entry}'
             entries.append(entry)
-        lines.append(f'const {number} {prefix}_{name}[{upper}_N_JOINTS] = {{'
+        lines.append(f'const {number} {prefix}_{name}[{limit_size(robot, name, upper)}] = {{'
                      + ', '.join(entries) + '};')
     return [*lines, '', f'int {prefix}_check_state(const {number} *q, const {number} *u)', '{',
             '    int k;',

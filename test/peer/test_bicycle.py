@@ -49,6 +49,9 @@ class Tangent:
 
     __radd__, __rmul__ = __add__, __mul__
 
+    def __lt__(self, other):
+        return self.value < (other.value if isinstance(other, Tangent) else other)
+
     def __neg__(self):
         return Tangent(-self.value, -self.slope)
 

@@ -52,7 +52,7 @@ def test_independent_joints_keep_their_values():
 
 
 def test_open_loops_are_refused_by_name():
-    with pytest.raises(InputError, match=r"position: residual .* of constraint 'pin/.*0\.01"):
+    with pytest.raises(InputError, match=r"position: residual .* of constraint 'pin/.*0\.009"):
         close_loops(served(), branches()[0] + (0.0, 0.05, 0.0))
 
 
