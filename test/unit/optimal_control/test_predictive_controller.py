@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 from kane_dynamics import (Inertial, InputError, load_urdf, ModelBuilder, ModelWarning, Motion,
-                           rod, Robot, simulate)
+                           Robot, rod, simulate)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.optimal_control import CostWeights, PredictiveController, TrajectoryOptimizer
 import numpy as np
