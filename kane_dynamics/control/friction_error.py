@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from kane_dynamics._util.attribute_hints import guarded
-from kane_dynamics._util.checks import finite_row, per_joint
+from kane_dynamics._util.checks import finite_row, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.friction import coulomb as coulomb_shape
@@ -46,6 +46,7 @@ class FrictionError:
 
     Attributes
     ----------
+    joint_names : tuple of n str
     coulomb, damping, offset : (n,) arrays
         The present values.
 
@@ -60,7 +61,10 @@ class FrictionError:
                  damping: ArrayLike = 0.0, offset: ArrayLike = 0.0,
                  friction_speed: ArrayLike = FRICTION_SPEED, memory: float = np.inf,
                  largest: ArrayLike = np.inf) -> None:
-        names = tuple(joint_names)
+        if isinstance(joint_names, str):
+            raise InputError(f"joint_names: the string '{joint_names}'; expected a sequence of "
+                             'names')
+        self.joint_names = names = tuple(joint_names)
         self.coulomb = _signed(coulomb, 'coulomb', names)
         self.damping = _signed(damping, 'damping', names)
         self.offset = _signed(offset, 'offset', names)
@@ -69,10 +73,8 @@ class FrictionError:
             joint = names[int(np.flatnonzero(self._speed == 0.0)[0])]
             raise InputError(f"friction_speed of joint '{joint}': 0; expected a positive number, "
                              'rad/s or m/s')
-        if not memory > 0.0:
-            raise InputError(f'memory: {memory}; expected a positive time in s')
         self._largest = per_joint(largest, 'largest', names, finite=False)
-        self._memory = memory
+        self._memory = number(memory, 'memory', 'a positive time in s', lambda x: x > 0.0)
         self.forget_motion()
 
     def torque(self, u: Array) -> Array:

@@ -18,7 +18,8 @@ import math
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import guarded
-from kane_dynamics._util.checks import finite_row, per_joint
+from kane_dynamics._util.checks import finite_row, instance, per_joint
+from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.friction_error import FrictionError
 from kane_dynamics.errors import ConstraintError, InputError
@@ -80,13 +81,18 @@ class MomentumObserver:
     Raises
     ------
     InputError
-        A number is invalid; names it.
+        A number is invalid; names it. The friction is that of other joints.
 
     """
 
     def __init__(self, robot: Robot, *, gain: ArrayLike = 50.0, max_gap: float = 0.1,
                  held: bool = False, friction_error: FrictionError | None = None) -> None:
         """Compile the kernels; the estimate starts at zero with the first sample."""
+        if friction_error is not None:
+            instance(friction_error, FrictionError, 'friction_error')
+            if friction_error.joint_names != robot.speed_names:
+                raise InputError(f'friction_error: of {listing(friction_error.joint_names)}; '
+                                 f'expected {listing(robot.speed_names)}')
         self.robot, self.held, self.friction_error = robot, held, friction_error
         self._workspace = robot.bind()
         self._momentum_terms: Callable[..., Array] | None = None

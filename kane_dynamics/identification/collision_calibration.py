@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from kane_dynamics._util.checks import instance
+from kane_dynamics._util.checks import instance, number
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.control.collision_detection import CollisionDetector
 from kane_dynamics.control.friction_error import FrictionError
@@ -137,10 +137,11 @@ def calibrate_collision(robot: Robot, recording: Recording, *, gain: float = 50.
 
     """
     instance(robot, Robot, 'robot')
-    if not 1.25 <= margin < np.inf:
-        raise InputError(f'margin: {margin}; expected a number of at least 1.25')
-    if not 0.0 <= drift < np.inf:
-        raise InputError(f'drift: {drift}; expected a finite number >= 0')
+    gain = number(gain, 'gain', 'a positive number, 1/s', lambda x: 0.0 < x < np.inf)
+    margin = number(margin, 'margin', 'a number of at least 1.25', lambda x: 1.25 <= x < np.inf)
+    drift = number(drift, 'drift', 'a finite number >= 0', lambda x: 0.0 <= x < np.inf)
+    if not isinstance(held, bool):
+        raise InputError(f'held: {held!r}; expected True or False')
     names = recorded_joints(robot)
     check_recording(robot.model, recording, joints=names)
     motion = recorded_motion(robot, names, recording)

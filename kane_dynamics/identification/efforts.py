@@ -42,7 +42,7 @@ class Efforts:
     Raises
     ------
     InputError
-        The kind is unknown, or constants are missing or not needed.
+        The kind is unknown, `gravity` is no truth value, or constants are missing or not needed.
 
     """
 
@@ -55,6 +55,8 @@ class Efforts:
         if self.kind not in list(EffortKind):
             raise InputError(f'efforts: {self.kind!r}; expected one of {", ".join(EffortKind)}')
         object.__setattr__(self, 'kind', EffortKind(self.kind))
+        if not isinstance(self.gravity, bool):
+            raise InputError(f'gravity: {self.gravity!r}; expected True or False')
         currents = self.kind is EffortKind.MOTOR_CURRENT
         if currents and self.constants is None:
             raise InputError('efforts: motor_current without constants; expected the torque '
@@ -104,7 +106,12 @@ class Efforts:
                              'torques with gravity, since the others need the torques of single '
                              'joints')
         if self.constants is not None:
-            tau = tau * per_joint(self.constants, 'constants', robot.joint_names)
+            constants = per_joint(self.constants, 'constants', robot.joint_names)
+            if not constants.all():
+                joint = robot.joint_names[int(np.argmin(constants))]
+                raise InputError(f"constants of joint '{joint}': 0; expected a positive number, "
+                                 'N m/A or N/A')
+            tau = tau * constants
         if self.kind is EffortKind.EXTERNAL_TORQUE:
             if udot is None:
                 raise InputError('udot: missing; expected the accelerations, which external '

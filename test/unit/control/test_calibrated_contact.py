@@ -199,14 +199,25 @@ def test_a_force_on_a_resting_joint_is_never_taken_for_friction():
 @pytest.mark.parametrize(('arguments', 'words'), [
     ({'friction_speed': 0.0}, "friction_speed of joint 'a': 0; expected a positive number"),
     ({'memory': 0.0}, 'memory: 0.0; expected a positive time'),
+    ({'memory': None}, 'memory: None; expected a positive time'),
     ({'coulomb': [1.0]}, 'coulomb: '), ({'offset': np.nan}, 'offset')])
 def test_invalid_friction_is_refused_by_name(arguments, words):
     with pytest.raises(InputError, match=words):
         FrictionError(('a', 'b'), **arguments)
 
 
+def test_friction_of_other_joints_is_refused():
+    with pytest.raises(InputError, match='friction_error: of b, a; expected '):
+        MomentumObserver(Arm('fr3', 1.0, seed=1).model, friction_error=FrictionError(('b', 'a')))
+    with pytest.raises(InputError, match="joint_names: the string 'ab'"):
+        FrictionError('ab')
+
+
 @pytest.mark.parametrize(('arguments', 'words'), [
     ({'margin': 1.0}, 'margin: 1.0; expected a number of at least 1.25'),
+    ({'margin': '2'}, "margin: '2'; expected a number of at least 1.25"),
+    ({'gain': [50.0, 50.0]}, 'gain: .*expected a positive number'),
+    ({'held': 'no'}, "held: 'no'; expected True or False"),
     ({'drift': -0.1}, 'drift: -0.1; expected a finite number >= 0')])
 def test_invalid_margins_are_refused(arguments, words):
     arm = Arm('fr3', 1.0, seed=1)

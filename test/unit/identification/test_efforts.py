@@ -98,6 +98,7 @@ def test_efforts_at_rest_that_contradict_their_meaning_are_named(robot, recordin
 
 @pytest.mark.parametrize(('arguments', 'words'), [
     (('force',), "efforts: 'force'; expected one of motor_current"),
+    (('motor_torque', 'no'), "gravity: 'no'; expected True or False"),
     (('motor_current',), 'without constants; expected the torque constants'),
     (('motor_torque', True, [1.0]), 'motor_torque with constants; expected these with')])
 def test_a_meaning_that_cannot_be_is_refused(arguments, words):
@@ -111,3 +112,5 @@ def test_external_torques_need_accelerations_and_constants_fit_the_joints(robot,
         Efforts('external_torque').torque(robot, q, u, tau)
     with pytest.raises(InputError, match='constants: '):
         Efforts('motor_current', constants=[1.0, 2.0]).torque(robot, q, u, tau)
+    with pytest.raises(InputError, match=r'constants of joint .*: 0; expected a positive'):
+        Efforts('motor_current', constants=0.0).torque(robot, q, u, tau)
