@@ -3,12 +3,15 @@
 from collections.abc import Callable, Sequence
 import math
 from typing import Any
+import warnings
 
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError, KaneError, ModelError
+from kane_dynamics.errors import InputError, KaneError, ModelError, ModelWarning
 import numpy as np
 from numpy.typing import ArrayLike
+
+FULL_TURN = 2.0 * math.pi + 1e-3  # rad; of decimal angles too
 
 
 def constant(value: ArrayLike, shape: tuple[int, ...], what: str,
@@ -104,6 +107,14 @@ def instance(value: object, kind: type, what: str) -> None:
     """Raise InputError unless a value is of a class."""
     if not isinstance(value, kind):
         raise InputError(f'{what}: a {type(value).__name__}; expected a {kind.__name__}')
+
+
+def warn_of_turns(angles: Array, what: str, stacklevel: int) -> None:
+    """Warn of an angle of an orientation, rad, beyond a full turn, as degrees are."""
+    largest = float(np.abs(angles).max(initial=0.0))
+    if largest > FULL_TURN:
+        warnings.warn(f'{what}: {largest:g} rad; expected rad, at most a full turn: are these '
+                      'degrees?', ModelWarning, stacklevel=stacklevel + 1)
 
 
 def positive_time(value: Any, what: str, otherwise: str = '') -> float:

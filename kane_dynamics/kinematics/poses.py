@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from kane_dynamics._util.checks import warn_of_turns
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 import numpy as np
@@ -39,6 +40,11 @@ def pose_from(position: ArrayLike = (0.0, 0.0, 0.0), *, rpy: ArrayLike | None = 
     -------
     (4, 4) or (..., 4, 4) array
 
+    Warns
+    -----
+    ModelWarning
+        An angle is beyond a full turn, as degrees are.
+
     Raises
     ------
     InputError
@@ -53,6 +59,7 @@ def pose_from(position: ArrayLike = (0.0, 0.0, 0.0), *, rpy: ArrayLike | None = 
         R = _quaternion_rotation(_numbers(quaternion, (4,), 'quaternion'))
     else:
         angles = _numbers(np.zeros(3) if rpy is None else rpy, (3,), 'rpy')
+        warn_of_turns(angles, 'rpy', stacklevel=2)
         x, y, z = (rotation_exp(angles[..., k, None] * axis) for k, axis in enumerate(np.eye(3)))
         R = z @ y @ x
     try:

@@ -6,7 +6,7 @@ from itertools import pairwise
 import math
 from typing import Any
 
-from kane_dynamics._util.checks import constant
+from kane_dynamics._util.checks import constant, warn_of_turns
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
 from kane_dynamics.model.inertial import Inertial, principal_moments
@@ -122,6 +122,11 @@ def pose(at: ArrayLike, rpy: ArrayLike, what: str,
     quaternion : (4,) array, optional
         x, y, z, w, instead of `rpy`.
 
+    Warns
+    -----
+    ModelWarning
+        An angle is beyond a full turn, as degrees are.
+
     Raises
     ------
     ModelError
@@ -133,7 +138,9 @@ def pose(at: ArrayLike, rpy: ArrayLike, what: str,
             raise ModelError(f'{what}: rpy and quaternion; expected one of them')
         return _rotation_of(quaternion, what), constant(at, (3,), f'{what}: at')
     R: Array = np.eye(3)
-    for axis, angle in zip(np.eye(3), constant(rpy, (3,), f'{what}: rpy')):
+    angles = constant(rpy, (3,), f'{what}: rpy')
+    warn_of_turns(angles, f'{what}: rpy', stacklevel=4)
+    for axis, angle in zip(np.eye(3), angles):
         R = rotation_about(axis, float(angle)) @ R
     return snapped(R), constant(at, (3,), f'{what}: at')
 

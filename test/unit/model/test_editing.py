@@ -1,8 +1,8 @@
 """Models are changed without XML: tools, further models, locked joints, other names."""
 
 from kane_dynamics import (ball, box, FlexibleLink, Inertial, InputError, load_urdf, ModelBuilder,
-                           ModelError, ModelWarning, point_mass, Robot, with_locked, with_model,
-                           with_names, with_tool)
+                           ModelError, ModelWarning, point_mass, pose_from, Robot, with_locked,
+                           with_model, with_names, with_tool)
 from kane_dynamics._util.resources import resource_path
 from mechanisms import random_model
 import numpy as np
@@ -173,6 +173,13 @@ def test_a_beam_on_a_locked_joint_keeps_its_modes_and_its_load(modes):
 def test_locked_positions_in_degrees_are_warned_of():
     with pytest.warns(ModelWarning, match=r"'elbow_joint' at 90, limits .*expected rad or m"):
         with_locked(ARM, {'elbow_joint': 90.0})
+
+
+def test_orientations_in_degrees_are_warned_of():
+    with pytest.warns(ModelWarning, match="'gripper': rpy: 180 rad; .*are these degrees"):
+        with_tool(ARM, 'tool0', 'gripper', GRIPPER, rpy=(180.0, 0.0, 0.0))
+    with pytest.warns(ModelWarning, match='^rpy: 90 rad; .*are these degrees'):
+        pose_from(rpy=(0.0, 0.0, 90.0))
 
 
 @pytest.mark.parametrize(('call', 'words'), [
