@@ -182,6 +182,7 @@ class GuardPath(TorquePath):
         self.watch.take_over(now)
         self._took_over = self._now()
         self.resume(self.watch.torque)
+        self.controller.resume(self._last_heard / NANO, self.messages.last)
         self._report('error', f'no command for {self.watch.silent_for * 1e3:.1f} ms, and joint '
                      f'states are impossible ({self.fault}): {self.reaction}')
 

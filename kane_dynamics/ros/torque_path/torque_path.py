@@ -376,6 +376,8 @@ class TorquePath:
         if self.arbiter is not None and not self.arbiter.may_repeat(time.perf_counter()):
             return
         if not self.fault:
+            # The limit of the rate counts from here on: the torque did not change until now.
+            self.controller.limit(self._last_heard / NANO, self.messages.last)
             self.messages.repeat()
         elif self._holds:
             self._hold(self._last_heard)
@@ -391,7 +393,7 @@ class TorquePath:
         if self.commanding and self._holds:
             # The torque continues, but the pose that was held is left: meanwhile the arm can have
             # moved, and the position gain would throw it back.
-            self.controller.resume(self._last_stamp / NANO, self.messages.last)
+            self.controller.resume(self._last_heard / NANO, self.messages.last)
         if self.loops is not None:
             self.loops.give_up()
         self.statistics.faults += 1

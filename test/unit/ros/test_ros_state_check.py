@@ -185,6 +185,24 @@ def test_torques_do_not_climb_from_zero_after_a_fault_that_did_not_end_in_zeros(
         assert np.abs(command).max() <= 0.2 + 1e-9  # from zeros within the limit of the rate
 
 
+@pytest.mark.parametrize('lasting', [1, 10, 60])
+def test_the_rate_of_torques_is_limited_while_states_are_refused_and_after_it(lasting):
+    rig = Rig('gravity_compensation', rate_limit=100.0, action='hold')
+    rig.begin()
+    for _ in range(1000):
+        rig.state()
+    begun = len(rig.commands) - 1
+    for _ in range(lasting):
+        rig.state(away(1, 1.0))
+    near = away(1, 0.01 * min(lasting, 10))
+    for _ in range(10):
+        rig.state(near)
+    changes = np.abs(np.diff(rig.commands[begun:], axis=0))
+    assert len(changes) == lasting + 10
+    assert changes[lasting:].max() > 0.1
+    assert changes.max() <= 100.0 * PERIOD / NANO + 1e-9
+
+
 def test_a_jump_of_the_clock_or_a_pause_of_the_states_begins_with_new_ones():
     rig, there = Rig(), away(1, 1.0)
     rig.begin()
