@@ -93,6 +93,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 130
+    finally:
+        compile_log.on_stderr = False
 
 
 class _Parser(argparse.ArgumentParser):

@@ -14,7 +14,7 @@ from kane_dynamics.native.backends.c99_math import elementary_functions, Precisi
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import evaluate
 from kane_dynamics.robot.c_header import (CKernel, constrained, header_text, joint_limits,
-                                           limit_size)
+                                          limit_size)
 import numpy as np
 
 DEFAULT_KERNELS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'bias_force',

@@ -22,7 +22,7 @@ def test_a_line_says_what_is_compiled_and_one_how_long_it_took(caplog, monkeypat
             while not caplog.messages and time.monotonic() < deadline:
                 time.sleep(0.01)
             assert caplog.messages == ['compiling inverse_dynamics, more than 0.05 s so far']
-    assert caplog.messages[1].startswith('compiled inverse_dynamics in 0.')
+    assert caplog.messages[1].startswith('compiled inverse_dynamics in ')
 
 
 def test_long_programs_in_pieces_give_the_same_numbers(monkeypatch):
