@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import FrozenInstanceError
 import difflib
 from functools import wraps
-from inspect import signature
+from inspect import Signature, signature
 from typing import Any, TYPE_CHECKING, TypeVar
 
 Class = TypeVar('Class', bound=type)
@@ -196,6 +196,11 @@ class HintingClass(type):
             if message is not None:
                 raise TypeError(message)
             return super().__call__(*values, **named)
+
+        @property
+        def __signature__(cls) -> Signature:
+            """Return the arguments of the constructor, for `help` and editors."""
+            return Signature(list(signature(cls.__init__).parameters.values())[1:])
 
         def __getattr__(cls, name: str) -> Any:
             text = function_hint(name)

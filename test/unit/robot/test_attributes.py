@@ -1,6 +1,7 @@
 """Promises of names: misspelt ones are refused with a counterpart; objects are readable."""
 
 import copy
+import inspect
 import pickle
 import pydoc
 from xml.etree import ElementTree
@@ -297,3 +298,10 @@ def test_the_package_lists_its_names_and_version():
     assert not {'import_module', 'TYPE_CHECKING'} & extra
     assert all(hasattr(kane_dynamics, name) for name in dir(kane_dynamics))
     assert kane_dynamics.__version__.count('.') == 2
+
+
+def test_help_and_editors_show_the_arguments_of_the_constructor():
+    names = tuple(inspect.signature(Robot).parameters)
+    assert names[:4] == ('model', 'speeds', 'constraints', 'independent')
+    assert 'payload_frame' in names
+    assert ' |  Robot(model: ' in pydoc.plain(pydoc.render_doc(Robot))
