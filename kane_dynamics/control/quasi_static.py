@@ -228,6 +228,9 @@ def _check(robot: Robot) -> None:
                               and robot.speed_names != robot.coordinate_names):
         raise InputError('quasi-static deflections: a robot without beams, or with chosen speeds; '
                          'expected one with beams, in joint rates')
+    if len(model.modal_coordinates) == model.n:
+        raise InputError('quasi-static deflections: a robot whose only motions are those of '
+                         'beams; expected joints too')
     if not isinstance(equations, ConstrainedEquations):
         return
     modes = {model.coordinate_names[k] for k in model.modal_coordinates}

@@ -3,8 +3,8 @@
 from functools import cache
 
 from examples.flexible_four_bar import flexible_four_bar
-from kane_dynamics import (Controller, InputError, load_urdf, Motion, QuasiStatic, Robot, simulate,
-                           stiffened)
+from kane_dynamics import (Controller, FlexibleLink, InputError, load_urdf, ModelBuilder, Motion,
+                           QuasiStatic, Robot, simulate, stiffened)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
 from kane_dynamics.control.terms import Mode, Terms
@@ -219,3 +219,11 @@ def test_an_equilibrium_near_the_stiffness_is_found_though_corrections_do_not_al
 def test_what_has_no_equilibrium_is_refused(call, words):
     with pytest.raises(InputError, match=words):
         call()
+
+
+def test_a_clamped_beam_alone_is_refused():
+    b = ModelBuilder('cantilever')
+    b.beam('beam', 'world', FlexibleLink(length=1.0, density=0.8, stiffness=4.0, modes=(2, 0)),
+           kind='fixed')
+    with pytest.raises(InputError, match='whose only motions are those of beams'):
+        QuasiStatic(Robot(b.model()))
