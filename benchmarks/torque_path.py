@@ -84,7 +84,8 @@ class Rig:
         values = {spec.name: read(spec, spec.default) for spec in SPECS} | {
             'mode': 'computed_torque', 'joints': joints, 'state_timeout': 5.0,
             'arm_compensates': ('none',),
-            'state_check.noise': 1.0, 'state_check.position_margin': 1.0}  # the states jump
+            'state_check.noise': 1.0, 'state_check.position_margin': 1.0,  # the states jump
+            'limits.rate': np.array(1e9)}  # so do the torques; N m/s, checked as any other limit
         values |= REALTIME if settings == ON else {}
         controller = path_controller(load_model(URDF, values, _ignore), values)
         controller.compile()

@@ -95,20 +95,16 @@ class TorqueLimiter:
 
         """
         wanted = tau.tolist()
-        if not self._rated:
-            for x, (low, high) in zip(wanted, self._bounds):
-                if not low <= x <= high:  # nan and infinity too
-                    break
-            else:
-                self._last, self._stamp = wanted, t
-                return Command(tau, self._none, self._none, False)
+        elapsed = 0.0 if self._stamp is None else max(t - self._stamp, 0.0)
+        if self._is_within(wanted, elapsed):
+            self._last, self._stamp = wanted, t
+            return Command(tau, self._none, self._none, False)
         if not all(map(math.isfinite, wanted)):
             raise InputError('torques: not finite, '
                              f'{dict(zip(self._names, wanted, strict=True))}; expected a state, '
                              'a motion and gains in a physical range')
         within = [clipped(x, -most, most)
                   for x, most in zip(wanted, self._largest, strict=True)]
-        elapsed = 0.0 if self._stamp is None else max(t - self._stamp, 0.0)
         out = within if not self._rated else [
             within_rate(x, last, slope * elapsed + free)
             for x, last, slope, free in zip(within, self._last, self._slope, self._free,
@@ -121,6 +117,17 @@ class TorqueLimiter:
             return Command(limited, limited != tau, self._none, True)
         bounded = np.array(within)
         return Command(limited, bounded != tau, limited != bounded, True)
+
+    def _is_within(self, wanted: list[float], elapsed: float) -> bool:
+        """Return whether torques are finite and within all limits; as fast as may be."""
+        for x, (low, high) in zip(wanted, self._bounds):
+            if not low <= x <= high:  # nan and infinity too
+                return False
+        if self._rated:
+            for x, last, slope, free in zip(wanted, self._last, self._slope, self._free):
+                if not abs(x - last) <= slope * elapsed + free:
+                    return False
+        return True
 
     def resume(self, t: float | None, tau: Array) -> None:
         """Continue from `tau`, (n,), commanded elsewhere at stamp `t`, s; None: the next one."""
