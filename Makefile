@@ -136,7 +136,7 @@ TIMED = $(shell grep -rl --include='test_*.py' 'pytest.mark.timed' test)
 PYTEST = $(ROS_ENV) $(BIN)/python -m pytest
 REPEATED = echo '== what failed is repeated once, by itself';
 FAILED_ONES = --last-failed --last-failed-no-failures=none
-LIBRARY = $(REAL_TIME:%=--ignore=%) --ignore=test/docs --ignore=test/install -m 'not slow and not timed' $(PYTEST_ARGS)
+LIBRARY = $(REAL_TIME:%=--ignore=%) --ignore=test/docs --ignore=test/installation -m 'not slow and not timed' $(PYTEST_ARGS)
 ALONE = $(filter-out $(BY_COLCON), $(REAL_TIME)) $(TIMED) -m 'timed and not slow' $(PYTEST_ARGS)
 
 test: install $(VENV)/.torch
@@ -145,7 +145,7 @@ test: install $(VENV)/.torch
 
 # Into environments of their own, from the package index.
 install-test: install
-	$(PYTEST) -s test/install
+	$(PYTEST) -s test/installation
 
 test-slow soak: install
 	$(ROS_ENV) $(BIN)/python -m pytest -m slow --timeout 3600 $(PYTEST_ARGS)
