@@ -72,7 +72,10 @@ def interpreter_on_path(name):
     """Return the first interpreter on the PATH that runs; the stand-ins of pyenv may not."""
     for folder in os.environ['PATH'].split(os.pathsep):
         path = Path(folder) / name
-        if path.is_file() and subprocess.run([path, '-c', ''], capture_output=True).returncode == 0:
+        if not path.is_file():
+            continue
+        tried = subprocess.run([path, '-c', ''], capture_output=True)
+        if tried.returncode == 0:
             return path
     return None
 
