@@ -49,7 +49,7 @@ def test_the_shipped_way_leaves_an_arm_that_holds_itself_where_it_is(states):
 
 
 def test_gravity_twice_throws_the_arm_and_the_node_warns_of_it(states):
-    """What the shipped way prevents: the same arm, of which the node is told the wrong thing."""
+    """The fault that the shipped way prevents: the same arm with the wrong statement."""
     received, node = states('-p', 'arm_compensates:=none', '-p', 'mode:=gravity_compensation')
     assert np.abs(received[-1][0] - received[0][0]).max() > 0.05
     assert 'arm_compensates: none, where gravity would count twice; expected gravity' in node.log

@@ -1,4 +1,4 @@
-"""What `kane-dynamics excite` says of a motion that does not reach what was asked."""
+"""`kane-dynamics excite` warns of a motion that does not reach what was asked."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""What efforts are: the torques that follow from each kind, and contradictions at rest."""
+"""Each kind of effort gives the torques of the joints; contradictions at rest are found."""
 
 from dataclasses import replace
 

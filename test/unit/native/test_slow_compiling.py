@@ -1,4 +1,4 @@
-"""What compiles for long is logged, and long programs compile quickly to the same function."""
+"""Slow compiling is logged, and long programs compile quickly to the same function."""
 
 import logging
 import time
