@@ -149,7 +149,7 @@ def four_bar() -> Robot:
     carrier, joint = 'world', (0.0, 0.0, 0.0)
     for name, length in (('crank', 0.3), ('coupler', 0.9), ('rocker', 0.7)):
         b.body(name, carrier, axis=(0, -1, 0), at=joint,
-               matter=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
+               inertial=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
         carrier, joint = name, (length, 0.0, 0.0)
     b.frame('end', 'rocker', at=joint)
     b.frame('ground', 'world', at=(1, 0, 0))
@@ -161,7 +161,7 @@ def rolling_disc() -> Robot:
     """Return a thin disc that rolls on a plane."""
     b = ModelBuilder('rolling disc')
     b.body('disc', kind='floating', turns='zxy', at=(0, 0, 0.5),
-           matter=disc(1.0, 0.5, axis=(0, 1, 0)))
+           inertial=disc(1.0, 0.5, axis=(0, 1, 0)))
     return Robot(b.model(), constraints=[Rolling('disc', 0.5, axis=(0, 1, 0))])
 
 

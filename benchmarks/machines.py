@@ -191,6 +191,6 @@ def free_arm() -> Machine:
 def free_model() -> Model:
     """Return the model of `free_arm`."""
     b = ModelBuilder('free-flying fr3')
-    b.body('base', 'world', 'free', matter=box(50.0, (0.6, 0.5, 0.4), at=(0.02, 0.01, 0.0)))
+    b.body('base', 'world', 'free', inertial=box(50.0, (0.6, 0.5, 0.4), at=(0.02, 0.01, 0.0)))
     b.mount(shipped_arm('fr3'), 'base', at=(0.1, 0.0, 0.2))
     return b.model()

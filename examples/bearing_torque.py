@@ -6,8 +6,8 @@ import numpy as np
 m, L = 1.0, 0.3
 b = ModelBuilder('two rods')
 b.body('turn', 'world', 'revolute', axis=(0, 1, 0))
-b.body('A', 'turn', 'revolute', axis=(1, 0, 0), matter=rod(2 * m, (0, 0, 0), (0, 0, 4 * L)))
-b.body('B', 'A', 'revolute', at=(0, 0, 4 * L), matter=rod(m, (0, 0, 0), (0, -2 * L, 0)))
+b.body('A', 'turn', 'revolute', axis=(1, 0, 0), inertial=rod(2 * m, (0, 0, 0), (0, 0, 4 * L)))
+b.body('B', 'A', 'revolute', at=(0, 0, 4 * L), inertial=rod(m, (0, 0, 0), (0, -2 * L, 0)))
 bearing = PointVelocity('A', (1, 0, 0), axes='A', angular=True, name='bearing')  # u3 = 0
 rods = Robot(b.model(), constraints=[bearing], independent=['turn', 'B'])
 

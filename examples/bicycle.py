@@ -5,15 +5,15 @@ import numpy as np
 
 y, tilt = (0, 1, 0), np.pi / 10
 b = ModelBuilder('bicycle')
-b.body('frame', 'world', 'floating', turns='zxy', matter=Inertial(
+b.body('frame', 'world', 'floating', turns='zxy', inertial=Inertial(
     85, (0.3, 0, 0.9), [[9.2, 0, -2.4], [0, 11, 0], [-2.4, 0, 2.8]]))
 b.body('rear', 'frame', axis=y, at=(0, 0, 0.3),
-       matter=Inertial(2, inertia=np.diag([0.0603, 0.12, 0.0603])))
+       inertial=Inertial(2, inertia=np.diag([0.0603, 0.12, 0.0603])))
 b.body('fork', 'frame', joint='steer', axis=(-np.sin(tilt), 0, np.cos(tilt)), at=(1.1, 0, 0),
-       matter=Inertial(4, (-0.2, 0, 0.7), [[0.05892, 0, 0.00756], [0, 0.06, 0],
-                                           [0.00756, 0, 0.00708]]))
+       inertial=Inertial(4, (-0.2, 0, 0.7), [[0.05892, 0, 0.00756], [0, 0.06, 0],
+                                             [0.00756, 0, 0.00708]]))
 b.body('front', 'fork', axis=y, at=(-0.08, 0, 0.35),
-       matter=Inertial(3, inertia=np.diag([0.1405, 0.28, 0.1405])))
+       inertial=Inertial(3, inertia=np.diag([0.1405, 0.28, 0.1405])))
 model, free = b.model(), ['frame/rx', 'rear', 'steer']
 wheels = [Rolling('rear', 0.3, axis=y), Rolling('front', 0.35, axis=y)]
 

@@ -28,13 +28,13 @@ moving = point_mass(2.916 + 3 * pin + 6.0)  # platform, pins and payload
 b = ModelBuilder('delta robot')
 b.body('along x', 'world', 'prismatic', axis=(1, 0, 0), joint='x')
 b.body('along y', 'along x', 'prismatic', axis=(0, 1, 0), joint='y')
-b.body('platform', 'along y', 'prismatic', axis=(0, 0, 1), joint='z', matter=moving)
+b.body('platform', 'along y', 'prismatic', axis=(0, 0, 1), joint='z', inertial=moving)
 turns, arms, ends = 2 * np.pi / 3 * np.arange(3), [], []
 for k, turn in enumerate(turns, 1):
     b.frame(f'side {k}', 'world', rpy=(0, 0, turn))
     b.body(f'arm {k}', f'side {k}', axis=(0, 1, 0), at=(shoulder, 0, 0), armature=gear,
-           matter=arm + point_mass(pin, (upper, 0, 0)))
-    b.body(f'forearm {k}', f'arm {k}', 'universal', at=(upper, 0, 0), turns='yx', matter=rods)
+           inertial=arm + point_mass(pin, (upper, 0, 0)))
+    b.body(f'forearm {k}', f'arm {k}', 'universal', at=(upper, 0, 0), turns='yx', inertial=rods)
     b.frame(f'wrist {k}', f'forearm {k}', at=(0, 0, -fore))
     b.frame(f'corner {k}', 'platform', at=corner * np.array([np.cos(turn), np.sin(turn), 0]))
     ends.append(Closure(f'wrist {k}', f'corner {k}', 'spherical', name=f'end {k}'))

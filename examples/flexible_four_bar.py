@@ -10,11 +10,11 @@ import numpy as np
 def flexible_four_bar():
     """Return the linkage; its light coupler bends in the plane of the motion."""
     b = ModelBuilder('flexible four-bar')
-    b.body('crank', 'world', axis=(0, -1, 0), matter=rod(0.6, (0, 0, 0), (0.3, 0, 0)))
+    b.body('crank', 'world', axis=(0, -1, 0), inertial=rod(0.6, (0, 0, 0), (0.3, 0, 0)))
     b.beam('coupler', 'crank', FlexibleLink(length=0.9, density=1.0, stiffness=30.0, modes=(2, 0),
                                             up=(0, 0, 1), damping=1e-3),
            axis=(0, -1, 0), at=(0.3, 0, 0))
-    b.body('rocker', 'coupler/tip', axis=(0, -1, 0), matter=rod(1.4, (0, 0, 0), (0.7, 0, 0)))
+    b.body('rocker', 'coupler/tip', axis=(0, -1, 0), inertial=rod(1.4, (0, 0, 0), (0.7, 0, 0)))
     b.frame('end', 'rocker', at=(0.7, 0, 0))
     b.frame('ground', 'world', at=(1, 0, 0))
     pin = Closure('end', 'ground', 'revolute', axis=(0, 1, 0))

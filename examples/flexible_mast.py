@@ -11,7 +11,7 @@ import numpy as np
 def mast_on_a_sleigh():
     """Return the sleigh; a spring holds the mast upright, a load is at its top."""
     b = ModelBuilder('sleigh with a mast')
-    b.body('sleigh', 'world', 'planar', matter=ball(3.0, 0.4, at=(0.3, 0, 0)))
+    b.body('sleigh', 'world', 'planar', inertial=ball(3.0, 0.4, at=(0.3, 0, 0)))
     b.beam('mast', 'sleigh', FlexibleLink(length=1.0, density=0.5, stiffness=30.0, modes=(1, 1),
                                           direction=(0, 0, 1), up=(1, 0, 0)),
            axis=(0, 1, 0), stiffness=50.0)

@@ -8,7 +8,7 @@ carrier, joint = 'world', (0, 0, 0)
 for name, length in (('crank', 0.3), ('coupler', 0.9), ('rocker', 0.7)):
     end = (length, 0, 0)
     b.body(name, carrier, 'revolute', axis=(0, -1, 0), at=joint,
-           matter=rod(2 * length, (0, 0, 0), end))
+           inertial=rod(2 * length, (0, 0, 0), end))
     carrier, joint = name, end
 b.frame('end', 'rocker', at=joint)
 b.frame('ground', 'world', at=(1, 0, 0))

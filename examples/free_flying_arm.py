@@ -41,12 +41,12 @@ def inertial(mass, center, moments):
 
 
 b = ModelBuilder('ETS-VII', gravity=(0, 0, 0), strict=False)
-b.body('bus', kind='free', matter=inertial(
+b.body('bus', kind='free', inertial=inertial(
     2552.0, (0, 0, 0), (6206.0, 3541.0, 7087.0, 48.16, 78.52, -29.22)))
 on, center = 'bus', np.zeros(3)
 for k, (place, rpy, ahead, mass, moments) in enumerate(LINKS, 1):
     b.body(f'joint{k}', on, axis=(0, 0, 1), at=center + place, rpy=rpy,
-           matter=inertial(mass, ahead, moments))
+           inertial=inertial(mass, ahead, moments))
     on, center = f'joint{k}', np.array(ahead)
 with warnings.catch_warnings():
     warnings.simplefilter('ignore', ModelWarning)  # link 2, see above

@@ -20,9 +20,9 @@ base = Inertial(24.73813, np.array([0.00144, 0.00003, 0.06711]), np.array(
 wheel = Inertial(1.82362, np.zeros(3), np.diag([0.00499743171, 0.00839239692, 0.00499741733]))
 
 b = ModelBuilder('mobile manipulator')
-b.body('base', 'world', 'planar', at=(0, 0, radius), matter=base)
+b.body('base', 'world', 'planar', at=(0, 0, radius), inertial=base)
 for name, side in (('left', 0.5), ('right', -0.5)):
-    b.body(name, 'base', axis=(0, 1, 0), at=(0, side * track, 0), matter=wheel)
+    b.body(name, 'base', axis=(0, 1, 0), at=(0, side * track, 0), inertial=wheel)
 b.mount(load_urdf(Path(__file__).parents[1] / 'urdf' / 'fr3.urdf',
                   locked={'fr3_finger_joint1': 0.02}), 'base', at=(0.1, 0, 0.2))
 rolling = [Rolling(name, radius, axis=(0, 1, 0)) for name in ('left', 'right')]

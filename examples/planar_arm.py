@@ -5,8 +5,8 @@ import numpy as np
 
 l1, l2 = 0.5, 0.4
 b = ModelBuilder('planar arm')
-b.body('link1', 'world', 'revolute', matter=rod(3.0, (0, 0, 0), (l1, 0, 0)))
-b.body('link2', 'link1', 'revolute', at=(l1, 0, 0), matter=rod(2.4, (0, 0, 0), (l2, 0, 0)))
+b.body('link1', 'world', 'revolute', inertial=rod(3.0, (0, 0, 0), (l1, 0, 0)))
+b.body('link2', 'link1', 'revolute', at=(l1, 0, 0), inertial=rod(2.4, (0, 0, 0), (l2, 0, 0)))
 b.frame('tip', 'link2', at=(l2, 0, 0))
 
 robot = Robot(b.model())

@@ -5,7 +5,7 @@ import numpy as np
 
 m, r, lean, turn = 1.0, 0.3, -0.4, 2.0
 b = ModelBuilder('rolling disc')
-b.body('disc', 'world', 'floating', turns='zxy', matter=disc(m, r, axis=(0, 1, 0)))
+b.body('disc', 'world', 'floating', turns='zxy', inertial=disc(m, r, axis=(0, 1, 0)))
 free = ['disc/rz', 'disc/rx', 'disc/ry']  # heading, lean, spin
 rolls = Robot(b.model(), constraints=[Rolling('disc', r, axis=(0, 1, 0))], independent=free)
 

@@ -4,7 +4,7 @@ from kane_dynamics import box, knife_edge, ModelBuilder, Robot
 import numpy as np
 
 b = ModelBuilder('sleigh')
-b.body('sleigh', 'world', 'planar', matter=box(3.0, (1.0, 0.4, 0.1), at=(0.3, 0, 0)))
+b.body('sleigh', 'world', 'planar', inertial=box(3.0, (1.0, 0.4, 0.1), at=(0.3, 0, 0)))
 glides = Robot(b.model(), constraints=[knife_edge('sleigh', (0, 1, 0), name='blade')],
                independent=['sleigh/x', 'sleigh/rz'])
 

@@ -4,8 +4,8 @@ from kane_dynamics import ModelBuilder, point_mass, Robot, simulate
 import numpy as np
 
 b = ModelBuilder('spring-mass-pendulum')
-b.body('block', 'world', 'prismatic', axis=(1, 0, 0), matter=point_mass(2.0), stiffness=50.0)
-b.body('pendulum', 'block', 'revolute', axis=(0, -1, 0), matter=point_mass(1.0, (0, 0, -0.5)))
+b.body('block', 'world', 'prismatic', axis=(1, 0, 0), inertial=point_mass(2.0), stiffness=50.0)
+b.body('pendulum', 'block', 'revolute', axis=(0, -1, 0), inertial=point_mass(1.0, (0, 0, -0.5)))
 
 robot = Robot(b.model())
 q, u = np.array([0.1, 0.6]), np.zeros(2)

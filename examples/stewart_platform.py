@@ -23,13 +23,13 @@ tops = np.array([[0.170, 0.595, -0.4], [-0.600, 0.150, -0.4], [-0.600, -0.150, -
 mass, inertia, center = 0.1, np.diag([1 / 160, 1 / 160, 0]), 0.5  # of cylinder and piston alike
 
 b = ModelBuilder('stewart platform', gravity=(0, 0, -9.80665))
-b.body('platform', kind='free', matter=Inertial(1.5, np.zeros(3), 0.08 * np.eye(3)))
+b.body('platform', kind='free', inertial=Inertial(1.5, np.zeros(3), 0.08 * np.eye(3)))
 legs, closures = [], []
 for k, (foot, top) in enumerate(zip(feet, tops), 1):
     b.body(f'cylinder {k}', 'world', 'universal', at=foot,
-           matter=Inertial(mass, np.array([0, 0, center]), inertia))
+           inertial=Inertial(mass, np.array([0, 0, center]), inertia))
     b.body(f'leg {k}', f'cylinder {k}', 'prismatic', axis=(0, 0, 1),
-           matter=Inertial(mass, np.array([0, 0, -center]), inertia))
+           inertial=Inertial(mass, np.array([0, 0, -center]), inertia))
     b.frame(f'top {k}', 'platform', at=top)
     closures.append(Closure(f'leg {k}', f'top {k}', 'spherical', name=f'joint {k}'))
     legs.append(f'leg {k}')

@@ -221,7 +221,7 @@ class _Reader:
             on, at, quaternion, anchor = name, np.zeros(3), IDENTITY, position
         # The body's frame, carried by the last joint, or fixed to its parent without joints.
         self.builder.body(self.bodies[body], on, 'fixed', at=at - anchor if len(joints) else at,
-                          quaternion=quaternion, matter=self._inertial(body))
+                          quaternion=quaternion, inertial=self._inertial(body))
 
     def _add_joint(self, body: str, joint: int, on: str, at: Array, quaternion: Array) -> None:
         """Add one joint of MuJoCo and the body that it moves."""

@@ -9,7 +9,7 @@ from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import constant, instance
 from kane_dynamics._util.text import listing
 from kane_dynamics.errors import ModelError
-from kane_dynamics.model.builder_checks import (check_ball_property, check_matter,
+from kane_dynamics.model.builder_checks import (check_ball_property, check_inertial,
                                                 check_moments, check_properties, checked_turns,
                                                 direction, pose)
 from kane_dynamics.model.flexible_link import AssumedModes, FlexibleLink
@@ -46,8 +46,8 @@ class ModelBuilder(ModelAssembly):
     A pendulum on a cart with a spring:
 
     >>> b = ModelBuilder('cart')
-    >>> b.body('cart', 'world', 'prismatic', axis=(1, 0, 0), matter=point_mass(2), stiffness=50)
-    >>> b.body('rod', 'cart', 'revolute', axis=(0, 1, 0), matter=rod(1, (0, 0, 0), (0, 0, -0.5)))
+    >>> b.body('cart', 'world', 'prismatic', axis=(1, 0, 0), inertial=point_mass(2), stiffness=50)
+    >>> b.body('rod', 'cart', 'revolute', axis=(0, 1, 0), inertial=rod(1, (0, 0, 0), (0, 0, -0.5)))
     >>> robot = Robot(b.model())
 
     """
@@ -81,7 +81,7 @@ class ModelBuilder(ModelAssembly):
     def body(self, name: str, on: str = 'world', kind: str = 'revolute', *,
              axis: ArrayLike = (0.0, 0.0, 1.0), at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
              quaternion: ArrayLike | None = None,
-             matter: Inertial = NOTHING, joint: str | None = None, turns: str = 'xyz',
+             inertial: Inertial = NOTHING, joint: str | None = None, turns: str = 'xyz',
              mimic: str | None = None, multiplier: float = 1.0, offset: float = 0.0,
              **properties: Any) -> None:
         """
@@ -106,7 +106,7 @@ class ModelBuilder(ModelAssembly):
             Pose of the joint in frame `on`: m, and roll, pitch, yaw about its fixed x, y, z, rad.
         quaternion : (4,) array, optional
             Orientation as x, y, z, w, instead of `rpy`.
-        matter : Inertial
+        inertial : Inertial
             Inertia of the body in its axes, which are those of the joint at position 0.
         joint : str, optional
             Name of the joint. Default: that of the body.
@@ -144,16 +144,16 @@ class ModelBuilder(ModelAssembly):
         check_properties(joint, properties)
         placement = self._placement(on, what)
         self._check_new(name)
-        check_matter(name, matter)  # before anything is added
+        check_inertial(name, inertial)  # before anything is added
         if self.strict:
-            check_moments(name, matter)
+            check_moments(name, inertial)
         mimic_fields = self._mimic_fields(what, kind, mimic, multiplier, offset)
         if kind == 'fixed':
             if properties:
                 raise ModelError(f'{what}: {", ".join(properties)} of a fixed joint; expected no '
                                  'property, since it does not move')
             self._placements[name] = placement.frame(R, p)
-            self.load(name, matter)
+            self.load(name, inertial)
             return
         for single in singles:
             self._check_joint(single.name)
@@ -169,7 +169,7 @@ class ModelBuilder(ModelAssembly):
                 self._coordinates.append(single.name)
             placement = Placement(len(self._bodies) - 1)
         self._placements[name] = placement
-        self.load(name, matter)
+        self.load(name, inertial)
 
     def beam(self, name: str, on: str, link: FlexibleLink, kind: str = 'revolute',
              **options: Any) -> None:
@@ -186,19 +186,19 @@ class ModelBuilder(ModelAssembly):
         on : str
             The frame to which the joint is attached.
         link : FlexibleLink
-            The beam; `matter` adds inertia at its root.
+            The beam; `inertial` adds inertia at its root.
         kind, **options
             As in `body`, including its errors.
 
         """
         shape = link.checked(name)
-        matter = options.pop('matter', NOTHING)
+        inertial = options.pop('inertial', NOTHING)
         first = len(self._coordinates)
         if kind == 'fixed' and shape.count:
             self._clamp(name, on, first, **options)
-            self.load(name, matter + shape.inertial)
+            self.load(name, inertial + shape.inertial)
         else:
-            self.body(name, on, kind, matter=matter + shape.inertial, **options)
+            self.body(name, on, kind, inertial=inertial + shape.inertial, **options)
             first = len(self._coordinates)
         coordinates = tuple(range(first, first + shape.count))
         self._coordinates += shape.names

@@ -83,16 +83,16 @@ def check_balls(bodies: Sequence[Any], balls: Sequence[int]) -> None:
                              'mimics; expected a joint of one degree of freedom')
 
 
-def check_matter(on: str, matter: Inertial) -> None:
+def check_inertial(on: str, inertial: Inertial) -> None:
     """Raise ModelError for what is no Inertial."""
-    if not isinstance(matter, Inertial):
-        raise ModelError(f"'{on}': inertial properties: a {type(matter).__name__}; expected an "
-                         'Inertial (matter=), such as of rod, disc, ball, box, point_mass')
+    if not isinstance(inertial, Inertial):
+        raise ModelError(f"'{on}': inertial properties: a {type(inertial).__name__}; expected an "
+                         'Inertial (inertial=), such as of rod, disc, ball, box, point_mass')
 
 
-def check_moments(on: str, matter: Inertial) -> None:
+def check_moments(on: str, inertial: Inertial) -> None:
     """Raise ModelError for impossible principal moments of inertia."""
-    found = principal_moments(matter.inertia)
+    found = principal_moments(inertial.inertia)
     if not found.possible:
         raise ModelError(f"'{on}': principal moments of inertia are {found}; expected none "
                          'negative or larger than the sum of the others')

@@ -63,7 +63,7 @@ def with_tool(model: Model, on: str, name: str, inertial: Inertial, *, at: Array
     origins = {} if frames is None else frames
     _require_mapping(origins, 'frames', 'frame names to positions')
     builder = ModelBuilder.from_model(model)
-    builder.body(name, on, 'fixed', at=at, rpy=rpy, quaternion=quaternion, matter=inertial)
+    builder.body(name, on, 'fixed', at=at, rpy=rpy, quaternion=quaternion, inertial=inertial)
     for frame, origin in origins.items():
         builder.frame(frame, name, at=origin)
     return builder.model()

@@ -66,7 +66,7 @@ class FlexibleLink:
 
     @classmethod
     def tube(cls, length: float, radius: float, bore: float, young: float, shear: float,
-             matter: float, modes: int | Sequence[int] = 3, twists: int = 0,
+             material_density: float, modes: int | Sequence[int] = 3, twists: int = 0,
              **options: Any) -> FlexibleLink:
         """
         Return a beam of round section, solid or hollow.
@@ -77,7 +77,7 @@ class FlexibleLink:
             m; `bore` is the inner radius, 0 for a rod.
         young, shear : float
             E and G of the material, Pa.
-        matter : float
+        material_density : float
             Mass per volume, kg/m^3.
         modes, twists : int
             Number of modes of bending in each direction, and of torsion.
@@ -94,9 +94,10 @@ class FlexibleLink:
             raise ModelError(f'tube: bore {bore} m, radius {radius} m; expected 0 <= bore < '
                              'radius')
         polar = 0.5 * math.pi * (radius**4 - bore**4)
-        torsion = Torsion(shear * polar, matter * polar, twists)
-        return cls(length, matter * math.pi * (radius**2 - bore**2), 0.5 * young * polar, modes,
-                   torsion=torsion, **options)
+        torsion = Torsion(shear * polar, material_density * polar, twists)
+        density = material_density * math.pi * (radius**2 - bore**2)
+        bending_stiffness = 0.5 * young * polar
+        return cls(length, density, bending_stiffness, modes, torsion=torsion, **options)
 
     def checked(self, name: str) -> AssumedModes:
         """Check the description and return the assumed modes; errors name the link."""

@@ -60,8 +60,8 @@ def with_beam(model: Model, link: str, beam: FlexibleLink,
     frames = {frame.name: sections.place(frame.translation, frame.rotation)
               for frame in model.frames if frame.body == k}
     tip = sections.place(shape.length * shape.axes[0], np.eye(3))
-    for name, matter in riders:
-        own = sections.with_load(model.frame(name), matter, own)
+    for name, inertial in riders:
+        own = sections.with_load(model.frame(name), inertial, own)
     more = len(sections.bodies)
 
     def number(i: int) -> int:
@@ -126,11 +126,11 @@ class _Sections:
         self._shape, self._body, self._coordinates = modes, body, coordinates
         self._ends: dict[float, int] = {}
 
-    def with_load(self, frame: Frame, matter: Inertial, own: Body) -> Body:
+    def with_load(self, frame: Frame, inertial: Inertial, own: Body) -> Body:
         """Add inertia, given in a frame's axes, to its section; return the beam's root body."""
-        at = frame.translation if frame.name != self._shape.name else matter.com
+        at = frame.translation if frame.name != self._shape.name else inertial.com
         body, p, R = self.place(at, frame.rotation)
-        moved = matter.moved(R, p + frame.translation - at)
+        moved = inertial.moved(R, p + frame.translation - at)
         if body == self._body:
             return replace(own, inertial=own.inertial + moved)
         section = self.bodies[body - self._body - 1]

@@ -8,7 +8,7 @@ import warnings
 from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError, ModelWarning
-from kane_dynamics.model.builder_checks import check_matter, check_moments, further, pose
+from kane_dynamics.model.builder_checks import check_inertial, check_moments, further, pose
 from kane_dynamics.model.joint_expansion import quaternion_names
 from kane_dynamics.model.model import Body, Frame, Inertial, Model, WORLD
 from kane_dynamics.model.placement import Placement
@@ -44,7 +44,7 @@ class ModelAssembly:
             self._placements[frame.name] = Placement(frame.body, frame.rotation,
                                                      frame.translation)
 
-    def load(self, on: str, matter: Inertial) -> None:
+    def load(self, on: str, inertial: Inertial) -> None:
         """
         Add inertia, given in the axes of a frame.
 
@@ -55,9 +55,9 @@ class ModelAssembly:
 
         """
         placement = self._placement(on, 'load')
-        check_matter(on, matter)
-        self._check_moments(on, matter)
-        moved = matter.moved(placement.rotation, placement.translation)
+        check_inertial(on, inertial)
+        self._check_moments(on, inertial)
+        moved = inertial.moved(placement.rotation, placement.translation)
         if placement.body == WORLD:
             self._base = self._base + moved
         else:
@@ -171,10 +171,10 @@ class ModelAssembly:
             bodies[master] = replace(bodies[master], joint=replace(of_master, limits=limits))
         return tuple(bodies)
 
-    def _check_moments(self, on: str, matter: Inertial) -> None:
+    def _check_moments(self, on: str, inertial: Inertial) -> None:
         """Raise ModelError for impossible moments of inertia, or store them for a warning."""
         try:
-            check_moments(on, matter)
+            check_moments(on, inertial)
         except ModelError:
             if self.strict:
                 raise

@@ -21,7 +21,7 @@ def random_ball_tree(seed, kinds=KINDS, gravity=(0.3, -0.2, -9.81)):
     for k, kind in enumerate(kinds):
         on = names[-1] if rng.random() < 0.7 else names[rng.integers(len(names))]
         b.body(f'b{k}', on, kind, axis=rng.normal(size=3), at=rng.uniform(-0.5, 0.5, 3),
-               rpy=angles_of(random_rotation(rng)), matter=random_inertial(rng))
+               rpy=angles_of(random_rotation(rng)), inertial=random_inertial(rng))
         names.append(f'b{k}')
     b.frame('tool', names[-1], at=(0.1, 0.2, -0.3), rpy=(0.4, -0.5, 0.6))
     return b.model()

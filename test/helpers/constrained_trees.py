@@ -65,10 +65,11 @@ def tree(seed, kind, speeds):
 def linkage_of_four_bars():
     """Return crank, coupler and rocker of a planar four-bar, its loop cut at the last pin."""
     b = ModelBuilder('four_bar')
-    b.body('crank', 'world', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (1, 0, 0)))
-    b.body('coupler', 'crank', axis=(0, 1, 0), at=(1, 0, 0), matter=rod(2.0, (0, 0, 0), (3, 0, 0)))
+    b.body('crank', 'world', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
+    b.body('coupler', 'crank', axis=(0, 1, 0), at=(1, 0, 0),
+           inertial=rod(2.0, (0, 0, 0), (3, 0, 0)))
     b.body('rocker', 'world', axis=(0, 1, 0), at=(3, 0, 0),
-           matter=rod(1.5, (0, 0, 0), (2.5, 0, 0)))
+           inertial=rod(1.5, (0, 0, 0), (2.5, 0, 0)))
     b.frame('pin_coupler', 'coupler', at=(3, 0, 0))
     b.frame('pin_rocker', 'rocker', at=(2.5, 0, 0))
     return b.model()
@@ -77,7 +78,7 @@ def linkage_of_four_bars():
 def rolling_disc():
     """Return a thin disc that is free to move anywhere."""
     b = ModelBuilder('disc')
-    b.body('disc', 'world', 'floating', turns='zxy', matter=disc(1.0, 0.3, axis=(0, 1, 0)))
+    b.body('disc', 'world', 'floating', turns='zxy', inertial=disc(1.0, 0.3, axis=(0, 1, 0)))
     return b.model()
 
 
@@ -91,10 +92,11 @@ def states(mechanism, seed):
 def two_bodies_on_a_base():
     """Return a base that floats, and two bodies on it, each with frames turned and shifted."""
     b = ModelBuilder('pair')
-    b.body('base', 'world', 'floating', matter=disc(2.0, 0.3))
-    b.body('one', 'base', 'spherical', at=(0.3, 0.1, 0), matter=rod(1.0, (0, 0, 0), (0.4, 0.1, 0)))
+    b.body('base', 'world', 'floating', inertial=disc(2.0, 0.3))
+    b.body('one', 'base', 'spherical', at=(0.3, 0.1, 0),
+           inertial=rod(1.0, (0, 0, 0), (0.4, 0.1, 0)))
     b.body('two', 'base', 'floating', at=(-0.2, 0.1, 0.3),
-           matter=rod(1.5, (0, 0, 0), (0.1, 0.5, 0)))
+           inertial=rod(1.5, (0, 0, 0), (0.1, 0.5, 0)))
     b.load('one', disc(0.5, 0.2))
     b.load('two', disc(0.5, 0.2))
     b.frame('end', 'one', at=(0.4, 0.1, 0.2), rpy=(0.3, 0.2, 0.1))

@@ -83,7 +83,7 @@ def bar(b, name, on, at, length, beam, **joint):
         b.beam(name, on, FlexibleLink(length, 2.0, 80.0, (1, 0), up=(0, 0, 1), damping=0.02),
                **joint)
         return f'{name}/tip', (0, 0, 0)
-    b.body(name, on, matter=rod(2.0 * length, (0, 0, 0), (length, 0, 0.1)), **joint)
+    b.body(name, on, inertial=rod(2.0 * length, (0, 0, 0), (length, 0, 0.1)), **joint)
     return name, (length, 0, 0)
 
 
@@ -92,13 +92,13 @@ def model_of(kinds):
     b = ModelBuilder('-'.join(kinds) or 'tree')
     on, beam, free = 'world', 'flexible' in kinds, 'free and ball joints' in kinds
     if 'nonholonomic' in kinds:
-        b.body('cart', kind='planar', matter=box(5.0, (0.6, 0.4, 0.2), at=(0.1, 0, 0.2)))
+        b.body('cart', kind='planar', inertial=box(5.0, (0.6, 0.4, 0.2), at=(0.1, 0, 0.2)))
         on = 'cart'
     elif free:
-        b.body('craft', kind='free', matter=box(8.0, (0.6, 0.4, 0.3), at=(0.05, 0.02, 0.01)))
+        b.body('craft', kind='free', inertial=box(8.0, (0.6, 0.4, 0.3), at=(0.05, 0.02, 0.01)))
         on = 'craft'
     elif 'closed loop' in kinds and 'time-dependent' in kinds:
-        b.body('table', axis=(0, 0, 1), matter=disc(20.0, 0.5), **JOINT)
+        b.body('table', axis=(0, 0, 1), inertial=disc(20.0, 0.5), **JOINT)
         on = 'table'
     b.frame('base', on)
     if 'closed loop' in kinds:
@@ -111,7 +111,7 @@ def model_of(kinds):
         at = bar(b, 'upper', 'base', (0, 0, 0.1), 0.5, beam, axis=(0.2, -1, 0))
         if free:
             b.body('hand', at[0], 'ball', at=at[1], rpy=(0.3, -0.2, 0.1),
-                   matter=box(1.5, (0.3, 0.1, 0.2), at=(0.15, 0.03, 0.02)))
+                   inertial=box(1.5, (0.3, 0.1, 0.2), at=(0.15, 0.03, 0.02)))
             b.joint('hand/wy', damping=0.3, friction=0.2)
             at = 'hand', (0.3, 0, 0)
         else:

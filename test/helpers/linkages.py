@@ -16,13 +16,13 @@ def four_bar_model(turntable=False, bars=(0.3, 0.9, 0.7), span=1.0):
     b = ModelBuilder('four-bar')
     base = 'world'
     if turntable:
-        b.body('table', axis=(0, 0, 1), matter=disc(20.0, 0.5))
+        b.body('table', axis=(0, 0, 1), inertial=disc(20.0, 0.5))
         base = 'table'
     b.frame('base', base)
     on, at = 'base', (0, 0, 0)
     for name, length in zip(('crank', 'coupler', 'rocker'), bars):
         b.body(name, on, axis=(0, -1, 0), at=at,
-               matter=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
+               inertial=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
         on, at = name, (length, 0, 0)
     b.frame('end', on, at=at)
     b.frame('ground', 'base', at=(span, 0, 0))
@@ -47,7 +47,7 @@ def at_angle(angle):
 def sleigh(*independent):
     """Return a body on a runner that slides down a slope (Kane & Levinson's knife edge)."""
     b = ModelBuilder('sleigh', gravity=(0, 9.81 * np.sin(SLOPE), -9.81 * np.cos(SLOPE)))
-    b.body('body', kind='planar', matter=Inertial(2.0, (0, 0, 0), 0.4 * np.eye(3)))
+    b.body('body', kind='planar', inertial=Inertial(2.0, (0, 0, 0), 0.4 * np.eye(3)))
     return Robot(b.model(), constraints=[knife_edge('body', (0, 1, 0), name='runner')],
                  independent=independent or None)
 
@@ -67,7 +67,7 @@ def five_bar(*actuated, weights=(), wrench_frames=()):
         on, at = 'world', (x, 0, 0)
         for name, length in zip(('crank', 'bar'), ARM):
             b.body(f'{arm}_{name}', on, axis=(0, -1, 0), at=at,
-                   matter=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
+                   inertial=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
             on, at = f'{arm}_{name}', (length, 0, 0)
         b.frame(f'{arm}_tip', on, at=at)
     tip = Closure('left_tip', 'right_tip', 'revolute', axis=(0, 1, 0), name='tip')

@@ -83,7 +83,7 @@ def random_model(seed, n=6, *, prismatic=0.25, branching=0.3, mimics=0, axes='an
 def wheel(**joint):
     """Return a wheel of 1 kg m^2."""
     b = ModelBuilder('wheel')
-    b.body('wheel', matter=rod(3.0, (-1, 0, 0), (1, 0, 0)), **joint)
+    b.body('wheel', inertial=rod(3.0, (-1, 0, 0), (1, 0, 0)), **joint)
     return Robot(b.model())
 
 

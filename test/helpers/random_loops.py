@@ -64,10 +64,10 @@ def base_of(b, rng, family):
     if kind == 'world':
         return 'world', []
     if kind == 'floating':
-        b.body('hull', kind='floating', matter=box(8.0, (0.6, 0.5, 0.4)))
+        b.body('hull', kind='floating', inertial=box(8.0, (0.6, 0.5, 0.4)))
         return 'hull', list(rng.uniform(-0.4, 0.4, 6))
     axis = (0, 0, 1) if kind == 'turntable' else rng.normal(size=3)
-    b.body('table', axis=axis, matter=disc(rng.uniform(5.0, 20.0), 0.5))
+    b.body('table', axis=axis, inertial=disc(rng.uniform(5.0, 20.0), 0.5))
     return 'table', [rng.uniform(-3.0, 3.0)]
 
 
@@ -86,7 +86,7 @@ def planar(name, rng, family):
         for k, length in enumerate(lengths):
             bar = f'bar{loop}_{k}'
             b.body(bar, on, axis=(0, -1, 0), at=at,
-                   matter=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
+                   inertial=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
             on, at = bar, (length, 0, 0)
         b.frame(f'end{loop}', on, at=at)
         q0 += list(angles)
@@ -105,11 +105,11 @@ def parallelogram(name, rng, family):
         b.frame(f'foot{loop}', base, at=rng.uniform(-0.3, 0.3, 3),
                 rpy=(0.0, 0.0, rng.uniform(-3.0, 3.0)))
         b.body(f'left{loop}', f'foot{loop}', axis=(0, -1, 0),
-               matter=rod(1.0, (0, 0, 0), (a, 0, 0)))
+               inertial=rod(1.0, (0, 0, 0), (a, 0, 0)))
         b.body(f'right{loop}', f'foot{loop}', axis=(0, -1, 0), at=(c, 0, 0),
-               matter=rod(1.5, (0, 0, 0), (a, 0, 0)))
+               inertial=rod(1.5, (0, 0, 0), (a, 0, 0)))
         b.body(f'top{loop}', f'left{loop}', axis=(0, -1, 0), at=(a, 0, 0),
-               matter=rod(0.8, (0, 0, 0), (c, 0, 0)))
+               inertial=rod(0.8, (0, 0, 0), (c, 0, 0)))
         b.frame(f'end{loop}', f'top{loop}', at=(c, 0, 0))
         b.frame(f'pin{loop}', f'right{loop}', at=(a, 0, 0))
         angle = rng.uniform(-2.2, -0.9)  # hanging: flat, it would branch
@@ -152,19 +152,19 @@ def wheels(name, rng, family):
     kind = rng.choice(['runner', 'two wheels', 'disc'])
     if kind == 'disc':
         radius = rng.uniform(0.2, 0.4)
-        b.body('disc', kind='floating', turns='zxy', matter=disc(1.0, radius, axis=(0, 1, 0)))
+        b.body('disc', kind='floating', turns='zxy', inertial=disc(1.0, radius, axis=(0, 1, 0)))
         model = b.model()
         lean = rng.uniform(-0.25, 0.25)
         q0 = np.array([0.1, -0.2, radius * np.cos(lean), rng.uniform(-3, 3), lean, 0.3])
         return Loops(name, model, (Rolling('disc', radius, axis=(0, 1, 0)),), q0)
-    b.body('cart', kind='planar', matter=box(5.0, (0.6, 0.4, 0.2), at=(0.1, 0, 0.2)))
+    b.body('cart', kind='planar', inertial=box(5.0, (0.6, 0.4, 0.2), at=(0.1, 0, 0.2)))
     q0, constraints = [0.2, -0.1, rng.uniform(-3.0, 3.0)], []
     if kind == 'runner':
         constraints.append(knife_edge('cart', (0, 1, 0)))
     else:
         for side, y in (('left', 0.25), ('right', -0.25)):
             b.body(side, 'cart', axis=(0, 1, 0), at=(0, y, 0.1),
-                   matter=disc(0.5, 0.1, axis=(0, 1, 0)))
+                   inertial=disc(0.5, 0.1, axis=(0, 1, 0)))
             q0.append(0.0)
             constraints.append(Rolling(side, 0.1, axis=(0, 1, 0)))
     ends = []
@@ -172,7 +172,7 @@ def wheels(name, rng, family):
         on, at = 'cart', (0.2, 0, 0.3)
         for k, (length, angle) in enumerate(zip((0.2, 0.4, 0.35), (1.0, -0.9, -1.4))):
             b.body(f'bar{k}', on, axis=(0, -1, 0), at=at,
-                   matter=rod(length, (0, 0, 0), (length, 0, 0)))
+                   inertial=rod(length, (0, 0, 0), (length, 0, 0)))
             on, at = f'bar{k}', (length, 0, 0)
             q0.append(angle)
         b.frame('end0', on, at=at)

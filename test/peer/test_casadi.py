@@ -37,7 +37,7 @@ def driven():
 def branching():
     """Return a pendulum whose speed has a branch with an infinite slope where it is not taken."""
     b = ModelBuilder('pendulum')
-    b.body('bar', axis=(0, 1, 0), matter=rod(2.0, (0, 0, 0), (0, 0, -0.8)))
+    b.body('bar', axis=(0, 1, 0), inertial=rod(2.0, (0, 0, 0), (0, 0, -0.8)))
     return Robot(b.model(), speeds=Speeds(lambda q, t: np.array([[1.0 + np.where(
         q[0] < 0.0, np.exp(q[0]) + np.arctan(q[0]), np.log(1.0 + q[0]))]])))
 

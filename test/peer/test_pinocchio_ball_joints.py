@@ -87,8 +87,8 @@ def test_integrate_and_difference_are_pinocchios(seed):
 def test_a_free_flying_arm_is_pinocchios_free_flyer():
     """Its linear velocity is on the body's axes, ours on those of the joint's frame."""
     b = ModelBuilder('satellite')
-    b.body('base', kind='free', matter=box(30.0, (1.0, 0.8, 0.6), at=(0.1, 0.05, -0.02)))
-    b.body('arm', 'base', at=(0.5, 0, 0), axis=(0, 1, 0), matter=rod(3, (0, 0, 0), (0.7, 0, 0)))
+    b.body('base', kind='free', inertial=box(30.0, (1.0, 0.8, 0.6), at=(0.1, 0.05, -0.02)))
+    b.body('arm', 'base', at=(0.5, 0, 0), axis=(0, 1, 0), inertial=rod(3, (0, 0, 0), (0.7, 0, 0)))
     robot = Robot(b.model())
     peer = pin.Model()
     on = 0

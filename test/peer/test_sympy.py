@@ -22,7 +22,7 @@ def states(n_q, n, count=4):
 
 def test_rolling_disc():
     b = ModelBuilder('disc')
-    b.body('disc', 'world', 'floating', turns='zxy', matter=disc(2, 0.5, Y))
+    b.body('disc', 'world', 'floating', turns='zxy', inertial=disc(2, 0.5, Y))
     model, free = b.model(), ['disc/rz', 'disc/rx', 'disc/ry']
     ours = Ours(model, [Rolling('disc', 0.5, axis=Y)], independent=free)
     peer = Peer(model)
@@ -38,7 +38,7 @@ def test_rolling_disc():
 @pytest.mark.parametrize('slope', [0.0, 0.4], ids=['Chaplygin sleigh', 'knife edge on an incline'])
 def test_knife_edge(slope):
     b = ModelBuilder('sleigh', gravity=9.81 * np.array([np.sin(slope), 0.0, -np.cos(slope)]))
-    b.body('sleigh', 'world', 'planar', matter=box(3, (1, 0.4, 0.1), at=(0.3, 0.1, 0)))
+    b.body('sleigh', 'world', 'planar', inertial=box(3, (1, 0.4, 0.1), at=(0.3, 0.1, 0)))
     b.frame('blade', 'sleigh', at=(-0.4, 0.05, 0))
     model = b.model()
     ours = Ours(model, [knife_edge('blade', Y)], independent=['sleigh/x', 'sleigh/rz'])
@@ -54,7 +54,7 @@ def four_bar():
     end = np.zeros(3)
     for name, on, length in (('crank', 'world', 0.3), ('coupler', 'crank', 0.9),
                              ('rocker', 'coupler', 0.7)):
-        b.body(name, on, axis=Y, at=end, matter=rod(2 * length, (0, 0, 0), length * X))
+        b.body(name, on, axis=Y, at=end, inertial=rod(2 * length, (0, 0, 0), length * X))
         end = length * X
     b.frame('end', 'rocker', at=end)
     b.frame('ground', 'world', at=X)
@@ -80,7 +80,7 @@ def test_chain_of_pendulums(speeds):
     for k in range(n):
         b.body(f'link{k}', f'link{k - 1}' if k else 'world', axis=Y,
                at=(0, 0, -0.5) if k else (0, 0, 0),
-               matter=rod(1 + k, (0, 0, 0), (0, 0, -0.5)) + point_mass(0.2, (0.1, 0, -0.3)))
+               inertial=rod(1 + k, (0, 0, 0), (0, 0, -0.5)) + point_mass(0.2, (0.1, 0, -0.3)))
     model = b.model()
     ours = Ours(model, speeds=absolute_rates if speeds == 'absolute' else None)
     peer = Peer(model, lambda u: u if speeds == 'relative' else
@@ -91,7 +91,7 @@ def test_chain_of_pendulums(speeds):
 def test_a_top_in_the_angular_velocity_of_its_own_axes():
     b = ModelBuilder('top')
     b.body('top', 'world', 'spherical', turns='zxz',
-           matter=disc(2, 0.3, Z, at=(0.02, 0, 0.4)) + rod(0.5, (0, 0, 0), (0.1, 0, 0.4)))
+           inertial=disc(2, 0.3, Z, at=(0.02, 0, 0.4)) + rod(0.5, (0, 0, 0), (0.1, 0, 0.4)))
     ours = Ours(b.model(), speeds=body_angular_velocity('top'))
 
     def rates(u):
@@ -107,8 +107,8 @@ def test_an_auxiliary_speed_gives_the_bearing_torque_of_two_rods():
     m, L = 1.3, 0.4
     b = ModelBuilder('two rods')
     b.body('turn', axis=Y)
-    b.body('A', 'turn', axis=X, matter=rod(2 * m, (0, 0, 0), 4 * L * Z))
-    b.body('B', 'A', axis=Z, at=4 * L * Z, matter=rod(m, (0, 0, 0), -2 * L * Y))
+    b.body('A', 'turn', axis=X, inertial=rod(2 * m, (0, 0, 0), 4 * L * Z))
+    b.body('B', 'A', axis=Z, at=4 * L * Z, inertial=rod(m, (0, 0, 0), -2 * L * Y))
     model = b.model()
     bearing = PointVelocity('A', X, axes='A', angular=True)
     ours = Ours(model, [bearing], independent=['turn', 'B'])
@@ -150,8 +150,8 @@ def test_an_auxiliary_speed_gives_the_bearing_torque_of_two_rods():
 
 def test_a_shaken_pendulum_and_the_force_that_shakes_it():
     b = ModelBuilder('shaker')
-    b.body('shaker', 'world', 'prismatic', axis=X, matter=point_mass(2))
-    b.body('rod', 'shaker', axis=Y, matter=rod(1.5, (0, 0, 0), (0, 0, -0.8)))
+    b.body('shaker', 'world', 'prismatic', axis=X, inertial=point_mass(2))
+    b.body('rod', 'shaker', axis=Y, inertial=rod(1.5, (0, 0, 0), (0, 0, -0.8)))
     model = b.model()
     ours = Ours(model, [Prescribed('shaker', lambda t: 0.3 * np.sin(4.0 * t))],
                 independent=['rod'])

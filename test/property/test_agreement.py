@@ -145,8 +145,8 @@ def test_payload_and_gravity_as_parameters_are_those_of_the_model(seed, share):
     model = random_model(seed, 4, mimics=seed % 2)
     frame = model.frames[seed % len(model.frames)].name
     robot = Robot(model, payload_frame=frame)
-    matter = random_inertial(np.random.default_rng(seed))
-    payload = replace(matter, mass=share * matter.mass, inertia=share * matter.inertia)
+    inertial = random_inertial(np.random.default_rng(seed))
+    payload = replace(inertial, mass=share * inertial.mass, inertia=share * inertial.inertia)
     gravity = np.array([share, -1.0, 3.0])
     robot.parameters.payload, robot.parameters.gravity = payload, gravity
     loaded = Definition(with_payload(replace(model, gravity=gravity), frame, payload))

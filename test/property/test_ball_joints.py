@@ -14,11 +14,11 @@ LEGS = tuple(f'leg{k}' for k in range(6))
 def satellite(kind, gravity=(0.0, 0.0, 0.0)):
     """Return a free body with an arm of three joints."""
     b = ModelBuilder('satellite', gravity=gravity)
-    b.body('base', kind=kind, matter=box(60.0, (1.2, 1.0, 1.4), at=(0.03, 0.02, 0.03)))
+    b.body('base', kind=kind, inertial=box(60.0, (1.2, 1.0, 1.4), at=(0.03, 0.02, 0.03)))
     on, at = 'base', (0.6, 0.0, 0.0)
     for k, axis in enumerate(((0, 0, 1), (0, 1, 0), (1, 0, 0)), 1):
-        b.body(f'joint{k}', on, axis=axis, at=at, matter=box(8.0 - k, (0.4, 0.1, 0.1),
-                                                             at=(0.2, 0, 0.02)))
+        b.body(f'joint{k}', on, axis=axis, at=at, inertial=box(8.0 - k, (0.4, 0.1, 0.1),
+                                                               at=(0.2, 0, 0.02)))
         on, at = f'joint{k}', (0.4, 0.0, 0.0)
     return b.model()
 
@@ -32,11 +32,11 @@ def free():
 def loaded():
     """Return a robot with two ball joints under gravity."""
     b = ModelBuilder('pendulum')
-    b.body('upper', kind='ball', matter=rod(1.5, (0, 0, 0), (0.1, 0, -0.5)) + disc(1.0, 0.1))
+    b.body('upper', kind='ball', inertial=rod(1.5, (0, 0, 0), (0.1, 0, -0.5)) + disc(1.0, 0.1))
     b.body('turn', 'upper', at=(0.1, 0, -0.5), axis=(0, 1, 0),
-           matter=box(1, (0.3, 0.2, 0.1), at=(0.1, 0, 0)))
+           inertial=box(1, (0.3, 0.2, 0.1), at=(0.1, 0, 0)))
     b.body('lower', 'turn', 'ball', at=(0.2, 0, 0), rpy=(0.1, 0.2, 0.3),
-           matter=box(0.8, (0.1, 0.2, 0.3), at=(0.05, 0.02, -0.1)))
+           inertial=box(0.8, (0.1, 0.2, 0.3), at=(0.05, 0.02, -0.1)))
     b.joint('lower/wy', damping=0.1)
     b.frame('tool', 'lower', at=(0, 0, -0.2))
     return Robot(b.model())
@@ -173,7 +173,7 @@ def test_simulation_is_of_fourth_order_and_keeps_the_quaternions_unit():
 def test_a_motion_through_every_angle_has_no_singularity():
     """A symmetric top spins freely about its axis: 2.5 turns with the exact angle."""
     b = ModelBuilder('top', gravity=(0, 0, 0))
-    b.body('top', kind='ball', matter=disc(2.0, 0.3, axis=(0, 1, 0)))
+    b.body('top', kind='ball', inertial=disc(2.0, 0.3, axis=(0, 1, 0)))
     robot = Robot(b.model())
     run = simulate(robot, robot.neutral(), [0.0, 5.0, 0.0], np.pi, step=np.pi / 2000)
     half = 2.5 * run.t
@@ -207,15 +207,16 @@ def test_a_free_flying_arm_keeps_momentum_and_angular_momentum_to_1e_12_over_60_
 def stewart():
     """Return a Stewart platform, six legs from ball joints to universal ones, and a guess."""
     b = ModelBuilder('stewart')
-    b.body('platform', kind='free', matter=disc(20.0, 0.4, thickness=0.05))
+    b.body('platform', kind='free', inertial=disc(20.0, 0.4, thickness=0.05))
     closures = []
     for k, leg in enumerate(LEGS):
         side, odd = np.pi / 3.0 * (k // 2 * 2), 1.0 if k % 2 else -1.0
         top, foot = (r * np.array([np.cos(side + odd * a), np.sin(side + odd * a), 0.0])
                      for r, a in ((0.4, 0.25), (0.7, 0.8)))
         b.frame(f'foot{k}', 'world', at=foot)
-        b.body(f'rod{k}', 'platform', 'ball', at=top, matter=rod(1.0, (0, 0, 0), (0, 0, -0.4)))
-        b.body(leg, f'rod{k}', 'prismatic', axis=(0, 0, -1), matter=rod(2, (0, 0, 0), (0, 0, 0.4)))
+        b.body(f'rod{k}', 'platform', 'ball', at=top, inertial=rod(1.0, (0, 0, 0), (0, 0, -0.4)))
+        b.body(leg, f'rod{k}', 'prismatic', axis=(0, 0, -1),
+               inertial=rod(2, (0, 0, 0), (0, 0, 0.4)))
         closures.append(Closure(leg, f'foot{k}', 'universal', axis=(1, 0, 0),
                                 second_axis=(0, 1, 0), name=f'close{k}'))
     model = b.model()
@@ -271,12 +272,12 @@ def test_an_initial_quaternion_that_is_not_unit_is_refused_by_name():
 
 def test_a_part_of_a_ball_joint_has_no_angle():
     b = ModelBuilder()
-    b.body('wrist', kind='ball', matter=disc(1.0, 0.1))
+    b.body('wrist', kind='ball', inertial=disc(1.0, 0.1))
     for wrong in ({'stiffness': 3.0}, {'armature': 0.1}):
         with pytest.raises(ModelError, match='no angle'):
             b.joint('wrist/wx', **wrong)
     with pytest.raises(ModelError, match='mimic'):
-        b.body('other', mimic='wrist/wx', matter=disc(1.0, 0.1))
+        b.body('other', mimic='wrist/wx', inertial=disc(1.0, 0.1))
 
 
 def test_constraints_and_fixed_coordinates_cannot_name_a_part_of_a_ball_joint():

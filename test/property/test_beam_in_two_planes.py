@@ -98,14 +98,15 @@ def chain(count, axis, load):
     """
     h = LENGTH / count
     b = ModelBuilder('chain')
-    b.body('segment 0', 'world', axis=axis, matter=rod(DENSITY * h / 2, (0, 0, 0), (h / 2, 0, 0)))
+    b.body('segment 0', 'world', axis=axis,
+           inertial=rod(DENSITY * h / 2, (0, 0, 0), (h / 2, 0, 0)))
     place = h / 2
     for k in range(count):
         long = h if k + 1 < count else h / 2
         b.body(f'cross {k}', f'segment {k}', axis=(0, 0, 1), at=(place, 0, 0),
                stiffness=STIFFNESS / h)
         b.body(f'segment {k + 1}', f'cross {k}', axis=(0, 1, 0), stiffness=STIFFNESS / h,
-               matter=rod(DENSITY * long, (0, 0, 0), (long, 0, 0)))
+               inertial=rod(DENSITY * long, (0, 0, 0), (long, 0, 0)))
         place = h
     b.frame('tip', f'segment {count}', at=(h / 2, 0, 0))
     b.load('tip', load)

@@ -37,12 +37,12 @@ def robot_of(kind):
         b = ModelBuilder('flexible arm')
         b.beam('arm', 'world', FlexibleLink(0.8, 1.5, (400.0, 600.0), (1, 1), damping=0.01),
                axis=(0, 1, 0))
-        b.body('hand', 'arm/tip', axis=(0, 0, 1), matter=rod(0.5, (0, 0, 0), (0.1, 0.05, 0)))
+        b.body('hand', 'arm/tip', axis=(0, 0, 1), inertial=rod(0.5, (0, 0, 0), (0.1, 0.05, 0)))
         return Robot(b.model())
     if kind == 'free body':
         b = ModelBuilder('free arm')
-        b.body('base', kind='floating', matter=ball(3.0, 0.2))
-        b.body('arm', 'base', axis=(0, 1, 0), matter=rod(0.5, (0, 0, 0), (0.4, 0.05, 0)))
+        b.body('base', kind='floating', inertial=ball(3.0, 0.2))
+        b.body('arm', 'base', axis=(0, 1, 0), inertial=rod(0.5, (0, 0, 0), (0.4, 0.05, 0)))
         return Robot(b.model())
     return {'closed loop': lambda: four_bar('crank'), 'nonholonomic': sleigh,
             'flexible loop': flexible_four_bar}[kind]()
@@ -249,7 +249,7 @@ def test_a_wrong_call_is_refused_by_name(call, message):
 
 def test_a_fully_driven_mechanism_has_derivatives_with_respect_to_time_and_empty_matrices():
     b = ModelBuilder('driven')
-    b.body('arm', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (0, 0, 1)))
+    b.body('arm', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (0, 0, 1)))
     robot, none = Robot(b.model(), constraints=[Prescribed('arm', np.sin)]), np.zeros(0)
     q = robot.closed_posture([0.0], t=T)
     for matrices in (robot.inverse_dynamics_derivatives(q, none, none, t=T),

@@ -23,7 +23,7 @@ Y = (0, 1, 0)
 def arm(modes=(2, 1), twists=0, **options):
     """Return a spatial arm of two beams, with a load between and a hand."""
     b = ModelBuilder('flexible arm')
-    b.body('base', 'world', matter=ball(1.0, 0.1))
+    b.body('base', 'world', inertial=ball(1.0, 0.1))
     b.beam('upper', 'base', FlexibleLink(0.8, 1.5, (400.0, 600.0), modes, direction=(1, 0, 0.3),
                                          damping=0.01, torsion=Torsion(
                                              200.0, 0.002, twists) if twists else None, **options),
@@ -34,7 +34,7 @@ def arm(modes=(2, 1), twists=0, **options):
            axis=(0, 1, 0.2), stiffness=2.0)
     b.load('fore/tip', point_mass(0.7, (0.02, 0.01, 0)))
     b.section('middle', 'fore', 0.25)
-    b.body('hand', 'fore/tip', axis=(1, 0, 0), matter=rod(0.5, (0, 0, 0), (0.1, 0.05, 0)))
+    b.body('hand', 'fore/tip', axis=(1, 0, 0), inertial=rod(0.5, (0, 0, 0), (0.1, 0.05, 0)))
     return b.model()
 
 
@@ -125,14 +125,14 @@ def test_reaction_about_a_joint_is_the_torque_that_reaches_the_link():
 def test_no_modes_is_the_rigid_robot():
     rigid, none = Robot(arm((0, 0))), ModelBuilder('rods')
     end = 0.8 * np.array([1, 0, 0.3]) / np.linalg.norm([1, 0, 0.3])
-    none.body('base', 'world', matter=ball(1.0, 0.1))
+    none.body('base', 'world', inertial=ball(1.0, 0.1))
     none.body('upper', 'base', axis=Y, at=(0, 0, 0.2), rpy=(0.3, 0.2, 0.1), armature=0.01,
-              damping=0.1, matter=rod(1.2, (0, 0, 0), end))
+              damping=0.1, inertial=rod(1.2, (0, 0, 0), end))
     none.body('fore', 'upper', axis=(0, 1, 0.2), at=end, stiffness=2.0,
-              matter=rod(0.6, (0, 0, 0), (0.6, 0, 0)))
+              inertial=rod(0.6, (0, 0, 0), (0.6, 0, 0)))
     none.frame('tip', 'fore', at=(0.6, 0, 0))
     none.load('tip', point_mass(0.7, (0.02, 0.01, 0)))
-    none.body('hand', 'tip', axis=(1, 0, 0), matter=rod(0.5, (0, 0, 0), (0.1, 0.05, 0)))
+    none.body('hand', 'tip', axis=(1, 0, 0), inertial=rod(0.5, (0, 0, 0), (0.1, 0.05, 0)))
     other = Robot(none.model())
     assert not rigid.model.flexible
     assert rigid.operation_count()['inverse_dynamics'] == (
@@ -147,7 +147,7 @@ def test_a_joint_in_the_plane_of_bending_turns_with_the_section_it_is_on(sense):
     b = ModelBuilder('in plane')
     b.beam('upper', 'world', FlexibleLink(0.8, 1.5, 400.0, (1, 1)), axis=(0, -1, 0))
     b.body('fore', 'upper/tip', axis=(0, sense, 0), at=(0, 0.1, 0), rpy=(0, 0.4, 0),
-           matter=rod(0.5, (0, 0, 0), (0.4, 0.05, 0.1)), armature=0.01, damping=0.1)
+           inertial=rod(0.5, (0, 0, 0), (0.4, 0.05, 0.1)), armature=0.01, damping=0.1)
     robot = Robot(b.model())
     assert robot.verify(3) < 1e-12
     assert robot.operation_count()['mass_matrix'].functions == 6  # of two turns and the roll
@@ -332,7 +332,7 @@ def test_a_tube_is_a_beam_of_its_section():
 def test_rotating_beam_stiffens(hub):
     # In units of sqrt(EI / rho A L^4): flap as Ritz has it, lag^2 = flap^2 - speed^2.
     b = ModelBuilder('rotor', gravity=(0, 0, 0))
-    b.body('hub', 'world', matter=ball(1.0, 0.1))
+    b.body('hub', 'world', inertial=ball(1.0, 0.1))
     b.frame('rim', 'hub', at=(hub, 0, 0))
     b.beam('blade', 'rim', FlexibleLink(1.0, 1.0, 1.0, (6, 6)), stiffness=1e9)
     robot = Robot(b.model())

@@ -13,14 +13,14 @@ SLIDES = tuple(zip('xyz', np.eye(3)))
 def arm(b, on, name='arm', joints=3):
     for k in range(joints):
         b.body(f'{name}{k}', on, axis=np.eye(3)[(k + 2) % 3], at=(0.3, 0.1, 0.05),
-               rpy=(0.3, -0.2, 0.1), matter=box(2.0, (0.4, 0.2, 0.1), at=(0.2, 0.05, 0.0)))
+               rpy=(0.3, -0.2, 0.1), inertial=box(2.0, (0.4, 0.2, 0.1), at=(0.2, 0.05, 0.0)))
         on = f'{name}{k}'
     b.frame(f'{name}/tool', on, at=(0.1, 0.2, 0.3))
 
 
 def flyer(**options):
     b = ModelBuilder('flyer', gravity=(0.5, -1.0, -9.0))
-    b.body('base', kind='free', matter=BODY, **options)
+    b.body('base', kind='free', inertial=BODY, **options)
     arm(b, 'base')
     return b
 
@@ -33,14 +33,14 @@ def two_arms():
 
 def two_flyers():
     b = flyer()
-    b.body('stone', kind='free', at=(1.0, 2.0, 3.0), rpy=(0.1, 0.2, 0.3), matter=BODY)
+    b.body('stone', kind='free', at=(1.0, 2.0, 3.0), rpy=(0.1, 0.2, 0.3), inertial=BODY)
     arm(b, 'world', 'standing', 2)
     return b
 
 
 def ball_in_the_arm():
     b = flyer()
-    b.body('hand', 'arm2', 'ball', at=(0.1, 0.2, 0.0), rpy=(0.4, 0.1, 0.2), matter=BODY)
+    b.body('hand', 'arm2', 'ball', at=(0.1, 0.2, 0.0), rpy=(0.4, 0.1, 0.2), inertial=BODY)
     return b
 
 
@@ -50,31 +50,31 @@ def with_joint(**properties):
     return b
 
 
-def slides(rpy=(0.0, 0.0, 0.0), matter=None, more=False):
+def slides(rpy=(0.0, 0.0, 0.0), inertial=None, more=False):
     """Three slides and a ball joint, each stated by itself."""
     b = ModelBuilder('slides', gravity=(0.5, -1.0, -9.0))
     on = 'world'
     for name, axis in SLIDES:
         b.body(name, on, 'prismatic', axis=axis, rpy=rpy if name == 'y' else (0.0, 0.0, 0.0),
-               **{} if matter is None else {'matter': matter})
+               **{} if inertial is None else {'inertial': inertial})
         on = name
-    b.body('base', 'z', 'ball', matter=BODY)
+    b.body('base', 'z', 'ball', inertial=BODY)
     if more:
-        b.body('beside', 'y', axis=(0.0, 1.0, 0.0), at=(0.1, 0.0, 0.0), matter=BODY)
+        b.body('beside', 'y', axis=(0.0, 1.0, 0.0), at=(0.1, 0.0, 0.0), inertial=BODY)
     arm(b, 'base')
     return b
 
 
 def mimicked():
     b = flyer()
-    b.body('cart', 'world', 'prismatic', axis=(1.0, 0.0, 0.0), mimic='base/y', matter=BODY)
+    b.body('cart', 'world', 'prismatic', axis=(1.0, 0.0, 0.0), mimic='base/y', inertial=BODY)
     return b
 
 
 def on_rails():
     b = ModelBuilder('on rails')
-    b.body('rail', axis=(0.0, 0.0, 1.0), matter=BODY)
-    b.body('base', 'rail', 'free', at=(0.2, 0.0, 0.0), matter=BODY)
+    b.body('rail', axis=(0.0, 0.0, 1.0), inertial=BODY)
+    b.body('base', 'rail', 'free', at=(0.2, 0.0, 0.0), inertial=BODY)
     arm(b, 'base')
     return b
 
@@ -91,7 +91,7 @@ KINDS = {  # and the number of bodies that are free
     'friction': (lambda: with_joint(damping=3.0, friction=2.0), 1), 'beam': (with_a_beam, 1),
     'slides': (slides, 1), 'rotor': (lambda: with_joint(armature=4.0), 0),
     'spring': (lambda: with_joint(stiffness=5.0, rest=0.2), 0),
-    'heavy slides': (lambda: slides(matter=BODY), 0),
+    'heavy slides': (lambda: slides(inertial=BODY), 0),
     'oblique slides': (lambda: slides(rpy=(0.4, 0.0, 0.3)), 0),
     'mimicked slide': (mimicked, 0),
     'slide with another body': (lambda: slides(more=True), 0), 'not from the world': (on_rails, 0)}

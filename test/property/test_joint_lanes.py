@@ -65,7 +65,7 @@ def test_a_small_arm_far_from_the_origin_loses_no_digits(far):
         on = f'slide{k}'
     for k in range(9):
         b.body(f'link{k}', on, axis=[(0, 0, 1), (0, 1, 0), (1, 0.3, 0)][k % 3],
-               at=(0.02, 0, 0.01), matter=box(0.01, (0.02, 0.01, 0.01), at=(0.01, 0, 0)))
+               at=(0.02, 0, 0.01), inertial=box(0.01, (0.02, 0.01, 0.01), at=(0.01, 0, 0)))
         on = f'link{k}'
     equations = TreeEquations(b.model())
     parameters, states = np.array([0.3, -0.2, -9.8]), random_state(b.model(), 0)

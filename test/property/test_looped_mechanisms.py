@@ -133,8 +133,8 @@ def forces_at(robot, q, rates):
 
 def test_the_reference_measures_the_growth_of_perturbations():
     b = ModelBuilder('inverted')
-    b.body('pendulum', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (0, 0, 0.6)))
-    b.body('wheel', axis=(0, 0, 1), matter=disc(1.0, 0.1))
+    b.body('pendulum', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (0, 0, 0.6)))
+    b.body('wheel', axis=(0, 0, 1), inertial=disc(1.0, 0.1))
     coupling = Coupling('wheel', {'pendulum': 2.0}, 0.0)
     reference = Reference(Loops('inverted', b.model(), (coupling,), np.zeros(2)))
     early, late = reference.growth(np.zeros(2), np.zeros(2), [1.5, 2.0])

@@ -21,12 +21,12 @@ TOLERANCE = 1e-9
 def slider_crank():
     """Return a crank that moves a piston, by a closure of mixed rows."""
     b = ModelBuilder('slider-crank')
-    b.body('crank', axis=(0, -1, 0), matter=rod(0.6, (0, 0, 0), (0.3, 0, 0)), damping=0.1,
+    b.body('crank', axis=(0, -1, 0), inertial=rod(0.6, (0, 0, 0), (0.3, 0, 0)), damping=0.1,
            friction=0.2)
-    b.body('bar', 'crank', axis=(0, -1, 0), at=(0.3, 0, 0), matter=rod(1.8, (0, 0, 0),
-                                                                       (0.9, 0, 0)))
+    b.body('bar', 'crank', axis=(0, -1, 0), at=(0.3, 0, 0), inertial=rod(1.8, (0, 0, 0),
+                                                                         (0.9, 0, 0)))
     b.frame('end', 'bar', at=(0.9, 0, 0))
-    b.body('piston', kind='prismatic', axis=(1, 0, 0), matter=point_mass(2.0), stiffness=40.0,
+    b.body('piston', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(2.0), stiffness=40.0,
            rest=1.0, damping=1.0, friction=0.5)
     return b.model()
 
@@ -34,7 +34,7 @@ def slider_crank():
 def wheel():
     """Return a free wheel that rolls on a plane."""
     b = ModelBuilder('wheel')
-    b.body('wheel', kind='free', matter=Inertial(3.0, (0, 0, 0), np.diag([0.2, 0.4, 0.2])))
+    b.body('wheel', kind='free', inertial=Inertial(3.0, (0, 0, 0), np.diag([0.2, 0.4, 0.2])))
     return b.model()
 
 
@@ -156,8 +156,8 @@ def test_a_slide_at_its_stop_scales(s):
     def run(s):
         b = ModelBuilder('carts')
         for name in ('first', 'second'):
-            b.body(name, kind='prismatic', axis=(1, 0, 0), matter=point_mass(1.0))
-            b.body(f'{name}_bob', name, axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (0, 0, -0.5)))
+            b.body(name, kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0))
+            b.body(f'{name}_bob', name, axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (0, 0, -0.5)))
         robot = Robot(scaled_model(b.model(), s),
                       constraints=[Coupling('second', {'first': 0.5}, name='gear')])
         upper = np.full(robot.n_q, np.inf)

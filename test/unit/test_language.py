@@ -44,7 +44,6 @@ TERMS = {
 NAMES = re.compile(
     r'`[^`]*`'                                   # code in text
     r'|closed_posture|constraint_gap'            # public names of the library
-    r'|\bmatter\s*=|\bmatter :|\bmatter[,)]|\'matter\''  # the argument of ModelBuilder.body
     r'|\{GAP|\'nobody\'|\'pushes\''                # names in code
     r'|^  push:'                                 # an event of the workflow file
     r'|gravitational|git push|no matter (?:how|what|which|where)|does not matter|do not matter')

@@ -18,7 +18,7 @@ def arm(effort):
     builder, at = ModelBuilder(), (0, 0, 0)
     for k in range(4):
         builder.body(f'rod{k}', f'rod{k - 1}' if k else 'world', axis=(0, 1, 0), at=at,
-                     matter=rod(1.0, (0, 0, 0), (0.5, 0, 0)),
+                     inertial=rod(1.0, (0, 0, 0), (0.5, 0, 0)),
                      limits=Limits(-2.5, 2.5, 1.0, effort if k == 0 else math.inf))
         at = (0.5, 0, 0)
     return Robot(builder.model())
@@ -41,7 +41,7 @@ def test_a_motor_that_fails_in_one_configuration_of_many_is_found(share, level):
 def test_configurations_are_tried_up_to_the_limits_and_not_beyond(limits, slide, expected):
     builder = ModelBuilder()
     builder.body('turn', axis=(0, 1, 0), limits=limits)
-    builder.body('slide', 'turn', 'prismatic', axis=(1, 0, 0), matter=point_mass(1.0),
+    builder.body('slide', 'turn', 'prismatic', axis=(1, 0, 0), inertial=point_mass(1.0),
                  limits=slide)
     largest = largest_gravity_forces(Robot(builder.model()))[0]
     np.testing.assert_allclose(largest, expected, rtol=1e-6)

@@ -62,8 +62,8 @@ def test_loaded_velocity_constraints_are_refused():
 def pendulum(height=-0.4):
     """Return a body on a ball joint whose center of mass is above it, by its own axis."""
     b = ModelBuilder('pendulum')
-    b.body('bob', kind='ball', matter=Inertial(2.0, [0.0, 0.0, height],
-                                               np.diag([0.02, 0.03, 0.015])))
+    b.body('bob', kind='ball', inertial=Inertial(2.0, [0.0, 0.0, height],
+                                                 np.diag([0.02, 0.03, 0.015])))
     return Robot(b.model())
 
 
@@ -97,9 +97,9 @@ def test_a_pendulum_on_its_head_falls_and_a_turned_one_is_refused():
 
 def test_two_free_bodies_on_a_spring_vibrate_by_their_reduced_mass():
     b = ModelBuilder('pair', gravity=(0.0, 0.0, 0.0))
-    b.body('first', kind='free', matter=box(3.0, (0.2, 0.3, 0.4)))
+    b.body('first', kind='free', inertial=box(3.0, (0.2, 0.3, 0.4)))
     b.body('second', 'first', 'prismatic', axis=(0.6, 0.8, 0.0), stiffness=50.0,
-           matter=box(5.0, (0.1, 0.2, 0.1)))
+           inertial=box(5.0, (0.1, 0.2, 0.1)))
     robot = Robot(b.model())
     q = robot.random_configuration(3)
     q[-1] = 0.0
@@ -110,14 +110,14 @@ def test_two_free_bodies_on_a_spring_vibrate_by_their_reduced_mass():
 
 def test_vibrations_of_a_free_flying_arm_are_eigenvalues_of_its_forward_dynamics():
     b = ModelBuilder('satellite', gravity=(0.0, 0.0, 0.0))
-    b.body('bus', kind='free', matter=box(60.0, (1.2, 1.0, 1.4), at=(0.03, 0.02, 0.03)))
+    b.body('bus', kind='free', inertial=box(60.0, (1.2, 1.0, 1.4), at=(0.03, 0.02, 0.03)))
     on, at = 'bus', (0.6, 0.0, 0.0)
     for k, axis in enumerate(((0, 0, 1), (0, 1, 0), (1, 0, 0)), 1):
         b.body(f'joint{k}', on, axis=axis, at=at, stiffness=10.0 * k, rest=0.2 * k,
-               matter=box(8.0 - k, (0.4, 0.1, 0.1), at=(0.2, 0, 0.02)))
+               inertial=box(8.0 - k, (0.4, 0.1, 0.1), at=(0.2, 0, 0.02)))
         on, at = f'joint{k}', (0.4, 0.0, 0.0)
-    b.body('panel', 'bus', 'ball', at=(-0.6, 0, 0), matter=box(4.0, (1.0, 0.5, 0.02),
-                                                               at=(-0.5, 0.0, 0.0)))
+    b.body('panel', 'bus', 'ball', at=(-0.6, 0, 0), inertial=box(4.0, (1.0, 0.5, 0.02),
+                                                                 at=(-0.5, 0.0, 0.0)))
     robot, h = Robot(b.model()), 1e-4
     q = robot.random_configuration(5)
     q[7:10] = 0.2, 0.4, 0.6  # the springs are at rest
@@ -137,7 +137,7 @@ def test_vibrations_of_a_free_flying_arm_are_eigenvalues_of_its_forward_dynamics
 
 def test_bad_configurations_and_massless_motions_are_named():
     b = ModelBuilder('massless tip')
-    b.body('arm', axis=(0, 0, 1), matter=rod(1.0, (0, 0, 0), (0.3, 0, 0)))
+    b.body('arm', axis=(0, 0, 1), inertial=rod(1.0, (0, 0, 0), (0.3, 0, 0)))
     b.body('tip', 'arm', axis=(0, 0, 1), at=(0.3, 0, 0))
     robot = Robot(b.model())
     with pytest.raises(InputError, match=r'mass matrix is singular .*; expected mass in every'):

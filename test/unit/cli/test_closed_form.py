@@ -18,24 +18,24 @@ def hanging():
     """Return a box on a universal joint, its center of mass off every axis."""
     b = ModelBuilder()
     b.body('box', 'world', 'universal', at=(0.1, 0.2, 0.3), rpy=(0.3, 0, 0),
-           matter=box(1.5, (0.1, 0.2, 0.3), at=(0.1, -0.2, -0.4)))
+           inertial=box(1.5, (0.1, 0.2, 0.3), at=(0.1, -0.2, -0.4)))
     return b.model()
 
 
 def crane():
     """Return a boom on an oblique axis with a prismatic joint, spring and damper."""
     b = ModelBuilder(gravity=(0, -3, -9))
-    b.body('boom', axis=(0, 3, 4), matter=Inertial(2, (0.4, 0.1, 0), np.eye(3)), friction=0.3)
+    b.body('boom', axis=(0, 3, 4), inertial=Inertial(2, (0.4, 0.1, 0), np.eye(3)), friction=0.3)
     b.body('slide', 'boom', 'prismatic', axis=(1, 0, 0), at=(1, 0, 0), damping=0.7, stiffness=30,
-           rest=0.2, armature=0.1, matter=point_mass(0.5, (0.2, 0, 0.1)))
+           rest=0.2, armature=0.1, inertial=point_mass(0.5, (0.2, 0, 0.1)))
     return b.model()
 
 
 def geared():
     """Return two links; the second rotates twice as far as the first."""
     b = ModelBuilder()
-    b.body('first', axis=(0, 1, 0), matter=Inertial(2, (0.5, 0, 0)))
-    b.body('second', 'first', axis=(0, 1, 0), at=(1, 0, 0), matter=Inertial(1, (0.3, 0, 0)))
+    b.body('first', axis=(0, 1, 0), inertial=Inertial(2, (0.5, 0, 0)))
+    b.body('second', 'first', axis=(0, 1, 0), at=(1, 0, 0), inertial=Inertial(1, (0.3, 0, 0)))
     first, second = b.model().bodies
     joint = replace(second.joint, coordinate=0, multiplier=2.0, offset=0.25)
     return Model('geared', (first, replace(second, joint=joint)), ('first',))
@@ -72,7 +72,7 @@ def test_a_planar_chain_comes_out_in_sums_of_its_angles():
     b = ModelBuilder()
     for k in range(3):
         b.body(f'link{k}', f'link{k - 1}' if k else 'world', axis=(0, 1, 0),
-               at=(0.5, 0, 0) if k else (0, 0, 0), matter=Inertial(1 + k, (0.25, 0, 0)))
+               at=(0.5, 0, 0) if k else (0, 0, 0), inertial=Inertial(1 + k, (0.25, 0, 0)))
     form = closed_form(b.model(), friction=False)
     q1, q2, q3 = form.q
     assert form.M.free_symbols.isdisjoint({q1})
@@ -95,7 +95,7 @@ def test_friction_is_left_in_words_and_can_be_left_out():
 
 def test_operations_are_counted_after_sharing():
     b = ModelBuilder()
-    b.body('link', axis=(0, 1, 0), matter=Inertial(2, (0.5, 0, 0)))
+    b.body('link', axis=(0, 1, 0), inertial=Inertial(2, (0.5, 0, 0)))
     counts = closed_form(b.model(), numbers=True).operations()  # M 0.5; bias -9.81 cos(q1)
     assert counts['mass_matrix'].multiplications == counts['mass_matrix'].additions == 0
     assert (counts['bias_force'].multiplications, counts['bias_force'].functions) == (1, 1)
@@ -103,7 +103,7 @@ def test_operations_are_counted_after_sharing():
 
 def test_a_body_without_matter_has_no_line_in_the_table():
     b = ModelBuilder()
-    b.body('table', 'world', 'planar', matter=Inertial(1))
+    b.body('table', 'world', 'planar', inertial=Inertial(1))
     lines = as_csv(closed_form(b.model())).splitlines()
     assert lines[1:] == ['u1,table,0,0,0,cos(q3),-sin(q3),0', 'u2,table,0,0,0,sin(q3),cos(q3),0',
                          'u3,table,0,0,1,0,0,0']
@@ -152,6 +152,6 @@ def test_numbers_become_exact():
 
 def test_legend_names_every_axis_of_a_shared_moment_of_inertia():
     b = ModelBuilder()
-    b.body('rod', matter=Inertial(1.0, (0, 0, 0), np.diag([0.1, 0.4, 0.4])))
+    b.body('rod', inertial=Inertial(1.0, (0, 0, 0), np.diag([0.1, 0.4, 0.4])))
     meaning, = (p.meaning for p in closed_form(b.model()).parameters if p.unit == 'kg m^2')
     assert meaning == 'central moment of inertia of rod, yy and zz'

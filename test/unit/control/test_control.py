@@ -297,8 +297,8 @@ def test_bad_settings_are_refused_in_words(settings, words):
 
 def test_computed_torque_spreads_its_gains_over_the_joints_and_checks_them():
     builder = ModelBuilder()
-    builder.body('lift', axis=(0, 1, 0), matter=point_mass(1.0, (1, 0, 0)))
-    builder.body('slide', 'lift', 'prismatic', axis=(1, 0, 0), matter=point_mass(1.0))
+    builder.body('lift', axis=(0, 1, 0), inertial=point_mass(1.0, (1, 0, 0)))
+    builder.body('slide', 'lift', 'prismatic', axis=(1, 0, 0), inertial=point_mass(1.0))
     robot = Robot(builder.model())
     np.testing.assert_array_equal(ComputedTorque(robot, MOTION, 4.0, [1.0, 2.0]).kp, [4.0, 4.0])
     with pytest.raises(InputError, match=r"kd of joint 'slide': -2\.0"):

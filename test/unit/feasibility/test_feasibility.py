@@ -93,7 +93,7 @@ def test_speed_is_found_despite_rounding_at_the_limit(seed, effort):
 def pendulum():
     """Return a pendulum of 1 kg and 1 m, and one free turn of it from bottom to bottom."""
     builder = ModelBuilder('pendulum')
-    builder.body('bob', axis=(0.0, 1.0, 0.0), matter=point_mass(1.0, (0.0, 0.0, -1.0)))
+    builder.body('bob', axis=(0.0, 1.0, 0.0), inertial=point_mass(1.0, (0.0, 0.0, -1.0)))
     robot = Robot(builder.model(), payload_frame='bob')
     free = simulate(robot, [0.0], [8.0], 1.2, step=1e-3)
     whole = slice(0, int(np.searchsorted(free.q[:, 0], 2.0 * math.pi)))

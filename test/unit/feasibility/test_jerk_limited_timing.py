@@ -22,7 +22,7 @@ URDF, SUPPLEMENT = 'urdf/fr3.urdf', 'urdf/fr3.supplement.yaml'
 
 def one_joint(velocity=2.0, axis=(0.0, 0.0, 1.0), effort=1e3):
     builder = ModelBuilder('one joint')
-    builder.body('rod', 'world', axis=axis, matter=rod(1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
+    builder.body('rod', 'world', axis=axis, inertial=rod(1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
                  joint='joint', limits=Limits(effort=effort, velocity=velocity))
     return Robot(builder.model())
 
@@ -285,7 +285,7 @@ def two_joints():
     builder = ModelBuilder('two joints')
     for k, on in enumerate(('world', 'rod0')):
         builder.body(f'rod{k}', on, axis=(0.0, 0.0, 1.0), at=(float(k), 0.0, 0.0),
-                     matter=rod(1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), joint=f'joint{k}',
+                     inertial=rod(1.0, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), joint=f'joint{k}',
                      limits=Limits(effort=1e3, velocity=1.5))
     return Robot(builder.model())
 

@@ -177,7 +177,7 @@ def two_link(damping=2.0, friction=3.0, effort=(40.0, 18.0)):
     builder = ModelBuilder('two links')
     for k, on in enumerate(('world', 'rod0')):
         builder.body(f'rod{k}', on, axis=(0.0, 1.0, 0.0), at=(0.0, 0.0, -float(k)),
-                     matter=rod(1.0, (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)), joint=f'joint{k}',
+                     inertial=rod(1.0, (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)), joint=f'joint{k}',
                      damping=damping, friction=friction, friction_speed=0.1,
                      limits=Limits(effort=effort[k], velocity=20.0))
     return Robot(builder.model())
@@ -330,7 +330,7 @@ def slider(damping=0.0, friction=0.0, velocity=1.0):
     """Return a cart of 2 kg with a force of 100 N."""
     builder = ModelBuilder('slider')
     builder.body('cart', 'world', axis=(1.0, 0.0, 0.0), kind='prismatic', joint='rail',
-                 matter=Inertial(2.0, np.zeros(3), np.zeros((3, 3))), damping=damping,
+                 inertial=Inertial(2.0, np.zeros(3), np.zeros((3, 3))), damping=damping,
                  friction=friction, friction_speed=0.01,
                  limits=Limits(effort=100.0, velocity=velocity))
     return Robot(builder.model())
@@ -371,7 +371,7 @@ def test_more_power_never_costs_time_on_a_long_path():
     for k in range(3):
         builder.body(f'body{k}', on, 'revolute', axis=tuple(np.eye(3)[k]), at=(0.0, 0.0, 0.1),
                      joint=f'joint{k}',
-                     matter=Inertial(1.0, 0.05 * rng.normal(size=3), 0.01 * np.eye(3)),
+                     inertial=Inertial(1.0, 0.05 * rng.normal(size=3), 0.01 * np.eye(3)),
                      limits=Limits(velocity=4.0, effort=200.0 if k else math.inf))
         on = f'body{k}'
     robot = Robot(builder.model())
@@ -465,7 +465,7 @@ def test_integer_speeds_are_numbers():
 def test_balls_are_named():
     builder = ModelBuilder('ball')
     builder.body('bob', 'world', kind='ball', joint='hip',
-                 matter=Inertial(1.0, np.array([0.0, 0.0, -1.0]), 0.1 * np.eye(3)))
+                 inertial=Inertial(1.0, np.array([0.0, 0.0, -1.0]), 0.1 * np.eye(3)))
     robot = Robot(builder.model())
     motion = Motion.from_points([0.0, 1.0], np.zeros((2, 3)), joint_names=('a', 'b', 'c'))
     with pytest.raises(InputError, match=r"time_optimal: a robot with ball joints \('hip'\)"):

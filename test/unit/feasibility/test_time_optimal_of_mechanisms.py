@@ -271,7 +271,7 @@ def two_links():
     builder = ModelBuilder('two links')
     for k, on in enumerate(('world', 'rod0')):
         builder.body(f'rod{k}', on, axis=(0.0, 1.0, 0.0), at=(0.0, 0.0, -float(k)),
-                     matter=rod(1.0, (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)), joint=f'joint{k}',
+                     inertial=rod(1.0, (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)), joint=f'joint{k}',
                      damping=2.0, friction=3.0, friction_speed=0.1,
                      limits=Limits(effort=(40.0, 18.0)[k], velocity=4.0))
     return builder.model()

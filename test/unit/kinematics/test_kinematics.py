@@ -310,7 +310,7 @@ def test_frames_of_a_chain_of_any_length_move_by_their_jacobian():
     builder, n = ModelBuilder('chain'), 700
     for k in range(n):
         builder.body(f'link{k}', f'link{k - 1}' if k else 'world', axis=(0, k % 2, 1 - k % 2),
-                     at=(0.01, 0, 0), matter=rod(1.0, (0, 0, 0), (0.01, 0, 0)))
+                     at=(0.01, 0, 0), inertial=rod(1.0, (0, 0, 0), (0.01, 0, 0)))
     model, rng = builder.model(), np.random.default_rng(0)
     equations, frame = TreeEquations(model), model.frame(f'link{n - 1}')
     q, u, udot = rng.uniform(-1.0, 1.0, (3, n))

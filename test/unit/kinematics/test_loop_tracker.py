@@ -129,7 +129,7 @@ def test_joints_driven_in_time_are_closed_at_their_time():
 
 def test_rows_of_velocities_are_told():
     b = ModelBuilder('sleigh')
-    b.body('body', kind='planar', matter=rod(2.0, (0, 0, 0), (1, 0, 0)))
+    b.body('body', kind='planar', inertial=rod(2.0, (0, 0, 0), (1, 0, 0)))
     robot = Robot(b.model(), constraints=[knife_edge('body', (0, 1, 0), name='runner')])
     assert LoopTracker(robot, robot.joint_names[::2]).path_rows == ('runner',)
 
@@ -270,7 +270,7 @@ def test_a_restart_forgets_the_rates():
 
 def test_ball_joints_are_refused_by_name():
     b = ModelBuilder('ball')
-    b.body('hand', kind='ball', matter=rod(1.0, (0, 0, 0), (0, 0, 1)))
+    b.body('hand', kind='ball', inertial=rod(1.0, (0, 0, 0), (0, 0, 1)))
     with pytest.raises(InputError, match=r"LoopTracker: a robot with ball joints \('hand'\)"):
         LoopTracker(Robot(b.model()), ['hand/wx'])
 

@@ -77,8 +77,8 @@ def test_rows_are_the_rates_of_their_residuals(kind):
 @pytest.mark.parametrize('angle', [0.5, 2.0, 3.0, np.pi - 1e-9, np.pi, -3.0, 2.0 * np.pi])
 def test_orientations_are_held_the_right_way_round(kind, angle):
     b = ModelBuilder('plate')
-    b.body('cart', kind='prismatic', axis=(1, 0, 0), matter=point_mass(1.0))
-    b.body('plate', kind='floating', matter=rod(1.0, (0, 0, 0), (0.3, 0.1, 0)))
+    b.body('cart', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0))
+    b.body('plate', kind='floating', inertial=rod(1.0, (0, 0, 0), (0.3, 0.1, 0)))
     mechanism = choose_independent(b.model(), None, (Closure('plate', 'cart', kind),))
     for turned in (4, 5, 6):  # about x, y, z; only z is free to a revolute closure
         start = np.zeros(7)
@@ -96,11 +96,11 @@ def test_orientations_are_held_the_right_way_round(kind, angle):
 def turntable(kind, axis):
     """Return a four-bar on a table that turns about z, its pins along an axis across z."""
     b = ModelBuilder('turntable')
-    b.body('table', axis=(0, 0, 1), matter=rod(20.0, (-0.5, 0, 0), (0.5, 0, 0)))
+    b.body('table', axis=(0, 0, 1), inertial=rod(20.0, (-0.5, 0, 0), (0.5, 0, 0)))
     on, place = 'table', (0, 0, 0)
     for name, length in (('crank', 0.3), ('coupler', 0.9), ('rocker', 0.7)):
         b.body(name, on, axis=(0, -1, 0), at=place,
-               matter=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
+               inertial=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
         on, place = name, (length, 0, 0)
     b.frame('end', 'rocker', at=place)
     b.frame('ground', 'table', at=(1, 0, 0))
@@ -140,7 +140,7 @@ def rounded(kind, tolerance=1e-9, digits=4, tilt=0.0, configuration=None):
     for name, length, turn in (('crank', 0.3, quarter + tilt), ('coupler', 0.9, half),
                                ('rocker', 0.7, -half)):
         b.body(name, on, at=place, rpy=(turn, 0, 0),
-               matter=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
+               inertial=rod(2.0 * length, (0, 0, 0), (length, 0, 0)))
         on, place = name, (length, 0, 0)
     b.frame('end', 'rocker', at=place)
     b.frame('ground', 'world', at=(1, 0, 0), rpy=(quarter, 0, 0))

@@ -58,9 +58,9 @@ def test_a_prefix_goes_before_every_joint_and_frame_but_not_before_forces(tmp_pa
 
 def test_its_constraints_are_those_of_the_robot():
     b = ModelBuilder('pair')
-    b.body('one', 'world', 'revolute', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (1, 0, 0)))
+    b.body('one', 'world', 'revolute', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
     b.body('two', 'one', 'revolute', axis=(0, 1, 0), at=(1, 0, 0),
-           matter=rod(1.0, (0, 0, 0), (1, 0, 0)))
+           inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
     given = {'constraints': {'gear': {'coupling': {'joint': 'two', 'ratios': {'one': -2}}}}}
     robot = Robot(b.model(), **load_constraints(given))
     assert robot.constraint_names == ('gear',)

@@ -20,7 +20,7 @@ def arm(n=3):
     b = ModelBuilder('arm')
     for k in range(n):
         b.body(f'rod{k}', f'rod{k - 1}' if k else 'world', axis=(0, 1, 0), joint=f'joint{k}',
-               at=(1.0 if k else 0.0, 0, 0), matter=rod(1.0, (0, 0, 0), (1, 0, 0)))
+               at=(1.0 if k else 0.0, 0, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
     b.frame('tip', f'rod{n - 1}', at=(1, 0, 0))
     b.frame('far', 'world', at=(10, 0, 0))
     b.frame('near', 'world', at=(1.5, 0, 0.3))
@@ -169,11 +169,11 @@ def test_what_no_loop_can_be_closed_from_is_told_by_name(q, options, words):
 @pytest.mark.parametrize('tilt', [1e-14, 1e-10, 1e-5, 0.0])
 def test_a_direction_that_is_zero_but_for_the_digits_of_a_file_is_no_pivot(tilt):
     b = ModelBuilder('slider-crank')
-    b.body('crank', axis=(0, -1, 0), matter=rod(0.6, (0, 0, 0), (0.3, 0, 0)))
+    b.body('crank', axis=(0, -1, 0), inertial=rod(0.6, (0, 0, 0), (0.3, 0, 0)))
     b.body('coupler', 'crank', axis=(0, -1, 0), at=(0.3, 0, 0),
-           matter=rod(1.8, (0, 0, 0), (0.9, 0, 0)))
+           inertial=rod(1.8, (0, 0, 0), (0.9, 0, 0)))
     b.body('slider', 'world', 'prismatic', at=(0.9, 0, 0), axis=(tilt, 0, 1),
-           matter=box(1.0, (0.1, 0.1, 0.1)))
+           inertial=box(1.0, (0.1, 0.1, 0.1)))
     b.frame('end', 'coupler', at=(0.9, 0, 0))
     b.frame('pin', 'slider')
     robot = Robot(b.model(), constraints=[Closure('end', 'pin', 'inline', axis=(0, 1, 0))],

@@ -75,10 +75,10 @@ def test_residual_is_the_distance_and_the_normal_row_its_rate(kind):
 def test_a_wheel_on_a_parallel_cylinder_is_a_pair_of_gears(inside):
     R, r = 1.0, 0.3
     b = ModelBuilder('planet', gravity=(0, 0, 0))
-    b.body('sun', axis=(0, 0, 1), matter=disc(3.0, R))
-    b.body('arm', axis=(0, 0, 1), matter=disc(1.0, 0.1))
+    b.body('sun', axis=(0, 0, 1), inertial=disc(3.0, R))
+    b.body('arm', axis=(0, 0, 1), inertial=disc(1.0, 0.1))
     b.body('planet', 'arm', axis=(0, 0, 1), at=(R - r if inside else R + r, 0, 0),
-           matter=disc(0.5, r))
+           inertial=disc(0.5, r))
     robot = Robot(b.model(), independent=['sun', 'arm'], constraints=[
         Rolling('planet', r, (0, 0, 1), name='mesh', surface_frame='sun', surface='cylinder',
                 surface_radius=R, inside=inside)])
@@ -95,7 +95,7 @@ def test_a_ball_in_a_bowl_swings_as_a_pendulum_that_carries_its_spin():
     ball = 0.4 * r * r  # moment of inertia of a solid ball of 1 kg
     b = ModelBuilder('bowl')
     b.body('ball', kind='floating', at=(0, 0, R),
-           matter=Inertial(1.0, np.zeros(3), ball * np.eye(3)))
+           inertial=Inertial(1.0, np.zeros(3), ball * np.eye(3)))
     b.frame('bowl', 'world', at=(0, 0, R))
     roll = Rolling('ball', r, surface_frame='bowl', surface='sphere', surface_radius=R,
                    inside=True)
@@ -112,9 +112,9 @@ def test_a_ball_in_a_bowl_swings_as_a_pendulum_that_carries_its_spin():
 
 def test_wheels_on_an_axle_hold_the_same_force_for_every_heading():
     b = ModelBuilder('cart')
-    b.body('base', kind='planar', matter=disc(5.0, 0.3))
+    b.body('base', kind='planar', inertial=disc(5.0, 0.3))
     for name, side in (('left', 0.2), ('right', -0.2)):
-        b.body(name, 'base', axis=(0, 1, 0), at=(0.05, side, 0), matter=disc(0.2, 0.1))
+        b.body(name, 'base', axis=(0, 1, 0), at=(0.05, side, 0), inertial=disc(0.2, 0.1))
     robot = Robot(b.model(), constraints=[Rolling(name, 0.1, (0, 1, 0), height=-0.1)
                                           for name in ('left', 'right')],
                   independent=['left', 'right'])

@@ -8,23 +8,23 @@ import pytest
 def rolling_disc():
     b = ModelBuilder('disc')
     b.body('disc', kind='floating', turns='zxy', at=(0, 0, 0.5),
-           matter=disc(1.0, 0.5, axis=(0, 1, 0)))
+           inertial=disc(1.0, 0.5, axis=(0, 1, 0)))
     return Robot(b.model(), constraints=[Rolling('disc', 0.5, axis=(0, 1, 0))])
 
 
 def wheeled_base():
     b = ModelBuilder('base')
-    b.body('chassis', kind='planar', matter=box(10.0, (0.5, 0.3, 0.1)))
+    b.body('chassis', kind='planar', inertial=box(10.0, (0.5, 0.3, 0.1)))
     for name, y in (('left', 0.2), ('right', -0.2)):
         b.body(name, 'chassis', axis=(0, 1, 0), at=(0, y, 0.1),
-               matter=disc(0.5, 0.1, axis=(0, 1, 0)))
+               inertial=disc(0.5, 0.1, axis=(0, 1, 0)))
     return Robot(b.model(), constraints=[Rolling(name, 0.1, axis=(0, 1, 0))
                                          for name in ('left', 'right')])
 
 
 def sleigh():
     b = ModelBuilder('sleigh')
-    b.body('body', kind='planar', matter=box(1.0, (0.5, 0.3, 0.1)))
+    b.body('body', kind='planar', inertial=box(1.0, (0.5, 0.3, 0.1)))
     b.frame('runner', 'body', at=(-0.1, 0, 0))
     return Robot(b.model(), constraints=[knife_edge('runner', (0, 1, 0))])
 

@@ -107,7 +107,7 @@ def test_what_has_no_derivative_is_refused_by_name(name):
     function, words = REFUSED[name]
     b = ModelBuilder('pair')
     for joint in ('a', 'b'):
-        b.body(joint, kind='prismatic', axis=(1, 0, 0), matter=point_mass(1.0))
+        b.body(joint, kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0))
     for constraint in (Prescribed('a', function, name='it'),
                        PointVelocity('a', (1, 0, 0), value=function, name='it')):
         with pytest.raises(ConstraintError, match=f"constraint 'it': .*{words}"):
@@ -124,7 +124,7 @@ def pair():
     """Return a cart that is prescribed, and another."""
     b = ModelBuilder('pair')
     for joint in ('a', 'b'):
-        b.body(joint, kind='prismatic', axis=(1, 0, 0), matter=point_mass(1.0))
+        b.body(joint, kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0))
     return b.model()
 
 

@@ -38,18 +38,18 @@ def test_expanded_joints_match_those_of_a_urdf():
     b = ModelBuilder()
     hull = Inertial(2, (0.1, 0.2, -0.1), [[0.1, 0, 0], [0, 0.2, 0.01], [0, 0.01, 0.25]])
     b.body('hull', 'world', 'floating', joint='free', at=(1, 0, 0.5), rpy=(0.3, -0.2, 0.7),
-           matter=hull)
+           inertial=hull)
     b.body('arm', 'hull', 'planar', joint='slide', at=(0, 0.3, 0), rpy=(1.1, 0, 0.4),
-           axis=(0, 1, 1), matter=Inertial(1, inertia=0.05 * np.eye(3)))
+           axis=(0, 1, 1), inertial=Inertial(1, inertia=0.05 * np.eye(3)))
     with pytest.warns(ModelWarning):
         same(b.model(), load_urdf(FLOATING))
 
 
 def test_the_spring_mass_pendulum_is_the_shipped_urdf():
     b = ModelBuilder()
-    b.body('block', 'world', 'prismatic', joint='slider', axis=X, matter=point_mass(2),
+    b.body('block', 'world', 'prismatic', joint='slider', axis=X, inertial=point_mass(2),
            stiffness=50)
-    b.body('pendulum', 'block', joint='pivot', axis=-Y, matter=point_mass(1, (0, 0, -0.5)))
+    b.body('pendulum', 'block', joint='pivot', axis=-Y, inertial=point_mass(1, (0, 0, -0.5)))
     path = resource_path('urdf', 'spring_mass_pendulum.urdf')
     with pytest.warns(ModelWarning, match='pendulum'):
         same(b.model(), load_urdf(path, supplement=str(path).replace('.urdf', '.supplement.yaml')))
@@ -58,8 +58,8 @@ def test_the_spring_mass_pendulum_is_the_shipped_urdf():
 @pytest.mark.parametrize('turns', ['zxy', 'zxz'])
 def test_rotations_are_about_successively_rotated_axes(turns):
     b = ModelBuilder()
-    b.body('top', 'world', 'spherical', turns=turns, matter=ball(1, 0.1))
-    b.body('fork', 'top', 'universal', turns='zx', matter=ball(1, 0.1))
+    b.body('top', 'world', 'spherical', turns=turns, inertial=ball(1, 0.1))
+    b.body('fork', 'top', 'universal', turns='zx', inertial=ball(1, 0.1))
     model = b.model()
     angles = np.array([0.3, -0.5, 0.9, 1.2, -0.8])
 
@@ -74,16 +74,16 @@ def test_rotations_are_about_successively_rotated_axes(turns):
         f'top/r{s}' for s in (turns if turns != 'zxz' else ['z', 'x', 'z2']))
 
 
-@pytest.mark.parametrize('matter, moments, com', [
+@pytest.mark.parametrize('inertial, moments, com', [
     (rod(3, (0, 0, 0), (0, 0, -2)), (1, 1, 0), (0, 0, -1)),
     (disc(2, 1, X), (1, 0.5, 0.5), (0, 0, 0)),
     (disc(2, 1, (0, 0, 5), at=Y, thickness=6), (6.5, 6.5, 1), Y),
     (ball(5, 1, at=X), (2, 2, 2), X),
     (box(12, (1, 2, 3)), (13, 10, 5), (0, 0, 0)),
     (point_mass(1, X) + point_mass(1, -X), (0, 2, 2), (0, 0, 0))])
-def test_uniform_shapes_have_the_textbook_moments(matter, moments, com):
-    np.testing.assert_allclose(matter.inertia, np.diag(moments), atol=1e-14)
-    np.testing.assert_allclose(matter.com, com, atol=1e-15)
+def test_uniform_shapes_have_the_textbook_moments(inertial, moments, com):
+    np.testing.assert_allclose(inertial.inertia, np.diag(moments), atol=1e-14)
+    np.testing.assert_allclose(inertial.com, com, atol=1e-15)
 
 
 @pytest.mark.parametrize(('shape', 'words'), [
@@ -112,19 +112,19 @@ def test_a_mounted_arm_moves_with_its_carrier_and_as_itself():
     with pytest.warns(ModelWarning):
         arm = load_urdf(resource_path('urdf', 'two_rods.urdf'))
     b = ModelBuilder()
-    b.body('cart', 'world', 'prismatic', axis=X, matter=point_mass(4))
+    b.body('cart', 'world', 'prismatic', axis=X, inertial=point_mass(4))
     b.mount(arm, 'cart', at=(0, 0, 0.2), prefix='left_')
     b.mount(arm, 'left_rod_b', at=(0, 1, 0), prefix='right_')
     model = b.model()
     assert model.coordinate_names == ('cart', 'left_rod_a_joint', 'left_rod_b_joint',
                                       'right_rod_a_joint', 'right_rod_b_joint')
     plain = ModelBuilder()
-    plain.body('cart', 'world', 'prismatic', axis=X, matter=point_mass(4))
+    plain.body('cart', 'world', 'prismatic', axis=X, inertial=point_mass(4))
     for side, on, at in (('left', 'cart', 0.2 * Z), ('right', 'left_rod_b', Y)):
         plain.body(f'{side}_rod_a', on, joint=f'{side}_rod_a_joint', axis=Y, at=at,
-                   matter=rod(2, (0, 0, 0), 1.2 * Z))
+                   inertial=rod(2, (0, 0, 0), 1.2 * Z))
         plain.body(f'{side}_rod_b', f'{side}_rod_a', joint=f'{side}_rod_b_joint', axis=Z,
-                   at=1.2 * Z, matter=rod(1, (0, 0, 0), -0.6 * Y))
+                   at=1.2 * Z, inertial=rod(1, (0, 0, 0), -0.6 * Y))
     same(model, plain.model())
     q = random_state(model, 1)[0]
     for frame in ('left_rod_b', 'right_rod_b'):
@@ -134,7 +134,7 @@ def test_a_mounted_arm_moves_with_its_carrier_and_as_itself():
 
 def test_expanded_joint_properties_are_set_by_joint_name():
     b = ModelBuilder()
-    b.body('table', 'world', 'planar', matter=box(1, (1, 1, 0.1)))
+    b.body('table', 'world', 'planar', inertial=box(1, (1, 1, 0.1)))
     b.joint('table/y', stiffness=7, damping=2)
     joint = b.model().bodies[1].joint
     assert (joint.name, joint.stiffness, joint.damping) == ('table/y', 7.0, 2.0)
@@ -165,12 +165,12 @@ def built(*steps):
     ('body', ('',), {}, "name of a body or frame: ''; expected a text"),
     ('body', (None,), {}, 'name of a body or frame: None; expected a text'),
     ('body', ('b', ['a']), {}, r"no body or frame '\['a'\]'; expected"),
-    ('body', ('b',), {'matter': 1.0}, "'b': inertial properties: a float; expected an Inertial"),
+    ('body', ('b',), {'inertial': 1.0}, "'b': inertial properties: a float; expected an Inertial"),
     ('body', ('b',), {'stifness': 3}, "no property 'stifness'; expected .*stiffness"),
     ('body', ('b', 'a', 'planar'), {'damping': 3},
      'damping of 3 degrees of freedom; expected joint\\(\\) for one of b/x, b/y'),
     ('body', ('b',), {'at': (0, 0)}, "joint 'b': at"),
-    ('body', ('b',), {'matter': Inertial(1, inertia=np.diag([1, 1, 3]))}, "'b': principal"),
+    ('body', ('b',), {'inertial': Inertial(1, inertia=np.diag([1, 1, 3]))}, "'b': principal"),
     ('joint', ('c',), {'damping': 3}, "no joint 'c'; expected one of a"),
     ('frame', ('f', 'c'), {}, "frame 'f': no body or frame 'c'"),
     ('load', ('a', None), {}, "'a': inertial properties: a NoneType"),
@@ -184,7 +184,7 @@ def test_builder_error_names_the_fault(name, arguments, options, words):
 def test_a_refused_body_leaves_the_builder_as_it_was():
     b = built()
     with pytest.raises(ModelError):
-        b.body('b', 'a', matter=Inertial(1, inertia=np.diag([1, 1, 3])))
+        b.body('b', 'a', inertial=Inertial(1, inertia=np.diag([1, 1, 3])))
     with pytest.raises(ModelError):
         b.mount(built().model(), 'a')
     assert [body.name for body in b.model().bodies] == ['a']
@@ -197,11 +197,11 @@ def test_builder_without_body_is_rejected():
 
 def test_a_mimic_joint_follows_its_master_and_that_ones_master():
     b = ModelBuilder('gripper')
-    b.body('left', kind='prismatic', axis=(1, 0, 0), matter=box(1.0, (0.1, 0.1, 0.1)))
-    b.body('right', kind='prismatic', axis=(1, 0, 0), matter=box(1.0, (0.1, 0.1, 0.1)),
+    b.body('left', kind='prismatic', axis=(1, 0, 0), inertial=box(1.0, (0.1, 0.1, 0.1)))
+    b.body('right', kind='prismatic', axis=(1, 0, 0), inertial=box(1.0, (0.1, 0.1, 0.1)),
            mimic='left', multiplier=-2.0, offset=0.1)
     b.body('third', 'right', kind='prismatic', axis=(1, 0, 0), mimic='right', multiplier=0.5,
-           offset=0.2, matter=box(1.0, (0.1, 0.1, 0.1)))
+           offset=0.2, inertial=box(1.0, (0.1, 0.1, 0.1)))
     robot = Robot(b.model())
     assert robot.joint_names == ('left',)
     x = 0.3
@@ -216,9 +216,9 @@ def test_a_fixed_body_is_part_of_its_carrier():
     both = []
     for kind in ('fixed', 'load'):
         b = ModelBuilder('pair')
-        b.body('arm', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (1, 0, 0)))
+        b.body('arm', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
         if kind == 'fixed':
-            b.body('tool', 'arm', 'fixed', at=(1, 0, 0), rpy=(0, 0.3, 0), matter=disc(0.5, 0.2))
+            b.body('tool', 'arm', 'fixed', at=(1, 0, 0), rpy=(0, 0.3, 0), inertial=disc(0.5, 0.2))
         else:
             b.frame('tool', 'arm', at=(1, 0, 0), rpy=(0, 0.3, 0))
             b.load('tool', disc(0.5, 0.2))
@@ -230,7 +230,7 @@ def test_a_fixed_body_is_part_of_its_carrier():
 @pytest.mark.parametrize('on', ['world', 'arm'])
 def test_a_fixed_beam_is_a_cantilever(on):
     b = ModelBuilder('cantilever', gravity=(0, 0, 0))
-    b.body('arm', kind='prismatic', axis=(0, 0, 1), matter=disc(1e9, 1.0))
+    b.body('arm', kind='prismatic', axis=(0, 0, 1), inertial=disc(1e9, 1.0))
     b.beam('beam', on, FlexibleLink(1.0, 2.0, 50.0, modes=(3, 0)), 'fixed', at=(0.1, 0.2, 0.3))
     robot = Robot(b.model())
     assert robot.joint_names == ('arm', 'beam/mode_1', 'beam/mode_2', 'beam/mode_3')
@@ -244,13 +244,13 @@ def test_a_fixed_beam_is_a_cantilever(on):
 
 
 def test_impossible_inertias_stand_where_asked_for_with_a_warning_that_names_them():
-    matter = Inertial(1.0, np.zeros(3), np.diag([1.0, 1.0, 5.0]))
+    inertial = Inertial(1.0, np.zeros(3), np.diag([1.0, 1.0, 5.0]))
     b = ModelBuilder('loose', strict=False)
-    b.body('a', matter=matter)
+    b.body('a', inertial=inertial)
     with pytest.warns(ModelWarning, match='strict=False: a$'):
         assert b.model().bodies[0].inertial.inertia[2, 2] == 5.0
     with pytest.raises(ModelError, match="'a': principal moments"):
-        ModelBuilder('tight').body('a', matter=matter)
+        ModelBuilder('tight').body('a', inertial=inertial)
 
 
 @pytest.mark.timed

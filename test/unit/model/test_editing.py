@@ -43,10 +43,10 @@ def test_what_a_tool_needs_is_checked():
 def hand():
     """Return a gripper with a finger that slides, and one that mimics it."""
     b = ModelBuilder('hand')
-    b.body('palm', kind='fixed', matter=box(0.5, (0.1, 0.1, 0.1)))
-    b.body('left', 'palm', 'prismatic', axis=(0, 1, 0), at=(0, 0, 0.1), matter=point_mass(0.05))
+    b.body('palm', kind='fixed', inertial=box(0.5, (0.1, 0.1, 0.1)))
+    b.body('left', 'palm', 'prismatic', axis=(0, 1, 0), at=(0, 0, 0.1), inertial=point_mass(0.05))
     b.body('right', 'palm', 'prismatic', axis=(0, -1, 0), at=(0, 0, 0.1), mimic='left',
-           matter=point_mass(0.05))
+           inertial=point_mass(0.05))
     return b.model()
 
 
@@ -85,8 +85,8 @@ def test_a_locked_joint_is_one_that_does_not_move(seed):
 
 def test_joints_that_follow_a_locked_one_are_locked_too_and_balls_stay():
     b = ModelBuilder('carrier')
-    b.body('lift', kind='prismatic', matter=box(1.0, (0.1, 0.1, 0.1)))
-    b.body('head', 'lift', 'ball', at=(0, 0, 0.2), matter=box(2.0, (0.3, 0.2, 0.1)))
+    b.body('lift', kind='prismatic', inertial=box(1.0, (0.1, 0.1, 0.1)))
+    b.body('head', 'lift', 'ball', at=(0, 0, 0.2), inertial=box(2.0, (0.3, 0.2, 0.1)))
     b.mount(hand(), 'head', prefix='h_')
     model = with_locked(b.model(), {'lift': 0.5, 'h_left': 0.03})
     assert model.joint_names == ('head/wx', 'head/wy', 'head/wz')
@@ -103,7 +103,7 @@ def test_joints_that_follow_a_locked_one_are_locked_too_and_balls_stay():
 
 def test_a_locked_root_becomes_the_base_and_beams_keep_their_modes():
     b = ModelBuilder('boom')
-    b.body('turret', matter=ball(3.0, 0.2))
+    b.body('turret', inertial=ball(3.0, 0.2))
     b.beam('boom', 'turret', FlexibleLink(length=1.0, density=0.8, stiffness=120.0, modes=(2, 0)),
            axis=(0, -1, 0))
     model = b.model()
@@ -141,17 +141,17 @@ def test_other_names_are_other_names_only():
 
 def test_a_builder_goes_on_from_a_model():
     b = ModelBuilder.from_model(ARM)
-    b.body('track', 'tool0', 'prismatic', axis=(0, 0, 1), matter=point_mass(1.0))
+    b.body('track', 'tool0', 'prismatic', axis=(0, 0, 1), inertial=point_mass(1.0))
     assert b.model().joint_names == (*ARM.joint_names, 'track')
 
 
 @pytest.mark.parametrize('modes', [(1, 0), (2, 2)])
 def test_a_beam_on_a_locked_joint_keeps_its_modes_and_its_load(modes):
     b = ModelBuilder('boom')
-    b.body('turret', matter=ball(3.0, 0.2))
+    b.body('turret', inertial=ball(3.0, 0.2))
     b.beam('boom', 'turret', FlexibleLink(length=1.0, density=0.8, stiffness=120.0, modes=modes),
            axis=(0, -1, 0), at=(0.1, 0.0, 0.3))
-    b.body('load', 'boom/tip', axis=(0, 1, 0), matter=box(0.5, (0.2, 0.1, 0.1), at=(0.1, 0, 0)))
+    b.body('load', 'boom/tip', axis=(0, 1, 0), inertial=box(0.5, (0.2, 0.1, 0.1), at=(0.1, 0, 0)))
     whole, rng = Robot(b.model()), np.random.default_rng(0)
     for names in (['boom'], ['turret', 'boom']):
         positions = dict(zip(names, (0.4, -0.3)))

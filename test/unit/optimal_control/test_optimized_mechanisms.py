@@ -37,7 +37,7 @@ def mechanism(*kinds):
     if kinds != ('rolling disc',):
         return case(*kinds)
     b = ModelBuilder('disc')
-    b.body('disc', kind='floating', turns='zxy', matter=disc(1.0, 0.3, axis=(0, 1, 0)))
+    b.body('disc', kind='floating', turns='zxy', inertial=disc(1.0, 0.3, axis=(0, 1, 0)))
     robot = Robot(b.model(), constraints=[Rolling('disc', 0.3, axis=(0, 1, 0))])
     lean = 0.2
     q = np.array([0.1, -0.2, 0.3 * np.cos(lean), 0.4, lean, 0.3])
@@ -256,9 +256,9 @@ def test_the_palletizer_reaches_a_target_within_its_limits_as_a_simulation_does(
 
 def test_an_arm_on_a_free_body_turns_it_without_forces_on_that_body():
     b = ModelBuilder('satellite', gravity=(0, 0, 0))
-    b.body('craft', kind='free', matter=box(8.0, (0.6, 0.4, 0.3)))
+    b.body('craft', kind='free', inertial=box(8.0, (0.6, 0.4, 0.3)))
     for name, on, axis in (('arm', 'craft', (0, 1, 0)), ('fore', 'arm', (0, 0, 1))):
-        b.body(name, on, axis=axis, at=(0.4, 0, 0), matter=rod(2.0, (0, 0, 0), (0.4, 0, 0)))
+        b.body(name, on, axis=axis, at=(0.4, 0, 0), inertial=rod(2.0, (0, 0, 0), (0.4, 0, 0)))
     robot = Robot(b.model())
     turning = [*[0.0] * 3, *[100.0] * 3, 0.0, 0.0]
     limits = [0.0 if name.startswith('craft') else 5.0 for name in robot.joint_names]

@@ -70,8 +70,9 @@ def swing_up(kind):
         return TrajectoryOptimizer(Robot(load_urdf(resource_path('urdf', f'{kind}.urdf'),
                                                    tip=TIPS[kind])), nodes=30, interval=0.02)
     b = ModelBuilder(kind)
-    b.body('upper', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (0, 0, -1)))
-    b.body('lower', 'upper', at=(0, 0, -1), axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (0, 0, -1)))
+    b.body('upper', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (0, 0, -1)))
+    b.body('lower', 'upper', at=(0, 0, -1), axis=(0, 1, 0),
+           inertial=rod(1.0, (0, 0, 0), (0, 0, -1)))
     limits = {'acrobot': [0.0, 20.0], 'pendubot': [20.0, 0.0]}[kind]
     weights = CostWeights(position=1.0, speed=0.1, end_position=1000.0, end_speed=100.0)
     return TrajectoryOptimizer(Robot(b.model()), nodes=150, interval=0.02, weights=weights,

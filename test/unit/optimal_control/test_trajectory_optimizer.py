@@ -174,7 +174,7 @@ def test_gravity_of_the_robot_counts_when_solving():
 def test_a_speed_limit_of_zero_holds_a_joint_at_rest_and_the_others_move():
     b = ModelBuilder('table', gravity=(0.0, 0.0, 0.0))
     for name, on, axis in (('x', 'world', (1, 0, 0)), ('y', 'x', (0, 1, 0))):
-        b.body(name, on, kind='prismatic', axis=axis, matter=box(1.0, (0.1, 0.1, 0.1)))
+        b.body(name, on, kind='prismatic', axis=axis, inertial=box(1.0, (0.1, 0.1, 0.1)))
     problem = TrajectoryOptimizer(Robot(b.model()), nodes=10, interval=0.05,
                                   speed_limits=[0.0, 1.0])
     problem.set_target([0.0, 0.2])
@@ -186,7 +186,7 @@ def test_a_speed_limit_of_zero_holds_a_joint_at_rest_and_the_others_move():
 
 def test_derivatives_that_overflow_leave_torques_and_no_feedback():
     b = ModelBuilder('upright')
-    b.body('rod', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (0, 0, 0.01)))
+    b.body('rod', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (0, 0, 0.01)))
     problem = TrajectoryOptimizer(Robot(b.model()), nodes=200, interval=0.1, torque_limits=0.0)
     problem.set_target([0.1])
     for _ in range(2):
@@ -199,8 +199,9 @@ def test_derivatives_that_overflow_leave_torques_and_no_feedback():
                                               ([0.1, 0.0], 400.0)])
 def test_an_acrobot_swings_up_though_its_torque_weighs_little(angles, cost):
     b = ModelBuilder('acrobot')
-    b.body('upper', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (0, 0, -1)))
-    b.body('lower', 'upper', at=(0, 0, -1), axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (0, 0, -1)))
+    b.body('upper', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (0, 0, -1)))
+    b.body('lower', 'upper', at=(0, 0, -1), axis=(0, 1, 0),
+           inertial=rod(1.0, (0, 0, 0), (0, 0, -1)))
     robot = Robot(b.model())
     problem = TrajectoryOptimizer(
         robot, nodes=150, interval=0.02, torque_limits=[0.0, 5.0], speed_limits=np.inf,

@@ -190,7 +190,7 @@ def test_phase_portraits_show_motion_and_limits():
 
 def test_a_motion_of_other_joints_is_refused():
     b = ModelBuilder('other')
-    b.body('only', matter=rod(1.0, (0, 0, 0), (1, 0, 0)))
+    b.body('only', inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
     other = Robot(b.model())
     for function in (plot_torque_by_source, plot_energy, plot_reactions, plot_phase):
         with pytest.raises(InputError, match=r"joint0.*; expected \['only'\]"):

@@ -12,10 +12,10 @@ import pytest
 @cache
 def robot():
     b = ModelBuilder('crank and beam')
-    b.body('crank', axis=(0, 1, 0), matter=rod(1.0, (0, 0, 0), (0.5, 0, 0)))
+    b.body('crank', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (0.5, 0, 0)))
     b.beam('beam', 'crank', FlexibleLink(1.0, 1.0, 20.0, (2, 0), up=(0, 0, 1)),
            axis=(0, 1, 0), at=(0.5, 0, 0))
-    b.body('hand', 'beam/tip', axis=(0, 1, 0), matter=rod(0.1, (0, 0, 0), (0.2, 0, 0)))
+    b.body('hand', 'beam/tip', axis=(0, 1, 0), inertial=rod(0.1, (0, 0, 0), (0.2, 0, 0)))
     b.frame('finger', 'hand', at=(0.2, 0, 0))
     return Robot(b.model())
 

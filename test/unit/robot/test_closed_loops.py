@@ -208,7 +208,7 @@ def test_loops_close_by_compiled_rows_where_those_of_the_definition_close(kinds)
 
 def test_loops_with_rows_that_are_not_finite_are_said_not_to_close():
     b = ModelBuilder('tethered')
-    b.body('puck', kind='planar', matter=disc(1.0, 0.1))
+    b.body('puck', kind='planar', inertial=disc(1.0, 0.1))
     b.frame('end', 'puck')
     b.frame('anchor', 'world')
     robot = Robot(b.model(), constraints=[

@@ -16,20 +16,20 @@ def vehicle(kind):
     on_table = kind != 'ground'
     base = 'table' if on_table else 'world'
     if on_table:
-        b.body('table', axis=(0, 0, 1), matter=disc(10.0, 1.0))
-    b.body('cart', base, kind='planar', matter=box(5.0, (0.6, 0.4, 0.2), at=(0.1, 0, 0.2)))
+        b.body('table', axis=(0, 0, 1), inertial=disc(10.0, 1.0))
+    b.body('cart', base, kind='planar', inertial=box(5.0, (0.6, 0.4, 0.2), at=(0.1, 0, 0.2)))
     constraints, q = [], [*[0.7] * on_table, 0.2, -0.1, 0.3]
     if kind == 'blade':
         constraints.append(PointVelocity('cart', (0, 1, 0), axes='cart', relative_to='table'))
     else:
         for side, y in (('left', 0.25), ('right', -0.25)):
             b.body(side, 'cart', axis=(0, 1, 0), at=(0, y, 0.1),
-                   matter=disc(0.5, 0.1, axis=(0, 1, 0)))
+                   inertial=disc(0.5, 0.1, axis=(0, 1, 0)))
             constraints.append(Rolling(side, 0.1, axis=(0, 1, 0),
                                        surface_frame='table' if on_table else None))
             q.append(0.4)
     b.body('arm', 'cart', axis=(0, -1, 0), at=(0.2, 0, 0.3),
-           matter=rod(1.0, (0, 0, 0), (0.4, 0.1, 0)))
+           inertial=rod(1.0, (0, 0, 0), (0.4, 0.1, 0)))
     wheels = ('cart/x', 'cart/rz') if kind == 'blade' else ('left', 'right')
     return Robot(b.model(), constraints=constraints, configuration=[*q, 0.5],
                  independent=('table',) * on_table + wheels + ('arm',)), np.array([*q, 0.5])

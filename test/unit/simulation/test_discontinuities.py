@@ -15,8 +15,8 @@ AT = 0.03034  # s: between two steps
 def model():
     """Return an arm on a cart."""
     b = ModelBuilder('shaken')
-    b.body('cart', kind='prismatic', axis=(1, 0, 0), matter=point_mass(1.0))
-    b.body('arm', 'cart', axis=(0, -1, 0), matter=rod(1.0, (0, 0, 0), (0.5, 0, 0)))
+    b.body('cart', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0))
+    b.body('arm', 'cart', axis=(0, -1, 0), inertial=rod(1.0, (0, 0, 0), (0.5, 0, 0)))
     return b.model()
 
 

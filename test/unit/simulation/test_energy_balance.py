@@ -21,8 +21,8 @@ SLOPE, TURN = 0.3, 1.7  # rad, rad/s
 
 def pendulum(**joint):
     b = ModelBuilder()
-    b.body('a', axis=(0, 1, 0), matter=rod(1, (0, 0, 0), (0.5, 0, 0)), **joint)
-    b.body('b', 'a', axis=(0, 1, 0), at=(0.5, 0, 0), matter=rod(0.5, (0, 0, 0), (0.4, 0, 0)),
+    b.body('a', axis=(0, 1, 0), inertial=rod(1, (0, 0, 0), (0.5, 0, 0)), **joint)
+    b.body('b', 'a', axis=(0, 1, 0), at=(0.5, 0, 0), inertial=rod(0.5, (0, 0, 0), (0.4, 0, 0)),
            **joint)
     return b.model()
 
@@ -30,7 +30,7 @@ def pendulum(**joint):
 def sleigh():
     """Return a knife edge on an incline whose independent speed along x dies when it turns."""
     b = ModelBuilder(gravity=(0, 9.81 * np.sin(SLOPE), -9.81 * np.cos(SLOPE)))
-    b.body('body', kind='planar', matter=Inertial(2.0, (0, 0, 0), 0.4 * np.eye(3)))
+    b.body('body', kind='planar', inertial=Inertial(2.0, (0, 0, 0), 0.4 * np.eye(3)))
     return Robot(b.model(), constraints=[knife_edge('body', (0, 1, 0))],
                  independent=['body/x', 'body/rz'])
 

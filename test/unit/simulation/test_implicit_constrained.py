@@ -22,7 +22,7 @@ def linkage(**coupler):
     on, at = 'world', 0.0
     for name, length in zip(('crank', 'coupler', 'rocker'), (0.3, 0.9, 0.7)):
         b.body(name, on, axis=(0, -1, 0), at=(at, 0, 0),
-               matter=rod(2.0 * length, (0, 0, 0), (length, 0, 0)),
+               inertial=rod(2.0 * length, (0, 0, 0), (length, 0, 0)),
                **(coupler if name == 'coupler' else {}))
         on, at = name, length
     b.frame('end', on, at=(at, 0, 0))

@@ -100,7 +100,7 @@ def chain():
     """Return three links on pivots with stops."""
     b, on = ModelBuilder('chain'), 'world'
     for k in range(3):
-        b.body(f'j{k}', on, axis=(0, 1, 0), at=(0.3 if k else 0.0, 0, 0), matter=box(
+        b.body(f'j{k}', on, axis=(0, 1, 0), at=(0.3 if k else 0.0, 0, 0), inertial=box(
             2.0, (0.3, 0.05, 0.05), at=(0.15, 0, 0)), limits=Limits(-0.1, 0.1, 100.0, 1e9))
         on = f'j{k}'
     return Robot(b.model())
@@ -134,11 +134,11 @@ def test_stops_take_energy_in_a_loop_whose_motor_presses_without_measure(indepen
 
 def test_joints_that_hardly_press_stay_at_rest_beside_one_that_presses_much():
     b = ModelBuilder('gripper')
-    b.body('arm', axis=(0, 0, 1), matter=box(5.0, (0.5, 0.1, 0.1), at=(0.2, 0, 0)),
+    b.body('arm', axis=(0, 0, 1), inertial=box(5.0, (0.5, 0.1, 0.1), at=(0.2, 0, 0)),
            limits=Limits(-1.0, 0.5, 10.0, 1e9))
     for k in range(2):
         b.body(f'finger{k}', 'arm', 'prismatic', axis=(1, 0.1 * k, 0), at=(0.5, 0.01 * k, 0),
-               matter=box(0.05, (0.02, 0.01, 0.05)), limits=Limits(0.0, 0.04, 1.0, 50.0))
+               inertial=box(0.05, (0.02, 0.01, 0.05)), limits=Limits(0.0, 0.04, 1.0, 50.0))
     run = simulate(Robot(b.model()), [0.5, 0.0, 0.0], np.zeros(3), 0.02, stops=True,
                    torque=[1e6, -1e-6, -1e-7])
     assert not (run.u.any() or run.stop_events or run.warnings)

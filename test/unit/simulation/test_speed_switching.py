@@ -126,8 +126,8 @@ def contradicting():
     """Return two drives of coupled joints that agree at first, and part as t cubed."""
     b = ModelBuilder('two')
     for name in ('one', 'two'):
-        b.body(name, kind='prismatic', axis=(1, 0, 0), matter=point_mass(1.0))
-    b.body('free', kind='prismatic', axis=(0, 1, 0), matter=point_mass(1.0))
+        b.body(name, kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0))
+    b.body('free', kind='prismatic', axis=(0, 1, 0), inertial=point_mass(1.0))
     return Robot(b.model(), constraints=[
         Coupling('two', {'one': 1.0}, name='gear'),
         Prescribed('one', lambda t: np.sin(t), name='drive one'),
@@ -163,8 +163,8 @@ def test_a_step_that_opens_a_loop_wide_is_an_error():
 
 def test_a_simulation_may_start_at_another_time():
     b = ModelBuilder('shaken')
-    b.body('cart', kind='prismatic', axis=(1, 0, 0), matter=point_mass(1.0))
-    b.body('arm', 'cart', axis=(0, -1, 0), matter=rod(1.0, (0, 0, 0), (0.5, 0, 0)))
+    b.body('cart', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0))
+    b.body('arm', 'cart', axis=(0, -1, 0), inertial=rod(1.0, (0, 0, 0), (0.5, 0, 0)))
     robot = Robot(b.model(), constraints=[Prescribed('cart', lambda t: np.sin(3.0 * t))])
     whole = simulate(robot, [0.0, -1.0], [0.0], 2.0, step=1e-3, sample=0.5)
     rest = simulate(robot, whole.q[2], whole.u[2], 1.0, step=1e-3, sample=0.5, t0=1.0)
@@ -178,9 +178,9 @@ def test_a_simulation_may_start_at_another_time():
 
 def test_the_longest_step_counts_springs_under_constraints():
     b = ModelBuilder('stiff')
-    b.body('cart', kind='prismatic', axis=(1, 0, 0), matter=point_mass(1.0))
-    b.body('mass', 'cart', 'prismatic', axis=(1, 0, 0), matter=point_mass(0.1), stiffness=1e6)
-    b.body('other', 'cart', 'prismatic', axis=(0, 0, 1), matter=point_mass(0.1))
+    b.body('cart', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0))
+    b.body('mass', 'cart', 'prismatic', axis=(1, 0, 0), inertial=point_mass(0.1), stiffness=1e6)
+    b.body('other', 'cart', 'prismatic', axis=(0, 0, 1), inertial=point_mass(0.1))
     robot = Robot(b.model(), constraints=[Coupling('other', {'cart': 0.5})])
     longest = longest_step(robot, np.zeros(3))
     assert longest.step == pytest.approx(np.sqrt(8.0) / np.sqrt(1e6 * (10.0 + 1.0 / 1.125)),
@@ -200,10 +200,10 @@ def test_the_longest_step_counts_springs_under_constraints():
 def test_a_closed_loop_of_stiff_beams_sets_a_step():
     def steps(stiffness):
         b = ModelBuilder('flexible')
-        b.body('crank', axis=(0, -1, 0), matter=rod(0.6, (0, 0, 0), (0.3, 0, 0)))
+        b.body('crank', axis=(0, -1, 0), inertial=rod(0.6, (0, 0, 0), (0.3, 0, 0)))
         b.beam('coupler', 'crank', FlexibleLink(0.9, 2.0, stiffness, (2, 0), up=(0, 0, 1)),
                axis=(0, -1, 0), at=(0.3, 0, 0))
-        b.body('rocker', 'coupler/tip', axis=(0, -1, 0), matter=rod(1.4, (0, 0, 0), (0.7, 0, 0)))
+        b.body('rocker', 'coupler/tip', axis=(0, -1, 0), inertial=rod(1.4, (0, 0, 0), (0.7, 0, 0)))
         b.frame('end', 'rocker', at=(0.7, 0, 0))
         b.frame('ground', 'world', at=(1, 0, 0))
         free = ('crank', 'coupler/mode_1', 'coupler/mode_2')

@@ -86,7 +86,7 @@ def test_friction_in_a_closed_loop_counts_by_the_speeds_that_remain():
     for name, on, at, length in (('crank', 'world', 0.0, 0.3), ('coupler', 'crank', 0.3, 0.9),
                                  ('rocker', 'coupler', 0.9, 0.7)):
         b.body(name, on, axis=(0, -1, 0), at=(at, 0, 0),
-               matter=rod(1.0, (0, 0, 0), (length, 0, 0)), **RUB)
+               inertial=rod(1.0, (0, 0, 0), (length, 0, 0)), **RUB)
     b.frame('end', 'rocker', at=(0.7, 0, 0))
     b.frame('ground', 'world', at=(1, 0, 0))
     robot = Robot(b.model(), independent=['crank'],
