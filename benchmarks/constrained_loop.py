@@ -9,10 +9,10 @@ import sys
 import time
 
 from kane_dynamics import (absolute_rates, Closure, Coupling, disc, FlexibleLink, knife_edge,
-                           LoopTracker, Model, ModelBuilder, momenta, point_mass, PointVelocity,
-                           Robot, rod, Rolling, simulate)
+                           LoopTracker, Model, ModelBuilder, momenta, point_mass,
+                           PointVelocity, Robot, rod, Rolling, simulate)
 from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing, TURNS
-from kane_dynamics.kinematics.loop_kernel import tracking_kernel
+from kane_dynamics.loop_tracking.loop_tracker import tracking_kernel
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.simulation.step_kernels import state_names
 from kane_dynamics.simulation.torque_input import torque_input
@@ -112,7 +112,7 @@ def closures() -> list[Race]:
     tracker = LoopTracker(robot, palletizer.DRIVEN)
     closed, before = [], []
     for at, u in zip(measured, rates):
-        before.append(tracker.before)
+        before.append(tracker.accepted)
         tracker.update(at, u)
         closed.append(tracker.q.copy())
     q, u = np.array(closed[1:]), rates[1:]

@@ -8,7 +8,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
     from kane_dynamics.control.computed_torque import ComputedTorque
     from kane_dynamics.control.controller import Controller, Mode
-    from kane_dynamics.control.controller_kernels import controller_kernels
+    from kane_dynamics.control.exported_controller import controller_kernels
     from kane_dynamics.control.friction_error import FrictionError
     from kane_dynamics.control.momentum_observer import MomentumObserver
     from kane_dynamics.control.quasi_static import QuasiStatic
@@ -20,9 +20,8 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.kinematics import (inverse_kinematics, InverseKinematics, pose_error,
                                           pose_exp, pose_from, pose_log, rotation_exp,
                                           rotation_log, rotation_quaternion, rotation_rpy)
-    from kane_dynamics.kinematics.closed_path import LoopLimits
-    from kane_dynamics.kinematics.loop_error import LoopError
-    from kane_dynamics.kinematics.loop_tracker import LoopTracker
+    from kane_dynamics.loop_tracking.loop_error import LoopError
+    from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
     from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds,
                                                      knife_edge, PointVelocity, Prescribed,
                                                      Rolling)
@@ -48,7 +47,7 @@ __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'C
            'ConstraintError', 'Controller', 'controller_kernels', 'Coupling', 'DependentSpeeds',
            'DeviceError', 'FilledTrajectory', 'FlexibleLink', 'Frame', 'FrictionError',
            'Inertial', 'InputError',
-           'InverseKinematics', 'Joint', 'KaneError', 'Limits', 'LoopError', 'LoopLimits',
+           'InverseKinematics', 'Joint', 'KaneError', 'Limits', 'LoopError',
            'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
            'MomentumObserver', 'Motion', 'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot',
            'Rolling', 'Speeds', 'SweepError', 'Terms', 'Torsion', 'Trajectory', 'UrdfError',
@@ -66,7 +65,7 @@ _NAMES_BY_MODULE = {
     'control.collision_detection': 'CollisionDetector frame_wrench',
     'control.computed_torque': 'ComputedTorque',
     'control.controller': 'Controller Mode',
-    'control.controller_kernels': 'controller_kernels',
+    'control.exported_controller': 'controller_kernels',
     'control.friction_error': 'FrictionError',
     'control.momentum_observer': 'MomentumObserver',
     'control.quasi_static': 'QuasiStatic',
@@ -78,8 +77,8 @@ _NAMES_BY_MODULE = {
     'kinematics':
         'inverse_kinematics InverseKinematics pose_error pose_exp pose_from pose_log '
         'rotation_exp rotation_log rotation_quaternion rotation_rpy',
-    'kinematics.closed_path': 'LoopLimits',
-    'kinematics.loop_error': 'LoopError', 'kinematics.loop_tracker': 'LoopTracker',
+    'loop_tracking.loop_error': 'LoopError',
+    'loop_tracking.loop_tracker': 'LoopTracker',
     'mechanics.constraints':
         'Closure Coupling DependentSpeeds knife_edge PointVelocity Prescribed Rolling',
     'mechanics.constraints.speeds': 'absolute_rates body_angular_velocity momenta Speeds',

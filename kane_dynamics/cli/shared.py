@@ -16,11 +16,12 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.cli.wording import in_options
 from kane_dynamics.control.quasi_static import QuasiStatic, rigid_and_bending
 from kane_dynamics.errors import InputError, ModelWarning, UnusedWarning
-from kane_dynamics.kinematics.mechanism_motion import velocity_rows
+from kane_dynamics.loop_tracking.loop_tracker import velocity_rows
 from kane_dynamics.mechanics.ball_joints import neutral
 from kane_dynamics.mjcf import is_mjcf, load_mjcf
 from kane_dynamics.model.model import GRAVITY, Model
-from kane_dynamics.robot.methods.configuration_methods import outside_limits, suspected_degrees
+from kane_dynamics.robot.methods.configuration_methods import (outside_limits,
+                                                               suspected_degrees)
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf import expand_xacro, load_urdf
 from kane_dynamics.urdf.xacro_file import arguments_of

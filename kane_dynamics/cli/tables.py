@@ -23,7 +23,7 @@ from kane_dynamics._util.yaml_io import mapping, read_yaml
 from kane_dynamics.cli.arguments import STEP
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.reader import distinct, no_header
-from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
+from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.trajectory import Trajectory

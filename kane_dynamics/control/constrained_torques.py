@@ -18,7 +18,7 @@ from kane_dynamics.control.constrained_law import (constrained_law_kernel, follo
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.errors import InputError
-from kane_dynamics.kinematics.loop_tracker import LoopTracker
+from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion, State

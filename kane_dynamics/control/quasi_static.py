@@ -8,7 +8,7 @@ from typing import Any
 from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.kinematics.loop_tracker import LoopTracker
+from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.model.flexible_model import stiffened

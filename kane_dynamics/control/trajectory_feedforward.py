@@ -16,13 +16,11 @@ from kane_dynamics._util.checks import instance, integer
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import EVERY_TERM, Terms
-from kane_dynamics.control.trajectories.arm import TrajectoryArm
-from kane_dynamics.control.trajectories.linkage import TrajectoryLinkage
+from kane_dynamics.control.trajectory_joints import TrajectoryJoints
 from kane_dynamics.control.trajectory_limits import check_efforts, check_motion
 from kane_dynamics.errors import InputError
-from kane_dynamics.kinematics.closed_path import LoopLimits
 from kane_dynamics.mechanics.ball_joints import require_angles
-from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.motion.controller_points import completed, ControllerPoints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.points import Start, start_state, trajectory_points
@@ -34,7 +32,7 @@ from numpy.typing import ArrayLike
 PROBES = np.arange(1.0, 8.0) / 8.0  # fractions of a segment at which its effort is checked
 MOST_POINTS = 100_000
 LONGEST = 2**31 - 1  # s, of `time_from_start`, whose resolution is 1 ns
-CLOSED = LoopLimits()
+LOOP_TOLERANCE = 0.02  # rad or m, of further joints of a trajectory from the closed loops
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +77,8 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
                     start: Start | None = None, tolerance: ArrayLike | None = None,
                     compensate: Terms = EVERY_TERM, effort_limit: ArrayLike = math.inf,
                     clip: bool = False, max_points: int = MOST_POINTS,
-                    bending: QuasiStatic | None = None, loops: LoopLimits = CLOSED
-                    ) -> FilledTrajectory:
+                    bending: QuasiStatic | None = None, loop_tolerance: float = LOOP_TOLERANCE,
+                    max_figure: float = SINGULAR) -> FilledTrajectory:
     """
     Return a trajectory with velocities, accelerations and efforts for joint_trajectory_controller.
 
@@ -123,7 +121,7 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
         larger. Default: no points are inserted. Actuators that are not among the trajectory's
         joints have the smallest of the tolerances. With more actuators than independent speeds,
         points are inserted too where the quintic of an actuator deviates from the closed loops by
-        more than `loops.tolerance`.
+        more than `loop_tolerance`.
     compensate : Terms
         False for terms that the arm adds itself.
     effort_limit : float or (n,) array_like
@@ -135,8 +133,10 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
     bending : QuasiStatic, optional
         The flexible arm of which `robot` is the rigid model, in the same joints and speeds; with
         constraints, the joints with actuators are the independent ones.
-    loops : LoopLimits
-        With constraints: largest deviation of further joints, and the conditioning.
+    loop_tolerance : float
+        With constraints: largest deviation of further joints from the closed loops, rad or m.
+    max_figure : float
+        With constraints: largest conditioning figure, as in `LoopTracker`.
 
     Raises
     ------
@@ -154,39 +154,61 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
     instance(robot, Robot, 'robot')
     require_angles(robot.model, 'fill_trajectory')
     instance(compensate, Terms, 'compensate')
+    source: Robot | QuasiStatic = robot
     if bending is not None:
         instance(bending, QuasiStatic, 'bending')
         bending.require_rigid_model(robot)
+        source = bending
     max_points = integer(max_points, 'max_points', 1)
-    arm = _arm(robot, bending, joint_names, rest, compensate, loops)
-    limits, actuators = (arm.limits(effort_limit, names) for names in (
-        arm.names, arm.actuators))
-    t, *given = trajectory_points(times, positions, velocities, accelerations, arm.given)
-    _check_times(t)
-    assert given[0] is not None
-    allowed = arm.allowed(math.inf if tolerance is None else tolerance)
-    q, u, udot = (None if rows is None else arm.chosen(rows) for rows in given)
+    joints = TrajectoryJoints(robot, source, joint_names, rest, compensate, loop_tolerance,
+                              max_figure)
+    limits = joints.limits(effort_limit, joints.driving)
+    actuator_limits = joints.limits(effort_limit, joints.actuators)
+
+    # The points as given, of all joints of the trajectory; then those of the driving joints.
+    t, q, u, udot = trajectory_points(times, positions, velocities, accelerations, joints.names)
     assert q is not None
-    points = completed(t, q, u, udot, None if start is None else arm.turned(arm.chosen(
-        np.array(start_state(start, arm.given))), q[0], limits))
+    _check_times(t)
+    allowed = joints.allowed(math.inf if tolerance is None else tolerance)
+    points = _completed(joints, t, (q, u, udot), start, limits)
     _check_count(len(points.t), max_points, 'trajectory')
-    begun, further = len(points.t) > len(t), arm.actuators != arm.names
-    check_motion(points, _with_start(limits, points) if begun else limits, arm.names, t)
-    arm.follow(points, given[0], t)
-    tau = arm.efforts(points.q, points.u, points.udot)
-    count, error = len(points.t), None
-    if tolerance is not None or further:
-        points, tau, error = _refined(arm, points, tau, allowed, max_points)
-    if further:
-        points = arm.executed(points)
-        check_motion(points, _with_start(actuators, points) if begun else actuators,
-                     arm.actuators, t)
+    has_start = len(points.t) > len(t)
+    if has_start:
+        limits = _with_start(limits, points)
+    check_motion(points, limits, joints.driving, t)
+    joints.follow(points, q, t)
+
+    # Efforts, with more points where their interpolation deviates. More actuators than driving
+    # joints move by quintics too, which must stay near the closed loops.
+    tau = joints.efforts(points.q, points.u, points.udot)
+    count = len(points.t)
+    error: Array | None = None
+    redundant = joints.actuators != joints.driving
+    if tolerance is not None or redundant:
+        points, tau, deviation = _refined(joints, points, tau, allowed, max_points)
+        error = None if tolerance is None else deviation
+    if redundant:
+        points = joints.executed(points)
+        if has_start:
+            actuator_limits = _with_start(actuator_limits, points)
+        check_motion(points, actuator_limits, joints.actuators, t)
     if clip:
-        tau = np.clip(tau, -actuators.effort, actuators.effort)
+        tau = np.clip(tau, -actuator_limits.effort, actuator_limits.effort)
     else:
-        check_efforts(points.t, tau, actuators.effort, arm.actuators, t)
-    return FilledTrajectory(arm.actuators, *points, tau, len(points.t) - count,
-                            None if tolerance is None else error)
+        check_efforts(points.t, tau, actuator_limits.effort, joints.actuators, t)
+    inserted = len(points.t) - count
+    return FilledTrajectory(joints.actuators, *points, tau, inserted, error)
+
+
+def _completed(joints: TrajectoryJoints, t: Array, state: tuple[Array | None, ...],
+               start: Start | None, limits: JointLimits) -> ControllerPoints:
+    """Return the points of the driving joints, from the start if there is one."""
+    q, u, udot = (None if rows is None else joints.chosen(rows) for rows in state)
+    assert q is not None
+    if start is None:
+        return completed(t, q, u, udot)
+    measured = joints.chosen(np.array(start_state(start, joints.names)))
+    return completed(t, q, u, udot, joints.turned(measured, q[0], limits))
 
 
 def _with_start(limits: JointLimits, points: ControllerPoints) -> JointLimits:
@@ -195,29 +217,28 @@ def _with_start(limits: JointLimits, points: ControllerPoints) -> JointLimits:
                    upper=np.maximum(limits.upper, points.q[0]))
 
 
-def _arm(robot: Robot, bending: QuasiStatic | None, joint_names: Sequence[str] | None,
-         rest: ArrayLike | None, compensate: Terms, loops: LoopLimits) -> TrajectoryArm:
-    """Return the joints of the trajectory, of a tree or of a linkage."""
-    if isinstance(robot.equations, TreeEquations):
-        return TrajectoryArm(robot, bending or robot, joint_names, rest, compensate)
-    return TrajectoryLinkage(robot, bending or robot, joint_names, rest, compensate, loops)
-
-
-def _refined(arm: TrajectoryArm, points: ControllerPoints, tau: Array, tolerance: Array,
+def _refined(joints: TrajectoryJoints, points: ControllerPoints, tau: Array, tolerance: Array,
              max_points: int) -> tuple[ControllerPoints, Array, Array]:
-    """Return points with more of them until the interpolated effort is right, efforts, errors."""
-    error = np.zeros(len(arm.actuators))
+    """
+    Return points, with more of them until the interpolated effort is right, efforts and errors.
+
+    Every segment with an error is halved, and both halves are checked next.
+    """
+    error = np.zeros(len(joints.actuators))
     pending = np.arange(len(points.t) - 1)
+    x = PROBES[:, None, None]
     while pending.size:
-        found = arm.efforts(*points.inside(pending, PROBES))
-        x = PROBES[:, None, None]
-        deviation = np.abs(found - (1.0 - x) * tau[pending] - x * tau[pending + 1]).max(axis=0)
-        wrong = (deviation > tolerance).any(axis=1) | arm.strays(points, pending, PROBES)
+        efforts = joints.efforts(*points.inside(pending, PROBES))
+        interpolated = (1.0 - x) * tau[pending] + x * tau[pending + 1]
+        deviation = np.abs(efforts - interpolated).max(axis=0)
+        wrong = (deviation > tolerance).any(axis=1) | joints.strays(points, pending, PROBES)
         error = np.maximum(error, deviation[~wrong].max(axis=0, initial=0.0))
         split = pending[wrong]
         _check_count(len(points.t) + len(split), max_points, 'tolerance')
         points = points.halved(split)
-        tau = np.insert(tau, split + 1, found[len(PROBES) // 2, wrong], axis=0)
+        middle = efforts[len(PROBES) // 2, wrong]
+        tau = np.insert(tau, split + 1, middle, axis=0)
+        # Every point that was inserted moves the segments behind it on by one.
         first = split + np.arange(len(split))
         pending = np.stack([first, first + 1], axis=1).ravel()
     return points, tau, error
@@ -235,7 +256,9 @@ def _check_times(t: Array) -> None:
                          'least 1e-09 s, the resolution of a JointTrajectory')
 
 
-def _check_count(count: int, most: int, what: str) -> None:
-    if count > most:
-        raise InputError(f'{what}: {count} points or more; expected at most {most}'
-                         + (': a larger tolerance' if what == 'tolerance' else ''))
+def _check_count(count: int, largest: int, what: str) -> None:
+    """Raise InputError for too many points; `what` leads to them."""
+    if count <= largest:
+        return
+    remedy = ': a larger tolerance' if what == 'tolerance' else ''
+    raise InputError(f'{what}: {count} points or more; expected at most {largest}{remedy}')

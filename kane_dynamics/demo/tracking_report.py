@@ -7,7 +7,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.demo.demo_settings import DemoRobot, STATE_TIMEOUT
-from kane_dynamics.kinematics.loop_tracker import LoopTracker
+from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.plot import plot_tracking

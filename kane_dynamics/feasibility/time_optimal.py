@@ -23,11 +23,11 @@ from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
 from kane_dynamics.feasibility.path_robot import PathRobot
 from kane_dynamics.feasibility.path_timing import Checked, duration, joined, timed
-from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit, fastest_profile,
-                                                    Infeasible, Limits)
+from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit,
+                                                    fastest_profile, Infeasible, Limits)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
-from kane_dynamics.kinematics.loop_error import LoopError
+from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion

@@ -30,9 +30,9 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDING, ROUNDS, sampled, STEP
 from kane_dynamics.feasibility.torque_demand import (at_actuators, Demand, demand_at,
-                                                     require_scalable, torque_of, unit_torques,
-                                                     whole_motion)
-from kane_dynamics.kinematics.mechanism_motion import MechanismMotion
+                                                     require_scalable, torque_of,
+                                                     unit_torques, whole_motion)
+from kane_dynamics.loop_tracking.driven_mechanism import MechanismMotion
 from kane_dynamics.mechanics.algebra.fixed_point import upper_fixed_point
 from kane_dynamics.mechanics.algebra.intervals import highest_free, positive_intervals
 from kane_dynamics.mechanics.ball_joints import require_angles

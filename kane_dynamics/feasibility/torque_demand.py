@@ -11,7 +11,7 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import (NONE, ROUNDING, ROUNDS, sampled, STEP,
                                                times_to_refine)
-from kane_dynamics.kinematics.mechanism_motion import mechanism_motion, MechanismMotion
+from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion, MechanismMotion
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.parameters import JointLimits

@@ -12,7 +12,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.control.constrained_law import followed_joints
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.kinematics.mechanism_motion import velocity_rows
+from kane_dynamics.loop_tracking.loop_tracker import velocity_rows
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.shapes.link_shapes import bounds, size
@@ -20,8 +20,7 @@ from kane_dynamics.simulation.trajectory import Path, Trajectory
 from kane_dynamics.urdf.visuals import Visual
 from kane_dynamics.view.exported_page import add_panel
 from kane_dynamics.view.joint_table import markdown_table
-from kane_dynamics.view.load_arrows import (KINDS, LoadArrows, LONGEST,
-                                            sampled_configurations)
+from kane_dynamics.view.load_arrows import KINDS, LoadArrows, LONGEST, sampled_configurations
 from kane_dynamics.view.scene import COLORS, Scene
 import numpy as np
 from viser import ViserServer

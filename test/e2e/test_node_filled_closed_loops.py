@@ -7,7 +7,7 @@ from graph import DEEP, NAME, Process, wait_until
 from kane_dynamics import load_constraints, load_urdf, Robot
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
 from kane_dynamics.feasibility import time_optimal
-from kane_dynamics.kinematics.loop_error import CONTRADICTORY_POINT, SINGULAR
+from kane_dynamics.loop_tracking.loop_error import CONTRADICTORY_POINT, SINGULAR
 from kane_dynamics.mechanics.definition import nonholonomic
 from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal
 import numpy as np

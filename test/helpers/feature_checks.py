@@ -14,16 +14,16 @@ import subprocess
 from tempfile import TemporaryDirectory
 
 from host_gpu import host_gpu, on_gpu, values_of
-from kane_dynamics import (box, CollisionDetector, ComputedTorque, Controller, fill_trajectory,
-                           gpu, MomentumObserver, Motion, natural_vibration, QuasiStatic, Robot,
-                           simulate, stiffened)
+from kane_dynamics import (box, CollisionDetector, ComputedTorque, Controller,
+                           fill_trajectory, gpu, MomentumObserver, Motion, natural_vibration,
+                           QuasiStatic, Robot, simulate, stiffened)
 from kane_dynamics.analysis.power_balance import power_balance
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.feasibility import demand, fastest, time_optimal
 from kane_dynamics.identification import PayloadEstimator
 from kane_dynamics.identification.payload.payload_rows import PayloadRegressor
 from kane_dynamics.identification.physical_consistency import parameters_of
-from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
+from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
 from kane_dynamics.mechanics.ball_joints import balls, coordinate_rates, moved as joints_moved
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies

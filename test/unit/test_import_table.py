@@ -20,7 +20,7 @@ mechanics
 native
 mjcf motion
 robot
-kinematics shapes
+kinematics loop_tracking shapes
 control
 simulation
 analysis

@@ -10,7 +10,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.path_limits import Bounds, friction, PathLimits
 from kane_dynamics.feasibility.torque_demand import at_actuators, unit_torques
-from kane_dynamics.kinematics.mechanism_motion import motion_of_closed
+from kane_dynamics.loop_tracking.driven_mechanism import motion_of_closed
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 

@@ -14,7 +14,7 @@ import math
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.constrained_law import followed_joints
-from kane_dynamics.control.trajectories.linkage import driving_joints
+from kane_dynamics.control.trajectory_joints import driving_joints
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.feasibility.mechanism_path.mechanism_limits import MechanismLimits
 from kane_dynamics.feasibility.mechanism_path.mechanism_peaks import MechanismPeaks
@@ -24,9 +24,8 @@ from kane_dynamics.feasibility.path_robot import PathRobot
 from kane_dynamics.feasibility.path_timing import Checked, checked, point_kernel
 from kane_dynamics.feasibility.reachability import compile_passes
 from kane_dynamics.feasibility.torque_demand import require_scalable, unit_torques
-from kane_dynamics.kinematics.driven_loops import DrivenLoops
-from kane_dynamics.kinematics.loop_kernel import tracking_kernel
-from kane_dynamics.kinematics.mechanism_motion import motion_of_closed, velocity_rows
+from kane_dynamics.loop_tracking.driven_mechanism import DrivenLoops, motion_of_closed
+from kane_dynamics.loop_tracking.loop_tracker import tracking_kernel, velocity_rows
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.points import point_times

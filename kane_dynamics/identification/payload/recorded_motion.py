@@ -3,17 +3,16 @@
 from collections.abc import Sequence
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.control.trajectories.linkage import driving_joints
+from kane_dynamics.control.trajectory_feedforward import LOOP_TOLERANCE
+from kane_dynamics.control.trajectory_joints import driving_joints
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_rows import actuators
 from kane_dynamics.identification.recordings.recording import Recording
-from kane_dynamics.kinematics.closed_path import LoopLimits
-from kane_dynamics.kinematics.mechanism_motion import mechanism_motion, velocity_rows
+from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
+from kane_dynamics.loop_tracking.loop_tracker import velocity_rows
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.robot import Robot
 import numpy as np
-
-APART = LoopLimits().tolerance  # rad or m, of a recorded joint from the closed loops
 
 
 def recorded_joints(robot: Robot) -> tuple[str, ...]:
@@ -64,10 +63,10 @@ def recorded_motion(robot: Robot, names: Sequence[str], recording: Recording
     places = [robot.joint_names.index(name) for name in names]
     apart = np.abs(motion.q[:, places] - recording.q)
     k, j = divmod(int(apart.argmax()), len(names))
-    if apart[k, j] > APART:
+    if apart[k, j] > LOOP_TOLERANCE:
         raise InputError(f"recording: '{names[j]}' at {recording.q[k, j]:.4g} rad or m at "
                          f'{recording.t[k]:.4g} s; expected {motion.q[k, places[j]]:.4g}, which '
-                         f'follows from the other joints, within {APART:g}')
+                         f'follows from the other joints, within {LOOP_TOLERANCE:g}')
     torques = np.zeros((len(recording), robot.model.n))
     torques[:, places] = recording.tau
     return *motion, robot.generalized_force(torques, motion.q, t=recording.t), recording.t

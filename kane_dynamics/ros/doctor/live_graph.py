@@ -7,8 +7,8 @@ from typing import NamedTuple
 from kane_dynamics.analysis.model_checks import examine_efforts, Finding, listed
 from kane_dynamics.control.constrained_law import joints_that_follow
 from kane_dynamics.identification.efforts import Efforts
-from kane_dynamics.kinematics.loop_error import LoopError
-from kane_dynamics.kinematics.loop_tracker import LoopTracker
+from kane_dynamics.loop_tracking.loop_error import LoopError
+from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.commanders import commanders, several_commanders
 from kane_dynamics.ros.common.conversion import Array, NANO, nanoseconds

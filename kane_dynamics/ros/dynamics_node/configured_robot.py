@@ -10,7 +10,7 @@ from typing import Any
 from kane_dynamics.control.constrained_law import joints_that_follow
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.quasi_static import QuasiStatic
-from kane_dynamics.control.trajectories.linkage import compile_linkage
+from kane_dynamics.control.trajectory_joints import compile_trajectories
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.mechanism_path.path_mechanism import compile_mechanism_timing
 from kane_dynamics.feasibility.path_timing import compile_timing
@@ -27,7 +27,8 @@ from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.trajectory_filling import FillSettings
 from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader, command_fault
-from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload, GravityAndPayload,
+from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload,
+                                                           GravityAndPayload,
                                                            parameter_loads)
 from kane_dynamics.ros.torque_path.guard_messages import arm_digest
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
@@ -113,7 +114,7 @@ class ConfiguredRobot:
             compile_pressed_steps(self.robot, values['simulation.integrator'], follow)
         if self.robot.constraint_names:
             step_kernel(self.robot, True, values['simulation.integrator'], None, follow)
-            compile_linkage(self.robot)  # for filled trajectories
+            compile_trajectories(self.robot)  # for filled trajectories
             compile_mechanism_timing(self.robot)
         else:
             compile_timing(self.robot)

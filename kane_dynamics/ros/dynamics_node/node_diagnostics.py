@@ -4,7 +4,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from kane_dynamics.kinematics.loop_error import BRANCH, CONTRADICTION, SINGULAR, UNKNOWN
+from kane_dynamics.loop_tracking.loop_error import BRANCH, CONTRADICTION, SINGULAR, UNKNOWN
 from kane_dynamics.ros.common.commanders import several_commanders
 from kane_dynamics.ros.common.lost_messages import WARNING_SHARE
 from kane_dynamics.ros.common.node_statistics import status

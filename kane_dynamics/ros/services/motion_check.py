@@ -12,9 +12,8 @@ import math
 from kane_dynamics.control.constrained_law import joints_that_follow
 from kane_dynamics.control.trajectory_limits import described_time
 from kane_dynamics.errors import InputError
-from kane_dynamics.kinematics.driven_loops import driving_tracker
-from kane_dynamics.kinematics.loop_error import LoopError
-from kane_dynamics.kinematics.mechanism_motion import motion_of_closed
+from kane_dynamics.loop_tracking.driven_mechanism import driving_tracker, motion_of_closed
+from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.ros.common.conversion import Array

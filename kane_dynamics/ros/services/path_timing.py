@@ -5,7 +5,7 @@ import math
 from typing import Any
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.control.trajectories.linkage import driving_joints
+from kane_dynamics.control.trajectory_joints import driving_joints
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility import time_optimal
 from kane_dynamics.feasibility.path_geometry import path_of

@@ -8,8 +8,7 @@ from typing import Any
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory, FilledTrajectory
 from kane_dynamics.errors import InputError
-from kane_dynamics.kinematics.closed_path import LoopLimits
-from kane_dynamics.kinematics.loop_error import LoopError, UNKNOWN
+from kane_dynamics.loop_tracking.loop_error import LoopError, UNKNOWN
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import (Array, check_points, doubles, nanoseconds,
@@ -152,8 +151,8 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
         served.robot, *points, joint_names=names, rest=rest, start=start, tolerance=tolerance,
         compensate=settings.compensate, effort_limit=settings.effort_limit, clip=settings.clip,
         max_points=served.values['trajectory.max_points'], bending=served.bending,
-        loops=LoopLimits(served.values['closure.tolerance'],
-                         served.values['closure.max_conditioning']))
+        loop_tolerance=served.values['closure.tolerance'],
+        max_figure=served.values['closure.max_conditioning'])
 
 
 def _assembly_mode(robot: Robot, measured: Array | None, rest: Array | None,

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from kane_dynamics.control.controller import Controller
-from kane_dynamics.kinematics.loop_error import LoopError
-from kane_dynamics.kinematics.loop_tracker import LoopTracker
+from kane_dynamics.loop_tracking.loop_error import LoopError
+from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
@@ -72,7 +72,7 @@ class ClosedLoopReader(JointStateReader):
                          [names[k] for k in commanded_joints(robot, followed)])
         self._places = [names.index(name) for name in others]
         self.tracker = LoopTracker(robot, followed)
-        self.q, self.u, self.state = self.tracker.q, self.tracker.u, self.tracker.given
+        self.q, self.u, self.state = self.tracker.q, self.tracker.u, self.tracker.measurement
         self._q, self._u = np.split(self.state, 2)  # what is read is the tracker's measurement
         self._compared = self._rows = self.others  # the last others, and their indices in q
         self._singular = False  # whether a refused state was near a singular configuration
@@ -116,7 +116,7 @@ class ClosedLoopReader(JointStateReader):
             if self.others is not self._compared:
                 self._compared = self.others
                 self._rows = tuple(self._places[k] for k in self.others)
-            tracker.update_given(self._rows, self.positions)
+            tracker.update_checked(self._rows, self.positions)
         except LoopError as error:
             self.detail = error.detail
             if known and not tracker.known:

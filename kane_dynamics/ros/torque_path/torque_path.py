@@ -11,7 +11,7 @@ from typing import Any
 from kane_dynamics.control.controller import Controller, Mode
 from kane_dynamics.control.torque_limiter import Command
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.kinematics.loop_error import BRANCH, CONTRADICTION
+from kane_dynamics.loop_tracking.loop_error import BRANCH, CONTRADICTION
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.common.node_statistics import Statistics
@@ -21,9 +21,11 @@ from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader,
 from kane_dynamics.ros.torque_path.command_messages import CommandMessages
 from kane_dynamics.ros.torque_path.cycle_observer import Arbiter, Cycle, CycleObserver
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN, JointStateReader, MISSING,
-                                                              NO_CLOCK, NOT_FINITE, time_fault)
-from kane_dynamics.ros.torque_path.state_check import FIRST, JUMP, OUTSIDE, StateCheck, TOO_FAST
+from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN, JointStateReader,
+                                                              MISSING, NO_CLOCK, NOT_FINITE,
+                                                              time_fault)
+from kane_dynamics.ros.torque_path.state_check import (FIRST, JUMP, OUTSIDE, StateCheck,
+                                                       TOO_FAST)
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput
 from rclpy.publisher import Publisher
 

@@ -5,8 +5,8 @@ from functools import cache
 from kane_dynamics import fill_trajectory, InputError, Robot
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.feasibility import demand
-from kane_dynamics.kinematics.closed_path import LoopLimits
-from kane_dynamics.kinematics.loop_error import BRANCH, CONTRADICTORY_POINT, LoopError, SINGULAR
+from kane_dynamics.loop_tracking.loop_error import (BRANCH, CONTRADICTORY_POINT, LoopError,
+                                                    SINGULAR)
 from kane_dynamics.mechanics.definition import nonholonomic
 from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh
 import numpy as np
@@ -110,7 +110,7 @@ def test_points_that_contradict_the_loops_are_named():
     with pytest.raises(LoopError, match=r"at point 1 \(0.5 s\): 'rod_1_pin' at 0.23") as caught:
         fill_trajectory(palletizer(), TIMES, rows, joint_names=names)
     assert caught.value.reason == CONTRADICTORY_POINT
-    fill_trajectory(palletizer(), TIMES, rows, joint_names=names, loops=LoopLimits(0.04))
+    fill_trajectory(palletizer(), TIMES, rows, joint_names=names, loop_tolerance=0.04)
 
 
 @pytest.mark.parametrize('beyond', [0.0, -0.3])
@@ -118,7 +118,7 @@ def test_a_singular_configuration_between_points_is_named(beyond):
     row = [0.0, SINGULAR_SHOULDER + beyond, 0.0, 0.0]
     with pytest.raises(LoopError, match='near a singular configuration: ') as caught:
         fill_trajectory(unlimited(), [0.0, 1.0], [[0.0] * 4, row], joint_names=DRIVEN,
-                        loops=LoopLimits(max_figure=200.0))
+                        max_figure=200.0)
     assert caught.value.reason == SINGULAR
 
 

@@ -2,8 +2,7 @@
 
 from kane_dynamics import fill_trajectory, InputError, Robot
 from kane_dynamics.control.quasi_static import QuasiStatic
-from kane_dynamics.kinematics.closed_path import LoopLimits
-from kane_dynamics.kinematics.loop_error import CONTRADICTORY_POINT, LoopError
+from kane_dynamics.loop_tracking.loop_error import CONTRADICTORY_POINT, LoopError
 from kane_dynamics.mechanics.definition import nonholonomic
 from linkages import five_bar, five_bar_at, five_bar_partial_rates
 import numpy as np
@@ -14,7 +13,7 @@ CRANKS = ('left_crank', 'right_crank')
 MOTORS = (*CRANKS, 'right_bar')
 TIMES, ROWS = [0.0, 0.4, 1.0], np.array([[2.0, 1.0], [2.3, 1.2], [2.1, 0.8]])
 START = five_bar_at(*ROWS[0])
-WIDE = LoopLimits(tolerance=10.0)
+WIDE = 10.0  # rad, from the closed loops
 
 
 def filled(robot, **options):
@@ -28,7 +27,7 @@ def columns(robot, result):
 @pytest.mark.parametrize('weights', [(), (1.0, 2.0, 0.25)])
 def test_the_efforts_are_the_smallest_of_those_with_the_force_of_the_definition(weights):
     robot = five_bar(*MOTORS, weights=weights)
-    result, alone = filled(robot, loops=WIDE), filled(five_bar(*CRANKS))
+    result, alone = filled(robot, loop_tolerance=WIDE), filled(five_bar(*CRANKS))
     assert result.joint_names == MOTORS and result.inserted == 0
     places, root = columns(robot, result), np.sqrt(weights or (1.0, 1.0, 1.0))
     for cranks, rates, accelerations, efforts in zip(
@@ -43,7 +42,7 @@ def test_the_efforts_are_the_smallest_of_those_with_the_force_of_the_definition(
 
 def test_positions_velocities_and_accelerations_are_those_of_the_closed_loop():
     robot, step = five_bar(*MOTORS), 1e-4
-    result, alone = filled(robot, loops=WIDE), filled(five_bar(*CRANKS))
+    result, alone = filled(robot, loop_tolerance=WIDE), filled(five_bar(*CRANKS))
     places = columns(robot, result)
     for k, (cranks, rates) in enumerate(zip(ROWS, alone.velocities, strict=True)):
         q = five_bar_at(*cranks)
@@ -59,13 +58,13 @@ def test_positions_velocities_and_accelerations_are_those_of_the_closed_loop():
 @pytest.mark.parametrize('tolerance', [1e-3, 1e-5])
 def test_points_are_inserted_until_all_motors_keep_to_the_loop_between_points(tolerance):
     robot = five_bar(*MOTORS)
-    result = filled(robot, loops=LoopLimits(tolerance))
+    result = filled(robot, loop_tolerance=tolerance)
     assert result.inserted > 0 and set(TIMES) <= set(result.times)
     assert result.effort_error is None
     moved = result.motion.sample(np.linspace(0.0, 1.0, 2001))[0]
     closed = np.array([five_bar_at(*row[:2]) for row in moved])[:, columns(robot, result)]
     assert 0.05 * tolerance < np.abs(moved - closed).max() <= 1.05 * tolerance
-    coarse = filled(robot, loops=WIDE)
+    coarse = filled(robot, loop_tolerance=WIDE)
     moved = coarse.motion.sample(np.linspace(0.0, 1.0, 2001))[0]
     closed = np.array([five_bar_at(*row[:2]) for row in moved])[:, columns(robot, result)]
     assert np.abs(moved - closed).max() > tolerance
@@ -86,9 +85,10 @@ def test_a_trajectory_of_all_motors_is_that_of_the_cranks_and_must_fit_the_loop(
     robot, names = five_bar(*MOTORS), ('right_bar', *CRANKS[::-1])
     q = np.array([five_bar_at(*row) for row in ROWS])
     rows = q[:, [robot.joint_names.index(name) for name in names]]
-    result = fill_trajectory(robot, TIMES, rows, joint_names=names, rest=START, loops=WIDE)
+    result = fill_trajectory(robot, TIMES, rows, joint_names=names, rest=START,
+                             loop_tolerance=WIDE)
     assert result.joint_names == names
-    expected = filled(robot, loops=WIDE)
+    expected = filled(robot, loop_tolerance=WIDE)
     order = [expected.joint_names.index(name) for name in names]
     for field in ('positions', 'velocities', 'accelerations', 'efforts'):
         np.testing.assert_allclose(getattr(result, field), getattr(expected, field)[:, order],
@@ -101,7 +101,7 @@ def test_a_trajectory_of_all_motors_is_that_of_the_cranks_and_must_fit_the_loop(
 
 def test_other_joints_may_drive_the_same_motion():
     robot, names = five_bar(*MOTORS), ['left_bar', 'right_crank']
-    expected = filled(robot, loops=WIDE)
+    expected = filled(robot, loop_tolerance=WIDE)
     q = np.array([five_bar_at(*row) for row in ROWS])
     T = [five_bar_partial_rates(row) for row in q]
     step = 1e-4
@@ -114,7 +114,8 @@ def test_other_joints_may_drive_the_same_motion():
         udot.append((near[0] - 2.0 * near[1] + near[2]) / step**2)
     places = [robot.joint_names.index(name) for name in names]
     result = fill_trajectory(robot, TIMES, q[:, places], u[:, places],
-                             np.array(udot)[:, places], joint_names=names, rest=START, loops=WIDE)
+                             np.array(udot)[:, places], joint_names=names, rest=START,
+                             loop_tolerance=WIDE)
     assert result.joint_names == ('right_crank', 'left_crank', 'right_bar')
     np.testing.assert_allclose(result.efforts[:, [1, 0, 2]], expected.efforts, atol=1e-5)
 

@@ -3,12 +3,12 @@
 from functools import cache
 
 from examples.flexible_four_bar import flexible_four_bar
-from kane_dynamics import (Controller, FlexibleLink, InputError, load_urdf, ModelBuilder, Motion,
-                           QuasiStatic, Robot, simulate, stiffened)
+from kane_dynamics import (Controller, FlexibleLink, InputError, load_urdf, ModelBuilder,
+                           Motion, QuasiStatic, Robot, simulate, stiffened)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
 from kane_dynamics.control.terms import Mode, Terms
-from kane_dynamics.kinematics.loop_tracker import LoopTracker
+from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.definition import kane, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.robot.robot import TORQUE_TERMS

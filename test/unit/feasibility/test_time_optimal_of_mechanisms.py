@@ -6,12 +6,12 @@ import math
 from runpy import run_path
 
 from kane_dynamics import (absolute_rates, FlexibleLink, Inertial, InputError, Limits,
-                           load_constraints, load_urdf, ModelBuilder, Motion, Prescribed, Robot,
-                           rod, Speeds)
+                           load_constraints, load_urdf, ModelBuilder, Motion, Prescribed,
+                           Robot, rod, Speeds)
 from kane_dynamics.feasibility import time_optimal
 from kane_dynamics.feasibility.samples import NONE
 from kane_dynamics.feasibility.torque_demand import demand_at
-from kane_dynamics.kinematics.loop_error import LoopError, SINGULAR
+from kane_dynamics.loop_tracking.loop_error import LoopError, SINGULAR
 from kane_dynamics.mechanics.definition import nonholonomic
 from linkages import at_angle, four_bar_model, PIN, sleigh
 import numpy as np

@@ -5,7 +5,7 @@ from functools import cache
 from kane_dynamics import box, InputError, Robot
 from kane_dynamics.identification import identify_payload, PayloadEstimator, Recording
 from kane_dynamics.identification.payload.payload_rows import PayloadRegressor
-from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
+from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
 from kane_dynamics.mechanics.definition import nonholonomic
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.with_payload import with_payload

@@ -11,9 +11,9 @@ pytest.importorskip('rclpy')
 
 from kane_dynamics import box, Controller, Motion, Robot, simulate, Terms  # noqa: E402, I100
 from kane_dynamics.control.quasi_static import QuasiStatic  # noqa: E402
-from kane_dynamics.kinematics.loop_error import (BRANCH, CONTRADICTION,  # noqa: E402
-                                                 SINGULAR, UNKNOWN)
-from kane_dynamics.kinematics.mechanism_motion import mechanism_motion  # noqa: E402
+from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion  # noqa: E402
+from kane_dynamics.loop_tracking.loop_error import (BRANCH, CONTRADICTION,  # noqa: E402
+                                                    SINGULAR, UNKNOWN)
 from kane_dynamics.mechanics.constraints.loop_closure import closed_posture  # noqa: E402
 from kane_dynamics.model.with_payload import with_payload  # noqa: E402
 from kane_dynamics.robot.robot import TORQUE_TERMS  # noqa: E402
@@ -35,7 +35,8 @@ from kane_dynamics.ros.torque_path.closed_loop_reader import (ClosedLoopReader, 
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.joint_state_reader import (MISSING,  # noqa: E402
                                                               NOT_FINITE, STALE, TWICE)
-from kane_dynamics.ros.torque_path.torque_path import NO_TORQUE, REFUSED, TorquePath  # noqa: E402
+from kane_dynamics.ros.torque_path.torque_path import (NO_TORQUE, REFUSED,  # noqa: E402
+                                                       TorquePath)
 from node_values import node_values, UNCHECKED  # noqa: E402
 from palletizer import (bending_palletizer, DRIVEN, palletizer, positions,  # noqa: E402
                         SINGULAR_SHOULDER)

@@ -10,7 +10,7 @@ from functools import cache
 
 from kane_dynamics import load_urdf, Motion, Robot
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.kinematics.loop_error import CONTRADICTION
+from kane_dynamics.loop_tracking.loop_error import CONTRADICTION
 from kane_dynamics.mechanics.constraints.loop_closure import closed_posture
 import numpy as np
 from palletizer import DRIVEN, palletizer, positions
@@ -25,7 +25,8 @@ from kane_dynamics.ros.plant.plant_parameters import SPECS  # noqa: E402
 from kane_dynamics.ros.plant.plant_state import PlantState  # noqa: E402
 from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader  # noqa: E402
 from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE,  # noqa: E402
-                                                              NOT_FINITE, OUT_OF_ORDER, STALE)
+                                                              NOT_FINITE, OUT_OF_ORDER,
+                                                              STALE)
 from kane_dynamics.ros.torque_path.state_check import JUMP, OUTSIDE, TOO_FAST  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from node_values import node_values  # noqa: E402

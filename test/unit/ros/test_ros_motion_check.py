@@ -11,7 +11,7 @@ pytest.importorskip('kane_dynamics_interfaces')
 
 from kane_dynamics import KaneError, load_urdf, Motion, Robot  # noqa: E402, I100
 from kane_dynamics._util.resources import resource_path  # noqa: E402
-from kane_dynamics.kinematics.loop_error import LoopError  # noqa: E402
+from kane_dynamics.loop_tracking.loop_error import LoopError  # noqa: E402
 from kane_dynamics.robot.parameters import JointLimits  # noqa: E402
 from kane_dynamics.ros.services.motion_check import refuse_impossible  # noqa: E402
 from kane_dynamics.ros.services.path_timing import timing_request  # noqa: E402

@@ -3,36 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.kinematics.driven_loops import driving_tracker
-from kane_dynamics.kinematics.loop_error import (CONTRADICTION, CONTRADICTORY_POINT,
-                                                 LoopError)
-from kane_dynamics.kinematics.loop_kernel import STRIDE
-from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
+from kane_dynamics.loop_tracking.driven_mechanism import driving_tracker
+from kane_dynamics.loop_tracking.loop_error import (CONTRADICTION, CONTRADICTORY_POINT,
+                                                    LoopError)
+from kane_dynamics.loop_tracking.loop_tracker import STRIDE
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 INNER = np.arange(1.0, 8.0) / 8.0  # fractions of a long segment at which its loops are closed
-
-
-class LoopLimits(NamedTuple):
-    """
-    Limits of a trajectory of closed loops.
-
-    Attributes
-    ----------
-    tolerance : float
-        Largest deviation of further joints of the trajectory from the closed loops, rad or m.
-    max_figure : float
-        Largest conditioning figure, as in `LoopTracker`.
-
-    """
-
-    tolerance: float = 0.02
-    max_figure: float = SINGULAR
 
 
 class ClosedPath:
@@ -48,17 +29,21 @@ class ClosedPath:
         With constraints on positions.
     joints : sequence of n str
         The driving joints, as many as independent speeds.
-    limits : LoopLimits
+    tolerance : float
+        Largest deviation of further joints of the trajectory from the closed loops, rad or m.
+    max_figure : float
+        Largest conditioning figure, as in `LoopTracker`.
 
     """
 
-    def __init__(self, robot: Robot, joints: Sequence[str], limits: LoopLimits) -> None:
+    def __init__(self, robot: Robot, joints: Sequence[str], tolerance: float,
+                 max_figure: float) -> None:
         """Check the joints."""
-        self._tracker = driving_tracker(robot, joints, tolerance=limits.tolerance,
-                                        max_figure=limits.max_figure)
+        self._tracker = driving_tracker(robot, joints, tolerance=tolerance,
+                                        max_figure=max_figure)
         self._order = [list(joints).index(name) for name in self._tracker.measured]
-        self._rest = np.zeros(robot.n)
-        self._known: list[Array] = []
+        self._at_rest = np.zeros(robot.n)
+        self._passed: list[Array] = []  # configurations, in the order of the motion
 
     def begin(self, *starts: Array) -> None:
         """Begin at the first of some nearly closed configurations that closes, (n_q,)."""
@@ -71,9 +56,9 @@ class ClosedPath:
                                     ) from None
             else:
                 break
-        self._known = [self._tracker.q.copy()]
+        self._passed = [self._tracker.q.copy()]
 
-    def follow(self, points: ControllerPoints, others: Sequence[int], given: Array,
+    def follow(self, points: ControllerPoints, others: Sequence[int], positions: Array,
                described: Callable[[float], str]) -> None:
         """
         Close the loops at the points, and in the segments in which a joint moves far.
@@ -84,7 +69,7 @@ class ClosedPath:
             Of the driving joints; the first configuration follows from `begin`.
         others : sequence of int
             Indices of further joints of the trajectory.
-        given : (K, m) array
+        positions : (K, m) array
             Their positions at the last K points, rad or m.
         described : callable
             Returns a time of the trajectory, s, in words.
@@ -95,40 +80,46 @@ class ClosedPath:
             A configuration does not follow; names the time and the reason.
 
         """
-        inner, far = np.zeros((len(INNER), 0, 0)), []
-        if len(points.t) > 1:
-            inner = points.inside(np.arange(len(points.t) - 1), INNER)[0]
-            far = (np.abs(inner - points.q[:-1]).max(axis=(0, 2)) > STRIDE).tolist()
-        first = len(points.t) - len(given)
+        segments = np.arange(len(points.t) - 1)
+        inner = np.zeros((len(INNER), 0, 0))
+        is_long: list[bool] = []
+        if len(segments):
+            inner = points.inside(segments, INNER)[0]
+            is_long = (np.abs(inner - points.q[:-1]).max(axis=(0, 2)) > STRIDE).tolist()
+        first = len(points.t) - len(positions)  # a point before it is a measured start
         for k, t in enumerate(points.t.tolist()):
-            if k and far[k - 1]:
-                before = float(points.t[k - 1])
+            if k and is_long[k - 1]:
+                t_0 = float(points.t[k - 1])
                 for x, q in zip(INNER.tolist(), inner[:, k - 1]):
-                    self._move(q, described, before + x * (t - before))
+                    self._move(q, described, t_0 + x * (t - t_0))
             if len(others) and k >= first:
-                self._move(points.q[k], described, t, others, given[k - first])
+                self._move(points.q[k], described, t, others, positions[k - first])
             else:
                 self._move(points.q[k], described, t)
 
     def closed(self, q: Array) -> Array:
         """Return the configurations, (K, n_q), of driving joints, (K, n), near those followed."""
-        tracker, known = self._tracker, np.array(self._known)
-        found = np.empty((len(q), known.shape[1]))
+        tracker = self._tracker
+        passed = np.array(self._passed)
+        result = np.empty((len(q), passed.shape[1]))
         steps = np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0).tolist()
-        for k, row in enumerate(q[:, self._order]):
-            if k == 0 or steps[k - 1] > STRIDE:  # rows of distant segments may follow each other
-                away = np.abs(known[:, tracker.places] - row).sum(axis=1)
-                tracker.restart(known[int(away.argmin())])
-            tracker.update(row, self._rest)
-            found[k] = tracker.q
-        return found
+        for k, target in enumerate(q[:, self._order]):
+            # Rows of distant segments may follow each other: begin at the nearest configuration.
+            if k == 0 or steps[k - 1] > STRIDE:
+                distances = np.abs(passed[:, tracker.places] - target).sum(axis=1)
+                tracker.restart(passed[int(distances.argmin())])
+            tracker.update(target, self._at_rest)
+            result[k] = tracker.q
+        return result
 
     def _move(self, q: Array, described: Callable[[float], str], t: float,
               others: Sequence[int] = (), values: Array | None = None) -> None:
         """Move to the driving joints of a time and keep the configuration."""
         try:
-            self._tracker.update(q[self._order], self._rest, others, values)
+            self._tracker.update(q[self._order], self._at_rest, others, values)
         except LoopError as error:
-            raise LoopError(CONTRADICTORY_POINT if error.reason == CONTRADICTION else error.reason,
-                            f'{described(t)}: {error.detail}') from None
-        self._known.append(self._tracker.q.copy())
+            reason = error.reason
+            if reason == CONTRADICTION:
+                reason = CONTRADICTORY_POINT
+            raise LoopError(reason, f'{described(t)}: {error.detail}') from None
+        self._passed.append(self._tracker.q.copy())

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from kane_dynamics.errors import ConstraintError
 
-SINGULAR, BRANCH, CONTRADICTION, UNKNOWN = (
-    'closed loop near a singular configuration', 'closed loop on a lost branch',
-    'measured joints contradict the closed loop', 'assembly mode unknown')
+SINGULAR = 'closed loop near a singular configuration'
+BRANCH = 'closed loop on a lost branch'
+CONTRADICTION = 'measured joints contradict the closed loop'
+UNKNOWN = 'assembly mode unknown'
 CONTRADICTORY_POINT = 'point of the trajectory contradicts the closed loop'
 
 
@@ -18,9 +19,12 @@ class LoopError(ConstraintError):
     ----------
     reason : str
         `SINGULAR`, `BRANCH`, `CONTRADICTION`, `UNKNOWN` or `CONTRADICTORY_POINT`.
+    detail : str
+        The numbers, and what is expected.
 
     """
 
     def __init__(self, reason: str, detail: str) -> None:
         super().__init__(f'{reason}: {detail}')
-        self.reason, self.detail = reason, detail
+        self.reason = reason
+        self.detail = detail

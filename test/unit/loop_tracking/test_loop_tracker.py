@@ -2,11 +2,10 @@
 
 from kane_dynamics import absolute_rates, knife_edge, ModelBuilder, Prescribed, Robot, rod
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.kinematics.loop_error import (BRANCH, CONTRADICTION, LoopError, SINGULAR,
-                                                 UNKNOWN)
-from kane_dynamics.kinematics.loop_kernel import (CLOSED, LEAP, ROUNDING, SHARE, STRIDE, TIMED,
-                                                  valid)
-from kane_dynamics.kinematics.loop_tracker import LoopTracker
+from kane_dynamics.loop_tracking.loop_error import (BRANCH, CONTRADICTION, LoopError,
+                                                    SINGULAR, UNKNOWN)
+from kane_dynamics.loop_tracking.loop_tracker import (CLOSED, LEAP, LoopTracker, ROUNDING,
+                                                      SHARE, STRIDE, TIMED, valid)
 from linkages import at_angle, five_bar, five_bar_at, four_bar, four_bar_model, PIN
 import numpy as np
 from palletizer import DRIVEN, palletizer, positions, SINGULAR_SHOULDER
@@ -232,7 +231,7 @@ def test_a_refused_measurement_leaves_the_last_configuration_and_speeds(angle):
     assert reason(tracker, np.array([angle]), np.ones(1), [2], np.zeros(1)) == CONTRADICTION
     np.testing.assert_array_equal(tracker.q, q)
     np.testing.assert_array_equal(tracker.u, u)
-    np.testing.assert_array_equal(tracker.before[0], q)
+    np.testing.assert_array_equal(tracker.accepted[0], q)
 
 
 @pytest.mark.parametrize('kind', [list, tuple, np.array])
@@ -313,27 +312,28 @@ def test_a_call_that_is_refused_leaves_the_state_to_the_bit():
 
 
 def test_a_call_is_valid_within_all_limits_alone():
-    figures = {'moved': 1e-6, 'missed': 1e-24, 'residual': 1e-8, 'figure': 4.0, 'way': 1e-6,
-               'deviation': 1e-6}
+    figures = {'motion': 1e-6, 'independent_residual': 1e-24, 'residual': 1e-8,
+               'figure': 4.0, 'step': 1e-6, 'deviation': 1e-6}
     limits = (1e-4, 1e-4, 100.0)
 
-    def check(timed=False, before=4.0, **changes):
-        return valid(list((figures | changes).values()), before, limits, timed)
-    assert check() == check(before=0.0) == check(way=0.0, moved=0.0) == 1.0
-    for name, most in (('missed', CLOSED**2), ('residual', 1e-4), ('deviation', 1e-4),
-                       ('figure', 100.0)):
-        assert check(**{name: 0.99 * most}) == 1.0
-        assert check(**{name: 1.01 * most}) == 0.0
-    assert check(before=0.0, way=0.99 * STRIDE**2) == 1.0
-    assert check(before=0.0, way=1.01 * STRIDE**2) == 0.0
-    assert check(before=1e4, way=0.99e-4 * SHARE**2) == 1.0
-    assert check(before=1e4, way=1.01e-4 * SHARE**2) == 0.0
-    assert check(moved=0.99 * 4e-6 * LEAP**2) == 1.0
-    assert check(moved=1.01 * 4e-6 * LEAP**2) == 0.0
-    assert check(way=0.0, moved=0.99 * 4.0 * (LEAP * ROUNDING)**2) == 1.0
-    assert check(way=0.0, moved=1.01 * 4.0 * (LEAP * ROUNDING)**2) == 0.0
-    assert check(timed=True, moved=0.99 * TIMED**2) == 1.0
-    assert check(timed=True, moved=1.01 * TIMED**2) == 0.0
+    def check(timed=False, last_figure=4.0, **changes):
+        return valid(list((figures | changes).values()), last_figure, limits, timed)
+    assert check() == check(last_figure=0.0) == check(step=0.0, motion=0.0) == 1.0
+    bounds = {'independent_residual': CLOSED**2, 'residual': 1e-4, 'deviation': 1e-4,
+              'figure': 100.0}
+    for name, bound in bounds.items():
+        assert check(**{name: 0.99 * bound}) == 1.0
+        assert check(**{name: 1.01 * bound}) == 0.0
+    assert check(last_figure=0.0, step=0.99 * STRIDE**2) == 1.0
+    assert check(last_figure=0.0, step=1.01 * STRIDE**2) == 0.0
+    assert check(last_figure=1e4, step=0.99e-4 * SHARE**2) == 1.0
+    assert check(last_figure=1e4, step=1.01e-4 * SHARE**2) == 0.0
+    assert check(motion=0.99 * 4e-6 * LEAP**2) == 1.0
+    assert check(motion=1.01 * 4e-6 * LEAP**2) == 0.0
+    assert check(step=0.0, motion=0.99 * 4.0 * (LEAP * ROUNDING)**2) == 1.0
+    assert check(step=0.0, motion=1.01 * 4.0 * (LEAP * ROUNDING)**2) == 0.0
+    assert check(timed=True, motion=0.99 * TIMED**2) == 1.0
+    assert check(timed=True, motion=1.01 * TIMED**2) == 0.0
     for name in figures:
         assert check(**{name: np.nan}) == check(**{name: np.inf}) == 0.0
 
@@ -356,12 +356,12 @@ def test_a_measurement_may_be_lists_or_parts_of_the_last_one():
     at = (tracker.q[tracker.places] + 0.001).tolist()
     tracker.update(at, [0.001, 0.002, 0.003, 0.004])
     np.testing.assert_allclose(tracker.q[tracker.places], at, atol=1e-15)
-    before, rates = np.split(tracker.given, 2)
+    before, rates = np.split(tracker.measurement, 2)
     expected = 0.5 * (before + rates), before.copy()
     tracker.update(expected[0], before)
-    np.testing.assert_array_equal(tracker.given, np.concatenate(expected))
+    np.testing.assert_array_equal(tracker.measurement, np.concatenate(expected))
     tracker.update(rates, before)  # exchanged
-    np.testing.assert_array_equal(tracker.given, np.concatenate([expected[1], expected[0]]))
+    np.testing.assert_array_equal(tracker.measurement, np.concatenate([expected[1], expected[0]]))
 
 
 def test_a_negative_limit_refuses_everything():

@@ -3,9 +3,8 @@
 from kane_dynamics import Closure, Motion, Prescribed, Robot
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility import demand
-from kane_dynamics.kinematics.driven_loops import driving_tracker
-from kane_dynamics.kinematics.loop_error import LoopError
-from kane_dynamics.kinematics.mechanism_motion import mechanism_motion
+from kane_dynamics.loop_tracking.driven_mechanism import driving_tracker, mechanism_motion
+from kane_dynamics.loop_tracking.loop_error import LoopError
 from linkages import at_angle, five_bar, five_bar_at, four_bar_model, PIN
 import numpy as np
 import pytest

@@ -1,1 +1,0 @@
-"""The joints of filled trajectories: of trees, and the driving ones of closed loops."""

@@ -1,0 +1,1 @@
+"""Closed loops from measured or driving joints, from configuration to configuration."""

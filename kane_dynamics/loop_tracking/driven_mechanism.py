@@ -1,0 +1,239 @@
+"""Configurations and motion of a mechanism whose driving joints move as desired."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+from kane_dynamics.loop_tracking.loop_error import BRANCH, LoopError, SINGULAR
+from kane_dynamics.loop_tracking.loop_tracker import (CONDITIONING, FIGURES,
+                                                      INDEPENDENT_RESIDUAL, LoopTracker,
+                                                      MOTION, SHARE, STRIDE, tracking_kernel)
+from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.mechanics.constraints import conditioning
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+CLOSED = 1e-11  # rad, or lengths of the mechanism: residual of the independent rows
+CALLS = 5  # of the kernel for all rows, at most
+STEPS_IN_TIME = 8  # at least, from row to row, where constraints are functions of time
+FARTHEST = 1e3  # rad or m, of a driving joint from one time to the next
+LARGEST_CONDITION = 1e7  # from here on the driving joints do not determine the motion
+
+Described = Callable[[int], str]  # what a row is of, in words
+
+
+def driving_tracker(robot: Robot, joints: Sequence[str], **limits: float) -> LoopTracker:
+    """
+    Return a tracker whose measured joints are driving joints, in the robot's order.
+
+    So one kernel serves every order of the joints. `limits` are those of `LoopTracker`. InputError
+    as from `LoopTracker`, or if a constraint is one of velocities.
+    """
+    names = robot.coordinate_names
+    if set(joints) <= set(names):  # else `LoopTracker` refuses them
+        joints = sorted(joints, key=names.index)
+    tracker = LoopTracker(robot, joints, **limits)
+    if tracker.path_rows:
+        raise InputError(f"motion: constraint '{tracker.path_rows[0]}' is one of velocities, and "
+                         'the positions of driving joints do not determine the configuration; '
+                         'expected constraints of positions')
+    return tracker
+
+
+class DrivenLoops:
+    """
+    Closed configurations for rows of positions of driving joints, in one assembly mode.
+
+    Arguments `q`, (K, n_q) with K > 0, are configurations, rad or m; `t`, (K,), times, s;
+    `described` returns what a row is of, in words, for errors.
+
+    Parameters
+    ----------
+    robot : Robot
+        With constraints on positions.
+    joints : sequence of n str
+        The driving joints, as many as independent speeds.
+
+    Raises
+    ------
+    InputError
+        The joints do not fit the robot, or a constraint is one of velocities.
+
+    """
+
+    def __init__(self, robot: Robot, joints: Sequence[str]) -> None:
+        self._tracker = driving_tracker(robot, joints, max_figure=conditioning.SINGULAR)
+
+    def followed(self, start: Array, q: Array, t: Array, described: Described) -> Array:
+        """
+        Return configurations, (K, n_q), each from the one before, the first from a closed start.
+
+        Only the driving joints of `q` are used; they keep their positions. LoopError if a
+        configuration does not follow, or is near a singular one; it names the row.
+        """
+        tracker = self._tracker
+        at_rest = np.zeros(tracker.robot.n)
+        result = np.empty_like(q)
+        last = start[tracker.places]
+        k = 0
+        try:
+            tracker.restart(start, t[0])
+            for k, target in enumerate(q[:, tracker.places]):
+                # The driving joints alone do not state how far time moves the others.
+                if tracker.robot.equations.timed and k:
+                    self._approach(last, target, t[k - 1], t[k])
+                tracker.update(target, at_rest, t=t[k])
+                result[k] = tracker.q
+                last = target
+        except LoopError as error:
+            raise LoopError(error.reason, f'{described(k)}: {error.detail}') from None
+        return self.closed(result, t, described)
+
+    def _approach(self, last: Array, target: Array, t_0: float, t_1: float) -> None:
+        """Move towards a row in steps of the driving joints and of time, short of its end."""
+        distance = np.abs(target - last).max(initial=0.0)
+        steps = max(int(distance / STRIDE), STEPS_IN_TIME)
+        at_rest = np.zeros(len(target))
+        for x in np.linspace(0.0, 1.0, steps + 1)[1:-1]:
+            self._tracker.update(last + x * (target - last), at_rest, t=t_0 + x * (t_1 - t_0))
+
+    def closed(self, q: Array, t: Array, described: Described) -> Array:
+        """
+        Return configurations, (K, n_q), near those with nearly closed loops, all at once.
+
+        The driving joints keep their positions. LoopError if the others move by more than a part
+        of the distance from a singular configuration, beyond which they might not return.
+        """
+        tracker = self._tracker
+        robot = tracker.robot
+        kernel = tracking_kernel(robot, tracker.places)
+        target = np.ascontiguousarray(q[:, tracker.places])
+        # The driving joints do not move, so T and their rates do not count. Nothing is compared.
+        T = np.zeros((robot.n_q, robot.n))
+        rates = np.zeros(robot.n)
+        seen = np.zeros(robot.n_q)
+        weights = np.zeros(robot.n_q)
+        time = [np.ascontiguousarray(t)] if robot.equations.timed else []
+        rows = np.empty((len(q), *kernel.shape))
+        for _ in range(CALLS):
+            kernel.run([np.ascontiguousarray(q), T, target, rates, seen, weights, *time], rows,
+                       len(q))
+            figures = np.sqrt(rows[:, -FIGURES:])
+            self._check_distance(figures[:, MOTION], figures[:, CONDITIONING], described)
+            q = rows[:, :robot.n_q].copy()
+            q[:, tracker.places] = target
+            residual = figures[:, INDEPENDENT_RESIDUAL]
+            if residual.max() <= CLOSED:
+                return q
+        k = int(residual.argmax())
+        raise LoopError(BRANCH, f'{described(k)}: residual {residual[k]:.3g} rad or lengths; '
+                        'expected joints for which the loops close')
+
+    def _check_distance(self, motion: Array, figure: Array, described: Described) -> None:
+        """Raise LoopError where joints move by more than a part of what is safe."""
+        largest = self._tracker.max_figure
+        unsafe = ~((figure <= largest) & (figure * motion <= SHARE))
+        if unsafe.any():
+            k = int(unsafe.argmax())
+            raise LoopError(SINGULAR, f'{described(k)}: conditioning figure {figure[k]:.3g}; '
+                            f'expected at most {largest:g}, and less between points next to '
+                            f'which the joints move by {motion[k]:.3g} rad or lengths')
+
+
+class MechanismMotion(NamedTuple):
+    """Coordinates (N, n_q), independent speeds and their rates (N, n); rad or m, and s."""
+
+    q: Array
+    u: Array
+    udot: Array
+
+
+def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array, rates: Array,
+                     accelerations: Array) -> MechanismMotion:
+    """
+    Return the motion of a robot with chosen speeds or constraints for that of driving joints.
+
+    The loops are closed from each configuration to the next one (`DrivenLoops`), so that the
+    assembly mode stays that of the robot's `configuration`, else of the one found near zero. With
+    the joint rates T of the independent speeds, q' = T u + x, the rows of the driving joints
+    determine u, and those of q'' its rate.
+
+    Parameters
+    ----------
+    robot : Robot
+        With chosen speeds or constraints; velocity constraints (rolling, knife edges) do not
+        determine positions.
+    joints : sequence of n str
+        Driving joints, as many as independent speeds.
+    t : (N,) array
+        Times, s, in order.
+    q, rates, accelerations : (N, n) arrays
+        Of the driving joints; rad or m, and s.
+
+    Raises
+    ------
+    InputError
+        The joints are others or not as many, the constraints are not those of positions, or the
+        driving joints do not determine the motion; names the time.
+    LoopError
+        A configuration does not follow from the one before, or is near a singular one; names the
+        time.
+
+    """
+    require_angles(robot.model, 'motion')
+    assert isinstance(robot.equations, ConstrainedEquations)
+    names = robot.coordinate_names
+    distinct = set(joints)
+    if not len(joints) == len(distinct) == robot.n or not distinct <= set(names):
+        raise InputError(f'motion: joints {list(joints)}; expected {robot.n} of '
+                         f'{", ".join(names)}, as many as independent speeds')
+    driving = [names.index(name) for name in joints]
+    Q = _closed(robot, driving, t, q)
+    return motion_of_closed(robot, driving, t, Q, rates, accelerations)
+
+
+def _closed(robot: Robot, driving: list[int], t: Array, q: Array) -> Array:
+    """Return closed configurations, (N, n_q), with the driving joints at q, (N, n)."""
+    Q = np.zeros((len(t), robot.n_q))
+    Q[:, driving] = q
+    if not robot.constraint_names or not len(t):
+        return Q
+    joints = [robot.coordinate_names[k] for k in driving]
+    loops = DrivenLoops(robot, joints)
+    start = robot.closed_posture(Q[0], t=float(t[0]), fixed=joints)
+    moves = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1, initial=0.0)
+    k = int(moves.argmax())
+    if moves[k] > FARTHEST:
+        raise InputError(f'motion: a joint moves by {moves[k]:.4g} rad or m in the interval '
+                         f'that ends at {t[k]:.4g} s; expected at most {FARTHEST:g} between '
+                         'two times')
+    return loops.followed(start, Q, t, lambda row: f'motion: at {t[row]:.4g} s')
+
+
+def motion_of_closed(robot: Robot, driving: Sequence[int], t: Array, Q: Array, rates: Array,
+                     accelerations: Array) -> MechanismMotion:
+    """
+    Return the motion in closed configurations, (N, n_q), for joints with the indices `driving`.
+
+    The other arguments are those of `mechanism_motion`.
+    """
+    at_rest = np.zeros((len(t), robot.n))
+    # Columns of T: the rates at unit speeds, less those at rest, x.
+    drift = robot.joint_rates(Q, at_rest, t=t)
+    columns = [robot.joint_rates(Q, at_rest + unit, t=t) - drift for unit in np.eye(robot.n)]
+    T = np.stack(columns, axis=-1)[:, driving]
+    singular = np.flatnonzero(np.linalg.cond(T) > LARGEST_CONDITION)
+    if singular.size:
+        names = [robot.coordinate_names[k] for k in driving]
+        raise InputError(f'motion: at {t[singular[0]]:.4g} s the joints {names} do not determine '
+                         'the motion; expected others there')
+    u = _solved(T, rates - drift[:, driving])
+    without_udot = robot.joint_accelerations(Q, u, at_rest, t=t)[:, driving]
+    return MechanismMotion(Q, u, _solved(T, accelerations - without_udot))
+
+
+def _solved(T: Array, right: Array) -> Array:
+    """Return T^-1 times vectors, (N, n)."""
+    return np.asarray(np.linalg.solve(T, right[..., None])[..., 0])
