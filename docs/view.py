@@ -8,7 +8,7 @@ from browser import browser  # of test/helpers
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.simulation.trajectory import Trajectory
-from kane_dynamics.urdf.visuals import load_visuals
+from kane_dynamics.urdf.link_shapes import load_visuals
 from kane_dynamics.view import Window
 import numpy as np
 

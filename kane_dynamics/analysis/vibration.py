@@ -14,7 +14,7 @@ from kane_dynamics.mechanics.ball_joints import balls, coordinate_rates, require
 from kane_dynamics.mechanics.constraints.conditioning import RANK
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.energy_form import energies
-from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.model.model import with_payload
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 

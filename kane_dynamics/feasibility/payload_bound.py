@@ -11,8 +11,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDS, STEP
 from kane_dynamics.feasibility.torque_demand import Demand, demand, demand_at, torque_of
 from kane_dynamics.mechanics.algebra.fixed_point import upper_fixed_point
-from kane_dynamics.model.builder_checks import check_moments
-from kane_dynamics.model.inertial import Inertial
+from kane_dynamics.model.inertial import check_moments, Inertial
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np

@@ -19,11 +19,14 @@ bending and the roll act on attached bodies; they are neglected in the rotary in
 sections.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 from kane_dynamics._util.typing import Array
 import numpy as np
 
+Bent = TypeVar('Bent', 'Beam', 'Deflection')
 ADMISSIBLE = 0.1  # of the length: the kinematics are correct to second order in the slope
 
 
@@ -111,6 +114,13 @@ class Beam:
 
     def displacement(self, eta: Array) -> tuple[Array, Array]:
         """Return d and c e at the quadrature points, (g, 3) each; any scalar type."""
-        first = np.einsum('gmk,m->gk', self.shapes, eta)
-        second = -0.5 * np.einsum('gij,i,j->g', self.shortening, eta, eta)
-        return first, np.multiply.outer(second, self.direction)
+        across = np.einsum('gmk,m->gk', self.shapes, eta)
+        along = -0.5 * np.einsum('gij,i,j->g', self.shortening, eta, eta)
+        return across, np.multiply.outer(along, self.direction)
+
+
+def renumbered(bent: Bent | None, number: Callable[[int], int]) -> Bent | None:
+    """Return a beam or a deflection with other indices of its modal coordinates, if it is one."""
+    if bent is None:
+        return None
+    return replace(bent, coordinates=tuple(number(k) for k in bent.coordinates))

@@ -1,36 +1,44 @@
-"""Build a `Model` in Python: bodies, joints, inertias, frames."""
+"""Build a `Model` in Python: bodies, joints, inertias, frames, whole models on frames."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
+import warnings
 
 from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import constant, instance
 from kane_dynamics._util.text import listing
-from kane_dynamics.errors import ModelError
-from kane_dynamics.model.builder_checks import (check_ball_property, check_inertial,
-                                                check_moments, check_properties, checked_turns,
-                                                direction, pose)
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ModelError, ModelWarning
+from kane_dynamics.model.ball_coordinates import (check_ball_property, is_ball_part,
+                                                  quaternion_names)
+from kane_dynamics.model.beam import renumbered
 from kane_dynamics.model.flexible_link import AssumedModes, FlexibleLink
+from kane_dynamics.model.inertial import check_moments, Inertial
 from kane_dynamics.model.joint_expansion import expand_joint, StatedJoint
-from kane_dynamics.model.model import Body, GRAVITY, Inertial, Joint, Model
-from kane_dynamics.model.model_assembly import ModelAssembly, NOTHING, ORIGIN
-from kane_dynamics.model.placement import Placement
+from kane_dynamics.model.model import Body, Frame, GRAVITY, Joint, Model, WORLD
+from kane_dynamics.model.placement import ORIGIN, Placement, stated_pose
 import numpy as np
 from numpy.typing import ArrayLike
 
 KINDS = ('revolute', 'prismatic', 'universal', 'spherical', 'ball', 'planar', 'floating', 'free',
          'fixed')
+PROPERTIES = ('limits', 'damping', 'friction', 'friction_speed', 'friction_offset', 'armature',
+              'stiffness', 'rest')
+MASSLESS = Inertial()
+Z = (0.0, 0.0, 1.0)
 
 
 @guarded
-class ModelBuilder(ModelAssembly):
+class ModelBuilder:
     """
     Builder of mechanisms: add bodies outward from 'world', then call `model`.
 
-    Bodies, inertias and constraints are attached to frames by name. 'world' is a frame, every body
-    is a frame of the same name, and `frame` adds further ones.
+    Bodies, inertias and constraints are attached to frames by name. 'world' is a frame, every
+    body is a frame of the same name, and `frame` adds further ones.
 
     Parameters
     ----------
@@ -46,8 +54,10 @@ class ModelBuilder(ModelAssembly):
     A pendulum on a cart with a spring:
 
     >>> b = ModelBuilder('cart')
-    >>> b.body('cart', 'world', 'prismatic', axis=(1, 0, 0), inertial=point_mass(2), stiffness=50)
-    >>> b.body('rod', 'cart', 'revolute', axis=(0, 1, 0), inertial=rod(1, (0, 0, 0), (0, 0, -0.5)))
+    >>> b.body('cart', 'world', 'prismatic', axis=(1, 0, 0), inertial=point_mass(2),
+    ...        stiffness=50)
+    >>> b.body('rod', 'cart', 'revolute', axis=(0, 1, 0),
+    ...        inertial=rod(1, (0, 0, 0), (0, 0, -0.5)))
     >>> robot = Robot(b.model())
 
     """
@@ -55,8 +65,17 @@ class ModelBuilder(ModelAssembly):
     def __init__(self, name: str = 'mechanism', *, gravity: ArrayLike = GRAVITY,
                  strict: bool = True) -> None:
         """Create a mechanism without bodies."""
-        super().__init__(name, constant(gravity, (3,), 'gravity'), strict)
-        self._shapes: dict[str, tuple[AssumedModes, tuple[int, ...]]] = {}
+        self.name = name
+        self.gravity = constant(gravity, (3,), 'gravity')
+        self.strict = strict
+        self._bodies: list[Body] = []
+        self._coordinates: list[str] = []  # names of the degrees of freedom
+        self._balls: list[int] = []  # as `Model.balls`
+        self._placements = {'world': Placement(WORLD)}  # of the frames
+        self._base_name = 'world'
+        self._base_inertial = MASSLESS
+        self._beams: dict[str, tuple[AssumedModes, tuple[int, ...]]] = {}
+        self._impossible: list[str] = []  # bodies with inertias that strict=True refuses
 
     @classmethod
     def from_model(cls, model: Model, *, strict: bool = True) -> ModelBuilder:
@@ -75,15 +94,22 @@ class ModelBuilder(ModelAssembly):
         """
         instance(model, Model, 'model')
         builder = cls(model.name, gravity=model.gravity, strict=strict)
-        builder._continue(model)
+        builder._base_name = model.base_name
+        builder._base_inertial = model.base_inertial
+        builder._bodies = list(model.bodies)
+        builder._coordinates = list(model.joint_names)
+        builder._balls = list(model.balls)
+        builder._placements = {model.base_name: Placement(WORLD)}
+        for frame in model.frames:
+            builder._placements[frame.name] = Placement(frame.body, frame.rotation,
+                                                        frame.translation)
         return builder
 
     def body(self, name: str, on: str = 'world', kind: str = 'revolute', *,
-             axis: ArrayLike = (0.0, 0.0, 1.0), at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
-             quaternion: ArrayLike | None = None,
-             inertial: Inertial = NOTHING, joint: str | None = None, turns: str = 'xyz',
-             mimic: str | None = None, multiplier: float = 1.0, offset: float = 0.0,
-             **properties: Any) -> None:
+             axis: ArrayLike = Z, at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
+             quaternion: ArrayLike | None = None, inertial: Inertial = MASSLESS,
+             joint: str | None = None, turns: str = 'xyz', mimic: str | None = None,
+             multiplier: float = 1.0, offset: float = 0.0, **properties: Any) -> None:
         """
         Add a body and its joint.
 
@@ -129,46 +155,36 @@ class ModelBuilder(ModelAssembly):
             If a name exists already or is unknown, or a value is invalid; the message names it.
 
         """
-        joint = name if joint is None else joint
-        what = f"joint '{joint}'"
+        # Everything is checked before anything is added: a refused body changes nothing.
+        joint_name = name if joint is None else joint
+        what = f"joint '{joint_name}'"
         if kind not in KINDS:
             raise ModelError(f"{what}: kind '{kind}'; expected one of {', '.join(KINDS)}")
-        turns = checked_turns(turns, 2 if kind == 'universal' else 3, what)
-        R, p = pose(at, rpy, what, quaternion)
-        singles = expand_joint(StatedJoint(joint, kind, on, name, R, p, direction(axis, what),
-                                           turns=turns))
-        if properties and len(singles) > 1:
-            names = ', '.join(single.name for single in singles)
-            raise ModelError(f"{what}: {', '.join(properties)} of {len(singles)} degrees of "
-                             f'freedom; expected joint() for one of {names}')
-        check_properties(joint, properties)
+        number_of_turns = 2 if kind == 'universal' else 3
+        turns = _checked_turns(turns, number_of_turns, what)
+        R, p = stated_pose(at, rpy, what, quaternion)
+        stated = StatedJoint(joint_name, kind, on, name, R, p, _direction(axis, what),
+                             turns=turns)
+        singles = expand_joint(stated)
+        _check_properties(joint_name, properties, [single.name for single in singles])
         placement = self._placement(on, what)
         self._check_new(name)
-        check_inertial(name, inertial)  # before anything is added
+        _check_inertial(name, inertial)
         if self.strict:
             check_moments(name, inertial)
         mimic_fields = self._mimic_fields(what, kind, mimic, multiplier, offset)
         if kind == 'fixed':
             if properties:
-                raise ModelError(f'{what}: {", ".join(properties)} of a fixed joint; expected no '
-                                 'property, since it does not move')
+                raise ModelError(f'{what}: {", ".join(properties)} of a fixed joint; expected '
+                                 'no property, since it does not move')
             self._placements[name] = placement.frame(R, p)
-            self.load(name, inertial)
-            return
-        for single in singles:
-            self._check_joint(single.name)
-        if kind in ('ball', 'free'):
-            self._balls.append(len(self._bodies) + len(singles) - 3)
-        for single in singles:
-            placement = placement.frame(single.rotation, single.translation)
-            self._bodies.append(Body(single.child, placement.body, Joint(
-                single.name, 'prismatic' if single.kind == 'prismatic' else 'revolute',
-                single.axis, placement.rotation, placement.translation,
-                **{'coordinate': len(self._coordinates), **mimic_fields, **properties})))
-            if not mimic_fields:
-                self._coordinates.append(single.name)
-            placement = Placement(len(self._bodies) - 1)
-        self._placements[name] = placement
+        else:
+            for single in singles:
+                self._check_joint(single.name)
+            if kind in ('ball', 'free'):
+                self._balls.append(len(self._bodies) + len(singles) - 3)
+            self._placements[name] = self._add_joints(singles, placement,
+                                                      {**mimic_fields, **properties})
         self.load(name, inertial)
 
     def beam(self, name: str, on: str, link: FlexibleLink, kind: str = 'revolute',
@@ -191,22 +207,21 @@ class ModelBuilder(ModelAssembly):
             As in `body`, including its errors.
 
         """
-        shape = link.checked(name)
-        inertial = options.pop('inertial', NOTHING)
-        first = len(self._coordinates)
-        if kind == 'fixed' and shape.count:
-            self._clamp(name, on, first, **options)
-            self.load(name, inertial + shape.inertial)
+        modes = link.assumed_modes(name)
+        inertial = options.pop('inertial', MASSLESS) + modes.inertial
+        if kind == 'fixed' and modes.count:
+            self._clamp(name, on, **options)
+            self.load(name, inertial)
         else:
-            self.body(name, on, kind, inertial=inertial + shape.inertial, **options)
-            first = len(self._coordinates)
-        coordinates = tuple(range(first, first + shape.count))
-        self._coordinates += shape.names
-        self._shapes[name] = shape, coordinates
-        if shape.count:
+            self.body(name, on, kind, inertial=inertial, **options)
+        first = len(self._coordinates)
+        coordinates = tuple(range(first, first + modes.count))
+        self._coordinates += modes.names
+        self._beams[name] = modes, coordinates
+        if modes.count:
             body = self._placements[name].body
-            self._bodies[body] = replace(self._bodies[body], beam=shape.beam(coordinates))
-        self.section(f'{name}/tip', name, shape.length)
+            self._bodies[body] = replace(self._bodies[body], beam=modes.beam(coordinates))
+        self.section(f'{name}/tip', name, modes.length)
 
     def section(self, name: str, of: str, at: float) -> None:
         """
@@ -222,19 +237,20 @@ class ModelBuilder(ModelAssembly):
             Distance from its root, m; ModelError if it is not on the beam.
 
         """
-        if of not in self._shapes:
-            raise ModelError(f"no beam '{of}'; expected one of {listing(list(self._shapes))}")
-        shape, coordinates = self._shapes[of]
-        if not 0.0 < at <= shape.length:
+        if of not in self._beams:
+            raise ModelError(f"no beam '{of}'; expected one of {listing(list(self._beams))}")
+        modes, coordinates = self._beams[of]
+        if not 0.0 < at <= modes.length:
             raise ModelError(f"frame '{name}': {at} m on beam '{of}'; expected 0 to "
-                             f'{shape.length:g} m')
+                             f'{modes.length:g} m')
         self._check_new(name)
-        placement = self._placements[of].frame(np.eye(3), at * shape.axes[0])
+        placement = self._placements[of].frame(np.eye(3), at * modes.axes[0])
         if coordinates:
-            for part, moves, axis, deflection in shape.deflections(at, coordinates):
-                self._bodies.append(Body(f'{name}/{part}', placement.body, Joint(
-                    f'{name}/{part}', moves, axis, placement.rotation, placement.translation,
-                    coordinates[0], deflection=deflection)))
+            # The section moves by massless bodies in series, one for each of its deflections.
+            for part, kind, axis, deflection in modes.deflections(at, coordinates):
+                joint = Joint(f'{name}/{part}', kind, axis, placement.rotation,
+                              placement.translation, coordinates[0], deflection=deflection)
+                self._bodies.append(Body(joint.name, placement.body, joint))
                 placement = Placement(len(self._bodies) - 1)
         self._placements[name] = placement
 
@@ -253,21 +269,156 @@ class ModelBuilder(ModelAssembly):
         names = [body.joint.name for body in self._bodies]
         if name not in names:
             raise ModelError(f"no joint '{name}'; expected one of {listing(names)}")
-        check_properties(name, properties)
-        body = self._bodies[k := names.index(name)]
-        if any(first <= k < first + 3 for first in self._balls):
+        _check_properties(name, properties)
+        index = names.index(name)
+        if is_ball_part(index, self._balls):
             check_ball_property(name, properties)
-        self._bodies[k] = replace(body, joint=replace(body.joint, **properties))
+        body = self._bodies[index]
+        self._bodies[index] = replace(body, joint=replace(body.joint, **properties))
 
-    def _clamp(self, name: str, on: str, coordinate: int, **options: Any) -> None:
+    def load(self, on: str, inertial: Inertial) -> None:
+        """
+        Add inertia, given in the axes of a frame.
+
+        Raises
+        ------
+        ModelError
+            If the frame does not exist, or the moments of inertia are impossible.
+
+        """
+        placement = self._placement(on, 'load')
+        _check_inertial(on, inertial)
+        try:
+            check_moments(on, inertial)
+        except ModelError:
+            if self.strict:
+                raise
+            self._impossible.append(on)
+        moved = inertial.moved(placement.rotation, placement.translation)
+        if placement.body == WORLD:
+            self._base_inertial = self._base_inertial + moved
+        else:
+            body = self._bodies[placement.body]
+            self._bodies[placement.body] = replace(body, inertial=body.inertial + moved)
+
+    def frame(self, name: str, on: str, *, at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
+              quaternion: ArrayLike | None = None) -> None:
+        """
+        Add a frame fixed in another.
+
+        Parameters
+        ----------
+        name, on : str
+            The new frame, and the one in which it is fixed.
+        at, rpy : (3,) arrays
+            Its pose: m, and roll, pitch, yaw about fixed axes, rad.
+        quaternion : (4,) array, optional
+            Orientation as x, y, z, w, instead of `rpy`.
+
+        """
+        what = f"frame '{name}'"
+        self._check_new(name)
+        carrier = self._placement(on, what)
+        R, p = stated_pose(at, rpy, what, quaternion)
+        self._placements[name] = carrier.frame(R, p)
+
+    def mount(self, model: Model, on: str, *, at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
+              quaternion: ArrayLike | None = None, prefix: str = '') -> None:
+        """
+        Attach a whole model, such as an arm from `load_urdf`.
+
+        Parameters
+        ----------
+        model : Model
+            The model; its gravity is ignored. Further bodies can be attached to its frames.
+        on : str
+            Frame to which its base is attached.
+        at, rpy : (3,) arrays
+            Pose of its base in frame `on`, m and rad.
+        quaternion : (4,) array, optional
+            Orientation as x, y, z, w, instead of `rpy`.
+        prefix : str
+            Prefix of the names of its bodies, joints and frames.
+
+        Raises
+        ------
+        ModelError
+            If a name exists already; choose a prefix.
+
+        """
+        carrier = self._placement(on, f"model '{model.name}'")
+        R, p = stated_pose(at, rpy, 'mount', quaternion)
+        base = carrier.frame(R, p)
+        mounted = model.prefixed(prefix)
+        for name in sorted({mounted.base_name, *(frame.name for frame in mounted.frames)}):
+            self._check_new(name)
+        for body in mounted.bodies:
+            self._check_joint(body.joint.name)
+
+        # Indices of bodies and of degrees of freedom go on from those that exist.
+        first_body = len(self._bodies)
+        first_freedom = len(self._coordinates)
+
+        def number(coordinate: int) -> int:
+            return first_freedom + coordinate
+        for body in mounted.bodies:
+            joint = replace(body.joint, coordinate=number(body.joint.coordinate),
+                            deflection=renumbered(body.joint.deflection, number))
+            parent = first_body + body.parent
+            if body.parent == WORLD:
+                placement = base.frame(joint.rotation, joint.translation)
+                parent = placement.body
+                joint = replace(joint, rotation=placement.rotation,
+                                translation=placement.translation)
+            beam = renumbered(body.beam, number)
+            self._bodies.append(Body(body.name, parent, joint, body.inertial, beam))
+        self._coordinates += mounted.joint_names
+        self._balls += [first_body + body for body in mounted.balls]
+        self._placements[mounted.base_name] = base
+        for frame in mounted.frames:
+            on_body = base if frame.body == WORLD else Placement(first_body + frame.body)
+            self._placements[frame.name] = on_body.frame(frame.rotation, frame.translation)
+        self.load(mounted.base_name, mounted.base_inertial)
+
+    def model(self) -> Model:
+        """Return the model; raise ModelError if it has no body."""
+        if not self._bodies:
+            raise ModelError(f"mechanism '{self.name}': no body; expected at least one")
+        if self._impossible:
+            names = ', '.join(dict.fromkeys(self._impossible))
+            warnings.warn('inertias that no rigid body can have, accepted by strict=False: '
+                          f'{names}', ModelWarning, stacklevel=2)
+        frames = [Frame(name, placement.body, placement.rotation, placement.translation)
+                  for name, placement in self._placements.items()]
+        ball_freedoms = [self._bodies[k].joint.coordinate for k in self._balls]
+        return Model(self.name, self._bodies_with_common_limits(),
+                     quaternion_names(self._coordinates, ball_freedoms), tuple(frames),
+                     self.gravity, self._base_name, self._base_inertial, tuple(self._balls))
+
+    def _add_joints(self, singles: Sequence[StatedJoint], placement: Placement,
+                    fields: dict[str, Any]) -> Placement:
+        """Add the bodies of joints in series; return the placement of the last one."""
+        for single in singles:
+            # A revolute part of a ball joint, too, is a joint of one degree of freedom.
+            kind: Any = 'prismatic' if single.kind == 'prismatic' else 'revolute'
+            carrier = placement.frame(single.rotation, single.translation)
+            joint = Joint(single.name, kind, single.axis, carrier.rotation, carrier.translation,
+                          **{'coordinate': len(self._coordinates), **fields})
+            self._bodies.append(Body(single.child, carrier.body, joint))
+            if 'coordinate' not in fields:  # as of a joint that mimics another
+                self._coordinates.append(single.name)
+            placement = Placement(len(self._bodies) - 1)
+        return placement
+
+    def _clamp(self, name: str, on: str, **options: Any) -> None:
         """Add a body clamped to its parent, by a joint with multiplier 0."""
         self.body(name, on, 'fixed', **options)
-        joint = options.get('joint') or name
-        self._check_joint(joint)
+        joint_name = options.get('joint') or name
+        self._check_joint(joint_name)
         placement = self._placements[name]
-        self._bodies.append(Body(name, placement.body, Joint(
-            joint, 'revolute', np.array([0.0, 0.0, 1.0]), placement.rotation,
-            placement.translation, coordinate, multiplier=0.0)))
+        joint = Joint(joint_name, 'revolute', np.array(Z), placement.rotation,
+                      placement.translation, len(self._coordinates), multiplier=0.0)
+        self._bodies.append(Body(name, placement.body, joint))
         self._placements[name] = Placement(len(self._bodies) - 1)
 
     def _mimic_fields(self, what: str, kind: str, mimic: str | None, multiplier: float,
@@ -279,17 +430,95 @@ class ModelBuilder(ModelAssembly):
                                  'mimic; expected the joint that it follows')
             return {}
         if kind not in ('revolute', 'prismatic'):
-            raise ModelError(f'{what}: a {kind} joint mimics {mimic!r}; expected kind revolute or '
-                             'prismatic')
-        masters = {body.joint.name: body.joint for k, body in enumerate(self._bodies)
+            raise ModelError(f'{what}: a {kind} joint mimics {mimic!r}; expected kind revolute '
+                             'or prismatic')
+        masters = {body.joint.name: body.joint for index, body in enumerate(self._bodies)
                    if body.joint.deflection is None and body.joint.multiplier
-                   and not any(first <= k < first + 3 for first in self._balls)}
+                   and not is_ball_part(index, self._balls)}
         if mimic not in masters:
             raise ModelError(f'{what}: mimic: {mimic!r}; expected one of {listing(masters)}')
-        ratio, shift = (float(constant(value, (), f'{what}: {word}')) for value, word in (
-            (multiplier, 'multiplier'), (offset, 'offset')))
+        ratio = float(constant(multiplier, (), f'{what}: multiplier'))
+        shift = float(constant(offset, (), f'{what}: offset'))
         if not ratio:
             raise ModelError(f'{what}: multiplier: 0; expected another number')
+        # The master may itself mimic a joint; both then share that joint's coordinate.
         master = masters[mimic]
         return {'coordinate': master.coordinate, 'multiplier': ratio * master.multiplier,
                 'offset': ratio * master.offset + shift}
+
+    def _bodies_with_common_limits(self) -> tuple[Body, ...]:
+        """Return the bodies; limits of joints that mimic others narrow those of their masters."""
+        bodies = list(self._bodies)
+        masters = {body.joint.name: index for index, body in enumerate(bodies)
+                   if body.joint.name in self._coordinates}
+        for body in self._bodies:
+            joint = body.joint
+            index = masters.get(self._coordinates[joint.coordinate])
+            follows = joint.deflection is None and joint.multiplier != 0.0
+            if index is None or not follows or joint.name in masters:
+                continue
+            master = bodies[index].joint
+            limits = master.limits.with_follower(joint.limits, joint.multiplier, joint.offset)
+            if limits is None:
+                raise ModelError(
+                    f"joint '{joint.name}': limits {joint.limits.lower:g} to "
+                    f"{joint.limits.upper:g}, which exclude all positions of '{master.name}', "
+                    'the joint that it follows; expected limits with a common range')
+            bodies[index] = replace(bodies[index], joint=replace(master, limits=limits))
+        return tuple(bodies)
+
+    def _placement(self, on: str, what: str) -> Placement:
+        """Return the placement of a frame; raise ModelError for an unknown name."""
+        if not isinstance(on, str) or on not in self._placements:
+            raise ModelError(f"{what}: no body or frame '{on}'; expected one of "
+                             f'{listing(self._placements)}')
+        return self._placements[on]
+
+    def _check_new(self, name: str) -> None:
+        if not isinstance(name, str) or not name:
+            raise ModelError(f'name of a body or frame: {name!r}; expected a text')
+        if name in self._placements:
+            raise ModelError(f"body or frame '{name}': exists already; expected a unique name")
+
+    def _check_joint(self, name: str) -> None:
+        if name in (body.joint.name for body in self._bodies):
+            raise ModelError(f"joint '{name}': exists already; expected a unique name")
+
+
+def _checked_turns(turns: str, count: int, what: str) -> str:
+    """Return the first `count` rotation axes; raise ModelError if two in a row are equal."""
+    if isinstance(turns, str) and count == 2:
+        turns = turns[:2]  # the default has three
+    valid = isinstance(turns, str) and len(turns) == count and set(turns) <= set('xyz')
+    if not valid or any(a == b for a, b in pairwise(turns)):
+        raise ModelError(f"{what}: turns '{turns}'; expected x, y or z for each rotation, "
+                         'different from the previous one')
+    return turns
+
+
+def _check_properties(joint: str, properties: dict[str, Any],
+                      single_names: Sequence[str] = ()) -> None:
+    """Raise ModelError for an unknown property, or for properties of several joints at once."""
+    if properties and len(single_names) > 1:
+        raise ModelError(f"joint '{joint}': {', '.join(properties)} of {len(single_names)} "
+                         f'degrees of freedom; expected joint() for one of '
+                         f'{", ".join(single_names)}')
+    unknown = sorted(set(properties) - set(PROPERTIES))
+    if unknown:
+        raise ModelError(f"joint '{joint}': no property '{unknown[0]}'; expected one of "
+                         f'{", ".join(PROPERTIES)}')
+
+
+def _check_inertial(on: str, inertial: Inertial) -> None:
+    """Raise ModelError for what is no Inertial."""
+    if not isinstance(inertial, Inertial):
+        raise ModelError(f"'{on}': inertial properties: a {type(inertial).__name__}; expected an "
+                         'Inertial (inertial=), such as of rod, disc, ball, box, point_mass')
+
+
+def _direction(axis: ArrayLike, what: str) -> Array:
+    """Return a direction; raise ModelError for the zero vector."""
+    vector = constant(axis, (3,), f'{what}: axis')
+    if not vector.any():
+        raise ModelError(f'{what}: axis {vector.tolist()}; expected a nonzero vector')
+    return vector

@@ -16,12 +16,12 @@ from kane_dynamics._util.checks import instance, number
 from kane_dynamics._util.text import listing, SHORT
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.model.ball_coordinates import quaternion_names
+from kane_dynamics.model.beam import renumbered
 from kane_dynamics.model.builder import ModelBuilder
 from kane_dynamics.model.inertial import Inertial
-from kane_dynamics.model.joint_expansion import quaternion_names
-from kane_dynamics.model.model import Body, Joint, Model, ROUNDING, WORLD
-from kane_dynamics.model.model_assembly import ORIGIN
-from kane_dynamics.model.placement import EYE, Placement, rotation_about, snapped
+from kane_dynamics.model.model import Body, Frame, Joint, Model, ROUNDING, WORLD
+from kane_dynamics.model.placement import EYE, ORIGIN, Placement, rotation_about, snapped
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -122,8 +122,8 @@ def with_names(model: Model, names: Mapping[str, str]) -> Model:
     """
     instance(model, Model, 'model')
     _require_mapping(names, 'names', 'present names to new ones')
-    known = {model.name, model.base_name, *model.coordinate_names, *model.joint_names,
-             *(frame.name for frame in model.frames)}
+    known = {model.name, model.base_name, *model.coordinate_names, *model.joint_names}
+    known |= {frame.name for frame in model.frames}
     for body in model.bodies:
         known |= {body.name, body.joint.name}
     for name, new in names.items():
@@ -133,15 +133,14 @@ def with_names(model: Model, names: Mapping[str, str]) -> Model:
         if not isinstance(new, str) or not new:
             raise InputError(f'names: {new!r} for {name!r}; expected a text')
 
-    def called(name: str) -> str:
-        return names.get(name, name)
-    bodies = [replace(body, name=called(body.name),
-                      joint=replace(body.joint, name=called(body.joint.name)))
-              for body in model.bodies]
+    def renamed(record: Any) -> Any:
+        return replace(record, name=names.get(record.name, record.name))
+    bodies = [renamed(replace(body, joint=renamed(body.joint))) for body in model.bodies]
     return replace(
-        model, name=called(model.name), base_name=called(model.base_name), bodies=tuple(bodies),
-        coordinate_names=tuple(called(name) for name in model.coordinate_names),
-        frames=tuple(replace(frame, name=called(frame.name)) for frame in model.frames))
+        model, name=names.get(model.name, model.name),
+        base_name=names.get(model.base_name, model.base_name), bodies=tuple(bodies),
+        coordinate_names=tuple(names.get(name, name) for name in model.coordinate_names),
+        frames=tuple(renamed(frame) for frame in model.frames))
 
 
 def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
@@ -172,59 +171,100 @@ def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
     """
     instance(model, Model, 'model')
     held = _checked_positions(model, positions)
-    kept = [k for k in range(model.n) if k not in held]
-    if not kept:
+    free = [k for k in range(model.n) if k not in held]
+    if not free:
         raise InputError(f'positions: all joints, {listing(positions)}; expected at least one '
                          'joint that moves')
-    places: list[Placement] = []  # of each body of the model, on the bodies of the result
-    bodies: list[Body] = []
-    moved = {}  # indices of the bodies that stay
-    base_inertial = model.base_inertial
-    for index, body in enumerate(model.bodies):
-        carrier = Placement(WORLD) if body.parent == WORLD else places[body.parent]
+    merger = _Merger(model.base_inertial, free)
+    for body in model.bodies:
         joint = body.joint
-        placement = carrier.frame(joint.rotation, joint.translation)
         if joint.coordinate in held and joint.deflection is None:
             position = joint.multiplier * held[joint.coordinate] + joint.offset
-            placement = placement.frame(*_displacement(joint, position))
-            if body.beam is not None:
-                # The modes need a body of their own, whose joint does not move.
-                bodies.append(_clamped(body, placement, kept))
-                places.append(Placement(len(bodies) - 1))
-                continue
-            inertial = body.inertial.moved(placement.rotation, placement.translation)
-            if placement.body == WORLD:
-                base_inertial = base_inertial + inertial
-            else:
-                owner = bodies[placement.body]
-                bodies[placement.body] = replace(owner, inertial=owner.inertial + inertial)
+            merger.lock(body, position)
         else:
-            moved[index] = len(bodies)
-            bodies.append(_reindexed(body, placement, kept))
-            placement = Placement(len(bodies) - 1)
-        places.append(placement)
-    frames = []
-    for frame in model.frames:
-        carrier = Placement(WORLD) if frame.body == WORLD else places[frame.body]
-        placement = carrier.frame(frame.rotation, frame.translation)
-        frames.append(replace(frame, body=placement.body, rotation=placement.rotation,
-                              translation=placement.translation))
-    balls = tuple(moved[ball] for ball in model.balls)
-    names = quaternion_names([model.joint_names[k] for k in kept],
-                             [bodies[ball].joint.coordinate for ball in balls])
-    return replace(model, bodies=tuple(bodies), coordinate_names=names, frames=tuple(frames),
-                   base_inertial=base_inertial, balls=balls)
+            merger.keep(body)
+    balls = tuple(merger.placements[ball].body for ball in model.balls)
+    names = quaternion_names([model.joint_names[k] for k in free],
+                             [merger.bodies[ball].joint.coordinate for ball in balls])
+    return replace(model, bodies=tuple(merger.bodies), coordinate_names=names,
+                   frames=tuple(merger.frame(frame) for frame in model.frames),
+                   base_inertial=merger.base_inertial, balls=balls)
+
+
+class _Merger:
+    """Bodies of a model whose locked joints are gone, parents before children."""
+
+    def __init__(self, base_inertial: Inertial, free: list[int]) -> None:
+        """Begin with the base; `free` are the coordinates that stay."""
+        self.base_inertial = base_inertial
+        self.bodies: list[Body] = []
+        self.placements: list[Placement] = []  # of the model's bodies, on those of the result
+        self._free = free
+
+    def keep(self, body: Body) -> None:
+        """Add a body whose joint moves, on its carrier of the result."""
+        carrier = self._joint_placement(body)
+        joint = replace(body.joint, rotation=carrier.rotation, translation=carrier.translation,
+                        coordinate=self._number(body.joint.coordinate),
+                        deflection=renumbered(body.joint.deflection, self._number))
+        self._add(replace(body, parent=carrier.body, joint=joint,
+                          beam=renumbered(body.beam, self._number)))
+
+    def lock(self, body: Body, position: float) -> None:
+        """Make a body a part of its carrier, with the joint at a position, rad or m."""
+        displacement = _displacement(body.joint, position)
+        placement = self._joint_placement(body).frame(*displacement)
+        if body.beam is not None:
+            self._clamp(body, placement)
+            return
+        inertial = body.inertial.moved(placement.rotation, placement.translation)
+        if placement.body == WORLD:
+            self.base_inertial = self.base_inertial + inertial
+        else:
+            carrier = self.bodies[placement.body]
+            self.bodies[placement.body] = replace(carrier, inertial=carrier.inertial + inertial)
+        self.placements.append(placement)
+
+    def frame(self, frame: Frame) -> Frame:
+        """Return a frame of the model on the bodies of the result."""
+        placement = self._on(frame.body).frame(frame.rotation, frame.translation)
+        return replace(frame, body=placement.body, rotation=placement.rotation,
+                       translation=placement.translation)
+
+    def _clamp(self, body: Body, placement: Placement) -> None:
+        """Add a beam with its root fixed, by a joint with multiplier 0 as of `ModelBuilder`."""
+        # The modes need a body of their own, whose joint does not move.
+        beam = renumbered(body.beam, self._number)
+        assert beam is not None
+        joint = Joint(body.joint.name, 'revolute', np.array([0.0, 0.0, 1.0]),
+                      placement.rotation, placement.translation, beam.coordinates[0],
+                      multiplier=0.0)
+        self._add(replace(body, parent=placement.body, joint=joint, beam=beam))
+
+    def _add(self, body: Body) -> None:
+        self.bodies.append(body)
+        self.placements.append(Placement(len(self.bodies) - 1))
+
+    def _joint_placement(self, body: Body) -> Placement:
+        return self._on(body.parent).frame(body.joint.rotation, body.joint.translation)
+
+    def _on(self, body: int) -> Placement:
+        return Placement(WORLD) if body == WORLD else self.placements[body]
+
+    def _number(self, coordinate: int) -> int:
+        return self._free.index(coordinate)
 
 
 def _checked_positions(model: Model, positions: Mapping[str, float]) -> dict[int, float]:
     """Return the positions by coordinate."""
     _require_mapping(positions, 'positions', 'joint names to positions')
-    parts = {model.bodies[ball + k].joint.name for ball in model.balls for k in range(3)}
-    modes = {model.joint_names[k] for k in model.modal_coordinates}
+    without_position = {model.joint_names[k] for k in model.modal_coordinates}
+    for first in model.balls:
+        without_position |= {body.joint.name for body in model.bodies[first:first + 3]}
+    valid = [name for name in model.joint_names if name not in without_position]
     held = {}
     for name, position in positions.items():
-        if name not in model.joint_names or name in parts | modes:
-            valid = [joint for joint in model.joint_names if joint not in parts | modes]
+        if name not in valid:
             raise InputError(f'positions: {name!r} is no joint with a position of its own; '
                              f'expected some of {listing(valid)}')
         held[model.joint_names.index(name)] = number(
@@ -247,7 +287,8 @@ def _warn_of_limits(model: Model, held: Mapping[int, float]) -> None:
         position = held.get(joint.coordinate)
         if position is None or joint.name != model.joint_names[joint.coordinate]:
             continue
-        low, high = joint.limits.lower, joint.limits.upper
+        low = joint.limits.lower
+        high = joint.limits.upper
         if not low - ROUNDING <= position <= high + ROUNDING:
             outside.append(f"'{joint.name}' at {position:g}, limits {low:g} to {high:g}")
     if outside:
@@ -260,23 +301,3 @@ def _displacement(joint: Joint, position: float) -> tuple[Array, Array]:
     if joint.kind == 'prismatic':
         return EYE, position * joint.axis
     return snapped(rotation_about(joint.axis, position)), np.zeros(3)
-
-
-def _clamped(body: Body, placement: Placement, kept: list[int]) -> Body:
-    """Return a beam with its root fixed, by a joint with multiplier 0 as of `ModelBuilder`."""
-    beam: Any = body.beam
-    coordinates = tuple(kept.index(k) for k in beam.coordinates)
-    joint = Joint(body.joint.name, 'revolute', np.array([0.0, 0.0, 1.0]), placement.rotation,
-                  placement.translation, coordinates[0], multiplier=0.0)
-    return replace(body, parent=placement.body, joint=joint,
-                   beam=replace(beam, coordinates=coordinates))
-
-
-def _reindexed(body: Body, placement: Placement, kept: list[int]) -> Body:
-    """Return a body on its carrier of the result, with the indices of the kept coordinates."""
-    def shifted(bent: Any) -> Any:
-        return bent and replace(bent, coordinates=tuple(kept.index(k) for k in bent.coordinates))
-    joint = replace(body.joint, rotation=placement.rotation, translation=placement.translation,
-                    coordinate=kept.index(body.joint.coordinate),
-                    deflection=shifted(body.joint.deflection))
-    return replace(body, parent=placement.body, joint=joint, beam=shifted(body.beam))

@@ -99,15 +99,15 @@ class FlexibleLink:
         bending_stiffness = 0.5 * young * polar
         return cls(length, density, bending_stiffness, modes, torsion=torsion, **options)
 
-    def checked(self, name: str) -> AssumedModes:
+    def assumed_modes(self, name: str) -> AssumedModes:
         """Check the description and return the assumed modes; errors name the link."""
         what = f"beam '{name}'"
-        numbers = {key: float(constant(getattr(self, key), (), f'{what}: {key}'))
-                   for key in ('length', 'density', 'damping')}
-        for key, value in numbers.items():
-            if not value > 0.0 and not (key == 'damping' and value == 0.0):
-                raise ModelError(f'{what}: {key} {value:g}; expected a '
-                                 f'{"nonnegative" if key == "damping" else "positive"} number')
+        for key in ('length', 'density', 'damping'):
+            value = float(constant(getattr(self, key), (), f'{what}: {key}'))
+            may_be_zero = key == 'damping'
+            if value < 0.0 or (value == 0.0 and not may_be_zero):
+                sign = 'nonnegative' if may_be_zero else 'positive'
+                raise ModelError(f'{what}: {key} {value:g}; expected a {sign} number')
         stiffness = np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), (2,))
         modes = np.broadcast_to(np.asarray(self.modes), (2,))
         if modes.dtype.kind not in 'iu' or modes.min() < 0:
@@ -115,67 +115,97 @@ class FlexibleLink:
                              'modes, 0 or more')
         if not (np.isfinite(stiffness).all() and stiffness[modes > 0].min(initial=1.0) > 0.0):
             raise ModelError(f'{what}: stiffness {self.stiffness!r}; expected positive EI')
-        e, up = (constant(getattr(self, key), (3,), f'{what}: {key}')
-                 for key in ('direction', 'up'))
+        torsion = self.torsion or Torsion(1.0, 0.0, 0)
+        return AssumedModes(name, self, self._axes(what), stiffness, modes,
+                            torsion.checked(what))
+
+    def _axes(self, what: str) -> Array:
+        """Return the directions of the beam and of its two bendings, (3, 3), one a row."""
+        e = constant(self.direction, (3,), f'{what}: direction')
+        up = constant(self.up, (3,), f'{what}: up')
         side = np.cross(e, up)
         if not np.linalg.norm(side) > 1e-9 * float(np.linalg.norm(e)):
             raise ModelError(f'{what}: direction {e.tolist()} and up {up.tolist()}; expected two '
                              'different directions')
         e = e / np.linalg.norm(e)
         side = side / np.linalg.norm(side)
-        bending = self.bending if isinstance(self.bending, Sequence) else [self.bending] * 2
-        shapes = [shape or Bending.clamped_free() for shape in bending]
-        return AssumedModes(name, numbers['length'], numbers['density'], numbers['damping'],
-                            stiffness, modes, np.array([e, np.cross(side, e), side]), shapes,
-                            (self.torsion or Torsion(1.0, 0.0, 0)).checked(what),
-                            self.foreshortening)
+        return np.array([e, np.cross(side, e), side])
 
 
 class AssumedModes:
     """Assumed modes of a beam as functions of the position, orthonormal in mass."""
 
-    def __init__(self, name: str, length: float, density: float, damping: float,
-                 stiffness: Array, modes: Array, axes: Array, bending: Sequence[Bending],
-                 torsion: Torsion, foreshortening: bool) -> None:
-        """Evaluate the shapes at the quadrature points."""
-        self.name, self.length, self.density, self.axes = name, length, density, axes
-        self._damping, self._stiffness = damping, stiffness
-        self._modes, self._bending, self._torsion = modes, bending, torsion
-        self._foreshortening = foreshortening
+    def __init__(self, name: str, link: FlexibleLink, axes: Array, stiffness: Array,
+                 modes: Array, torsion: Torsion) -> None:
+        """
+        Evaluate the shapes at the quadrature points.
+
+        Parameters
+        ----------
+        name : str
+            Name of the beam, for its coordinates and for messages.
+        link : FlexibleLink
+            Length, density, damping and shapes of bending are read from it.
+        axes : (3, 3) array
+            Directions of the beam and of the two bendings, one a row.
+        stiffness, modes : (2,) arrays
+            EI and number of modes in the two directions.
+        torsion : Torsion
+            Checked; without modes for none.
+
+        """
+        self.name = name
+        self.length = float(link.length)
+        self.density = float(link.density)
+        self.axes = axes
+        self._damping = float(link.damping)
+        self._stiffness = stiffness
+        self._modes = modes
+        self._torsion = torsion
+        self._foreshortening = link.foreshortening
+        bending = link.bending
+        if not isinstance(bending, Sequence):
+            bending = (bending or Bending.clamped_free(),) * 2
+        self._bending = list(bending)
         self._bends = int(modes.sum())
         self.count = self._bends + torsion.modes
-        self.x, self._weights = gauss(length, self.count)
+        self.x, self._weights = gauss(self.length, self.count)
         self._mixing = [self._orthonormal(plane) for plane in range(2)]
 
     @property
     def names(self) -> list[str]:
         """Return the names of the modal coordinates: <beam>/mode_1, <beam>/twist_1, ..."""
-        return [f'{self.name}/{kind}_{k + 1}' for kind, count in (
-            ('mode', self._bends), ('twist', self._torsion.modes)) for k in range(count)]
+        bends = [f'{self.name}/mode_{k + 1}' for k in range(self._bends)]
+        twists = [f'{self.name}/twist_{k + 1}' for k in range(self._torsion.modes)]
+        return bends + twists
 
     @property
     def inertial(self) -> Inertial:
         """Return the inertial of the straight beam: a rod with the rotary inertia of torsion."""
-        mass, e = self.density * self.length, self.axes[0]
-        end, polar = self.length * e, self._torsion.inertia * self.length
-        return Inertial(mass, 0.5 * end, mass / 12.0 * (
-            end @ end * np.eye(3) - np.outer(end, end)) + 0.5 * polar * (
-            np.eye(3) + np.outer(e, e)))
+        e = self.axes[0]
+        end = self.length * e
+        mass = self.density * self.length
+        rod = mass / 12.0 * (end @ end * np.eye(3) - np.outer(end, end))
+        polar = self._torsion.inertia * self.length
+        sections = 0.5 * polar * (np.eye(3) + np.outer(e, e))
+        return Inertial(mass, 0.5 * end, rod + sections)
 
     def _orthonormal(self, plane: int) -> Array:
         """Return the matrix, (k, k), that makes the assumed shapes orthonormal in mass."""
         count = int(self._modes[plane])
         if not count:
             return np.zeros((0, 0))
-        phi = self._assumed(plane, self.x)[0]
+        phi, _, _ = self._assumed(plane, self.x)
         gram = (phi * (self._weights * self.density)) @ phi.T
-        tip = self._assumed(plane, np.array([self.length]))[0][:, 0]
+        phi_at_tip, _, _ = self._assumed(plane, np.array([self.length]))
+        tip = phi_at_tip[:, 0]
         gram = gram + self._bending[plane].tip_mass * np.outer(tip, tip)
-        size = np.linalg.eigvalsh(gram)
-        if not size[0] > DEPENDENT * size[-1]:
+        values = np.linalg.eigvalsh(gram)
+        if not values[0] > DEPENDENT * values[-1]:
             raise ModelError(f"beam '{self.name}': {count} linearly dependent shapes of bending "
-                             f'(singular values {size[0]:.3g} to {size[-1]:.3g}); expected '
+                             f'(singular values {values[0]:.3g} to {values[-1]:.3g}); expected '
                              'independent ones')
+        # With gram = L L^T, the shapes L^-1 phi have the unit matrix as theirs.
         return np.linalg.inv(np.linalg.cholesky(gram))
 
     def _assumed(self, plane: int, x: Array) -> Shapes:
@@ -184,31 +214,36 @@ class AssumedModes:
 
     def at(self, x: Array) -> tuple[Array, Array, Array]:
         """Return phi, phi' and phi'', (len(x), m, 3) each, at positions x along the beam."""
-        result = np.zeros((3, len(x), self.count, 3))
+        shapes = np.zeros((3, len(x), self.count, 3))
         first = 0
         for plane, mixing in enumerate(self._mixing):
             last = first + len(mixing)
             if len(mixing):
-                for k, values in enumerate(self._assumed(plane, x)):
-                    result[k, :, first:last] = np.multiply.outer((mixing @ values).T,
-                                                                 self.axes[1 + plane])
+                direction = self.axes[1 + plane]
+                for order, assumed in enumerate(self._assumed(plane, x)):
+                    orthonormal = mixing @ assumed
+                    shapes[order, :, first:last] = np.multiply.outer(orthonormal.T, direction)
             first = last
-        return result[0], result[1], result[2]
+        phi, slope, curvature = shapes
+        return phi, slope, curvature
 
     def twists(self, x: Array) -> tuple[Array, Array]:
         """Return psi and psi', (len(x), m) each, at positions x along the beam."""
-        result = np.zeros((2, len(x), self.count))
-        result[:, :, self._bends:] = np.transpose(self._torsion.at(x, self.length), (0, 2, 1))
-        return result[0], result[1]
+        twists = np.zeros((2, len(x), self.count))
+        twists[:, :, self._bends:] = np.transpose(self._torsion.at(x, self.length), (0, 2, 1))
+        psi, slope = twists
+        return psi, slope
 
     def shortening(self, x: Array) -> Array:
         """Return the foreshortening matrices H at positions x, (len(x), m, m)."""
         H = np.zeros((len(x), self.count, self.count))
-        if self._foreshortening:
-            for k, end in enumerate(x):
-                places, weights = gauss(float(end), self.count)
-                slope = self.at(places)[1]
-                H[k] = np.einsum('gik,gjk->ij', weights[:, None, None] * slope, slope)
+        if not self._foreshortening:
+            return H
+        for k, end in enumerate(x):
+            # H_ij = int_0^x phi_i' . phi_j', by a quadrature of its own up to this position.
+            points, weights = gauss(float(end), self.count)
+            _, slope, _ = self.at(points)
+            H[k] = np.einsum('gik,gjk->ij', weights[:, None, None] * slope, slope)
         return H
 
     def _roll(self, x: float) -> Array:
@@ -219,8 +254,8 @@ class AssumedModes:
         axes and by theta about the beam. Its torsion is theta' + v'' w'. Without torsion theta is
         therefore -int v'' w'.
         """
-        places, weights = gauss(x, self.count)
-        _, slope, curvature = self.at(places)
+        points, weights = gauss(x, self.count)
+        _, slope, curvature = self.at(points)
         _, up, side = self.axes
         product: Array = np.einsum('g,gi,gj->ij', weights, curvature @ up, slope @ side)
         roll: Array = -(product + product.T)
@@ -229,21 +264,32 @@ class AssumedModes:
     def beam(self, coordinates: tuple[int, ...]) -> Beam:
         """Return the modal integrals for the equations of motion."""
         phi, _, curvature = self.at(self.x)
-        dm, e = self._weights * self.density, self.axes[0]
-        basis, straight = self._linear_functions()
-        axial = -np.einsum('g,ag,gij->aij', dm, basis, self.shortening(self.x))
-        EI = np.repeat([*self._stiffness, 0.0], [*self._modes, self._torsion.modes])
-        K = np.einsum('g,gik,gjk->ij', self._weights, curvature, curvature) * EI[:, None]
-        (psi, twist), polar = self.twists(self.x), self._weights * self._torsion.inertia
-        K = K + np.einsum('g,gi,gj->ij', self._weights * self._torsion.stiffness, twist, twist)
+        psi, twist = self.twists(self.x)
+        e = self.axes[0]
+        dm = self._weights * self.density
+        polar = self._weights * self._torsion.inertia
+
+        # Mass: that of the deflections and that of the turning sections.
         mass = (np.einsum('g,gik,gjk->ij', dm, phi, phi)
                 + np.einsum('g,gi,gj->ij', polar, psi, psi))
+
+        # Stiffness: EI phi'' . phi'' of each mode of bending, and GJ psi' psi'.
+        no_bending = np.zeros(self._torsion.modes)
+        EI = np.append(np.repeat(self._stiffness, self._modes.astype(int)), no_bending)
+        bending = np.einsum('g,gik,gjk->ij', self._weights, curvature, curvature) * EI[:, None]
+        GJ = self._weights * self._torsion.stiffness
+        stiffness = bending + np.einsum('g,gi,gj->ij', GJ, twist, twist)
+
+        # Foreshortening: its coefficients in the constant and the linear function of x.
+        basis, straight = self._linear_functions()
+        axial = -np.einsum('g,ag,gij->aij', dm, basis, self.shortening(self.x))
         return Beam(
             coordinates, straight, _clean(axial),
             coupling=_clean(np.einsum('g,gik,ag->iak', dm, phi, basis)),
             products=_clean(np.einsum('g,gik,gjl->ijkl', dm, phi, phi)),
             twist_momentum=_clean(np.multiply.outer(polar @ psi, e)),
-            mass=_clean(mass), stiffness=_clean(K), damping=_clean(self._damping * K),
+            mass=_clean(mass), stiffness=_clean(stiffness),
+            damping=_clean(self._damping * stiffness),
             root_of_mass=math.sqrt(self.density * self.length),
             points=np.multiply.outer(self.x, e), weights=dm, shapes=phi,
             shortening=-np.einsum('ag,aij->gij', basis, axial), twists=psi, spins=polar,
@@ -255,34 +301,44 @@ class AssumedModes:
 
         The functions are at the quadrature points, (2, g); the coefficients of x are (2,).
         """
-        root_of_mass, middle = math.sqrt(self.density * self.length), 0.5 * self.length
+        root_of_mass = math.sqrt(self.density * self.length)
+        middle = 0.5 * self.length
         radius = self.length / math.sqrt(12.0)  # of gyration
-        linear = (self.x - middle) / (radius * root_of_mass)
-        return (np.stack([np.full(len(self.x), 1.0 / root_of_mass), linear]),
+        constant_function = np.full(len(self.x), 1.0 / root_of_mass)
+        linear_function = (self.x - middle) / (radius * root_of_mass)
+        return (np.stack([constant_function, linear_function]),
                 root_of_mass * np.array([middle, radius]))
 
     def deflections(self, x: float, coordinates: tuple[int, ...]
                     ) -> list[tuple[str, Kind, Array, Deflection]]:
         """Return the joints of a section in series: name, kind, axis, deflection."""
-        place = np.array([x])
-        phi, slope, _ = (values[0] for values in self.at(place))
-        zero, none = np.zeros(self.count), np.zeros((self.count, self.count))
+        position = np.array([x])
+        phi, slope, _ = (shapes[0] for shapes in self.at(position))
+        twist = self.twists(position)[0][0]
+        shortening = self.shortening(position)[0]
+        roll = self._roll(x)
         e, up, side = self.axes
-        twist, roll = self.twists(place)[0][0], self._roll(x)
+        none = np.zeros(self.count)
+        flat = np.zeros((self.count, self.count))
         # A roll is of second order, so its place among the turns does not matter to this order:
-        # a twisting section has it in its twist, another one before its other turns, where it
+        # a twisting section has it in its twist, another one ahead of its other turns, where it
         # does not separate these from the joint at the section.
-        before, within = (none, roll) if twist.any() else (roll, none)
+        separate_roll = flat if twist.any() else roll
+        roll_of_twist = roll if twist.any() else flat
         parts: list[tuple[str, Kind, Array, Array, Array]] = [
-            ('along', 'prismatic', e, zero, -self.shortening(place)[0]),
-            ('up', 'prismatic', up, phi @ up, none),
-            ('side', 'prismatic', side, phi @ side, none),
-            ('roll', 'revolute', e, zero, before),
-            ('turn_side', 'revolute', side, slope @ up, none),
-            ('turn_up', 'revolute', up, -(slope @ side), none),
-            ('twist', 'revolute', e, twist, within)]
-        return [(name, kind, axis, Deflection(coordinates, _clean(a), _clean(B)))
-                for name, kind, axis, a, B in parts if a.any() or B.any()]
+            ('along', 'prismatic', e, none, -shortening),
+            ('up', 'prismatic', up, phi @ up, flat),
+            ('side', 'prismatic', side, phi @ side, flat),
+            ('roll', 'revolute', e, none, separate_roll),
+            ('turn_side', 'revolute', side, slope @ up, flat),
+            ('turn_up', 'revolute', up, -(slope @ side), flat),
+            ('twist', 'revolute', e, twist, roll_of_twist)]
+        joints = []
+        for name, kind, axis, linear, quadratic in parts:
+            if linear.any() or quadratic.any():
+                deflection = Deflection(coordinates, _clean(linear), _clean(quadratic))
+                joints.append((name, kind, axis, deflection))
+        return joints
 
 
 def _clean(array: Array) -> Array:

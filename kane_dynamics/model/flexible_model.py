@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import replace
-from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
+from kane_dynamics.model.ball_coordinates import quaternion_names
 from kane_dynamics.model.flexible_link import AssumedModes, FlexibleLink
-from kane_dynamics.model.joint_expansion import quaternion_names
 from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Model, WORLD
 import numpy as np
 
+Place = tuple[int, Array, Array]  # a body, and a rotation and a translation in its axes
 ON_AXIS = 1e-9  # relative to the length: distance at which a joint is at a section
 
 
@@ -47,115 +47,131 @@ def with_beam(model: Model, link: str, beam: FlexibleLink,
     names = [body.name for body in model.bodies]
     if link not in names:
         raise ModelError(f"no moving link '{link}' to bend; expected one of {', '.join(names)}")
-    k = names.index(link)
-    if model.bodies[k].beam is not None:
+    bent = names.index(link)
+    if model.bodies[bent].beam is not None:
         raise ModelError(f"link '{link}': is a beam already; expected a rigid link")
-    shape = beam.checked(link)
-    coordinates = tuple(range(model.n, model.n + shape.count))
-    own = replace(model.bodies[k], inertial=shape.inertial,
-                  beam=shape.beam(coordinates) if shape.count else None)
-    sections = _Sections(shape, k, coordinates)
-    children = {i: sections.place(body.joint.translation, body.joint.rotation)
-                for i, body in enumerate(model.bodies) if body.parent == k}
-    frames = {frame.name: sections.place(frame.translation, frame.rotation)
-              for frame in model.frames if frame.body == k}
-    tip = sections.place(shape.length * shape.axes[0], np.eye(3))
-    for name, inertial in riders:
-        own = sections.with_load(model.frame(name), inertial, own)
-    more = len(sections.bodies)
+    modes = beam.assumed_modes(link)
+    coordinates = tuple(range(model.n, model.n + modes.count))
+    root = replace(model.bodies[bent], inertial=modes.inertial)
+    if modes.count:
+        root = replace(root, beam=modes.beam(coordinates))
 
-    def number(i: int) -> int:
-        return i if i <= k else i + more
-    rest = []
-    for i, body in enumerate(model.bodies[k + 1:], k + 1):
-        parent, joint = number(body.parent), body.joint
-        if i in children:
-            parent, p, R = children[i]
-            joint = replace(joint, translation=p, rotation=R)
-        rest.append(replace(body, parent=parent, joint=joint))
-    moved = [Frame(frame.name, *_rotation_first(frames[frame.name])) if frame.name in frames else
-             replace(frame, body=number(frame.body)) for frame in model.frames]
-    moved.append(Frame(f'{link}/tip', *_rotation_first(tip)))
-    return replace(model, bodies=(*model.bodies[:k], own, *sections.bodies, *rest),
-                   frames=tuple(moved), balls=tuple(number(b) for b in model.balls),
-                   coordinate_names=(*model.coordinate_names, *shape.names))
+    # What the link carries moves to sections, which become bodies behind the beam's root.
+    sections = _Sections(modes, bent, coordinates)
+    carried_joints = {index: sections.place(body.joint.rotation, body.joint.translation)
+                      for index, body in enumerate(model.bodies) if body.parent == bent}
+    carried_frames = {frame.name: sections.place(frame.rotation, frame.translation)
+                      for frame in model.frames if frame.body == bent}
+    tip = sections.place(np.eye(3), modes.length * modes.axes[0])
+    for name, inertial in riders:
+        root = sections.with_load(model.frame(name), inertial, root)
+
+    def number(body: int) -> int:
+        return body if body <= bent else body + len(sections.bodies)
+    outer_bodies = []
+    for index, body in enumerate(model.bodies[bent + 1:], bent + 1):
+        if index in carried_joints:
+            parent, R, p = carried_joints[index]
+            joint = replace(body.joint, rotation=R, translation=p)
+            outer_bodies.append(replace(body, parent=parent, joint=joint))
+        else:
+            outer_bodies.append(replace(body, parent=number(body.parent)))
+    frames = []
+    for frame in model.frames:
+        if frame.name in carried_frames:
+            frames.append(Frame(frame.name, *carried_frames[frame.name]))
+        else:
+            frames.append(replace(frame, body=number(frame.body)))
+    frames.append(Frame(f'{link}/tip', *tip))
+    bodies = (*model.bodies[:bent], root, *sections.bodies, *outer_bodies)
+    return replace(model, bodies=bodies, frames=tuple(frames),
+                   balls=tuple(number(first) for first in model.balls),
+                   coordinate_names=(*model.coordinate_names, *modes.names))
 
 
 def stiffened(model: Model) -> Model:
-    """Return the model with rigid straight links in place of beams, without modal coordinates."""
+    """Return the model with rigid straight links for beams, without modal coordinates."""
     if not model.flexible:
         return model
     modal = model.modal_coordinates
-    numbers = {k: number for number, k in enumerate(
-        k for k in range(model.n) if k not in modal)}
+    rigid = [k for k in range(model.n) if k not in modal]
     bodies: list[Body] = []
-    places: list[tuple[int, Array, Array]] = []  # carrier and pose of each body of the model
+    places: list[Place] = []  # of the model's bodies, on those of the result
 
-    def placed(on: int, R: Array, p: Array) -> tuple[int, Array, Array]:
-        if on == WORLD:
-            return on, R, p
-        body, R_on, p_on = places[on]
-        return body, R_on @ R, p_on + R_on @ p
+    def placed(body: int, R: Array, p: Array) -> Place:
+        if body == WORLD:
+            return body, R, p
+        carrier, R_carrier, p_carrier = places[body]
+        return carrier, R_carrier @ R, p_carrier + R_carrier @ p
     for body in model.bodies:
-        on, R, p = placed(body.parent, body.joint.rotation, body.joint.translation)
+        carrier, R, p = placed(body.parent, body.joint.rotation, body.joint.translation)
         if body.joint.deflection is None:
-            bodies.append(replace(body, parent=on, beam=None, joint=replace(
-                body.joint, rotation=R, translation=p,
-                coordinate=numbers[body.joint.coordinate])))
+            joint = replace(body.joint, rotation=R, translation=p,
+                            coordinate=rigid.index(body.joint.coordinate))
+            bodies.append(replace(body, parent=carrier, beam=None, joint=joint))
             places.append((len(bodies) - 1, np.eye(3), np.zeros(3)))
-        else:  # a section
-            bodies[on] = replace(bodies[on],
-                                 inertial=bodies[on].inertial + body.inertial.moved(R, p))
-            places.append((on, R, p))
-    frames = []
-    for frame in model.frames:
-        on, R, p = placed(frame.body, frame.rotation, frame.translation)
-        frames.append(Frame(frame.name, on, R, p))
-    balls = tuple(places[b][0] for b in model.balls)
-    return replace(model, bodies=tuple(bodies), frames=tuple(frames), balls=balls,
-                   coordinate_names=quaternion_names(
-                       [model.joint_names[k] for k in numbers],
-                       [bodies[b].joint.coordinate for b in balls]))
+        else:  # a section, which becomes a part of its beam
+            inertial = bodies[carrier].inertial + body.inertial.moved(R, p)
+            bodies[carrier] = replace(bodies[carrier], inertial=inertial)
+            places.append((carrier, R, p))
+    frames = tuple(Frame(frame.name, *placed(frame.body, frame.rotation, frame.translation))
+                   for frame in model.frames)
+    balls = tuple(places[first][0] for first in model.balls)
+    names = quaternion_names([model.joint_names[k] for k in rigid],
+                             [bodies[first].joint.coordinate for first in balls])
+    return replace(model, bodies=tuple(bodies), frames=frames, balls=balls,
+                   coordinate_names=names)
 
 
 class _Sections:
     """Sections of a beam, created on demand as massless bodies in series."""
 
-    def __init__(self, modes: AssumedModes, body: int, coordinates: tuple[int, ...]) -> None:
+    def __init__(self, modes: AssumedModes, root: int, coordinates: tuple[int, ...]) -> None:
+        """Begin at the root, body `root` of the model, with the beam's modal coordinates."""
         self.bodies: list[Body] = []
-        self._shape, self._body, self._coordinates = modes, body, coordinates
-        self._ends: dict[float, int] = {}
+        self._modes = modes
+        self._root = root
+        self._coordinates = coordinates
+        self._last_bodies: dict[float, int] = {}  # of each section, by its distance
 
-    def with_load(self, frame: Frame, inertial: Inertial, own: Body) -> Body:
+    def with_load(self, frame: Frame, inertial: Inertial, root: Body) -> Body:
         """Add inertia, given in a frame's axes, to its section; return the beam's root body."""
-        at = frame.translation if frame.name != self._shape.name else inertial.com
-        body, p, R = self.place(at, frame.rotation)
+        at = frame.translation
+        if frame.name == self._modes.name:
+            at = inertial.com  # of the link itself: at the section nearest to it
+        index, R, p = self.place(frame.rotation, at)
         moved = inertial.moved(R, p + frame.translation - at)
-        if body == self._body:
-            return replace(own, inertial=own.inertial + moved)
-        section = self.bodies[body - self._body - 1]
-        self.bodies[body - self._body - 1] = replace(section, inertial=section.inertial + moved)
-        return own
+        if index == self._root:
+            return replace(root, inertial=root.inertial + moved)
+        k = index - self._root - 1
+        section = self.bodies[k]
+        self.bodies[k] = replace(section, inertial=section.inertial + moved)
+        return root
 
-    def place(self, p: Array, R: Array) -> tuple[int, Array, Array]:
+    def place(self, R: Array, p: Array) -> Place:
         """Return the carrying body of a pose on the straight beam, and the pose on that body."""
-        e, length = self._shape.axes[0], self._shape.length
+        e = self._modes.axes[0]
+        length = self._modes.length
         x = min(float(p @ e), length)
         if x <= ON_AXIS * length or not self._coordinates:
-            return self._body, p, R
-        x = next((at for at in self._ends if abs(at - x) < ON_AXIS * length), x)
-        if x not in self._ends:
-            parent, start = self._body, x * e
-            for name, kind, axis, deflection in self._shape.deflections(x, self._coordinates):
-                label = f'{self._shape.name}/at_{x:.6g}/{name}'
-                self.bodies.append(Body(label, parent, Joint(
-                    label, kind, axis, np.eye(3), start, self._coordinates[0],
-                    deflection=deflection)))
-                parent, start = self._body + len(self.bodies), np.zeros(3)
-            self._ends[x] = parent
-        return self._ends[x], p - x * e, R
+            return self._root, R, p
+        for section in self._last_bodies:
+            if abs(section - x) < ON_AXIS * length:
+                x = section
+                break
+        if x not in self._last_bodies:
+            self._last_bodies[x] = self._add_section(x)
+        return self._last_bodies[x], R, p - x * e
 
-
-def _rotation_first(place: tuple[int, Any, Any]) -> tuple[int, Any, Any]:
-    body, p, R = place
-    return body, R, p
+    def _add_section(self, x: float) -> int:
+        """Add the bodies of a section at distance x; return the index of the last one."""
+        parent = self._root
+        start = x * self._modes.axes[0]
+        for name, kind, axis, deflection in self._modes.deflections(x, self._coordinates):
+            label = f'{self._modes.name}/at_{x:.6g}/{name}'
+            joint = Joint(label, kind, axis, np.eye(3), start, self._coordinates[0],
+                          deflection=deflection)
+            self.bodies.append(Body(label, parent, joint))
+            parent = self._root + len(self.bodies)
+            start = np.zeros(3)
+        return parent

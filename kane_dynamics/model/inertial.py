@@ -49,7 +49,8 @@ class Inertial:
         inertia = constant(self.inertia, (3, 3), 'inertia')
         if np.abs(inertia - inertia.T).max() > 1e-9 * max(np.abs(inertia).max(), 1e-300):
             raise ModelError(f'inertia: {inertia.tolist()}; expected a symmetric tensor')
-        freeze(self, 'inertia', constant(0.5 * (inertia + inertia.T), (3, 3), 'inertia'))
+        symmetric = 0.5 * (inertia + inertia.T)  # of files with rounded numbers
+        freeze(self, 'inertia', constant(symmetric, (3, 3), 'inertia'))
 
     def __repr__(self) -> str:
         """Return mass, center of mass and moments on one line."""
@@ -79,7 +80,10 @@ class Inertial:
         mass; kg, kg m, kg m^2. Functions with the parameter 'payload' take them in this order.
         """
         P = self.pseudo_inertia
-        return np.array([P[3, 3], *P[:3, 3], *P[0, :3], *P[1, 1:3], P[2, 2]])
+        mass = P[3, 3]
+        first_moment = P[:3, 3]
+        second_moments = P[np.triu_indices(3)]  # xx, xy, xz, yy, yz, zz
+        return np.array([mass, *first_moment, *second_moments])
 
     @classmethod
     def from_parameters(cls, parameters: ArrayLike) -> Inertial:
@@ -102,7 +106,8 @@ class Inertial:
 
     def moved(self, rotation: ArrayLike, translation: ArrayLike) -> Inertial:
         """Return the inertial in the axes of a frame in which this one is at (R, p)."""
-        R, p = np.asarray(rotation), np.asarray(translation)
+        R = np.asarray(rotation)
+        p = np.asarray(translation)
         return Inertial(self.mass, R @ self.com + p, R @ self.inertia @ R.T)
 
     def __add__(self, other: Inertial) -> Inertial:
@@ -112,11 +117,15 @@ class Inertial:
         if self.mass == 0.0 and not self.inertia.any():
             return other
         mass = self.mass + other.mass
-        com = (self.mass * self.com + other.mass * other.com) / mass if mass > 0.0 else self.com
+        com = self.com
+        if mass > 0.0:
+            com = (self.mass * self.com + other.mass * other.com) / mass
+        # Parallel axis theorem, from each center of mass to the common one.
         inertia = np.zeros((3, 3))
         for part in (self, other):
             d = part.com - com
-            inertia = inertia + part.inertia + part.mass * (d @ d * np.eye(3) - np.outer(d, d))
+            offset_inertia = part.mass * (d @ d * np.eye(3) - np.outer(d, d))
+            inertia = inertia + part.inertia + offset_inertia
         return Inertial(mass, com, inertia)
 
 
@@ -169,5 +178,14 @@ def principal_moments(inertia: ArrayLike, *, mass: float = 0.0,
     """
     a, b, c = np.linalg.eigvalsh(np.asarray(inertia, dtype=np.float64)).tolist()
     noise = rounding * max(abs(a), abs(c)) + 1e-12 * mass
-    return PrincipalMoments((a, b, c), a < -noise, -noise <= a <= noise,
-                            c > (a + b) * (1.0 + 1e-6) + noise)
+    exceeds_the_others = c > (a + b) * (1.0 + 1e-6) + noise
+    return PrincipalMoments((a, b, c), indefinite=a < -noise, singular=-noise <= a <= noise,
+                            triangle=exceeds_the_others)
+
+
+def check_moments(on: str, inertial: Inertial) -> None:
+    """Raise ModelError, which names the body or frame, for impossible principal moments."""
+    moments = principal_moments(inertial.inertia)
+    if not moments.possible:
+        raise ModelError(f"'{on}': principal moments of inertia are {moments}; expected none "
+                         'negative or larger than the sum of the others')

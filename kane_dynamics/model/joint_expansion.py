@@ -5,13 +5,14 @@ A floating, planar, spherical or universal joint becomes prismatic and revolute 
 with documented names. So do ball and free joints, whose three rotations share a quaternion.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.model.placement import snapped
 import numpy as np
+
+Part = tuple[str, str, Array]  # suffix of the name, kind and axis of a joint
 
 
 @dataclass(frozen=True)
@@ -76,58 +77,53 @@ def expand_joint(joint: StatedJoint) -> list[StatedJoint]:
     ball becomes <joint>/wx /wy /wz about the axes of the child body; `Model.balls` says that they
     are not three angles but share a quaternion. free has <joint>/x /y /z before them.
     """
-    eye = np.eye(3)
-    if joint.kind in ('ball', 'free'):
-        parts = [(f'/{s}', 'prismatic', eye[k]) for k, s in enumerate('xyz')] * (
-            joint.kind == 'free') + [(f'/w{s}', 'revolute', eye[k]) for k, s in enumerate('xyz')]
+    if joint.kind == 'ball':
+        parts = _along_or_about('/w', 'revolute')
+    elif joint.kind == 'free':
+        parts = _along_or_about('/', 'prismatic') + _along_or_about('/w', 'revolute')
     elif joint.kind == 'floating':
-        parts = [(f'/{s}', 'prismatic', eye[k]) for k, s in enumerate('xyz')] + _turns(joint.turns)
+        parts = _along_or_about('/', 'prismatic') + _turns(joint.turns)
     elif joint.kind in ('spherical', 'universal'):
         parts = _turns(joint.turns)
     elif joint.kind == 'planar':
-        normal = joint.axis / np.sqrt(joint.axis @ joint.axis)
-        seed = eye[0] if abs(normal[0]) < 1.0 - 1e-9 else eye[1]
-        x = seed - (seed @ normal) * normal
-        x = snapped(x / np.sqrt(x @ x))
-        parts = [('/x', 'prismatic', x), ('/y', 'prismatic', snapped(np.cross(normal, x))),
-                 ('/rz', 'revolute', normal)]
+        parts = _in_plane(joint.axis)
     else:
         return [joint]
-    singles, parent = [], joint.parent
-    for k, (suffix, kind, axis) in enumerate(parts):
+    singles: list[StatedJoint] = []
+    for suffix, kind, axis in parts:
         name = joint.name + suffix
-        child = name if k < len(parts) - 1 else joint.child
-        R, p = (joint.rotation, joint.translation) if k == 0 else (eye, np.zeros(3))
-        singles.append(replace(joint, name=name, kind=kind, parent=parent, child=child, rotation=R,
-                               translation=p, axis=axis, limits=NO_LIMITS))
-        parent = child
+        single = replace(joint, name=name, kind=kind, child=name, axis=axis, limits=NO_LIMITS)
+        if singles:  # all but the first begin at their parent's origin
+            single = replace(single, parent=singles[-1].child, rotation=np.eye(3),
+                             translation=np.zeros(3))
+        singles.append(single)
+    singles[-1] = replace(singles[-1], child=joint.child)
     return singles
 
 
-def places(n: int, balls: Sequence[int]) -> tuple[int | None, ...]:
-    """
-    Return the index in q of each of n degrees of freedom; None for those of ball joints.
-
-    `balls` are the first degrees of freedom of the ball joints, whose entries in q are one more.
-    """
-    turning = {first + k for first in balls for k in range(3)}
-    return tuple(None if r in turning else r + sum(first < r for first in balls)
-                 for r in range(n))
+def _along_or_about(prefix: str, kind: str) -> list[Part]:
+    """Return joints along, or about, x, y and z."""
+    return [(f'{prefix}{letter}', kind, axis) for letter, axis in zip('xyz', np.eye(3))]
 
 
-def quaternion_names(names: Sequence[str], balls: Sequence[int]) -> tuple[str, ...]:
-    """Return the names of q from those of u: /qx /qy /qz /qw of a ball joint for /wx /wy /wz."""
-    found: list[str] = []
-    for r, name in enumerate(names):
-        if r in balls:
-            found += [f"{name.removesuffix('/wx')}/q{s}" for s in 'xyzw']
-        elif not any(first < r < first + 3 for first in balls):
-            found.append(name)
-    return tuple(found)
+def _in_plane(axis: Array) -> list[Part]:
+    """Return the joints of a planar joint: along two axes in the plane, and about its normal."""
+    normal = axis / np.sqrt(axis @ axis)
+    seed = np.array([1.0, 0.0, 0.0])
+    if abs(normal[0]) > 1.0 - 1e-9:
+        seed = np.array([0.0, 1.0, 0.0])
+    x = seed - (seed @ normal) * normal
+    x = snapped(x / np.sqrt(x @ x))
+    y = snapped(np.cross(normal, x))
+    return [('/x', 'prismatic', x), ('/y', 'prismatic', y), ('/rz', 'revolute', normal)]
 
 
-def _turns(axes: str) -> list[tuple[str, str, Array]]:
-    """Return suffix, kind and axis of successive rotations."""
-    again = [axes[:k].count(s) for k, s in enumerate(axes)]
-    return [(f'/r{s}{count + 1 if count else ""}', 'revolute', np.eye(3)['xyz'.index(s)])
-            for s, count in zip(axes, again)]
+def _turns(letters: str) -> list[Part]:
+    """Return joints about successive axes; a second rotation about z is /rz2."""
+    parts = []
+    for k, letter in enumerate(letters):
+        repetitions = letters[:k].count(letter)
+        number = repetitions + 1 if repetitions else ''
+        axis = np.eye(3)['xyz'.index(letter)]
+        parts.append((f'/r{letter}{number}', 'revolute', axis))
+    return parts

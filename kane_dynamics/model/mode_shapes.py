@@ -65,18 +65,23 @@ class Bending:
     def at(self, x: Array, length: float, mass: float, count: int) -> Shapes:
         """Return phi, phi' and phi'' of the first `count` shapes at x, (count, len(x))."""
         if self.function is not None:
-            values = [np.asarray(part, dtype=np.float64) for part in self.function(x)]
-            if any(part.shape != (count, len(x)) or not np.isfinite(part).all()
-                   for part in values):
-                raise ModelError(f'shapes of bending: {[part.shape for part in values]}; expected '
-                                 f'three finite arrays of shape ({count}, {len(x)})')
-            return values[0], values[1], values[2]
-        wave = np.array([self.wave_number(k, mass) for k in range(count)])
-        of = _clamped if self.kind == 'clamped_free' else _pinned
-        rows = [of(beta, x / length) for beta in wave]
-        return (np.array([row[0] for row in rows]).reshape(count, len(x)),
-                np.array([row[1] for row in rows]).reshape(count, len(x)) / length,
-                np.array([row[2] for row in rows]).reshape(count, len(x)) / length**2)
+            return self._user_defined(self.function, x, count)
+        closed_form = _clamped if self.kind == 'clamped_free' else _pinned
+        shapes = np.zeros((3, count, len(x)))
+        for k in range(count):
+            shapes[:, k] = closed_form(self.wave_number(k, mass), x / length)
+        # The derivatives are with respect to x / length.
+        return shapes[0], shapes[1] / length, shapes[2] / length**2
+
+    def _user_defined(self, function: Function, x: Array, count: int) -> Shapes:
+        """Return the shapes of a user's function; raise ModelError for invalid ones."""
+        phi, slope, curvature = shapes = [
+            np.asarray(part, dtype=np.float64) for part in function(x)]
+        for part in shapes:
+            if part.shape != (count, len(x)) or not np.isfinite(part).all():
+                raise ModelError(f'shapes of bending: {[part.shape for part in shapes]}; '
+                                 f'expected three finite arrays of shape ({count}, {len(x)})')
+        return phi, slope, curvature
 
     def wave_number(self, k: int, mass: float) -> float:
         """Return beta L of mode k (from 0): the root of the beam's frequency equation."""
@@ -114,8 +119,9 @@ class Torsion:
         if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 0:
             raise ModelError(f'{what}: torsion: modes {count!r}; expected an integer, 0 or more')
         for key, value in numbers.items():
-            if value < 0.0 or (value == 0.0 and count and key != 'tip_inertia'):
-                sign = 'nonnegative' if key == 'tip_inertia' else 'positive'
+            may_be_zero = key == 'tip_inertia'
+            if value < 0.0 or (value == 0.0 and count and not may_be_zero):
+                sign = 'nonnegative' if may_be_zero else 'positive'
                 raise ModelError(f'{what}: torsion: {key} {value:g}; expected a {sign} number')
         return Torsion(**numbers, modes=int(count))
 
@@ -126,26 +132,31 @@ class Torsion:
         psi = sin(b x / L) with cot b = b J / (rho I_p L) and J the inertia at the tip. The modes
         are orthonormal with respect to the inertia of shaft and tip.
         """
-        def free(b: float) -> float:
-            return math.cos(b) - self.tip_inertia / (self.inertia * length) * b * math.sin(b)
-        rows = []
+        shaft = self.inertia * length
+
+        def torque_at_tip(b: float) -> float:
+            return math.cos(b) - self.tip_inertia / shaft * b * math.sin(b)
+        shapes = np.zeros((2, self.modes, len(x)))
         for k in range(self.modes):
-            b = _root(free, k * math.pi, (k + 0.5) * math.pi)
-            mass = (0.5 * self.inertia * length * (1.0 - math.sin(2.0 * b) / (2.0 * b))
+            b = _root(torque_at_tip, k * math.pi, (k + 0.5) * math.pi)
+            # int rho I_p sin^2(b x / L) dx + J sin^2 b
+            mass = (0.5 * shaft * (1.0 - math.sin(2.0 * b) / (2.0 * b))
                     + self.tip_inertia * math.sin(b) ** 2)
-            rows.append([np.sin(b * x / length) / math.sqrt(mass),
-                         b / length * np.cos(b * x / length) / math.sqrt(mass)])
-        return np.array(rows).reshape(self.modes, 2, len(x)).swapaxes(0, 1)
+            shapes[0, k] = np.sin(b * x / length) / math.sqrt(mass)
+            shapes[1, k] = b / length * np.cos(b * x / length) / math.sqrt(mass)
+        return shapes
 
 
 @cache
 def _wave_number(kind: str, ratio: float, k: int) -> float:
+    """Return beta L of mode k of a beam with `ratio` of its mass at the tip, cached."""
     def clamped(b: float) -> float:
         return (math.cos(b) + 1.0 / math.cosh(b)
                 + ratio * b * (math.cos(b) * math.tanh(b) - math.sin(b)))
 
     def pinned(b: float) -> float:
         return math.sin(b) - math.cos(b) * math.tanh(b)
+    # Each root lies between two multiples of pi.
     if kind == 'clamped_free':
         return _root(clamped, k * math.pi + 1e-9, (k + 1) * math.pi)
     return _root(pinned, (k + 1) * math.pi, (k + 2) * math.pi)
@@ -167,19 +178,25 @@ def _clamped(b: float, x: Array) -> Shapes:
     """Return cosh bx - cos bx - s (sinh bx - sin bx) with two derivatives with respect to x."""
     total = math.sinh(b) + math.sin(b)
     s = (math.cosh(b) + math.cos(b)) / total
-    less = (math.sin(b) - math.cos(b) - math.exp(-b)) / total  # 1 - s, without cancellation
-    grown, faded = 0.5 * less * np.exp(b * x), 0.5 * (1.0 + s) * np.exp(-b * x)
-    sine, cosine = np.sin(b * x), np.cos(b * x)
-    return (grown + faded - cosine + s * sine, b * (grown - faded + sine + s * cosine),
-            b * b * (grown + faded + cosine - s * sine))
+    one_less_s = (math.sin(b) - math.cos(b) - math.exp(-b)) / total  # without cancellation
+    # cosh and sinh by the exponentials that grow and that fade towards the tip.
+    growing = 0.5 * one_less_s * np.exp(b * x)
+    fading = 0.5 * (1.0 + s) * np.exp(-b * x)
+    sine = np.sin(b * x)
+    cosine = np.cos(b * x)
+    return (growing + fading - cosine + s * sine,
+            b * (growing - fading + sine + s * cosine),
+            b * b * (growing + fading + cosine - s * sine))
 
 
 def _pinned(b: float, x: Array) -> Shapes:
     """Return sin bx + (sin b / sinh b) sinh bx with two derivatives with respect to x."""
-    sine, cosine = np.sin(b * x), np.cos(b * x)
-    part = math.sin(b) / math.sinh(b)
-    grown, faded = part * np.sinh(b * x), part * np.cosh(b * x)
-    return sine + grown, b * (cosine + faded), b * b * (grown - sine)
+    sine = np.sin(b * x)
+    cosine = np.cos(b * x)
+    share = math.sin(b) / math.sinh(b)
+    sinh = share * np.sinh(b * x)
+    cosh = share * np.cosh(b * x)
+    return sine + sinh, b * (cosine + cosh), b * b * (sinh - sine)
 
 
 @cache

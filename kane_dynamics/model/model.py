@@ -9,7 +9,8 @@ is three bodies whose joints share a quaternion in q.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 import hashlib
 import math
@@ -22,14 +23,13 @@ from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
+from kane_dynamics.model.ball_coordinates import check_balls, places
 from kane_dynamics.model.beam import Beam, Deflection
-from kane_dynamics.model.builder_checks import check_balls
 from kane_dynamics.model.inertial import Inertial
-from kane_dynamics.model.joint_expansion import places
 import numpy as np
 
 __all__ = ['Array', 'Body', 'Frame', 'GRAVITY', 'Inertial', 'Joint', 'Limits', 'Model', 'WORLD',
-           'constant', 'freeze']
+           'constant', 'freeze', 'with_payload']
 
 GRAVITY = (0.0, 0.0, -9.81)
 ROUNDING = 1e-9  # relative tolerance for equal bounds of a mimic joint and its master
@@ -53,16 +53,21 @@ class Limits:
         The other joint is at multiplier times this one's position plus offset. Its effort limit
         does not count: the torque is this joint's. None if no position satisfies both limits.
         """
+        # Bounds of the follower in positions of this joint; a negative multiplier swaps them.
         bounds = ((other.lower - offset) / multiplier, (other.upper - offset) / multiplier)
         lower = -_least(-self.lower, -min(bounds))
         upper = _least(self.upper, max(bounds))
         velocity = _least(self.velocity, other.velocity / abs(multiplier))
-        return Limits(lower, upper, velocity, self.effort) if lower < upper else None
+        if lower >= upper:
+            return None
+        return Limits(lower, upper, velocity, self.effort)
 
 
 def _least(bound: float, other: float) -> float:
     """Return the lower of two upper bounds; the first if they differ by rounding."""
-    return bound if math.isclose(bound, other, rel_tol=ROUNDING) else min(bound, other)
+    if math.isclose(bound, other, rel_tol=ROUNDING):
+        return bound
+    return min(bound, other)
 
 
 @fixed
@@ -138,8 +143,9 @@ class Joint:
         length = math.hypot(*axis)  # does not overflow
         if length < 1e-12:
             raise ModelError(f'{what}: axis {axis.tolist()}; expected a nonzero vector')
-        freeze(self, 'axis', constant(axis / length if abs(length - 1.0) > 1e-15 else axis, (3,),
-                                      f'{what}: axis'))
+        if abs(length - 1.0) > 1e-15:  # a unit vector keeps its digits
+            axis = constant(axis / length, (3,), f'{what}: axis')
+        freeze(self, 'axis', axis)
         R = constant(self.rotation, (3, 3), f'{what}: rotation')
         if np.abs(R @ R.T - np.eye(3)).max() > 1e-9 or np.linalg.det(R) < 0.0:
             raise ModelError(f'{what}: rotation {R.tolist()}; expected a rotation matrix')
@@ -157,8 +163,8 @@ class Joint:
 
     def __repr__(self) -> str:
         """Return kind, axis and what differs from a free, ideal joint, on one line."""
-        words = [f'{self.kind} about {self.axis.round(6).tolist()}' if self.kind == 'revolute'
-                 else f'{self.kind} along {self.axis.round(6).tolist()}']
+        preposition = 'about' if self.kind == 'revolute' else 'along'
+        words = [f'{self.kind} {preposition} {self.axis.round(6).tolist()}']
         if self.limits != Limits():
             words.append(f'{self.limits.lower:.6g} to {self.limits.upper:.6g}')
         for name in ('damping', 'friction', 'armature', 'stiffness'):
@@ -263,14 +269,10 @@ class Model:
         for k, name in enumerate(self.joint_names):
             if k not in used:
                 raise ModelError(f"coordinate '{name}': moves no joint; expected at least one")
-        for what, names in (('body', [b.name for b in self.bodies]),
-                            ('joint', [b.joint.name for b in self.bodies]),
-                            ('coordinate', list(self.coordinate_names)),
-                            ('frame', [f.name for f in self.frames])):
-            if len(set(names)) < len(names):
-                twice = {name for name in names if names.count(name) > 1}
-                raise ModelError(f'{what} names: {sorted(twice)} more than once; expected unique '
-                                 'names')
+        _check_unique('body', [body.name for body in self.bodies])
+        _check_unique('joint', [body.joint.name for body in self.bodies])
+        _check_unique('coordinate', self.coordinate_names)
+        _check_unique('frame', [frame.name for frame in self.frames])
 
     @property
     def n(self) -> int:
@@ -285,18 +287,29 @@ class Model:
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the free joints, in the order of u and tau; of q too without ball joints."""
-        own = {x.joint.coordinate: x.joint.name for b in self.balls for x in self.bodies[b:b + 3]}
-        return tuple(own[r] if place is None else self.coordinate_names[place]
-                     for r, place in enumerate(self.places))
+        names_of_ball_parts = {}
+        for first in self.balls:
+            for body in self.bodies[first:first + 3]:
+                names_of_ball_parts[body.joint.coordinate] = body.joint.name
+        names = []
+        for freedom, place in enumerate(self.places):
+            if place is None:
+                names.append(names_of_ball_parts[freedom])
+            else:
+                names.append(self.coordinate_names[place])
+        return tuple(names)
 
     @property
     def coordinate_joints(self) -> tuple[Joint, ...]:
         """Joints of the entries of u, never mimic joints; of a mode one without limits."""
+        names = self.joint_names
         by_name = {body.joint.name: body.joint for body in self.bodies}
-        modal = {k: body.beam for body in self.bodies if body.beam for k in body.beam.coordinates}
-        return tuple(by_name[name] if name in by_name else
-                     Joint(name, 'prismatic', modal[k].direction, coordinate=k)
-                     for k, name in enumerate(self.joint_names))
+        for body in self.bodies:
+            if body.beam is None:
+                continue
+            for k in body.beam.coordinates:
+                by_name[names[k]] = Joint(names[k], 'prismatic', body.beam.direction, coordinate=k)
+        return tuple(by_name[name] for name in names)
 
     @property
     def modal_coordinates(self) -> tuple[int, ...]:
@@ -306,19 +319,24 @@ class Model:
     @property
     def sliding(self) -> frozenset[str]:
         """Names of the coordinates that are lengths, with units m and N."""
-        return frozenset(name for name, joint in zip(
-            self.joint_names, self.coordinate_joints) if joint.kind == 'prismatic')
+        named_joints = zip(self.joint_names, self.coordinate_joints)
+        return frozenset(name for name, joint in named_joints if joint.kind == 'prismatic')
 
     @property
     def floating_base(self) -> tuple[str, ...]:
         """Return the six joints of a free or floating base on the world; empty without one."""
         joints = [body.joint for body in self.bodies[:6]]
-        name = joints[0].name.rpartition('/')[0] if joints else ''
-        in_series = [body.parent for body in self.bodies[:6]] == [WORLD, *range(5)]
-        kinds = [joint.kind for joint in joints] == 3 * ['prismatic'] + 3 * ['revolute']
-        one_joint = bool(name) and all(joint.name.startswith(f'{name}/') for joint in joints)
-        return tuple(joint.name for joint in joints) if (
-            in_series and kinds and one_joint) else ()
+        parents = [body.parent for body in self.bodies[:6]]
+        kinds = [joint.kind for joint in joints]
+        in_series = parents == [WORLD, *range(5)]
+        if not in_series or kinds != 3 * ['prismatic'] + 3 * ['revolute']:
+            return ()
+        names = tuple(joint.name for joint in joints)
+        stated_name = names[0].rpartition('/')[0]
+        # The six come from one joint of the file, whose name they share.
+        if not stated_name or not all(name.startswith(f'{stated_name}/') for name in names):
+            return ()
+        return names
 
     @property
     def flexible(self) -> bool:
@@ -356,7 +374,7 @@ class Model:
         return replace(
             self, base_name=prefix + self.base_name,
             coordinate_names=tuple(prefix + name for name in self.coordinate_names),
-            frames=tuple(replace(each, name=prefix + each.name) for each in self.frames),
+            frames=tuple(replace(frame, name=prefix + frame.name) for frame in self.frames),
             bodies=tuple(replace(body, name=prefix + body.name, joint=replace(
                 body.joint, name=prefix + body.joint.name)) for body in self.bodies))
 
@@ -369,3 +387,40 @@ class Model:
     def digest(self) -> str:
         """Return a hash of everything that affects the dynamics, including names."""
         return hashlib.sha256(repr(plain(self)).encode()).hexdigest()
+
+
+def with_payload(model: Model, frame: str, payload: Inertial) -> Model:
+    """
+    Return the model with a payload attached.
+
+    Parameters
+    ----------
+    model : Model
+        The mechanism.
+    frame : str
+        Name of the frame in whose axes and from whose origin the payload is given.
+    payload : Inertial
+        Inertial properties of the payload.
+
+    Raises
+    ------
+    InputError
+        If the frame does not exist; the message lists the valid ones.
+
+    """
+    at = model.frame(frame)
+    moved = payload.moved(at.rotation, at.translation)
+    if at.body == WORLD:
+        return replace(model, base_inertial=model.base_inertial + moved)
+    bodies = list(model.bodies)
+    carrier = bodies[at.body]
+    bodies[at.body] = replace(carrier, inertial=carrier.inertial + moved)
+    return replace(model, bodies=tuple(bodies))
+
+
+def _check_unique(what: str, names: Sequence[str]) -> None:
+    """Raise ModelError for names that are there more than once."""
+    repeated = [name for name, count in Counter(names).items() if count > 1]
+    if repeated:
+        raise ModelError(f'{what} names: {sorted(repeated)} more than once; expected unique '
+                         'names')

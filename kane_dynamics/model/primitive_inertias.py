@@ -6,10 +6,9 @@ from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
 from kane_dynamics.model.inertial import Inertial
+from kane_dynamics.model.placement import ORIGIN
 import numpy as np
 from numpy.typing import ArrayLike
-
-ORIGIN = (0.0, 0.0, 0.0)
 
 
 def _size(value: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
@@ -37,10 +36,11 @@ def rod(mass: float, start: ArrayLike, end: ArrayLike) -> Inertial:
         m.
 
     """
-    a, b = constant(start, (3,), 'start of a rod'), constant(end, (3,), 'end of a rod')
+    a = constant(start, (3,), 'start of a rod')
+    b = constant(end, (3,), 'end of a rod')
     length = b - a
-    inertia = float(constant(mass, (), 'mass')) / 12.0 * (
-        length @ length * np.eye(3) - np.outer(length, length))
+    m = float(constant(mass, (), 'mass'))
+    inertia = m / 12.0 * (length @ length * np.eye(3) - np.outer(length, length))
     return Inertial(mass, 0.5 * (a + b), inertia)
 
 
@@ -71,21 +71,23 @@ def disc(mass: float, radius: float, axis: ArrayLike = (0.0, 0.0, 1.0), *,
         raise ModelError(f'axis of a disc: {n.tolist()}; expected a nonzero vector')
     along = np.outer(n, n) / (n @ n)
     m = float(constant(mass, (), 'mass'))
-    r, h = (float(_size(x, (), f'{what} of a disc'))
-            for x, what in ((radius, 'radius'), (thickness, 'thickness')))
-    inertia = 0.5 * m * r * r * along + m * (r * r / 4.0 + h * h / 12.0) * (np.eye(3) - along)
+    r = float(_size(radius, (), 'radius of a disc'))
+    h = float(_size(thickness, (), 'thickness of a disc'))
+    across = m * (r * r / 4.0 + h * h / 12.0)
+    inertia = 0.5 * m * r * r * along + across * (np.eye(3) - along)
     return Inertial(mass, constant(at, (3,), 'center of a disc'), inertia)
 
 
 def ball(mass: float, radius: float, at: ArrayLike = ORIGIN) -> Inertial:
     """Return the inertial of a solid ball: 2/5 m r^2 about every diameter; kg and m."""
     size = float(_size(radius, (), 'radius of a ball'))
-    return Inertial(mass, constant(at, (3,), 'center of a ball'),
-                    0.4 * float(constant(mass, (), 'mass')) * size**2 * np.eye(3))
+    m = float(constant(mass, (), 'mass'))
+    return Inertial(mass, constant(at, (3,), 'center of a ball'), 0.4 * m * size**2 * np.eye(3))
 
 
 def box(mass: float, size: ArrayLike, at: ArrayLike = ORIGIN) -> Inertial:
     """Return the inertial of a box with edges `size`, (3,), m: m/12 (b^2 + c^2) about a."""
     squares: Array = _size(size, (3,), 'size of a box')**2
-    inertia = float(constant(mass, (), 'mass')) / 12.0 * np.diag(squares.sum() - squares)
+    m = float(constant(mass, (), 'mass'))
+    inertia = m / 12.0 * np.diag(squares.sum() - squares)
     return Inertial(mass, constant(at, (3,), 'center of a box'), inertia)

@@ -22,8 +22,7 @@ from kane_dynamics.mechanics.constraints.constrained_equations import Constraine
 from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
                                                                     coordinates_by_name)
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
-from kane_dynamics.model.model import Inertial, Model
-from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.model.model import Inertial, Model, with_payload
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.kernel_set import KernelSet

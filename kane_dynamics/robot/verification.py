@@ -11,8 +11,7 @@ from kane_dynamics.mechanics.ball_joints import joint_positions, moved, neutral
 from kane_dynamics.mechanics.constraints.conditioning import figure, stacked
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.definition import beams, kane, nonholonomic
-from kane_dynamics.model.model import Model
-from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.model.model import Model, with_payload
 import numpy as np
 
 Pair = tuple[Array, Array]  # result of a kernel, result of the definition

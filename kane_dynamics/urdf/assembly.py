@@ -8,8 +8,9 @@ from kane_dynamics._util.checks import constant
 from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError, UrdfError
+from kane_dynamics.model.ball_coordinates import quaternion_names
 from kane_dynamics.model.inertial import principal_moments
-from kane_dynamics.model.joint_expansion import quaternion_names, StatedJoint
+from kane_dynamics.model.joint_expansion import StatedJoint
 from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model, WORLD
 from kane_dynamics.model.placement import EYE, Placement, rotation_about, snapped
 from kane_dynamics.urdf.limits import coordinate_limits, UNLIMITED

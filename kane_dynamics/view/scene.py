@@ -5,9 +5,9 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.kinematics.body_poses import body_poses
+from kane_dynamics.model.link_shapes import LINK_COLOR, LinkShape, shapes_of_bodies
 from kane_dynamics.model.model import Model
-from kane_dynamics.shapes.link_shapes import body_poses, LINK, link_shapes
-from kane_dynamics.urdf.visuals import Visual
 from kane_dynamics.view.load_arrows import KINDS
 import numpy as np
 import trimesh
@@ -30,14 +30,14 @@ class Scene:
         That shows it.
     model : Model
         The robot.
-    visuals : sequence of Visual
+    visuals : sequence of LinkShape
         Of its links.
     extent : float
         The robot's size, m.
 
     """
 
-    def __init__(self, server: ViserServer, model: Model, visuals: Sequence[Visual],
+    def __init__(self, server: ViserServer, model: Model, visuals: Sequence[LinkShape],
                  extent: float) -> None:
         """Draw floor, light and shapes, with all bodies at the world's origin."""
         self.server, self.model, self.extent = server, model, extent
@@ -51,7 +51,7 @@ class Scene:
         self._frames = [scene.add_frame(f'/robot/{i}', show_axes=False)
                         for i in range(len(model.bodies) + 1)]
         self._shapes: list[Any] = []
-        for i, (body, visual) in enumerate(link_shapes(model, visuals, extent)):
+        for i, (body, visual) in enumerate(shapes_of_bodies(model, visuals, extent)):
             # Body -1 is the world: the last frame, which never moves.
             self._draw(f'{self._frames[body].name}/{i}', visual)
         self._arrows = {kind: scene.add_arrows(
@@ -102,10 +102,10 @@ class Scene:
         for shape in self._shapes:
             shape.opacity = None if opacity >= 1.0 else opacity
 
-    def _draw(self, name: str, visual: Visual) -> None:
+    def _draw(self, name: str, visual: LinkShape) -> None:
         """Add the shape of a body to the scene, in the body's axes."""
         pose, scene = visual.pose, self.server.scene
-        color = LINK if visual.color is None else visual.color
+        color = LINK_COLOR if visual.color is None else visual.color
         place: dict[str, Any] = {'wxyz': SO3.from_matrix(pose[:3, :3]).wxyz,
                                  'position': pose[:3, 3]}
         if visual.kind == 'mesh':
@@ -125,7 +125,7 @@ class Scene:
                                                     color=_rgb(color), **place))
 
 
-def _meshes(visual: Visual) -> list[tuple[Any, Array | None]]:
+def _meshes(visual: LinkShape) -> list[tuple[Any, Array | None]]:
     """Return the scaled parts of a mesh file with their own colors."""
     try:
         parts = trimesh.load_scene(visual.file, ignore_broken=True).dump()

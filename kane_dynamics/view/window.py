@@ -12,12 +12,12 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.control.constrained_law import followed_joints
 from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.kinematics.body_poses import model_bounds, model_size
 from kane_dynamics.loop_tracking.loop_tracker import velocity_rows
 from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.model.link_shapes import LinkShape
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.shapes.link_shapes import bounds, size
 from kane_dynamics.simulation.trajectory import Path, Trajectory
-from kane_dynamics.urdf.visuals import Visual
 from kane_dynamics.view.exported_page import add_panel
 from kane_dynamics.view.joint_table import markdown_table
 from kane_dynamics.view.load_arrows import KINDS, LoadArrows, LONGEST, sampled_configurations
@@ -47,7 +47,7 @@ class Window:
         With ball joints it needs a trajectory.
     trajectory : Trajectory, optional
         A single motion of this robot.
-    visuals : sequence of Visual
+    visuals : sequence of LinkShape
         Shapes of its links (`load_visuals`); links without shapes are drawn as rods.
     host : str
         Address to serve at; the default is reachable from this machine only.
@@ -63,7 +63,7 @@ class Window:
     """
 
     def __init__(self, robot: Robot, trajectory: Trajectory | None = None, *,
-                 visuals: Sequence[Visual] = (), host: str = '127.0.0.1', port: int = 8080
+                 visuals: Sequence[LinkShape] = (), host: str = '127.0.0.1', port: int = 8080
                  ) -> None:
         """Build the scene and start the server."""
         self.robot, self.trajectory = robot, trajectory
@@ -87,7 +87,7 @@ class Window:
         with _quietly():
             self.server = ViserServer(host=host, port=port, verbose=False, label='kane_dynamics')
         try:
-            extent = size(robot.model, self._q)
+            extent = model_size(robot.model, self._q)
             self._stage = Scene(self.server, robot.model, visuals, extent)
             self._length = LONGEST * extent
             self._stage.look(*self._box())
@@ -144,7 +144,7 @@ class Window:
         """Return the corners of the visible box, (3,) each, m."""
         some = [self._q] if self.trajectory is None else self.trajectory.q[
             ::max(1, len(self.trajectory.q) // 10)]
-        corners = [bounds(self.robot.model, q) for q in some]
+        corners = [model_bounds(self.robot.model, q) for q in some]
         return (np.min([low for low, _ in corners], axis=0),
                 np.max([high for _, high in corners], axis=0))
 

@@ -8,7 +8,7 @@ from kane_dynamics import box, load_constraints, load_urdf, Robot
 from kane_dynamics.cli.tables import read_motion
 from kane_dynamics.feasibility import time_optimal
 from kane_dynamics.mechanics.definition import nonholonomic
-from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.model.model import with_payload
 from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 from palletizer import DRIVEN, LOOPS, palletizer, positions, URDF

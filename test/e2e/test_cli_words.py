@@ -13,7 +13,7 @@ from kane_dynamics import (ComputedTorque, Controller, load_urdf, ModelWarning, 
 from kane_dynamics.analysis.model_checks import Finding, print_findings
 from kane_dynamics.cli import main
 from kane_dynamics.cli.tables import read_motion, read_trajectory
-from kane_dynamics.urdf.visuals import load_visuals
+from kane_dynamics.urdf.link_shapes import load_visuals
 import numpy as np
 import pytest
 from urdf_writer import chain, joint, LIMIT, link, robot

@@ -28,7 +28,7 @@ from kane_dynamics.mechanics.ball_joints import balls, coordinate_rates, moved a
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.mechanics.integrators import INTEGRATORS
-from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.model.model import with_payload
 from kane_dynamics.optimal_control import TrajectoryOptimizer
 from kane_dynamics.robot.verification import without_rotors
 from kane_dynamics.sweep import Sweep

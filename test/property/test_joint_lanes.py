@@ -9,7 +9,7 @@ from kane_dynamics.mechanics.algebra.hyperdual import seeded
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
-from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.model.model import with_payload
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot import single_state

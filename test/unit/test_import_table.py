@@ -20,7 +20,7 @@ mechanics
 native
 mjcf motion
 robot
-kinematics loop_tracking shapes
+kinematics loop_tracking
 control
 simulation
 analysis
@@ -97,7 +97,7 @@ DOORS = {
     'scipy': ('identification',),
     'sympy': ('cli',),
     'torch': ('robot/frameworks/torch_function.py',),
-    'trimesh': ('shapes/collision_shapes.py', 'view'),
+    'trimesh': ('urdf/link_shapes.py', 'view'),
     'viser': ('view',),
     'xacro': ('urdf/xacro_file.py',),
     'yourdfpy': ('urdf/model_reader.py',),

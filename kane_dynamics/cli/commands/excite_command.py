@@ -11,7 +11,7 @@ from kane_dynamics.cli.shared import load, model_warnings, print_json, source_of
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.excitation.optimal_excitation import Excitation, excite
-from kane_dynamics.shapes.collision_shapes import load_collision_shapes
+from kane_dynamics.urdf.link_shapes import load_collision_shapes
 import numpy as np
 
 BAD_CONDITION = 1e3  # of the base parameters' equations, columns scaled to unit length

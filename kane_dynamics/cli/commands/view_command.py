@@ -7,7 +7,7 @@ from kane_dynamics._util.optional_imports import extra
 from kane_dynamics.cli.shared import load, model_warnings, print_json, source_of
 from kane_dynamics.cli.tables import read_trajectory
 from kane_dynamics.errors import InputError
-from kane_dynamics.urdf.visuals import load_visuals
+from kane_dynamics.urdf.link_shapes import load_visuals
 
 
 def view(options: Namespace) -> None:

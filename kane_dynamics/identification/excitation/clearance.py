@@ -15,10 +15,10 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
+from kane_dynamics.kinematics.body_poses import model_size
+from kane_dynamics.model.link_shapes import LinkShape, shapes_of_bodies
 from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.shapes.link_shapes import link_shapes, size
-from kane_dynamics.urdf.visuals import Visual
 import numpy as np
 
 DISTANCE = 0.05  # m, between links
@@ -51,7 +51,7 @@ class Clearance:
     ----------
     model : Model
         The arm.
-    shapes : sequence of Visual
+    shapes : sequence of LinkShape
         Boxes, cylinders and spheres of its links; a rod replaces a link without any.
     floor : float or None
         Height in the world, m; None for no floor.
@@ -60,15 +60,15 @@ class Clearance:
 
     """
 
-    def __init__(self, model: Model, shapes: Sequence[Visual], floor: float | None,
+    def __init__(self, model: Model, shapes: Sequence[LinkShape], floor: float | None,
                  distance: float | None) -> None:
         """Select the shapes that may reach the floor, and the pairs of shapes that may collide."""
         self.robot, self.floor = Robot(model), floor
         limits = self.robot.limits
         rest = np.clip(np.zeros(model.n), limits.lower, limits.upper)[None]
         self._frames = {frame.body: frame for frame in reversed(model.frames)}
-        self.shapes = [self._shape(model, body, visual) for body, visual in link_shapes(
-            model, shapes, size(model, rest[0])) if body in self._frames]
+        self.shapes = [self._shape(model, body, visual) for body, visual in shapes_of_bodies(
+            model, shapes, model_size(model, rest[0])) if body in self._frames]
         self._bodies = sorted({shape.body for shape in self.shapes})
         parents = [body.parent for body in model.bodies]
 
@@ -92,7 +92,7 @@ class Clearance:
         self.moving = [k for k, change in zip(self.moving, heights, strict=True)
                        if change > CHANGES]
 
-    def _shape(self, model: Model, body: int, visual: Visual) -> Shape:
+    def _shape(self, model: Model, body: int, visual: LinkShape) -> Shape:
         """Return a shape, given in its body's axes, in those of the body's frame."""
         frame = self._frames[body]
         R = frame.rotation.T @ visual.pose[:3, :3]

@@ -12,9 +12,9 @@ from kane_dynamics.identification.excitation.clearance import Clearance, DISTANC
 from kane_dynamics.identification.excitation.design_criterion import DesignCriterion
 from kane_dynamics.identification.excitation.fourier_basis import FourierBasis
 from kane_dynamics.identification.solvers import on_one_processor, scientific
+from kane_dynamics.model.link_shapes import LinkShape
 from kane_dynamics.model.model import Model
 from kane_dynamics.motion.motion import Motion
-from kane_dynamics.urdf.visuals import Visual
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -85,7 +85,7 @@ class Excitation:
 def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods: int = 1,
            seed: int = 0, starts: int = 2, share: float = 0.9, velocity: ArrayLike = math.inf,
            acceleration: ArrayLike = math.inf, floor: float | None = None,
-           floor_frames: Sequence[str] | None = None, shapes: Sequence[Visual] | None = None,
+           floor_frames: Sequence[str] | None = None, shapes: Sequence[LinkShape] | None = None,
            distance: float | None = DISTANCE,
            progress: Callable[[float], object] = lambda done: None) -> Excitation:
     """
@@ -118,7 +118,7 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
     floor_frames : sequence of str, optional
         Frames whose origins stay above it; by default the shapes do, and without these the frame
         of every moving body.
-    shapes : sequence of Visual, optional
+    shapes : sequence of LinkShape, optional
         Boxes, cylinders and spheres of the links, see `shapes.load_collision_shapes`; a model
         has none. Without them links are not kept apart.
     distance : float or None

@@ -10,7 +10,7 @@ from kane_dynamics.identification import excite
 from kane_dynamics.identification.excitation.clearance import (between, Clearance, closest_points,
                                                                DISTANCE)
 from kane_dynamics.identification.excitation.design_criterion import DENSE
-from kane_dynamics.shapes.collision_shapes import load_collision_shapes
+from kane_dynamics.urdf.link_shapes import load_collision_shapes
 import numpy as np
 import pytest
 

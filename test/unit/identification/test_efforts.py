@@ -7,7 +7,7 @@ from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification import Efforts, identify_payload, Recording
 from kane_dynamics.model.inertial import Inertial
-from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.model.model import with_payload
 import numpy as np
 import pytest
 

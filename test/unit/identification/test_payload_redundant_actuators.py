@@ -8,7 +8,7 @@ from kane_dynamics.identification.payload.payload_rows import PayloadRegressor
 from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
 from kane_dynamics.mechanics.definition import nonholonomic
 from kane_dynamics.mechanics.friction import coulomb
-from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.model.model import with_payload
 from linkages import five_bar, five_bar_at, five_bar_partial_rates
 import numpy as np
 import pytest

@@ -6,7 +6,7 @@ from kane_dynamics import box, ConstraintError, InputError, Robot
 from kane_dynamics.identification import identify_payload, PayloadEstimator, Recording
 from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
 from kane_dynamics.mechanics.definition import nonholonomic
-from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.model.model import with_payload
 from kinds_of_mechanism import case
 import numpy as np
 from palletizer import DRIVEN, palletizer

@@ -7,7 +7,7 @@ from kane_dynamics.mechanics.algebra.vector import axis_rotation
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.recursive.link_frames import denavit_hartenberg, linkage
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
-from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.model.model import with_payload
 from mechanisms import random_inertial, random_model, random_state
 import numpy as np
 import pytest

@@ -6,7 +6,7 @@ import pickle
 from kane_dynamics import (Inertial, InputError, load_urdf, ModelError, ModelWarning, point_mass,
                            pose_from, Robot)
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.model.model import with_payload
 from linkages import four_bar
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal

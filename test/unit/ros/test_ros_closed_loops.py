@@ -15,7 +15,7 @@ from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion  # noq
 from kane_dynamics.loop_tracking.loop_error import (BRANCH, CONTRADICTION,  # noqa: E402
                                                     SINGULAR, UNKNOWN)
 from kane_dynamics.mechanics.constraints.loop_closure import closed_posture  # noqa: E402
-from kane_dynamics.model.with_payload import with_payload  # noqa: E402
+from kane_dynamics.model.model import with_payload  # noqa: E402
 from kane_dynamics.robot.robot import TORQUE_TERMS  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.doctor.live_graph import examine_states, ReceivedState  # noqa: E402

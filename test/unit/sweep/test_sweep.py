@@ -13,7 +13,7 @@ from kane_dynamics.mechanics.integrators import INTEGRATORS
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.model.inertial import Inertial
-from kane_dynamics.model.with_payload import with_payload
+from kane_dynamics.model.model import with_payload
 from kane_dynamics.native.runtime import threads
 from kane_dynamics.sweep import read_table, run_sweep, Sweep, workers
 from kane_dynamics.sweep.sampling import drawn, of_joints

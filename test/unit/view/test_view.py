@@ -5,9 +5,10 @@ from functools import cache
 from pathlib import Path
 
 from kane_dynamics import InputError, load_urdf, ModelWarning, Robot, UrdfError
-from kane_dynamics.shapes.link_shapes import body_poses, link_shapes
+from kane_dynamics.kinematics.body_poses import body_poses
+from kane_dynamics.model.link_shapes import shapes_of_bodies
 from kane_dynamics.simulation.trajectory import Trajectory
-from kane_dynamics.urdf.visuals import load_visuals
+from kane_dynamics.urdf.link_shapes import load_visuals
 from kane_dynamics.view import Window
 from kane_dynamics.view.load_arrows import LoadArrows
 from mechanisms import random_model, random_state
@@ -84,7 +85,7 @@ def test_shapes_are_drawn_where_the_robots_frames_are(arm):
     q = np.array([0.4, -0.9])
     for link in ('base', 'upper', 'tool'):  # fixed, moving, merged into another's body
         stated = replace(load_visuals(arm)[0], link=link)
-        body, visual = link_shapes(robot.model, [stated], 1.0)[0]
+        body, visual = shapes_of_bodies(robot.model, [stated], 1.0)[0]
         np.testing.assert_allclose(body_poses(robot.model, q)[body] @ visual.pose,
                                    robot.frame_pose(link, q) @ stated.pose, atol=1e-14)
     q = random_state(tree().model, 1)[0]
@@ -98,12 +99,12 @@ def test_shapes_are_drawn_where_the_robots_frames_are(arm):
 
 def test_rods_from_joint_to_joint_stand_for_links_that_look_like_nothing(arm):
     model = load_urdf(arm)
-    shown = link_shapes(model, load_visuals(arm), 1.0)
+    shown = shapes_of_bodies(model, load_visuals(arm), 1.0)
     rods = {body: visual for body, visual in shown if visual.kind == 'cylinder'}
     assert set(rods) == {-1, 1}  # the upper arm has looks of its own
     np.testing.assert_allclose(rods[-1].pose[:3, 3], [0.0, 0.0, 0.25])
     assert rods[1].size[1] == pytest.approx(0.4)  # to the tool
-    bare = [visual for _, visual in link_shapes(model, (), 1.0) if visual.kind == 'cylinder']
+    bare = [visual for _, visual in shapes_of_bodies(model, (), 1.0) if visual.kind == 'cylinder']
     assert [visual.size[1] for visual in bare] == pytest.approx([0.5, 0.6, 0.4])
     for file in URDFS.glob('*.urdf'):
         assert load_visuals(file)

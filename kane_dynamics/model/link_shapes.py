@@ -1,0 +1,109 @@
+"""Shapes of links, as they are drawn and as they collide; bodies without any become rods."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.model.model import Model, WORLD
+import numpy as np
+
+Kind = Literal['box', 'cylinder', 'sphere', 'mesh']
+
+LINK_COLOR = np.array([0.72, 0.75, 0.79])
+JOINT_COLOR = np.array([0.38, 0.42, 0.48])
+ROD_RADIUS = 0.02  # in units of the robot's size
+
+
+@dataclass(frozen=True, eq=False)
+class LinkShape:
+    """
+    Shape of a link.
+
+    Attributes
+    ----------
+    link : str
+        The link.
+    kind : 'box', 'cylinder', 'sphere' or 'mesh'
+    size : (k,) array
+        Edge lengths of a box, radius and length (along z) of a cylinder, radius of a sphere, m;
+        scale factors of a mesh.
+    pose : (4, 4) array
+        Pose in the link's axes, m.
+    color : (3,) array or None
+        Red, green, blue, from 0 to 1.
+    file : Path or None
+        File of a mesh.
+
+    """
+
+    link: str
+    kind: Kind
+    size: Array
+    pose: Array
+    color: Array | None = None
+    file: Path | None = None
+
+
+def shapes_of_bodies(model: Model, shapes: Sequence[LinkShape],
+                     size: float) -> list[tuple[int, LinkShape]]:
+    """
+    Return (body, shape in its axes) pairs; bodies without shapes are rods.
+
+    Parameters
+    ----------
+    model : Model
+        The mechanism.
+    shapes : sequence of LinkShape
+        Shapes of the links of a URDF; links that are not in the model are ignored.
+    size : float
+        Size of the robot, m; the radius of rods is proportional to it.
+
+    """
+    frames = {frame.name: frame for frame in model.frames}
+    placed = []
+    for shape in shapes:
+        frame = frames.get(shape.link)
+        if frame is not None:
+            pose = _pose(frame.rotation, frame.translation) @ shape.pose
+            placed.append((frame.body, replace(shape, pose=pose)))
+    bodies_with_shapes = {body for body, _ in placed}
+    for body in range(WORLD, len(model.bodies)):
+        if body not in bodies_with_shapes:
+            placed += [(body, rod) for rod in _rods(model, body, ROD_RADIUS * size)]
+    return placed
+
+
+def _rods(model: Model, body: int, radius: float) -> Iterator[LinkShape]:
+    """Yield rods from a body's origin to the joints that it carries, or to its far end."""
+    if body != WORLD:
+        yield LinkShape('', 'sphere', np.array([1.3 * radius]), np.eye(4), JOINT_COLOR)
+    ends = [child.joint.translation for child in model.bodies if child.parent == body]
+    if not ends and body != WORLD:
+        points = [frame.translation for frame in model.frames if frame.body == body]
+        points.append(model.bodies[body].inertial.com)
+        ends = [max(points, key=np.linalg.norm)]
+    for end in ends:
+        length = float(np.linalg.norm(end))
+        if length > radius:
+            pose = _pose(_axes_about(end / length), 0.5 * end)
+            yield LinkShape('', 'cylinder', np.array([radius, length]), pose, LINK_COLOR)
+
+
+def _pose(rotation: Array, translation: Array) -> Array:
+    """Return a pose, (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    pose[:3, 3] = translation
+    return pose
+
+
+def _axes_about(z: Array) -> Array:
+    """Return axes, (3, 3), the third of which is z."""
+    # The coordinate axis that is farthest from z gives the best conditioned normal.
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+    x = x / np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)

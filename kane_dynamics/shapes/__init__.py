@@ -1,1 +1,0 @@
-"""Shapes of links, as they are drawn and as they collide."""

@@ -1,0 +1,190 @@
+"""Shapes of the links of a URDF: as drawn, as stated for collisions, and simple ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+import os
+from pathlib import Path
+from typing import Any
+import warnings
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.model.link_shapes import LinkShape
+from kane_dynamics.urdf.document import parse, read_source
+from kane_dynamics.urdf.model_reader import read_robot
+from kane_dynamics.urdf.schema import CHILDREN
+import numpy as np
+
+_CHILDREN = {**CHILDREN, 'robot': ('material', *CHILDREN['robot']),
+             'visual': ('origin', 'geometry', 'material'), 'material': ('color',),
+             'collision': ('origin', 'geometry'),
+             'geometry': ('box', 'cylinder', 'sphere', 'mesh')}
+_DEPTH = 5  # robot / link / visual / geometry / box
+_SIZES = {'box': ('size',), 'cylinder': ('radius', 'length'), 'sphere': ('radius',),
+          'mesh': ('scale',)}
+_SHARES = ('AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH')
+
+Source = str | bytes | os.PathLike[str]
+
+
+def load_visuals(source: Source) -> tuple[LinkShape, ...]:
+    """
+    Return the visual shapes of a URDF's links; mesh files are located, not opened.
+
+    A mesh is searched as a path, with or without the package name beside the URDF and in every
+    parent folder, and in share/ of AMENT_PREFIX_PATH and CMAKE_PREFIX_PATH.
+
+    Parameters
+    ----------
+    source : path, or str or bytes of XML
+        As in `load_urdf`; for XML without a path, meshes beside the URDF are not found.
+
+    Warns
+    -----
+    ModelWarning
+        If meshes are not found; they are omitted.
+
+    Raises
+    ------
+    UrdfError
+        If the URDF is malformed.
+
+    """
+    return _load(source, 'visual')
+
+
+def load_collisions(source: Source) -> tuple[LinkShape, ...]:
+    """Return the collision shapes of a URDF's links; arguments as for `load_visuals`."""
+    return _load(source, 'collision')
+
+
+def load_collision_shapes(source: Source) -> tuple[LinkShape, ...]:
+    """
+    Return simple shapes that contain the links of a URDF: boxes, cylinders and spheres.
+
+    Links without `<collision>` have their `<visual>` shapes. A mesh becomes the box around it
+    along its file's axes.
+
+    Parameters
+    ----------
+    source : path, or str or bytes of XML
+        As `load_urdf` takes it.
+
+    Warns
+    -----
+    ModelWarning
+        Meshes were not found; they are left out.
+
+    Raises
+    ------
+    UrdfError
+        The URDF is malformed.
+    InputError
+        The file of a mesh cannot be read.
+
+    """
+    shapes = load_collisions(source)
+    covered = {shape.link for shape in shapes}
+    shapes += tuple(shape for shape in load_visuals(source) if shape.link not in covered)
+    return tuple(_box_around(shape) if shape.kind == 'mesh' else shape for shape in shapes)
+
+
+def _load(source: Source, tag: str) -> tuple[LinkShape, ...]:
+    """Return the shapes in all elements of a tag."""
+    unread = 'visual' if tag == 'collision' else 'collision'
+    root = parse(read_source(source), depth=_DEPTH, unread=(unread,))
+    robot = read_robot(root, {**_CHILDREN, 'link': (tag,)})
+    colors = {material.name: material.color for material in robot.materials or ()}
+    folders = list(_mesh_folders(source))
+    shapes = []
+    missing = set()
+    for link in robot.links:
+        for element in getattr(link, f'{tag}s') or ():
+            shape = _shape(link.name, element, colors)
+            if shape is not None and shape.kind == 'mesh':
+                name = element.geometry.mesh.filename
+                shape = replace(shape, file=_mesh_file(name, folders))
+                if shape.file is None:
+                    missing.add(name)
+                    continue
+            if shape is not None:
+                shapes.append(shape)
+    if missing:
+        warnings.warn(f'{len(missing)} meshes not found: links without another shape are drawn '
+                      'as rods; expected the URDF inside its package or the workspace in '
+                      f'AMENT_PREFIX_PATH; missing: {", ".join(sorted(missing))}', ModelWarning,
+                      stacklevel=3)
+    return tuple(shapes)
+
+
+def _shape(link: str, element: Any, colors: Mapping[str, Any]) -> LinkShape | None:
+    """Convert yourdfpy's record, but for the file of a mesh; return None if it has no shape."""
+    for kind, names in _SIZES.items():
+        geometry = getattr(element.geometry, kind, None)
+        if geometry is not None:
+            break
+    else:
+        return None
+    numbers = [getattr(geometry, name) for name in names]
+    size = np.hstack([1.0 if number is None else number for number in numbers])
+    if kind == 'mesh':
+        size = np.broadcast_to(size, 3)
+    pose = np.eye(4) if element.origin is None else element.origin
+    return LinkShape(link, kind, size, pose,  # type: ignore[arg-type]
+                     _color(getattr(element, 'material', None), colors))
+
+
+def _color(material: Any, colors: Mapping[str, Any]) -> Array | None:
+    """Return the color of a material, stated with it or by the robot under its name."""
+    if not material:
+        return None
+    color = material.color or colors.get(material.name)
+    return None if color is None else np.asarray(color.rgba[:3])
+
+
+def _mesh_folders(source: Source) -> Iterator[Path]:
+    """Yield the folders in which meshes are searched: that of the URDF and its parents."""
+    is_xml = isinstance(source, bytes) or str(source).lstrip().startswith('<')
+    if not is_xml:
+        file = Path(os.fspath(source)).resolve()  # type: ignore[arg-type]
+        yield from file.parents
+
+
+def _mesh_file(name: str, folders: list[Path]) -> Path | None:
+    """Return the path of a file named in a URDF, or None if it does not exist."""
+    scheme, _, path = name.rpartition('://')
+    package = ''
+    if scheme == 'package':
+        package, _, path = path.partition('/')
+    candidates = []
+    if Path(path).is_absolute():
+        candidates.append(Path(path))
+    for folder in folders:
+        candidates += [folder / package / path, folder / path]
+    for variable in _SHARES:
+        for prefix in os.environ.get(variable, '').split(os.pathsep):
+            if prefix:
+                candidates.append(Path(prefix) / 'share' / package / path)
+    return next((candidate for candidate in candidates if candidate.is_file()), None)
+
+
+def _box_around(mesh: LinkShape) -> LinkShape:
+    """Return the box around a mesh along its file's axes."""
+    low, high = _corners(mesh) * mesh.size
+    pose = mesh.pose.copy()
+    pose[:3, 3] += pose[:3, :3] @ (0.5 * (low + high))
+    return replace(mesh, kind='box', size=np.abs(high - low), pose=pose, file=None)
+
+
+def _corners(mesh: LinkShape) -> Array:
+    """Return the corners of the box around a mesh, (2, 3), unscaled."""
+    import trimesh  # yourdfpy depends on it; it takes a second to import
+    try:
+        corners = trimesh.load_scene(mesh.file, ignore_broken=True).bounds
+    except Exception as error:  # each of many formats fails in its own way
+        raise InputError(f'{mesh.file}: {error}; expected a readable mesh') from error
+    if corners is None:
+        raise InputError(f'{mesh.file}: holds no points; expected a mesh')
+    return np.asarray(corners)
