@@ -121,13 +121,12 @@ def _load(source: Source, tag: str) -> tuple[LinkShape, ...]:
 
 def _shape(link: str, element: Any, colors: Mapping[str, Any]) -> LinkShape | None:
     """Convert yourdfpy's record, but for the file of a mesh; return None if it has no shape."""
-    for kind, names in _SIZES.items():
-        geometry = getattr(element.geometry, kind, None)
-        if geometry is not None:
-            break
-    else:
+    kind = next((kind for kind in _SIZES
+                 if getattr(element.geometry, kind, None) is not None), None)
+    if kind is None:
         return None
-    numbers = [getattr(geometry, name) for name in names]
+    geometry = getattr(element.geometry, kind)
+    numbers = [getattr(geometry, name) for name in _SIZES[kind]]
     size = np.hstack([1.0 if number is None else number for number in numbers])
     if kind == 'mesh':
         size = np.broadcast_to(size, 3)
