@@ -73,7 +73,7 @@ setup(
     entry_points={'console_scripts': [
         'dynamics_node = kane_dynamics.ros.dynamics_node.main:main',
         'torque_guard = kane_dynamics.ros.guard.main:main',
-        'plant_node = kane_dynamics.ros.plant.plant_main:main',
+        'plant_node = kane_dynamics.ros.plant.main:main',
         'kane-dynamics = kane_dynamics.cli:main',
     ]},
     zip_safe=False,

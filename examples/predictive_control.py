@@ -75,7 +75,7 @@ def plant() -> 'subprocess.Popen[bytes]':
     parameters = {'urdf': URDF, 'supplement': FRICTION, 'tip': 'fr3_link7', 'rate': RATE,
                   'substeps': 10, 'integrator': 'implicit', 'initial.position': START.tolist()}
     arguments = [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
-    return subprocess.Popen([sys.executable, '-m', 'kane_dynamics.ros.plant.plant_main',
+    return subprocess.Popen([sys.executable, '-m', 'kane_dynamics.ros.plant.main',
                              '--ros-args', *arguments], env=os.environ | {
         'PYTHONPATH': os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])})
 

@@ -10,9 +10,12 @@ Start the dynamics node, its guard and, optionally, a simulated robot and robot_
 import os
 
 from ament_index_python.packages import get_package_share_directory
+from kane_dynamics.ros.common.program_arguments import INVALID
 from kane_dynamics.ros.common.transport import without_shared_memory
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, EmitEvent, LogInfo, OpaqueFunction
+from launch.events import matches_action
+from launch.events.process import ShutdownProcess
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode, Node
 
@@ -55,6 +58,19 @@ def truth(argument, text):
     return known[text.lower()]
 
 
+def end_if_invalid(event, context):
+    """
+    Let a node whose configuration is invalid not start again: it would end in the same way.
+
+    Called when a node ended. `respawn` of launch regards no exit code, but ends with the process.
+    """
+    if event.returncode != INVALID:
+        return []
+    return [LogInfo(msg=f'{event.process_name}: not started again, because its configuration is '
+                        'invalid, as it says above; correct it and launch again'),
+            EmitEvent(event=ShutdownProcess(process_matcher=matches_action(event.action)))]
+
+
 def nodes(context):
     """Return the nodes to start with the values of the arguments."""
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
@@ -73,12 +89,13 @@ def nodes(context):
         package=PACKAGE, executable='dynamics_node', name=PACKAGE, namespace=value['namespace'],
         parameters=[*config, *chosen, *activation, *clock, {'guard.enabled': guarded}],
         output='screen', remappings=remappings, respawn=True, respawn_delay=RESPAWN_DELAY,
-        additional_env=without_shared_memory() if guarded else None)]
+        on_exit=end_if_invalid, additional_env=without_shared_memory() if guarded else None)]
     if guarded:  # it reads the parameters of the dynamics node
         started.append(Node(
             package=PACKAGE, executable='torque_guard', name='torque_guard',
             namespace=value['namespace'], parameters=[{'node': PACKAGE}], output='screen',
-            remappings=remappings, respawn=True, respawn_delay=RESPAWN_DELAY))
+            remappings=remappings, respawn=True, respawn_delay=RESPAWN_DELAY,
+            on_exit=end_if_invalid))
     if value['plant']:
         started.append(Node(
             package=PACKAGE, executable='plant_node', name='plant', namespace=value['namespace'],

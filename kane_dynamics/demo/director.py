@@ -99,9 +99,10 @@ class Director(Node):
         """Make the arm perform a motion from rest; return its record."""
         if self.node_state() == State.PRIMARY_STATE_ACTIVE:
             self.change(Transition.TRANSITION_DEACTIVATE)  # forgets the motion before
+        # The arm jumps home: the node must be inactive, since no real arm jumps.
+        self.ask(SetBool, f'{PLANT}/reset', data=True)
         if feedforward:
             self.change(Transition.TRANSITION_ACTIVATE)
-        self.ask(SetBool, f'{PLANT}/reset', data=True)
         time.sleep(1.0)
         self.send(motion, feedforward)
         duration = motion.duration

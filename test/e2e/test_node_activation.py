@@ -1,10 +1,14 @@
 """When a node with autostart begins to command: at once for simulated robots only."""
 
+import time
+
 from graph import wait_until
+from lifecycle_msgs.msg import Transition
 import pytest
+import rclpy
 from std_msgs.msg import Float64MultiArray
 
-PLANT = 'kane_dynamics.ros.plant.plant_main'
+PLANT = 'kane_dynamics.ros.plant.main'
 
 
 @pytest.fixture
@@ -29,6 +33,42 @@ def test_a_node_commands_the_plant_by_itself_and_a_controller_only_when_asked(ro
     robot.destroy_subscription(controller)
     node.wait_for('active, mode inverse_dynamics', 10.0)
     node.wait_for('active without torque_guard: if this process died', 5.0)
+
+
+def test_a_node_that_commands_the_plant_by_itself_stops_when_a_controller_subscribes(robot, start):
+    node = start(activation='simulated', guard__enabled=False)
+    start(module=PLANT)
+    node.wait_for('active, mode inverse_dynamics', 60.0)
+    # Hidden nodes and further simulated robots may subscribe.
+    hidden = rclpy.create_node('_ros2cli_7')
+    hidden.create_subscription(Float64MultiArray, 'commands', lambda message: None, 1)
+    start('-r', '__node:=second', module=PLANT).wait_for('joint states/s')
+    assert wait_until(lambda: robot.count_subscribers('commands') == 3)
+    time.sleep(0.6)
+    assert robot.state() == 'active' and 'deactivated' not in node.log
+    hidden.destroy_node()
+    heard = []
+    controller = robot.create_subscription(
+        Float64MultiArray, 'commands', lambda message: heard.append(list(message.data)), 10)
+    subscribed = time.monotonic()
+    node.wait_for('deactivated: /client subscribes to /commands and is no simulated robot; '
+                  'expected simulated robots alone', 5.0)
+    assert time.monotonic() - subscribed < 1.5
+    assert wait_until(lambda: robot.state() == 'inactive')
+    assert not any(heard[-1])
+    count = len(heard)
+    assert wait_until(lambda: any(message.startswith('inactive: deactivated: /client subscribes')
+                                  and level == b'\1' for level, message, _ in robot.diagnostics))
+    robot.destroy_subscription(controller)
+    time.sleep(0.5)
+    assert robot.state() == 'inactive' and len(heard) == count
+    # On request the node commands any robot.
+    controller = robot.create_subscription(
+        Float64MultiArray, 'commands', lambda message: heard.append(list(message.data)), 10)
+    assert robot.transition(Transition.TRANSITION_ACTIVATE)
+    time.sleep(1.0)
+    assert robot.state() == 'active' and any(heard[-1])
+    robot.destroy_subscription(controller)
 
 
 def test_a_node_without_urdf_says_what_it_waits_for_again_and_again(start):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 
-PLANT = 'kane_dynamics.ros.plant.plant_main'
+PLANT = 'kane_dynamics.ros.plant.main'
 UR10E = str(resource_path('config', 'ur10e.yaml'))
 WATCHED = 500  # joint states after the first command: one second
 

@@ -40,7 +40,7 @@ def gravity(driven):
 
 def test_computed_torque_moves_the_plant_with_only_the_driven_joints_measured(client, start,
                                                                               files):
-    plant = Process(module='kane_dynamics.ros.plant.plant_main', after_timeout='hold', rate=250,
+    plant = Process(module='kane_dynamics.ros.plant.main', after_timeout='hold', rate=250,
                     substeps=4, measured=list(DRIVEN), **files)
     states = []
     listening = client.create_subscription(JointState, 'joint_states', lambda m: states.append(

@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
 ROOT = Path(__file__).resolve().parents[2]
-PLANT = 'kane_dynamics.ros.plant.plant_main'
+PLANT = 'kane_dynamics.ros.plant.main'
 
 
 def doctor(urdf, *arguments):

@@ -18,7 +18,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
-PLANT = 'kane_dynamics.ros.plant.plant_main'
+PLANT = 'kane_dynamics.ros.plant.main'
 TWO_LINK = resource_path('urdf', 'two_link.urdf')
 MOST = 2e-3  # rad
 GAINS = {'mode': 'computed_torque', 'gains__kp': 100.0, 'gains__kd': 20.0}

@@ -219,7 +219,7 @@ def test_efforts_beyond_the_limits_are_rejected_or_clamped(filler, module_node):
 @pytest.fixture
 def errors(filler):
     """Return a function: the RMS errors of the loop for a trajectory that a publisher sends."""
-    plant = Process(module='kane_dynamics.ros.plant.plant_main', robot_description=f"'{URDF}'",
+    plant = Process(module='kane_dynamics.ros.plant.main', robot_description=f"'{URDF}'",
                     rate=200, publish_clock='true', rate_factor=0.5,
                     initial__position=START.tolist())
     loop = Process(program=[str(HELPERS / 'jtc.py'), ','.join(JOINTS), '100', '10', '0.2'])

@@ -30,7 +30,7 @@ def error_of_rigid_feedforward(motion):
 
 
 def test_quasi_static_feedforward_is_better_than_rigid_feedforward(client, start):
-    plant = Process(module='kane_dynamics.ros.plant.plant_main', after_timeout='hold', urdf=URDF,
+    plant = Process(module='kane_dynamics.ros.plant.main', after_timeout='hold', urdf=URDF,
                     rate=200, substeps=5, supplement=BENDING, initial__position=list(POINTS[0][1]))
     node = start(real_states=True,
                  urdf=URDF, supplement=BENDING, mode='computed_torque', gains__kp=GAINS['kp'],

@@ -91,7 +91,7 @@ def test_commands_services_and_observer_use_the_deflection_or_say_what_they_assu
 
 
 def test_the_node_moves_the_bending_plant(client, start, files):
-    plant = Process(module='kane_dynamics.ros.plant.plant_main', after_timeout='hold', rate=200,
+    plant = Process(module='kane_dynamics.ros.plant.main', after_timeout='hold', rate=200,
                     substeps=10, measured=list(DRIVEN), **files)
     states = []
     listening = client.create_subscription(JointState, 'joint_states', lambda m: states.append(

@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
-PLANT = 'kane_dynamics.ros.plant.plant_main'
+PLANT = 'kane_dynamics.ros.plant.main'
 START = (0.3, -0.4, 0.2)
 NANO = 10**9
 

@@ -1,8 +1,11 @@
-"""A guard refuses an arm that another guard guards, and an arm of other equations."""
+"""A guard refuses an arm that another guard guards or holds, and an arm of other equations."""
 
+import os
 import signal
+import time
 
 from graph import URDF, wait_until
+import numpy as np
 from std_msgs.msg import String
 
 GUARD = 'kane_dynamics.ros.guard.main'
@@ -11,6 +14,16 @@ WATCHING, ANOTHER = 'watching kane_dynamics', 'another torque_guard guards this 
 
 def guards(start, **parameters):
     return start(module=GUARD, **parameters)
+
+
+def publish_states(client, condition, seconds=5.0):
+    """Publish joint states at rest until a condition holds; return whether it does."""
+    rest = np.zeros(len(client.joints))
+    end = time.monotonic() + seconds
+    while not (holds := condition()) and time.monotonic() < end:
+        client.send(rest, rest)
+        time.sleep(0.004)
+    return holds
 
 
 def test_a_second_guard_waits_until_the_first_one_ends_and_one_of_another_arm_refuses(
@@ -34,3 +47,25 @@ def test_a_second_guard_waits_until_the_first_one_ends_and_one_of_another_arm_re
         third = guards(start)
         third.wait_for('another arm than that of kane_dynamics')
         assert WATCHING not in third.log
+
+
+def test_a_guard_that_was_stopped_yields_to_the_one_that_holds_the_arm(client, start):
+    """The older guard would continue from a torque of long ago."""
+    node = client.process = start(guard__enabled=True)
+    first = guards(start)
+    first.wait_for(WATCHING)
+    client.connect()
+    os.kill(first.pid, signal.SIGSTOP)
+    try:
+        second = guards(start)
+        second.wait_for(WATCHING)
+        publish_states(client, lambda: False, 1.0)
+        node.end(signal.SIGKILL)
+        assert publish_states(client, lambda: "commanding 'hold'" in second.log), second.log
+        os.kill(first.pid, signal.SIGCONT)
+        assert publish_states(client, lambda: ANOTHER in first.log), first.log
+        publish_states(client, lambda: False, 1.0)
+        assert 'torque_guard did not run for' in first.log
+        assert "commanding 'hold'" not in first.log and ANOTHER not in second.log
+    finally:
+        os.kill(first.pid, signal.SIGCONT)

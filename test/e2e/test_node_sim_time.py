@@ -70,7 +70,7 @@ def processes():
     node = Process(real_states=True,
                    robot_description=f"'{URDF}'", use_sim_time='true', mode='gravity_compensation',
                    state_timeout=0.1, diagnostics_rate=10)
-    plant = Process(module='kane_dynamics.ros.plant.plant_main', robot_description=f"'{URDF}'",
+    plant = Process(module='kane_dynamics.ros.plant.main', robot_description=f"'{URDF}'",
                     publish_clock='true', rate=1.0 / PERIOD, initial__position=START.tolist())
     yield node
     for process in (node, plant):

@@ -59,7 +59,7 @@ def arms(participant):
         running += [Process(*namespace, real_states=True,
                             mode='gravity_compensation', state_timeout=0.5,
                             payload__frame='c', **common),
-                    Process(*namespace, module='kane_dynamics.ros.plant.plant_main', rate=200,
+                    Process(*namespace, module='kane_dynamics.ros.plant.main', rate=200,
                             initial__position=POSES[side], after_timeout='hold', **common)]
     yield {side: Side(participant, side) for side in MASSES}
     for process in running:

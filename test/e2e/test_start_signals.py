@@ -10,7 +10,7 @@ import time
 import pytest
 
 NODES = ('kane_dynamics.ros.dynamics_node.main', 'kane_dynamics.ros.guard.main',
-         'kane_dynamics.ros.plant.plant_main')
+         'kane_dynamics.ros.plant.main')
 START = 2.0  # s, about the longest start of a node on an idle machine
 TIMEOUT = 60.0  # s
 ENDED = (0, 1, -signal.SIGINT, -signal.SIGTERM)  # not 0: before the node's code has begun

@@ -3,12 +3,12 @@
 import sys
 import time
 
-from kane_dynamics.ros.dynamics_node import spinning
+from kane_dynamics.ros.dynamics_node import node
 from kane_dynamics.ros.dynamics_node.main import main
 from std_msgs.msg import Empty
 
 
-class BlockedNode(spinning.DynamicsNode):
+class BlockedNode(node.DynamicsNode):
     """The dynamics node with one more topic."""
 
     def __init__(self):
@@ -17,5 +17,5 @@ class BlockedNode(spinning.DynamicsNode):
 
 
 if __name__ == '__main__':
-    spinning.DynamicsNode = BlockedNode
+    node.DynamicsNode = BlockedNode
     sys.exit(main())

@@ -167,7 +167,7 @@ class Rig:
         self.plant = Process(program=[
             '-m', 'kane_dynamics.demo.mujoco_plant', 'fr3',
             str(folder / 'record.npz')]) if mujoco else Process(
-            module='kane_dynamics.ros.plant.plant_main', **self.urdf, command_timeout=100.0,
+            module='kane_dynamics.ros.plant.main', **self.urdf, command_timeout=100.0,
             after_timeout='hold', arm_compensates=arm_compensates)
         self.start_node()
         self.start_guard()

@@ -9,11 +9,10 @@ from contextlib import suppress
 from importlib import import_module
 import os
 import signal
-import sys
 import threading
-from typing import Any, TypeVar
+from typing import Any
 
-from kane_dynamics.errors import InputError, KaneError
+from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.early_signals import SIGNALS
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -21,8 +20,6 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-
-_Node = TypeVar('_Node', bound=Node)
 
 SPIN_TIMEOUT = 1e6  # s; the EventsExecutor's spin needs a finite timeout to wait
 
@@ -52,16 +49,6 @@ def make_executor(node: Node) -> Any:
     executor = kind()
     executor.add_node(node)
     return executor
-
-
-def start(make: Callable[[], _Node], program: str) -> tuple[_Node, Any] | None:
-    """Make a node and its executor; if that fails, print the reason and return None."""
-    try:
-        node = make()
-    except (KaneError, ParameterException) as error:
-        print(f'{program}: {error}', file=sys.stderr)
-        return None
-    return node, make_executor(node)
 
 
 def spin(node: Node, executor: Any, stop: Future,
@@ -97,21 +84,21 @@ def stop_on_signal(stop: Future) -> None:
     threading.Thread(target=wait, name='signals', daemon=True).start()
 
 
-def run_until_signal(run: Callable[[Future], int], arguments: Sequence[str]) -> int:
+def run_until_signal(run: Callable[[Future], None], arguments: Sequence[str]) -> int:
     """
-    Initialize rclpy, call `run`, shut rclpy down, and return the exit code.
+    Initialize rclpy, call `run`, shut rclpy down, and return the exit code 0.
 
     Parameters
     ----------
     run : callable
-        Receives a future that a signal completes; returns the exit code.
+        Receives a future that a signal completes.
     arguments : sequence of str
         The program and its arguments.
 
     Raises
     ------
     InputError
-        An argument for ROS is invalid.
+        An argument for ROS is invalid, or a parameter is of a type that it cannot have.
 
     """
     stop = Future()
@@ -123,6 +110,9 @@ def run_until_signal(run: Callable[[Future], int], arguments: Sequence[str]) -> 
         raise InputError(f'arguments: {reason}; expected arguments of ROS 2 after '
                          '--ros-args') from None
     try:
-        return run(stop)
+        run(stop)
+    except ParameterException as error:
+        raise InputError(str(error)) from None
     finally:
         rclpy.try_shutdown()
+    return 0

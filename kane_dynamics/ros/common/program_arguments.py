@@ -5,17 +5,18 @@ rclpy ignores arguments that are not behind ``--ros-args``, and parameters of ot
 would run without them, and wait for ever for a URDF that they name.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 import os
 from pathlib import Path
 import sys
 
-from kane_dynamics.errors import InputError
+from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.ros.common.parameter_files import parameter_blocks, takes_effect, WILDCARD
 
 ROS_ARGUMENTS = '--ros-args'
-INVALID = 2  # exit code of an invalid command line
+# Exit code of an invalid command line or configuration, which no further start mends.
+INVALID = 2
 OPTIONS_OF_ROS = ('-p', '--param', '-r', '--remap', '--params-file', '-e', '--enclave',
                   '--log-level', '--log-config-file', '--log-file-name')
 
@@ -56,6 +57,8 @@ def run_program(program: Program, arguments: Sequence[str] | None,
     """
     Check the command line, then run the program; return its exit code.
 
+    It is `INVALID` if an argument, a parameter or a file is invalid; the reason is printed.
+
     Parameters
     ----------
     program : Program
@@ -75,7 +78,7 @@ def run_program(program: Program, arguments: Sequence[str] | None,
     try:
         check_arguments(program, outside, ros_arguments)
         return run(command_line)
-    except InputError as error:
+    except KaneError as error:
         print(f'{program.name}: {error}', file=sys.stderr)
     except ModuleNotFoundError as error:
         package = str(error.name).partition('.')[0]
@@ -174,15 +177,23 @@ def _options(ros_arguments: Sequence[str]) -> list[tuple[str, str]]:
 
 def _node_name(program: Program, options: Sequence[tuple[str, str]]) -> str:
     """Return the full name of the node after the remappings of the options."""
-    name, namespace = program.node, ''
-    for option, value in options:
-        rule, _, target = value.partition(':=')
-        if option in ('-r', '--remap'):
-            if rule.endswith(('__node', '__name')):
-                name = target
-            elif rule.endswith('__ns'):
-                namespace = target.rstrip('/')
+    rules = [value.partition(':=') for option, value in options if option in ('-r', '--remap')]
+    name = _remapped(program.node, ('__node', '__name'), rules) or program.node
+    namespace = _remapped(name, ('__ns',), rules).rstrip('/')
     return f'{namespace}/{name}'
+
+
+def _remapped(node: str, keys: Collection[str], rules: Sequence[tuple[str, str, str]]) -> str:
+    """
+    Return the value of the first rule for a key, as rcl chooses it; empty without one.
+
+    A rule may name the node to which it applies: ``kane_dynamics:__ns:=/left``.
+    """
+    for rule, _, value in rules:
+        target, _, key = rule.rpartition(':')
+        if key in keys and target in ('', node):
+            return value
+    return ''
 
 
 def _check_file(program: Program, path: Path, node: str) -> None:

@@ -1,4 +1,4 @@
-"""Warnings with a limited rate."""
+"""Warnings and errors with a limited rate."""
 
 import time
 from typing import Any
@@ -8,7 +8,7 @@ PERIOD = 1.0  # s between two warnings for one reason
 
 class ThrottledWarning:
     """
-    Logs warnings about dropped messages, at most one a second for each reason.
+    Logs warnings about dropped messages and errors, at most one a second for each reason.
 
     Parameters
     ----------
@@ -22,7 +22,18 @@ class ThrottledWarning:
 
     def __call__(self, reason: str, detail: str) -> None:
         """Log a warning, unless one for this reason was logged less than a period ago."""
-        now = time.monotonic()
-        if now - self._last.get(reason, -PERIOD) >= PERIOD:
-            self._last[reason] = now
+        if self._is_due(reason):
             self._log.warning(f'{reason}: {detail}')
+
+    def error(self, reason: str, detail: str) -> None:
+        """Log an error, unless a line for this reason was logged less than a period ago."""
+        if self._is_due(reason):
+            self._log.error(f'{reason}: {detail}')
+
+    def _is_due(self, reason: str) -> bool:
+        """Return whether a line for this reason may be logged, and note that it is."""
+        now = time.monotonic()
+        due = now - self._last.get(reason, -PERIOD) >= PERIOD
+        if due:
+            self._last[reason] = now
+        return due

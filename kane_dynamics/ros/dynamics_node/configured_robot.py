@@ -1,6 +1,6 @@
 """The robots, the torque path and the topics of a configured node."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 import threading
@@ -19,6 +19,7 @@ from kane_dynamics.ros.common.commanders import CommanderCount
 from kane_dynamics.ros.common.lost_messages import LostMessages, with_info
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
+from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
@@ -67,8 +68,8 @@ class ConfiguredRobot:
     values : mapping
         The node's parameters.
     statistics : Statistics
-    warn : callable
-        Called with the reason and the details of each dropped message.
+    warn : ThrottledWarning
+        Logs the reason and the details of each dropped message, and lasting faults as errors.
 
     Attributes
     ----------
@@ -85,7 +86,7 @@ class ConfiguredRobot:
 
     def __init__(self, node: LifecycleNode, server: Services, model: Model,
                  values: Mapping[str, Any], statistics: Statistics,
-                 warn: Callable[[str, str], None]) -> None:
+                 warn: ThrottledWarning) -> None:
         controller = path_controller(model, values)
         self._digest = arm_digest(model, controller.robot.options['constraints'])
         self.robot, bending = controller.robot, controller.bending
@@ -151,7 +152,8 @@ class ConfiguredRobot:
             controller, self._commands, publisher(JointState, '~/joint_torques', qos), self._now,
             values, self._statistics,
             lambda reason, detail: warn(f'joint states: {reason}', detail), stamped,
-            None if self.fault else closed_loop_reader(controller, values))
+            None if self.fault else closed_loop_reader(controller, values),
+            lambda reason, detail: warn.error(f'joint states: {reason}', detail))
         self.optional_topics = OptionalTopics(node, server, self.path, values, self._now,
                                               self._reject, publisher, opened)
         self.guard = GuardLink(node, self.path, values['guard.lease'], opened,

@@ -13,7 +13,7 @@ from kane_dynamics.ros.common.configuration_files import load_model, resolve_pat
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import LATCHED
 from kane_dynamics.ros.common.service_errors import answer_service_errors
-from kane_dynamics.ros.common.simulated_robots import not_simulated
+from kane_dynamics.ros.common.simulated_robots import not_simulated, SubscriberWatch
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.configured_robot import (ACKNOWLEDGE_TIMEOUT,
                                                               ConfiguredRobot)
@@ -33,7 +33,10 @@ from std_msgs.msg import String
 
 BACK = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1),
                      on_clock_change=False)
-ACTIVATION_PERIOD = 0.2  # s between two looks at what subscribes to `commands`
+ACTIVATION_PERIOD = 0.05  # s between two looks at what subscribes to `commands`
+DEACTIVATED = ('deactivated: {name} subscribes to {topic} and is no simulated robot; expected '
+               'simulated robots alone while activation is simulated. Stop it, or check the arm '
+               'and activate the node again')
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
@@ -58,6 +61,9 @@ class DynamicsNode(LifecycleNode):
         self._description = ''  # URDF from the topic
         self._was_configured = False  # autostart configures the node once
         self._activates_itself = False  # whether autostart is still to activate the node
+        # Exists while the node is active because only simulated robots subscribed.
+        self._subscriber_watch: SubscriberWatch | None = None
+        self._real_subscriber = ''  # because of which the node deactivated itself
         self._configure_fault = ''
         self._warn = ThrottledWarning(self.get_logger())
         self._simulated_time = bool(self.get_clock().ros_time_is_active)
@@ -67,7 +73,7 @@ class DynamicsNode(LifecycleNode):
         self.create_subscription(String, 'robot_description', self._on_description, LATCHED)
         self.server = Services(self, self._on_trajectory, self._on_payload,
                                lambda reason: self._reject_trajectory('trajectory', reason))
-        self.create_timer(ACTIVATION_PERIOD, self._activate_if_allowed,
+        self.create_timer(ACTIVATION_PERIOD, self._check_activation,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._node_timers = NodeTimers(self)
         self._node_timers.start(self._simulated_time)
@@ -104,6 +110,9 @@ class DynamicsNode(LifecycleNode):
     @property
     def waiting_for(self) -> str:
         """Return what a node with autostart waits for, and why; empty: for nothing."""
+        if self._real_subscriber and self.state == 'inactive':
+            return DEACTIVATED.format(name=self._real_subscriber,
+                                      topic=self.resolve_topic_name('commands'))
         if self._activates_itself and self.state == 'inactive':
             return (f'{not_simulated(self, "commands") or "activating"}; activation is simulated, '
                     'so the node activates itself for simulated robots only; check the arm, then '
@@ -127,7 +136,20 @@ class DynamicsNode(LifecycleNode):
         if simulated and not self._simulated_time and not_simulated(self, 'commands'):
             return
         self._activates_itself = False
-        self.trigger_activate()
+        if self.trigger_activate() == SUCCESS and simulated:
+            self._subscriber_watch = SubscriberWatch(self, 'commands')
+
+    def _check_activation(self) -> None:
+        """Activate the node, or deactivate it when a robot that is not simulated subscribes."""
+        self._activate_if_allowed()
+        watch = self._subscriber_watch
+        if watch is None or self._simulated_time:
+            return
+        if name := watch.real_subscriber():
+            self._real_subscriber = name
+            self.get_logger().error(DEACTIVATED.format(
+                name=name, topic=self.resolve_topic_name('commands')))
+            self.trigger_deactivate()
 
     def _urdf(self) -> str | Path:
         """Return the URDF as text or path; empty if it is unknown."""
@@ -171,6 +193,7 @@ class DynamicsNode(LifecycleNode):
             self.get_logger().error(f'not activated: {fault}')
             return FAILURE
         result = super().on_activate(state)
+        self._real_subscriber = ''
         assert self.arm is not None
         self.arm.path.start()
         self._activates_itself = False
@@ -188,6 +211,7 @@ class DynamicsNode(LifecycleNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Command zeros, then deactivate the publishers."""
+        self._subscriber_watch = None
         self.halt()
         return super().on_deactivate(state)
 
@@ -200,6 +224,7 @@ class DynamicsNode(LifecycleNode):
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Command zeros and release the robot."""
         self._activates_itself = False
+        self._subscriber_watch = None
         self.halt()
         self._release()
         return SUCCESS

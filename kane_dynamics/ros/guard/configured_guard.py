@@ -12,8 +12,8 @@ from kane_dynamics.ros.guard.guard_path import GuardPath
 from kane_dynamics.ros.torque_path.cdr import float64_multi_array
 from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.guard_messages import (arm_digest, FIELDS, REQUEST, STATE,
-                                                          STOPPED)
+from kane_dynamics.ros.torque_path.guard_messages import (arm_digest, FIELDS, LOST, REQUEST,
+                                                          STATE, STOPPED)
 from kane_dynamics.ros.torque_path.path_controller import path_controller
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
@@ -46,7 +46,7 @@ class ConfiguredGuard:
         Called with level ('error' or 'info') and text of each change between watching and
         commanding.
     identity : float
-        Number of this guard, larger than those of guards that started before.
+        Number of this guard, which no other one has.
 
     Raises
     ------
@@ -104,7 +104,13 @@ class ConfiguredGuard:
         subscribe(Float64MultiArray, f'{target}/{REQUEST}', self._on_request, RELIABLE)
 
     def _tick(self) -> None:
-        self.path.watch.tick(time.perf_counter())
+        """Note that the guard runs, and report that it did not."""
+        watch = self.path.watch
+        watch.tick(time.perf_counter())
+        if watch.stopped_for > 0.0:
+            self._report('warning', f'torque_guard did not run for {watch.stopped_for:.2f} s; '
+                         f'listening for {LOST:g} s whether another guard holds the arm')
+            watch.stopped_for = 0.0
 
     def now(self) -> int:
         """Return the clock of both nodes, ns."""
@@ -126,8 +132,11 @@ class ConfiguredGuard:
         self.path.watch.known |= self._heartbeats >= HEARTBEATS
 
     def _send(self, number: float, acting: bool) -> None:
-        """Send the state of the guard, as the answer to a request."""
-        watch = self.path.watch
+        """Send the state of the guard, as the answer to a request; not while it listens."""
+        watch, now = self.path.watch, time.perf_counter()
+        watch.tick(now)
+        if watch.listens(now):
+            return
         self._message.numbers[:FIELDS] = (number, acting, watch.commanded_last,
                                           self._identity)
         self._message.numbers[FIELDS:] = watch.torque
@@ -151,7 +160,9 @@ class ConfiguredGuard:
     def _on_liveliness(self, event: Any) -> None:
         self.node_alive = event.alive_count > 0
         if not self.node_alive:
-            self.path.watch.check(time.perf_counter(), lost=True)
+            now = time.perf_counter()
+            self.path.watch.tick(now)
+            self.path.watch.check(now, lost=True)
 
     def abandon(self) -> None:
         """Close the topics without zeros, because another guard commands."""

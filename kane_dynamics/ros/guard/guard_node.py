@@ -1,6 +1,6 @@
 """The node torque_guard: follows the configuration of the dynamics node, and guards it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 import time
 from typing import Any
@@ -17,6 +17,7 @@ from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard
 from kane_dynamics.ros.guard.guard_diagnostics import guard_status
 from kane_dynamics.ros.guard.node_parameters import NodeParameters, SHARED, SIMULATED_TIME
+from kane_dynamics.ros.guard.node_watch import NodeWatch
 from kane_dynamics.ros.parameters.parameter_checks import FOREIGN
 from kane_dynamics.ros.torque_path.guard_messages import (arm_digest, FIELDS, HEARTBEAT_PERIOD,
                                                           LOADS, loads_from_numbers,
@@ -45,7 +46,7 @@ class GuardNode(Node):
 
     It reads the parameters of the dynamics node whenever ~/loads of that node has a new id, and
     builds the same robot. While its torque acts, a new configuration waits. It refuses to guard an
-    arm of other equations of motion, and one that an older guard guards already.
+    arm of other equations of motion, and one that another guard guards already.
     """
 
     def __init__(self) -> None:
@@ -62,8 +63,9 @@ class GuardNode(Node):
         self._configuration = 0.0
         self._loads: NodeLoads | None = None
         self.refused = False  # whether this guard refuses to guard
-        self._identity = float(time.time_ns() // 1000)  # exact in a double until 2255
-        self._older_heard = -LOST  # time of the last message of an older guard, s
+        # The start, on a clock that is never set back; microseconds are exact in a double.
+        self._identity = float(time.monotonic_ns() // 1000)
+        self._other_heard = -LOST  # time of the last message of another guard, s
         self._others_listed = 0.0  # since when the graph lists other guards, s; 0: it lists none
         self._values: Mapping[str, Any] = {}
         self._next: Mapping[str, Any] | None = None  # parameters that wait
@@ -110,20 +112,39 @@ class GuardNode(Node):
             self.guard.set_loads(self._loads.loads)
 
     def _on_guard_state(self, message: Float64MultiArray) -> None:
-        """Stop guarding if an older guard guards the same arm."""
-        if len(message.data) < FIELDS or message.data[FIELDS - 1] >= self._identity:
-            return  # of this guard, or of a younger one, which stops
-        self._older_heard = time.monotonic()
+        """Stop guarding if another guard is to guard the same arm."""
+        if len(message.data) < FIELDS or message.data[FIELDS - 1] == self._identity:
+            return  # of this guard
+        if self.guard is not None and not self._yields(self.guard.path.watch, message.data):
+            return  # the other one stops
+        self._other_heard = time.monotonic()
         if self.guard is not None:
             self._refuse(ANOTHER)
             self._next = self._next or self._values
             guard, self.guard = self.guard, None
             guard.abandon()
 
+    def _yields(self, watch: NodeWatch, state: Sequence[float]) -> bool:
+        """
+        Return whether this guard yields to another one, which sends its state.
+
+        A guard that was stopped yields to any other, then one without a torque of its own yields
+        to one that holds the arm, then the younger one yields.
+        """
+        now = time.perf_counter()
+        watch.tick(now)
+        if watch.listens(now):
+            return True
+        _, acting, commanded_last, identity = state[:FIELDS]
+        other_holds = bool(acting or (commanded_last and any(state[FIELDS:])))
+        if other_holds != watch.holding:
+            return other_holds
+        return identity < self._identity
+
     def _other_guards(self) -> bool:
-        """Return whether an older guard guards the arm, or may do so."""
+        """Return whether another guard guards the arm, or may do so."""
         now = time.monotonic()
-        if now - self._older_heard < LOST:
+        if now - self._other_heard < LOST:
             if not self.refused:
                 self._refuse(ANOTHER)
             return True

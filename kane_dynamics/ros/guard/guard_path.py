@@ -66,8 +66,10 @@ class GuardPath(TorquePath):
     def __init__(self, controller: Controller, commands: Publisher, torques: Publisher,
                  now: Callable[[], int], values: Mapping[str, Any], statistics: Statistics,
                  warn: Callable[[str, str], None], report: Callable[[str, str], None]) -> None:
-        super().__init__(controller, commands, torques, now, values, statistics,
-                         warn, loops=closed_loop_reader(controller, values))
+        super().__init__(
+            controller, commands, torques, now, values, statistics, warn,
+            loops=closed_loop_reader(controller, values),
+            report_fault=lambda reason, detail: report('error', f'joint states: {detail}'))
         joints = self.messages.joints
         self.watch = NodeWatch(values['guard.lease'], len(joints))
         self.arbiter = self.watch
@@ -167,8 +169,9 @@ class GuardPath(TorquePath):
         """Start to command if states are stale or impossible and the node does not react."""
         if self.watch.acting:
             super().check_timeout()
-        elif self.watch.armed and self.watch.known:
-            now, late = time.perf_counter(), LATE * self._timeout
+            return
+        now, late = time.perf_counter(), LATE * self._timeout
+        if self.watch.may_take_over(now):
             if self._now() - self._last_heard > late:
                 self.watch.take_over(now)
                 self._takeovers, self._took_over = self.watch.takeovers, self._now()

@@ -1,7 +1,12 @@
-"""The entry point of torque_guard. It handles signals before the long imports begin."""
+"""
+The program `torque_guard`: entry point, executor, shutdown.
+
+Signals are handled before the long imports begin, which is why functions import here.
+"""
 
 from collections.abc import Sequence
 import sys
+from typing import Any
 
 from kane_dynamics.ros.common.early_signals import exit_on_signal
 
@@ -22,9 +27,21 @@ def run_guard(arguments: Sequence[str]) -> int:
     """Run the guard with checked arguments; return the exit code."""
     from kane_dynamics.ros.common.process import run_until_signal
     from kane_dynamics.ros.common.transport import leave_shared_memory
-    from kane_dynamics.ros.guard.guarding import run
     leave_shared_memory()
-    return run_until_signal(run, arguments)
+    return run_until_signal(spin_guard, arguments)
+
+
+def spin_guard(stop: Any) -> None:
+    """Make the guard and spin it until the future `stop`."""
+    from kane_dynamics.ros.common.process import make_executor, spin
+    from kane_dynamics.ros.guard.guard_node import GuardNode
+    node = GuardNode()
+    executor = make_executor(node)
+    try:
+        spin(node, executor, stop)
+    finally:
+        node.close()
+        executor.shutdown()
 
 
 if __name__ == '__main__':

@@ -1,6 +1,9 @@
 """Watches the dynamics node by its commands; decides when the guard takes over."""
 
+import math
+
 from kane_dynamics.ros.common.conversion import Array
+from kane_dynamics.ros.torque_path.guard_messages import LOST
 import numpy as np
 
 UNANSWERED = 2      # states without a command before a takeover: one may be lost
@@ -14,6 +17,10 @@ class NodeWatch:
 
     The guard takes over if torques act, `lease` has passed since the last command of the node, and
     two valid states were received since then. All times are of `time.perf_counter`, s.
+
+    A guard that was stopped for longer than `LOST` counted as dead meanwhile, and another guard
+    may hold the arm now, from torques that this one does not know. It therefore listens for
+    `LOST`, silently, before it takes over again.
 
     Parameters
     ----------
@@ -39,6 +46,8 @@ class NodeWatch:
         Time of the last command of the node, or of the end of a stall of the guard.
     silent_for : float
         Time since the last command of the node at the last takeover, s.
+    stopped_for : float
+        Duration of the last stop of this process, s; zero once it was reported.
 
     """
 
@@ -46,9 +55,11 @@ class NodeWatch:
         self._lease = lease
         self.armed = self.acting = self.commanded_last = self.known = False
         self.torque = np.zeros(joints)
-        self.takeovers, self.silent_for = 0, 0.0
-        self._unanswered = 0
-        self.waiting_since = self._alive = 0.0
+        self.takeovers = self._unanswered = 0
+        self.silent_for = self.stopped_for = 0.0
+        self.waiting_since = 0.0
+        self._alive = math.inf  # time of the last sign of life of the guard itself
+        self._listens_until = 0.0
 
     @property
     def holding(self) -> bool:
@@ -76,6 +87,16 @@ class NodeWatch:
         stall, self._alive = now - self._alive, now
         if stall > (OWN_STALL if self.acting else self._lease):
             self.wait_for_node(now)  # messages of the node may still be in the queue
+        if stall > LOST:
+            self.stopped_for, self._listens_until = stall, now + LOST
+
+    def listens(self, now: float) -> bool:
+        """Return whether this guard was stopped and still listens for another one."""
+        return now < self._listens_until
+
+    def may_take_over(self, now: float) -> bool:
+        """Return whether there is a torque to hold, and no other guard that may hold it."""
+        return self.armed and self.known and not self.acting and not self.listens(now)
 
     def may_command(self, now: float) -> bool:
         """Count a valid state; return whether the guard commands."""
@@ -107,8 +128,9 @@ class NodeWatch:
 
         `lost` says that DDS reports the loss of liveliness, with its own measure of the lease.
         """
-        if now - self.waiting_since > (SHARE if lost else 1.0) * self._lease and (
-                self.armed and self.known and not self.acting and self._unanswered >= UNANSWERED):
+        lease = SHARE * self._lease if lost else self._lease
+        expired = now - self.waiting_since > lease and self._unanswered >= UNANSWERED
+        if expired and self.may_take_over(now):
             self.take_over(now)
 
     def take_over(self, now: float) -> None:

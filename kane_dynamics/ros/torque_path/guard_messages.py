@@ -4,8 +4,9 @@ The messages between the dynamics node and torque_guard, as std_msgs/Float64Mult
 ~/loads (node to guard, latched): id of the configuration, gravity, payload, digest of the arm.
 ~/guard_request (node to guard): number of a request for the topic `commands`; 0 after zeros.
 ~/guard_state (guard to node): number of the request that it answers, whether the guard commanded
-until then, whether the last torques are the guard's, the identity of the guard (larger for one
-that started later), the last torques. Without a request it is sent with number 0 as a heartbeat.
+until then, whether the last torques are the guard's, the identity of the guard (its start on the
+monotonic clock of its computer, which is never set back), the last torques. Without a request it
+is sent with number 0 as a heartbeat.
 """
 
 from collections.abc import Sequence

@@ -55,6 +55,8 @@ class TorquePath:
         Publisher of JointCommand, for commands with the stamp of their state.
     loops : ClosedLoopReader, optional
         Reads the states of an arm with closed loops.
+    report_fault : callable, optional
+        Called like `warn` where states are refused for longer than the grace time.
 
     Attributes
     ----------
@@ -66,14 +68,15 @@ class TorquePath:
     def __init__(self, controller: Controller, commands: Publisher, torques: Publisher,
                  now: Callable[[], int], values: Mapping[str, Any], statistics: Statistics,
                  warn: Callable[[str, str], None], stamped: Publisher | None = None,
-                 loops: ClosedLoopReader | None = None) -> None:
+                 loops: ClosedLoopReader | None = None,
+                 report_fault: Callable[[str, str], None] | None = None) -> None:
         robot, self.controller, self.statistics = controller.robot, controller, statistics
         self.running = False
         self.commanding = False  # whether the last command may be non-zero
         self.timed_out = False
         self.last_update = 0.0  # time of the last command, s of `perf_counter`; 0: none yet
         self.active_motion = ActiveMotion()
-        self._now, self._warn = now, warn
+        self._now, self._warn, self._report_fault = now, warn, report_fault or warn
         self._reader, self.loops = loops or JointStateReader(robot.joint_names), loops
         self.states = StateCheck(robot, self._reader.joints, self._reader.state, values)
         self._reader.judged = True
@@ -348,7 +351,10 @@ class TorquePath:
         self._last_good = self._last_heard = self._last_now = self._now()
         self._last_stamp = 0
         self._forget_states()
-        self.controller.stop()
+        # The torque that acts stays: from zero the limit of its rate would let the arm fall. The
+        # limit counts from the next stamp on.
+        acting = self.messages.last if self.commanding else 0.0 * self.messages.last
+        self.controller.resume(None, acting)
         if self.wrenches is not None:
             self.wrenches.clear()
         self._warn('clock', 'jumped backward or replaced; desired motion dropped')
@@ -400,8 +406,9 @@ class TorquePath:
             self.loops.give_up()
         self.statistics.faults += 1
         if self.commanding:
-            self._warn('fault', f'{reason} for {(now - self._refused_since) / NANO:.3f} s; '
-                       f'{self.reaction}' + ', desired motion dropped' * dropped)
+            duration = (now - self._refused_since) / NANO
+            self._report_fault('fault', f'{reason} for {duration:.3f} s; {self.reaction}'
+                               + ', desired motion dropped' * dropped)
 
     def _hold(self, moment: int) -> None:
         """Command gravity at the last accepted position, within the limits, at a time, ns."""

@@ -5,6 +5,7 @@ from pathlib import Path
 import sys
 from types import ModuleType, SimpleNamespace
 
+from kane_dynamics.ros.common.program_arguments import INVALID
 from kane_dynamics.ros.common.transport import without_shared_memory
 import pytest
 
@@ -38,7 +39,10 @@ def load():
 def launch_file(monkeypatch):
     """Return the launch file, loaded with recorders instead of launch."""
     made = {'launch': {'LaunchDescription': Recorder},
-            'launch.actions': {'DeclareLaunchArgument': Recorder, 'OpaqueFunction': Recorder},
+            'launch.actions': dict.fromkeys(
+                ('DeclareLaunchArgument', 'EmitEvent', 'LogInfo', 'OpaqueFunction'), Recorder),
+            'launch.events': {'matches_action': Recorder},
+            'launch.events.process': {'ShutdownProcess': Recorder},
             'launch.substitutions': {'LaunchConfiguration': Configuration},
             'launch_ros': {}, 'launch_ros.actions': {'LifecycleNode': Recorder, 'Node': Recorder},
             'ament_index_python': {},
@@ -88,6 +92,18 @@ def test_shipped_configurations_are_found_by_name(launch_file, path):
 def test_a_node_or_guard_that_ends_starts_again(launch_file):
     for started in start(launch_file):
         assert started.respawn and started.respawn_delay == 1.0
+        for code in (0, 1, -9, -11):
+            ended = SimpleNamespace(returncode=code, action=started, process_name='node-1')
+            assert started.on_exit(ended, None) == []
+
+
+def test_a_node_with_an_invalid_configuration_does_not_start_again(launch_file):
+    for started in start(launch_file):
+        ended = SimpleNamespace(returncode=INVALID, action=started, process_name='node-1')
+        log, end = started.on_exit(ended, None)
+        assert 'node-1: not started again, because its configuration is' in log.keywords['msg']
+        matcher = end.keywords['event'].keywords['process_matcher']
+        assert matcher.arguments == (started,)
 
 
 def test_files_of_the_arm_are_arguments_of_node_and_plant(launch_file):

@@ -491,6 +491,28 @@ def test_the_node_follows_the_first_of_two_guards(pair):
     assert both.largest_step(began) <= 1.0 + 1e-9
 
 
+def test_a_guard_that_was_stopped_listens_before_it_commands_from_its_old_torque(pair):
+    """Another guard may have held the arm meanwhile, from torques that this one does not know."""
+    both = pair()
+    both.node_process.dead = True
+    both.run(0.3)
+    assert both.guard.path.watch.acting
+    heartbeats = []
+    Process(both.machine, 'listener').create_subscription(
+        None, 'node/guard_state', heartbeats.append, None)
+    both.guard_process.running = False
+    both.run(1.0)
+    resumed = both.machine.now
+    both.guard_process.resume()
+    both.run(0.45)
+    assert both.voices(resumed) == [] and not heartbeats
+    assert any('did not run for 1.0' in line for line in both.guard_process.log)
+    both.run(0.2)
+    assert both.voices(resumed) == ['guard'] and heartbeats  # no other one was heard
+    taken = next(now for now, _, _ in both.machine.commands if now >= resumed)
+    assert both.largest_step(taken) <= 1.0 + 1e-9
+
+
 def test_a_message_of_loads_is_a_float64_multi_array():
     data = loads_to_numbers(1.0, GravityAndPayload(np.zeros(3)), 5.0)
     assert len(Float64MultiArray(data=data).data) == LOADS_LENGTH
@@ -501,5 +523,5 @@ def test_a_parameter_of_the_wrong_type_ends_the_guard_with_one_line():
         [sys.executable, '-m', 'kane_dynamics.ros.guard.main', '--ros-args', '-p', 'node:=3'],
         env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)}, capture_output=True,
         text=True, timeout=60.0)
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert re.fullmatch("torque_guard: .*'node'.*\n", done.stderr)

@@ -7,13 +7,13 @@ import sys
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.parameter_files import parameter_blocks, takes_effect
-from kane_dynamics.ros.common.program_arguments import (check_arguments, Program, run_program,
-                                                        split_arguments)
+from kane_dynamics.ros.common.program_arguments import (check_arguments, INVALID, Program,
+                                                        run_program, split_arguments)
 import pytest
 
 NODES = {'dynamics_node': 'kane_dynamics.ros.dynamics_node.main',
          'torque_guard': 'kane_dynamics.ros.guard.main',
-         'plant_node': 'kane_dynamics.ros.plant.plant_main'}
+         'plant_node': 'kane_dynamics.ros.plant.main'}
 PROGRAM = Program('dynamics_node', 'kane_dynamics', 'Publish torques.',
                   ('--ros-args -p urdf:=arm.urdf',))
 
@@ -65,7 +65,12 @@ def test_parameters_of_another_node_are_refused():
     ('kane_dynamics', (), True), ('/**', (), True), ('/*', (), True), ('dynamics_node', (), False),
     ('left/kane_dynamics', (), False), ('left/kane_dynamics', ('__ns:=/left',), True),
     ('kane_dynamics', ('__ns:=/left',), False), ('/**/kane_dynamics', ('__ns:=/a/b',), True),
-    ('arm', ('__node:=arm',), True), ('kane_dynamics', ('__node:=arm',), False)])
+    ('arm', ('__node:=arm',), True), ('kane_dynamics', ('__node:=arm',), False),
+    # A rule may name the node to which it applies; the first rule counts.
+    ('kane_dynamics', ('other:__node:=arm',), True), ('arm', ('other:__node:=arm',), False),
+    ('arm', ('kane_dynamics:__node:=arm',), True), ('arm', ('__node:=arm', '__node:=b'), True),
+    ('kane_dynamics', ('other:__ns:=/left',), True),
+    ('left/arm', ('__node:=arm', 'arm:__ns:=/left'), True)])
 def test_a_parameter_file_needs_parameters_of_the_node(tmp_path, block, remappings, good):
     path = tmp_path / 'arm.yaml'
     path.write_text(f'{block}: {{ros__parameters: {{mode: x}}}}\n'
@@ -110,6 +115,38 @@ def test_help_has_usage_and_examples_that_are_valid(name):
     for example in examples:
         arguments = [part for part in example.split() if not part.endswith('.yaml')]
         check(*(part for part in arguments if part != '--params-file'))
+
+
+@pytest.mark.parametrize('rules', [
+    ('other:__node:=arm',), ('kane_dynamics:__node:=arm',), ('__node:=arm', '__node:=b'),
+    ('__node:=arm', 'arm:__ns:=/left'), ('__node:=arm', 'kane_dynamics:__ns:=/left'),
+    ('__name:=arm', 'other:__ns:=/a', '__ns:=/b')])
+def test_the_name_of_the_node_is_that_which_rcl_gives_it(rules):
+    rclpy = pytest.importorskip('rclpy')
+    from rclpy.context import Context
+    context = Context()
+    arguments = ['--ros-args', *(word for rule in rules for word in ('-r', rule))]
+    rclpy.init(args=arguments, context=context)
+    try:
+        node = rclpy.create_node('kane_dynamics', context=context)
+        name = node.get_fully_qualified_name()
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown(context=context)
+    check(*arguments, '-p', f'{name}:mode:=x')
+    with pytest.raises(InputError, match=f'expected one of {name}'):
+        check(*arguments, '-p', 'nowhere:mode:=x')
+
+
+@pytest.mark.parametrize(('name', 'parameter', 'value'), [
+    ('dynamics_node', 'state_timeout', 'fast'), ('plant_node', 'rate', '-1.0'),
+    ('torque_guard', 'node', '3')])
+def test_an_invalid_parameter_ends_with_the_code_that_is_not_started_again(name, parameter,
+                                                                           value):
+    code, text = run(NODES[name], '--ros-args', '-p', f'{parameter}:={value}')
+    assert code == INVALID
+    reason, = text.splitlines()
+    assert reason.startswith(f'{name}: ') and f"'{parameter}'" in reason
 
 
 @pytest.mark.parametrize('name', NODES)

@@ -1,6 +1,7 @@
 """One false joint state moves nothing: which states are refused, and what is commanded then."""
 
 import math
+import time
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -36,13 +37,14 @@ class Rig:
     """The torque path of an arm with its defaults and a manual clock."""
 
     def __init__(self, mode='computed_torque', rate_limit=math.inf, **checks):
-        self.time, self.commands, self.warnings = 100 * NANO, [], []
+        self.time, self.commands, self.warnings, self.faults = 100 * NANO, [], [], []
         self.statistics = Statistics()
         values = node_values({f'state_check.{name}': x for name, x in checks.items()}
                              | {'mode': mode})
         self.path = TorquePath(Controller(ARM, mode=mode, rate_limit=rate_limit), self, Unread(),
                                lambda: self.time, values, self.statistics,
-                               lambda *words: self.warnings.append(words))
+                               lambda *words: self.warnings.append(words),
+                               report_fault=lambda *words: self.faults.append(words))
         self.path.start()
 
     def publish(self, data):
@@ -239,6 +241,40 @@ def test_after_a_jump_of_the_clock_no_motion_sets_out_from_where_the_arm_was():
     np.testing.assert_array_equal(rig.path.desired(rig.time)[0], away(1, 1.0))
 
 
+def test_after_a_jump_of_the_clock_the_torque_continues_within_the_limit_of_its_rate():
+    """A limited torque that began again from zero would let the arm fall."""
+    rig = Rig('gravity_compensation', rate_limit=100.0)
+    rig.begin()
+    for _ in range(1000):
+        held, = rig.state()
+    np.testing.assert_allclose(held, ARM.gravity_force(HOME), rtol=1e-12)
+    rig.time -= NANO
+    assert rig.state() == []  # the first state is compared with the next one
+    for _ in range(3):
+        np.testing.assert_array_equal(rig.state(), [held])
+    rig.time += NANO // 5
+    rig.path.check_timeout()  # zeros, after which the torque begins from zero
+    rig.time -= NANO
+    rig.state()
+    assert np.abs(rig.state()[0]).max() <= 0.2 + 1e-9
+
+
+@pytest.mark.parametrize('action', ['zero', 'hold'])
+def test_a_fault_is_reported_as_an_error_once_it_lasts_longer_than_the_grace_time(action):
+    rig, (reason, state) = Rig(action=action, grace=0.02), FALSE['jump']
+    rig.begin()
+    for _ in range(11):  # 0 to 20 ms
+        rig.state(**state)
+    assert rig.faults == []
+    for _ in range(100):
+        rig.state(**state)
+    (kind, detail), = rig.faults
+    assert kind == 'fault' and detail.startswith(f'{reason} for 0.0')
+    rig.state()
+    rig.state(**state)
+    assert len(rig.faults) == 1
+
+
 @pytest.mark.parametrize('action', ['zero', 'hold'])
 def test_after_a_fault_an_arm_that_moved_is_held_where_it_is(action):
     rig = Rig(action=action)
@@ -364,7 +400,10 @@ def test_a_speed_limit_for_another_number_of_joints_is_refused():
 
 
 @pytest.mark.parametrize('action', ['zero', 'hold'])
-def test_the_guard_takes_over_from_a_node_that_died_while_states_are_impossible(action):
+def test_the_guard_takes_over_from_a_node_that_died_while_states_are_impossible(action,
+                                                                                  monkeypatch):
+    now = [1000.0]
+    monkeypatch.setattr(time, 'perf_counter', lambda: now[0])
     rig, there, reports = Rig(), away(1, 1.0), []
     values = node_values({'state_check.action': action})
     guard = GuardPath(Controller(ARM), rig, Unread(), lambda: rig.time, values, Statistics(),
@@ -381,10 +420,11 @@ def test_the_guard_takes_over_from_a_node_that_died_while_states_are_impossible(
         assert rig.state(there) == []
         guard.check_timeout()
     assert guard.fault == JUMP and not guard.watch.acting and not reports
-    guard.watch.waiting_since -= 0.2  # s without a command of the node
+    for _ in range(100):  # 0.2 s without a command of the node
+        now[0] += 0.002
+        guard.watch.tick(now[0])
     guard.check_timeout()
     assert guard.watch.acting and 'position jumped' in reports[-1][1]
-    guard.watch.tick(guard.watch.waiting_since + 0.2)
     command, = rig.state(there)
     if action == 'hold':
         np.testing.assert_allclose(command, gravity, rtol=1e-9, atol=1e-12)
