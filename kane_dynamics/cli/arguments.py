@@ -168,6 +168,7 @@ def _identify(sub: ArgumentParser) -> None:
                      help='identify the payload of this link; the arm is known')
     sub.add_argument('-o', '--out', metavar='FILE',
                      help='write the identified model: a URDF; with --payload a supplement')
+    add_plot(sub, 'measured torques, and those of the identified model')
 
 
 def _length_or_none(text: str) -> float | None:

@@ -124,7 +124,7 @@ examples:
 Optimizes sums of sines within the limits of the URDF for the identification of inertial parameters
 and friction. Move the arm to the start, run the motion, record q and tau, and pass the recording
 to identify. The motion keeps above the floor, and its links apart; links that are near each other
-at rest keep half of that distance.""",
+at rest keep half of that distance. Exits with 1 if that is less than --distance.""",
     'replay': """
 examples:
   kane-dynamics replay arm.urdf recording.csv --plot torques.png

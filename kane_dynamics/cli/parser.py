@@ -6,15 +6,15 @@ import difflib
 from importlib import import_module
 import os
 import re
-import signal
 import sys
 from typing import Any, NoReturn
 
+from kane_dynamics._util.broken_pipe import without_broken_pipe
 from kane_dynamics._util.resources import package_version
 from kane_dynamics.cli.arguments import ADD
 from kane_dynamics.cli.examples import EXAMPLES
 from kane_dynamics.cli.wording import in_options
-from kane_dynamics.errors import InputError, KaneError
+from kane_dynamics.errors import KaneError
 from kane_dynamics.native.machine_code import compile_log
 
 # Description of each command; its module and function in `cli.commands`.
@@ -49,52 +49,82 @@ SYNONYMS = {  # names of options in other tools
     'time': 'duration', 'output': 'out', 'tool': 'tip', 'ee': 'tip', 'end-effector': 'tip'}
 
 
+INVALID = 2  # exit code of invalid input
+INTERRUPTED = 130  # exit code after Ctrl-C
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code: 2, with a message on stderr, for invalid input."""
-    given = list(sys.argv[1:] if argv is None else argv)
+    arguments = list(sys.argv[1:] if argv is None else argv)
     if sys.stdout is None:  # closed by the caller: nothing is printed
         sys.stdout = open(os.devnull, 'w', encoding='utf-8')  # noqa: SIM115
-    parser = _parser(given[0] if given else '')
-    if not given:
+    return without_broken_pipe(lambda: _main(arguments))
+
+
+def _main(arguments: list[str]) -> int:
+    """Parse the arguments and run the command; return its exit code."""
+    chosen = arguments[0] if arguments else ''
+    parser = _parser(chosen)
+    if not arguments:
         parser.print_help()
         return 0
-    if given == ['--version']:
+    if arguments == ['--version']:
         print(f'kane-dynamics {package_version()}')
         return 0
-    # With a leading blank, argparse does not read a negative number like -1e-3 as an option.
-    marked = {f' {a}': a for a in given if a.startswith('-') and _is_number(a)}
-    options, rest = parser.parse_known_args([f' {a}' if f' {a}' in marked else a for a in given])
-    for name, value in vars(options).items():  # restore texts as given
-        if isinstance(value, list):
-            setattr(options, name, [marked.get(part, part) for part in value])
-        elif isinstance(value, str):
-            setattr(options, name, marked.get(value, value))
-    options.rest = [marked.get(argument, argument) for argument in rest]
-    if rest and options.command != 'demo':
-        _unknown(parser, options)
+    options = _options(parser, arguments)
+    if options.rest and options.command != 'demo':
+        _refuse_unknown(parser, options)
+    compile_log.on_stderr = True
     try:
-        if sys.stdout is None:
-            raise InputError('standard output: closed; expected an open one')
-        compile_log.on_stderr = True
-        module, function = options.run.split('.')  # import only the chosen command
-        commands = import_module(f'kane_dynamics.cli.commands.{module}')
-        code = int(getattr(commands, function)(options) or 0)
-        sys.stdout.flush()
-        return code
-    except BrokenPipeError:  # such as `| head`: the reader has closed it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 128 + signal.SIGPIPE  # as of other programs
+        return _run(options)
     except (KaneError, OSError) as error:
-        text = str(error)
-        if isinstance(error, OSError) and error.filename is not None:
-            text = f"'{error.filename}': {str(error.strerror).lower()}"
-        print(f'kane-dynamics: error: {_with_option_names(parser, options.command, text)}',
-              file=sys.stderr)
-        return 2
+        if isinstance(error, BrokenPipeError):
+            raise
+        text = _with_option_names(parser, options.command, _text_of(error))
+        print(f'kane-dynamics: error: {text}', file=sys.stderr)
+        return INVALID
     except KeyboardInterrupt:
-        return 130
+        return INTERRUPTED
     finally:
         compile_log.on_stderr = False
+
+
+def _run(options: argparse.Namespace) -> int:
+    """Import the chosen command, and no other; run it and return its exit code."""
+    module, function = options.run.split('.')
+    commands = import_module(f'kane_dynamics.cli.commands.{module}')
+    code = getattr(commands, function)(options)
+    return 0 if code is None else int(code)
+
+
+def _options(parser: argparse.ArgumentParser, arguments: list[str]) -> argparse.Namespace:
+    """
+    Return the options; `rest` has the arguments that the command does not know.
+
+    argparse reads a negative number like -1e-3 as an option, unless it begins with a blank.
+    """
+    marked: dict[str, str] = {}
+    for argument in arguments:
+        if argument.startswith('-') and _is_number(argument):
+            marked[f' {argument}'] = argument
+    words = [f' {word}' if f' {word}' in marked else word for word in arguments]
+    options, rest = parser.parse_known_args(words)
+
+    def restored(value: Any) -> Any:
+        if isinstance(value, list):
+            return [marked.get(part, part) for part in value]
+        return marked.get(value, value) if isinstance(value, str) else value
+    for name, value in vars(options).items():
+        setattr(options, name, restored(value))
+    options.rest = restored(rest)
+    return options
+
+
+def _text_of(error: KaneError | OSError) -> str:
+    """Return the message of an error; that of the system is led by the file's name."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"'{error.filename}': {str(error.strerror).lower()}"
+    return str(error)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -102,45 +132,55 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the message and exit with code 2."""
-        self.exit(2, f'kane-dynamics: error: {message}\nsee {self.prog} --help\n')
-
-
-def _flags(parser: argparse.ArgumentParser, command: str) -> list[str]:
-    """Return the options of a command."""
-    return [flag for flag in _command(parser, command)._option_string_actions
-            if flag.startswith('--')]
+        self.exit(INVALID, f'kane-dynamics: error: {message}\nsee {self.prog} --help\n')
 
 
 def _command(parser: argparse.ArgumentParser, command: str) -> argparse.ArgumentParser:
     """Return the parser of a command."""
-    subs: Any = next(action.choices for action in parser._actions if action.dest == 'command')
-    found: argparse.ArgumentParser = subs[command]
-    return found
+    commands: Any = next(action.choices for action in parser._actions
+                         if action.dest == 'command')
+    sub: argparse.ArgumentParser = commands[command]
+    return sub
+
+
+def _flags(parser: argparse.ArgumentParser, command: str) -> list[str]:
+    """Return the options of a command."""
+    actions = _command(parser, command)._option_string_actions
+    return [flag for flag in actions if flag.startswith('--')]
 
 
 def _with_option_names(parser: argparse.ArgumentParser, command: str, text: str) -> str:
     """Return an error of the library with arguments named as options of the command."""
-    name = re.match(r'\w*', text)
-    flag = '--' + name[0].replace('_', '-') if name else ''
-    return ('--' if flag in _flags(parser, command) else '') + in_options(text)
+    first_word = re.match(r'\w*', text)
+    flag = '' if first_word is None else '--' + first_word[0].replace('_', '-')
+    dashes = '--' if flag in _flags(parser, command) else ''
+    return dashes + in_options(text)
 
 
-def _unknown(parser: argparse.ArgumentParser, options: argparse.Namespace) -> NoReturn:
+def _refuse_unknown(parser: argparse.ArgumentParser, options: argparse.Namespace) -> NoReturn:
     """Exit with an error for unknown options; the message names the closest option."""
-    sub, known = _command(parser, options.command), _flags(parser, options.command)
-    wrong = next((word for word in options.rest if word.startswith('--')), options.rest[0])
-    meant = SYNONYMS.get(wrong.lstrip('-').replace('_', '-').lower())
-    near = [f'--{meant}'] if f'--{meant}' in known else difflib.get_close_matches(wrong, known, 1)
-    hint = f'; expected {near[0]}?' if near else ''
-    sub.error(f'unrecognized arguments: {" ".join(options.rest)}{hint}')
+    flags = _flags(parser, options.command)
+    options_only = [word for word in options.rest if word.startswith('--')]
+    unknown = options_only[0] if options_only else options.rest[0]
+    synonym = SYNONYMS.get(unknown.lstrip('-').replace('_', '-').lower())
+    if f'--{synonym}' in flags:
+        nearest = [f'--{synonym}']
+    else:
+        nearest = difflib.get_close_matches(unknown, flags, 1)
+    hint = f'; expected {nearest[0]}?' if nearest else ''
+    _command(parser, options.command).error(
+        f'unrecognized arguments: {" ".join(options.rest)}{hint}')
 
 
 def _is_number(text: str) -> bool:
     """Return whether an argument is one number, or several separated by commas."""
+    parts = [part for part in text.split(',') if part]
     try:
-        return bool([float(part) for part in text.split(',') if part])
+        for part in parts:
+            float(part)
     except ValueError:
         return False
+    return bool(parts)
 
 
 def _parser(chosen: str) -> argparse.ArgumentParser:

@@ -9,14 +9,15 @@ from kane_dynamics.identification.excitation.optimal_excitation import Excitatio
 from kane_dynamics.identification.fit import Identification, identify
 from kane_dynamics.identification.payload.payload_estimator import PayloadEstimator
 from kane_dynamics.identification.payload.payload_fit import identify_payload, Payload
-from kane_dynamics.identification.recordings.diagnosis import diagnose, Finding
+from kane_dynamics.identification.recordings.diagnosis import diagnose, RecordingFault
 from kane_dynamics.identification.recordings.reader import read_recording
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.recordings.torque_delay import torque_delays, TorqueDelays
 from kane_dynamics.identification.regression import friction_speeds, rows
 
-__all__ = ['BaseFit', 'BaseParameters', 'CollisionCalibration', 'Efforts', 'Excitation', 'Finding',
-           'Identification', 'Payload', 'PayloadEstimator', 'Recording', 'TorqueDelays',
+__all__ = ['BaseFit', 'BaseParameters', 'CollisionCalibration', 'Efforts', 'Excitation',
+           'Identification', 'Payload', 'PayloadEstimator', 'Recording', 'RecordingFault',
+           'TorqueDelays',
            'base_parameters', 'base_speeds', 'calibrate_collision', 'diagnose', 'excite',
            'fit_base', 'friction_speeds', 'identify', 'identify_payload', 'read_recording',
            'rows', 'torque_delays']

@@ -93,6 +93,19 @@ class Identification:
         return identified(self.given, self.unknowns, self.friction_speed,
                           inertials=not self.friction_only)
 
+    def torque(self, recording: Recording) -> Array:
+        """
+        Return the torque of the identified values for the motion of a recording, (N, n), N m or N.
+
+        Parameters
+        ----------
+        recording : Recording
+            Of the joints of the model, in their order; its torques are not used.
+
+        """
+        data = rows(self.given, recording)
+        return np.asarray(recording.tau - _error(data, self.friction_speed, self.unknowns))
+
     @property
     def losses(self) -> Array:
         """Return damping, friction, armature and offset of each joint, (n, 4)."""

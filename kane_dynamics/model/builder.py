@@ -29,6 +29,7 @@ KINDS = ('revolute', 'prismatic', 'universal', 'spherical', 'ball', 'planar', 'f
 PROPERTIES = ('limits', 'damping', 'friction', 'friction_speed', 'friction_offset', 'armature',
               'stiffness', 'rest')
 MASSLESS = Inertial()
+ALONG = 0.01  # of a beam's length: what is nearer to its root may be a hub
 Z = (0.0, 0.0, 1.0)
 
 
@@ -172,12 +173,14 @@ class ModelBuilder:
         _check_inertial(name, inertial)
         if self.strict:
             check_moments(name, inertial)
+        attached = placement.frame(R, p)
+        self._warn_of_root(attached.body, attached.translation, what)
         mimic_fields = self._mimic_fields(what, kind, mimic, multiplier, offset)
         if kind == 'fixed':
             if properties:
                 raise ModelError(f'{what}: {", ".join(properties)} of a fixed joint; expected '
                                  'no property, since it does not move')
-            self._placements[name] = placement.frame(R, p)
+            self._placements[name] = attached
         else:
             for single in singles:
                 self._check_joint(single.name)
@@ -295,6 +298,8 @@ class ModelBuilder:
                 raise
             self._impossible.append(on)
         moved = inertial.moved(placement.rotation, placement.translation)
+        if inertial.mass and not placement.translation.any():  # else its frame was warned of
+            self._warn_of_root(placement.body, moved.com, f"inertia on '{on}'")
         if placement.body == WORLD:
             self._base_inertial = self._base_inertial + moved
         else:
@@ -320,7 +325,9 @@ class ModelBuilder:
         self._check_new(name)
         carrier = self._placement(on, what)
         R, p = stated_pose(at, rpy, what, quaternion)
-        self._placements[name] = carrier.frame(R, p)
+        placement = carrier.frame(R, p)
+        self._warn_of_root(placement.body, placement.translation, what)
+        self._placements[name] = placement
 
     def mount(self, model: Model, on: str, *, at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
               quaternion: ArrayLike | None = None, prefix: str = '') -> None:
@@ -349,6 +356,7 @@ class ModelBuilder:
         carrier = self._placement(on, f"model '{model.name}'")
         R, p = stated_pose(at, rpy, 'mount', quaternion)
         base = carrier.frame(R, p)
+        self._warn_of_root(base.body, base.translation, f"model '{model.name}'")
         mounted = model.prefixed(prefix)
         for name in sorted({mounted.base_name, *(frame.name for frame in mounted.frames)}):
             self._check_new(name)
@@ -473,6 +481,19 @@ class ModelBuilder:
             raise ModelError(f"{what}: no body or frame '{on}'; expected one of "
                              f'{listing(self._placements)}')
         return self._placements[on]
+
+    def _warn_of_root(self, index: int, place: Array, what: str) -> None:
+        """Warn of a place along a beam, in the axes of its root, which does not bend."""
+        beam = None if index == WORLD else self._bodies[index].beam
+        if beam is None:
+            return
+        along = float(place @ beam.direction)
+        length = float((beam.points @ beam.direction).max())
+        if along > ALONG * length:
+            link = self._bodies[index].name
+            warnings.warn(f"{what}: {along:.4g} m along beam '{link}' in the axes of its root, "
+                          f"which does not bend; expected the frame '{link}/tip', or one of "
+                          'ModelBuilder.section', ModelWarning, stacklevel=4)
 
     def _check_new(self, name: str) -> None:
         if not isinstance(name, str) or not name:

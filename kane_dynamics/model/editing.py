@@ -22,6 +22,7 @@ from kane_dynamics.model.builder import ModelBuilder
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.model import Body, Frame, Joint, Model, ROUNDING, WORLD
 from kane_dynamics.model.placement import EYE, ORIGIN, Placement, rotation_about, snapped
+from kane_dynamics.model.plausible_sizes import reach, warn_of_distance, warn_of_mass
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -59,6 +60,12 @@ def with_tool(model: Model, on: str, name: str, inertial: Inertial, *, at: Array
     InputError
         `frames` is no mapping.
 
+    Warns
+    -----
+    ModelWarning
+        The tool is far away, or heavy, for this mechanism, as of millimeters and grams. It sits
+        at an offset along a beam on the frame of the beam's root, which does not bend.
+
     """
     origins = {} if frames is None else frames
     _require_mapping(origins, 'frames', 'frame names to positions')
@@ -66,6 +73,14 @@ def with_tool(model: Model, on: str, name: str, inertial: Inertial, *, at: Array
     builder.body(name, on, 'fixed', at=at, rpy=rpy, quaternion=quaternion, inertial=inertial)
     for frame, origin in origins.items():
         builder.frame(frame, name, at=origin)
+    links = reach(model)
+    what = f"tool '{name}'"
+    warn_of_mass(inertial.mass, model, what, stacklevel=2)
+    warn_of_distance(inertial.com, links, f'{what}: center of mass', stacklevel=2)
+    warn_of_distance(np.asarray(at, dtype=np.float64), links, f'{what}: at', stacklevel=2)
+    for frame, origin in origins.items():
+        position = np.asarray(origin, dtype=np.float64)
+        warn_of_distance(position, links, f"{what}: frame '{frame}'", stacklevel=2)
     return builder.model()
 
 

@@ -5,18 +5,16 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, TYPE_CHECKING
-import warnings
 
 from kane_dynamics._util.attribute_hints import fixed, missing, refused
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
-from kane_dynamics.errors import InputError, ModelWarning
+from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.conditioning import EXCESS
 from kane_dynamics.model.inertial import principal_moments
 from kane_dynamics.model.model import Frame, Inertial, Model
+from kane_dynamics.model.plausible_sizes import reach, warn_of_distance
 import numpy as np
-
-NEAR = 1.0  # m: the center of mass of a payload may be so far away, whatever the arm
 
 
 @fixed
@@ -49,7 +47,7 @@ class Parameters:
         self._excess = excess
         self._frame = payload_frame
         self._payload: Inertial | None = None
-        self._reach = sum(float(np.linalg.norm(body.joint.translation)) for body in model.bodies)
+        self._reach = reach(model)
         self._tolerance: tuple[float, float] | None = None
         self.physical = 3 if payload_frame is None else 13  # entries before the limits
         self.block = np.zeros(self.physical + watched)
@@ -149,17 +147,14 @@ class Parameters:
         self._payload = value
 
 
-def _check_payload(payload: Inertial, reach: float) -> None:
+def _check_payload(payload: Inertial, links: float) -> None:
     """
     Raise InputError for moments that no body has; warn of a center of mass far from the arm.
 
-    `reach` is the length of all links in one line, m.
+    `links` is the length of all links in one line, m.
     """
     moments = principal_moments(payload.inertia)
     if not moments.possible:
         raise InputError(f'payload: principal moments of inertia are {moments}; expected none '
                          'negative or larger than the sum of the others')
-    distance = float(np.linalg.norm(payload.com))
-    if distance > max(reach, NEAR):
-        warnings.warn(f'payload: center of mass {distance:.4g} m from its frame, and all links '
-                      f'in one line reach {reach:.4g} m; expected m', ModelWarning, stacklevel=4)
+    warn_of_distance(payload.com, links, 'payload: center of mass', stacklevel=4)

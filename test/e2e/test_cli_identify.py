@@ -6,9 +6,10 @@ import subprocess
 import sys
 
 from command import command
-from kane_dynamics import load_urdf, Robot
+from kane_dynamics import load_urdf, plot, Robot
 from kane_dynamics.cli import main
 from kane_dynamics.identification import read_recording
+from kane_dynamics.plot import plot_replay
 import numpy as np
 import pytest
 from recordings import simulated
@@ -43,6 +44,33 @@ def test_identify_finds_friction_and_writes_files_that_load(tmp_path):
     table = process(str(URDF), str(path), '--friction-only')
     assert table.returncode == 0, table.stderr
     assert all(word in table.stdout for word in ('held out', '+-', 'condition number', names[1]))
+
+
+@pytest.mark.parametrize('options', [
+    (), ('--friction-only', '--unbounded'), ('--base-parameters',), ('--payload', 'tip')],
+    ids=' '.join)
+def test_identify_draws_measured_torques_and_those_that_it_computes(tmp_path, monkeypatch,
+                                                                    options):
+    load = {'link': 'tip', 'mass': 0.8, 'com': [0.1, 0.0, 0.02], 'inertia': {'iyy': 0.004}}
+    carried = {'payload': load} if '--payload' in options else None
+    recording = simulated(load_urdf(URDF, supplement=carried), 4, 0.01)
+    path, picture = tmp_path / 'run.npz', tmp_path / 'torques.png'
+    np.savez(path, t=recording.t, q=recording.q, u=recording.u, udot=recording.udot,
+             tau=recording.tau)
+    drawn = {}
+
+    def keep(t, measured, computed, names, file, **_):
+        drawn.update(t=t, measured=measured, computed=computed, names=names)
+        return plot_replay(t, measured, computed, names, file)
+    monkeypatch.setattr(plot, 'plot_replay', keep)
+    done = command('identify', str(URDF), str(path), *options, '--plot', str(picture))
+    assert done.returncode == 0, done.stderr
+    assert f'wrote {picture}' in done.stdout
+    assert picture.read_bytes().startswith(b'\x89PNG')
+    np.testing.assert_array_equal(drawn['t'], recording.t)
+    np.testing.assert_array_equal(drawn['measured'], recording.tau)
+    # The recording has noise of 0.01 N m.
+    assert np.abs(drawn['computed'] - recording.tau).max() < 0.06
 
 
 def test_negative_friction_is_told_and_written_nowhere(tmp_path, capsys):

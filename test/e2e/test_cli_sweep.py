@@ -173,6 +173,17 @@ def test_a_cluster_that_is_not_there_is_exit_code_2(tmp_path, capsys, monkeypatc
     assert "dask: 'tcp://127.0.0.1:9': " in capsys.readouterr().err
 
 
+def test_a_sweep_has_a_floating_base_on_request(tmp_path, capsys):
+    path = tmp_path / 'sweep.yaml'
+    path.write_text(f'urdf: {URDF}\nroot_joint: free\nsamples: 1\n')
+    robot = read_sweep(path).robot
+    assert robot.n == 6 + 2 and robot.n_q == 7 + 2
+    path.write_text(f'urdf: {URDF}\nroot_joint: loose\nsamples: 1\n')
+    assert main(['sweep', str(path), '--out', str(tmp_path / 'out')]) == 2
+    assert ("sweep.yaml: root_joint: 'loose'; expected one of fixed, free, floating, planar"
+            in capsys.readouterr().err)
+
+
 def test_a_sweep_is_drawn(tmp_path, capsys):
     path, picture = tmp_path / 'sweep.yaml', tmp_path / 'sweep.png'
     path.write_text(FILE.format(urdf=URDF, samples=8, duration=0.01))

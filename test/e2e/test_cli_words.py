@@ -3,6 +3,8 @@
 import csv
 import json
 import math
+import os
+from pathlib import Path
 import re
 import signal
 import subprocess
@@ -18,6 +20,7 @@ import numpy as np
 import pytest
 from urdf_writer import chain, joint, LIMIT, link, robot
 
+CHECKOUT = Path(__file__).resolve().parents[2]
 A, B, C = link('a'), link('b'), link('c')
 ARM = robot(A, B, C, joint('j1', 'a', 'b', limit=LIMIT), joint('j2', 'b', 'c', limit=LIMIT))
 POINTS = """
@@ -154,14 +157,22 @@ def test_library_asks_once_whether_positions_are_degrees(files):
     controller.command(0.1, [0.0, 0.0], [0.0, 0.0], motion)  # warnings are errors
 
 
-def test_broken_pipe_is_quiet(files):
-    command = [sys.executable, '-m', 'kane_dynamics.cli', 'torque', files / 'arm.urdf', '--motion',
-               files / 'motion.yaml', '--step', '1e-4']
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        process.stdout.readline()
-        process.stdout.close()
-        assert process.stderr.read() == b''
-    assert process.returncode == 128 + signal.SIGPIPE
+@pytest.mark.parametrize('arguments', [
+    ['torque', 'arm.urdf', '--motion', 'motion.yaml', '--step', '1e-4'], ['inspect', '--help'],
+    ['--version'], ['inspect', 'arm.urdf']], ids=' '.join)
+def test_broken_pipe_is_quiet(files, arguments):
+    # As `| head` when the reader has ended: the pipe is closed before anything is written.
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        done = subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', *arguments], cwd=files,
+                              stdout=writing, stderr=subprocess.PIPE, check=False,
+                              env={**os.environ, 'PYTHONPATH': str(CHECKOUT),
+                                   'PYTHONUNBUFFERED': ''})
+    finally:
+        os.close(writing)
+    assert done.stderr == b''
+    assert done.returncode == 128 + signal.SIGPIPE
 
 
 def test_error_in_yaml_is_one_line(files, capsys):

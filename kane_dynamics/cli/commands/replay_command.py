@@ -10,7 +10,7 @@ from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.commands.identify_command import recorded, stated_efforts
 from kane_dynamics.cli.shared import load, print_json, warn_degrees
 from kane_dynamics.cli.tables import write_states
-from kane_dynamics.identification.recordings.diagnosis import refuse
+from kane_dynamics.identification.recordings.diagnosis import refuse_faulty
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.recordings.torque_delay import torque_delays
 from kane_dynamics.identification.regression import rms
@@ -50,7 +50,7 @@ def compared(robot: Robot, recording: Recording, *, gravity_added: bool = False
         If positions, speeds and times contradict each other.
 
     """
-    remarks = [finding.words for finding in refuse(
+    remarks = [fault.words for fault in refuse_faulty(
         robot.model, recording, ('impossible',), gravity_added=gravity_added)]
     delays = torque_delays(robot.model, recording)
     tau = robot.inverse_dynamics(recording.q, recording.u, recording.udot)

@@ -52,7 +52,7 @@ UNITS = ((math.degrees(1.0), 'are they in degrees a second?'),
 
 
 @dataclass(frozen=True)
-class Finding:
+class RecordingFault:
     """
     Problem of a recording.
 
@@ -81,7 +81,7 @@ class _Repair(NamedTuple):
 
 @on_one_processor
 def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
-             ) -> list[Finding]:
+             ) -> list[RecordingFault]:
     """
     Return the problems of a recording, most severe first.
 
@@ -101,9 +101,10 @@ def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
 
     """
     check_recording(model, recording)
-    found = [Finding('impossible', words) for words in _motion(model, recording)]
+    found = [RecordingFault('impossible', words) for words in _motion(model, recording)]
     if not recording.tau.any():
-        found.append(Finding('wrong', 'the measured efforts are all 0: the recording has none'))
+        found.append(RecordingFault('wrong', 'the measured efforts are all 0: the recording has '
+                                    'none'))
     elif not found:
         sound, signals = _signals(model, recording)
         found += signals
@@ -112,15 +113,16 @@ def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
     noise = recording.acceleration_noise()
     noisy = np.flatnonzero(noise > NOISE)
     if len(noisy):
-        found.append(Finding('remark', f'accelerations of {_named(model, noisy)} are noise to '
-                             f'{100.0 * noise[noisy].max():.0f} %; expected filtered ones: '
-                             '--cutoff HZ'))
+        found.append(RecordingFault(
+            'remark', f'accelerations of {_named(model, noisy)} are noise to '
+            f'{100.0 * noise[noisy].max():.0f} %; expected filtered ones: --cutoff HZ'))
     return found
 
 
-def refuse(model: Model, recording: Recording, levels: tuple[str, ...] = ('impossible', 'wrong'),
-           *, gravity_added: bool = False) -> list[Finding]:
-    """Return the findings about a recording; raise InputError if one is of these levels."""
+def refuse_faulty(model: Model, recording: Recording,
+                  levels: tuple[str, ...] = ('impossible', 'wrong'), *,
+                  gravity_added: bool = False) -> list[RecordingFault]:
+    """Return the faults of a recording; raise InputError if one is of these levels."""
     found = diagnose(model, recording, gravity_added=gravity_added)
     worst = [finding.words for finding in found if finding.level in levels]
     if worst:
@@ -195,7 +197,7 @@ def _is_interruption(recording: Recording) -> Array:
     return steps
 
 
-def _interruptions(recording: Recording) -> Iterator[Finding]:
+def _interruptions(recording: Recording) -> Iterator[RecordingFault]:
     """Yield the interruptions of the times."""
     after = interruptions(recording)
     if len(after):
@@ -203,11 +205,11 @@ def _interruptions(recording: Recording) -> Iterator[Finding]:
         where = ', '.join(f'{length:.3g} s after {recording.t[row]:.4g} s'
                           for row, length in zip(after[:MOST_PAUSES], lengths, strict=False))
         more = f' and {len(after) - MOST_PAUSES} more' if len(after) > MOST_PAUSES else ''
-        yield Finding('remark', f'times: interruption of {where}{more}; expected a recording '
-                      'without interruptions, as filters and differences need it')
+        yield RecordingFault('remark', f'times: interruption of {where}{more}; expected a '
+                             'recording without interruptions, as filters and differences need it')
 
 
-def _signals(model: Model, recording: Recording) -> tuple[Recording, list[Finding]]:
+def _signals(model: Model, recording: Recording) -> tuple[Recording, list[RecordingFault]]:
     """Return a recording without faults of single effort signals, and these faults."""
     found: dict[str, list[int]] = {}
     sound, flags = without_outliers(longest_stretch(recording))
@@ -230,12 +232,12 @@ def _signals(model: Model, recording: Recording) -> tuple[Recording, list[Findin
     if dead.any():
         rigid = Robot(model, friction=False).inverse_dynamics(sound.q, sound.u, sound.udot)
         sound = replace(sound, tau=np.where(dead, rigid, sound.tau))
-    return sound, [Finding('wrong', kind.format(_named(model, joints)))
+    return sound, [RecordingFault('wrong', kind.format(_named(model, joints)))
                    for kind, joints in found.items()]
 
 
 def _torques(model: Model, recording: Recording, gravity_added: bool, *, silent: bool
-             ) -> Iterator[Finding]:
+             ) -> Iterator[RecordingFault]:
     """
     Yield errors of torques, found by the corrections that reduce the residual.
 
@@ -267,7 +269,7 @@ def _torques(model: Model, recording: Recording, gravity_added: bool, *, silent:
         found.setdefault(repair.kind, []).extend(repair.joints)
     for kind, joints in found.items():
         which = sorted(set(joints))
-        yield Finding('wrong', kind.format(_named(model, which)))
+        yield RecordingFault('wrong', kind.format(_named(model, which)))
     if not found and not silent:
         yield from _delays(model, torque_delays(model, given))
 
@@ -450,7 +452,7 @@ def _friction_columns(r: Recording, j: int) -> Array:
     return np.column_stack([u, coulomb(u, SLIP), r.udot[:, j]])
 
 
-def _delays(model: Model, delays: TorqueDelays) -> Iterator[Finding]:
+def _delays(model: Model, delays: TorqueDelays) -> Iterator[RecordingFault]:
     """Yield delays of torques: the common one, and those of joints that differ from it."""
     late = {int(j): float(delays.delay[j]) for j in np.flatnonzero(delays.different)}
     same = [int(j) for j in np.flatnonzero(delays.judged) if int(j) not in late]
@@ -459,6 +461,7 @@ def _delays(model: Model, delays: TorqueDelays) -> Iterator[Finding]:
     found = [(same, delays.common, delays.common_deviation)] if delays.delayed else []
     found += [([j], delay, float(delays.deviation[j])) for j, delay in late.items()]
     for joints, delay, deviation in found:
-        yield Finding('remark', f'efforts of {_named(model, joints)} come {abs(delay):.3g} s (+- '
-                      f'{deviation:.1g} s) {"after" if delay > 0.0 else "before"} the motion that '
-                      f'they belong to{more}')
+        side = 'after' if delay > 0.0 else 'before'
+        yield RecordingFault('remark', f'efforts of {_named(model, joints)} come '
+                             f'{abs(delay):.3g} s (+- {deviation:.1g} s) {side} the motion that '
+                             f'they belong to{more}')

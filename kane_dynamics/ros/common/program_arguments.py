@@ -11,6 +11,7 @@ import os
 from pathlib import Path
 import sys
 
+from kane_dynamics._util.broken_pipe import without_broken_pipe
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.ros.common.parameter_files import parameter_blocks, takes_effect, WILDCARD
 
@@ -73,8 +74,7 @@ def run_program(program: Program, arguments: Sequence[str] | None,
     command_line = list(sys.argv if arguments is None else arguments)
     outside, ros_arguments = split_arguments(command_line[1:])
     if {'-h', '--help'} & {*outside, *ros_arguments}:
-        print(program.help_text)
-        return 0
+        return without_broken_pipe(lambda: _print_help(program))
     try:
         check_arguments(program, outside, ros_arguments)
         return run(command_line)
@@ -87,6 +87,12 @@ def run_program(program: Program, arguments: Sequence[str] | None,
         print(f"{program.name}: '{package}' is not installed; expected ROS 2 with this package, "
               "from a sourced workspace or pip install 'kane_dynamics[ros]'", file=sys.stderr)
     return INVALID
+
+
+def _print_help(program: Program) -> int:
+    """Print the help text; return the exit code."""
+    print(program.help_text)
+    return 0
 
 
 def _open_standard_streams() -> None:

@@ -182,6 +182,39 @@ def test_orientations_in_degrees_are_warned_of():
         pose_from(rpy=(0.0, 0.0, 90.0))
 
 
+@pytest.mark.parametrize(('inertial', 'place', 'words'), [
+    (box(1.0, (0.1, 0.1, 0.1), at=(0.0, 0.0, 50.0)), {},
+     "tool 'x': center of mass 50 m from its frame, .*expected m"),
+    (GRIPPER, {'at': (0.0, 0.0, 120.0)}, "tool 'x': at 120 m from its frame"),
+    (GRIPPER, {'frames': {'tcp': (0.0, 0.0, 150.0)}}, "tool 'x': frame 'tcp' 150 m from its"),
+    (box(1500.0, (0.1, 0.1, 0.1)), {}, "tool 'x': 1500 kg, .*expected kg: are these grams?")])
+def test_tools_in_millimeters_or_grams_are_warned_of(inertial, place, words):
+    with pytest.warns(ModelWarning, match=words):
+        with_tool(ARM, 'tool0', 'x', inertial, **place)
+
+
+def test_what_is_fixed_along_a_beam_on_its_root_is_warned_of():
+    b = ModelBuilder('boom')
+    b.beam('boom', 'world', FlexibleLink(length=1.0, density=0.8, stiffness=120.0, modes=(2, 0)))
+    b.section('middle', 'boom', 0.5)
+    model = b.model()
+    root = r"along beam 'boom' in the axes of its root, .*expected the frame 'boom/tip'"
+    with pytest.warns(ModelWarning, match=f"joint 'x': 0.8 m {root}") as warned:
+        with_tool(model, 'boom', 'x', point_mass(1.0), at=(0.8, 0.0, 0.0))
+    assert len(warned) == 1
+    for call, words in ((lambda: b.frame('y', 'boom', at=(0.3, 0, 0)), "frame 'y': 0.3 m"),
+                        (lambda: b.load('boom', point_mass(1.0, (1, 0, 0))),
+                         "inertia on 'boom': 1 m"),
+                        (lambda: b.body('z', 'boom', at=(1, 0, 0)), "joint 'z': 1 m"),
+                        (lambda: b.mount(ARM, 'boom', at=(1, 0, 0)), "model '.*': 1 m")):
+        with pytest.warns(ModelWarning, match=f'{words} {root}'):
+            call()
+    # Warnings are errors: none of these is one.
+    b.body('hub', 'boom', 'fixed', at=(0.0, 0.1, 0.0), matter=point_mass(0.1))
+    with_tool(model, 'boom/tip', 'x', point_mass(1.0), at=(0.1, 0.0, 0.0))
+    with_tool(model, 'middle', 'x', point_mass(1.0), at=(0.1, 0.0, 0.0))
+
+
 @pytest.mark.parametrize(('call', 'words'), [
     (lambda: with_locked(ARM, ['elbow_joint']), 'positions: .*expected a mapping of joint names'),
     (lambda: with_names(ARM, None), 'names: None; expected a mapping of present names'),

@@ -1,0 +1,32 @@
+"""Warn of lengths and masses that do not fit a mechanism: millimeters, grams."""
+
+import warnings
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import ModelWarning
+from kane_dynamics.model.model import Model
+import numpy as np
+
+NEAR = 1.0  # m: what is fixed on a mechanism may be so far away, however small that is
+HEAVY = 10.0  # times the moving mass of the mechanism: more is no tool
+
+
+def reach(model: Model) -> float:
+    """Return the length of all links in one line, m."""
+    return sum(float(np.linalg.norm(body.joint.translation)) for body in model.bodies)
+
+
+def warn_of_distance(vector: Array, links: float, what: str, stacklevel: int) -> None:
+    """Warn of a vector, m, that is longer than all links in one line, and than `NEAR`."""
+    distance = float(np.linalg.norm(vector))
+    if distance > max(links, NEAR):
+        warnings.warn(f'{what} {distance:.4g} m from its frame, and all links in one line reach '
+                      f'{links:.4g} m; expected m', ModelWarning, stacklevel=stacklevel + 1)
+
+
+def warn_of_mass(mass: float, model: Model, what: str, stacklevel: int) -> None:
+    """Warn of a mass, kg, that is much larger than that of the mechanism that carries it."""
+    moving = sum(body.inertial.mass for body in model.bodies)
+    if mass > HEAVY * moving > 0.0:
+        warnings.warn(f'{what}: {mass:.5g} kg, on a mechanism that moves {moving:.5g} kg; '
+                      'expected kg: are these grams?', ModelWarning, stacklevel=stacklevel + 1)
