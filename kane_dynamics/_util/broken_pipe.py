@@ -12,7 +12,7 @@ NOT_WRITTEN = 1
 
 def without_broken_pipe(run: Callable[[], int]) -> int:
     """
-    Run a program; return its exit code, or `BROKEN_PIPE` if nobody reads its output any more.
+    Run a program; return its exit code, or `BROKEN_PIPE` if its output has no reader any more.
 
     Output is flushed here, because an interpreter that flushes at its end prints a traceback.
     """

@@ -210,7 +210,7 @@ def test_what_is_fixed_along_a_beam_on_its_root_is_warned_of():
         with pytest.warns(ModelWarning, match=f'{words} {root}'):
             call()
     # Warnings are errors: none of these is one.
-    b.body('hub', 'boom', 'fixed', at=(0.0, 0.1, 0.0), matter=point_mass(0.1))
+    b.body('hub', 'boom', 'fixed', at=(0.0, 0.1, 0.0), inertial=point_mass(0.1))
     with_tool(model, 'boom/tip', 'x', point_mass(1.0), at=(0.1, 0.0, 0.0))
     with_tool(model, 'middle', 'x', point_mass(1.0), at=(0.1, 0.0, 0.0))
 
