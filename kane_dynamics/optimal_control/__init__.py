@@ -6,7 +6,7 @@ Optimal control: torques over a horizon by differential dynamic programming, in 
 """
 
 from kane_dynamics.optimal_control.predictive_controller import PredictiveController
-from kane_dynamics.optimal_control.trajectory_optimizer import (CostWeights, Solution,
+from kane_dynamics.optimal_control.trajectory_optimizer import (CostWeights, OptimizedMotion,
                                                                 TrajectoryOptimizer)
 
-__all__ = ['CostWeights', 'PredictiveController', 'Solution', 'TrajectoryOptimizer']
+__all__ = ['CostWeights', 'OptimizedMotion', 'PredictiveController', 'TrajectoryOptimizer']

@@ -3,10 +3,11 @@ One step of the backward pass of differential dynamic programming with torque li
 
 The cost-to-go at the end of an interval is v . dx + 1/2 dx . V dx in the change dx of the state,
 of n_x entries: of the configuration, then of the speeds. The change of the m torques that
-minimises it, plus the cost of the interval, is
-``k + K dx``, within the limits (Tassa, Mansard, Todorov, Control-limited differential dynamic
-programming, ICRA 2014), with Gauss-Newton Hessians (iLQR): second derivatives of the dynamics are
-left out. Within the limits, the quadratic is minimised by Seidel sweeps and projected Newton steps
+minimises it, plus the cost of the interval, is ``k + K dx``, within the limits (Tassa, Mansard,
+Todorov, Control-limited differential dynamic programming, ICRA 2014), with Gauss-Newton Hessians
+(iLQR): second derivatives of the dynamics are left out.
+
+Within the limits, the quadratic is minimised by Seidel sweeps and projected Newton steps
 (Bertsekas, SIAM J. Control Optim. 20 (1982)) in turn, each step with the best of some lengths.
 Their number is fixed, since programs do not branch. The result costs less than no change, unless
 no change is the minimum.
@@ -17,46 +18,49 @@ and w, and only w depends on the dynamics: this halves the arithmetic.
 All functions run over any scalar.
 """
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
+from kane_dynamics.control.torque_limiter import clipped
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 import numpy as np
 
 ROUNDS = 3  # sweeps and projected Newton steps
 SCALES = (1.0, 0.3, 0.1)  # lengths of each
-Matrix = list[list[Any]]
+Rows = list[list[Any]]  # of scalars; rows of a lower triangle have different lengths
 
 
 class Expansion(NamedTuple):
     """Hessian, rows of its lower triangle, and gradient of a cost by the state and the torques."""
 
-    H: Matrix
-    g: Any
+    H: Rows
+    g: Vector
 
 
 class TorqueCost(NamedTuple):
     """Torques of an interval, slopes and curvatures of their cost, and their bounds, (m,) each."""
 
-    tau: Any
-    gradient: Any
-    hessian: Any
-    lowest: Any
-    highest: Any
+    tau: Vector
+    gradient: Vector
+    hessian: Vector
+    lowest: Vector
+    highest: Vector
 
 
 class Policy(NamedTuple):
     """Change of torque k + K dx, its expected change of cost, and the cost-to-go before it."""
 
-    k: Any  # (m,)
-    K: Any  # (m, n_x)
-    first: Any  # change of cost of `alpha` k: alpha first + alpha^2 second
-    second: Any
-    v: Any  # (n_x,)
-    V: Any  # lower triangle by rows, (n_x (n_x + 1) / 2,)
+    k: Vector  # (m,)
+    K: Matrix  # (m, n_x)
+    first: Scalar  # change of cost of `alpha` k: alpha first + alpha^2 second
+    second: Scalar
+    v: Vector  # (n_x,)
+    V: Vector  # lower triangle by rows, (n_x (n_x + 1) / 2,)
 
 
-def backward_step(cost_to_go: Expansion, torques: TorqueCost, regular: Any) -> Policy:
+def backward_step(cost_to_go: Expansion, torques: TorqueCost, regular: Vector) -> Policy:
     """
     Return the policy of an interval.
 
@@ -70,56 +74,79 @@ def backward_step(cost_to_go: Expansion, torques: TorqueCost, regular: Any) -> P
         Weights of the change of torque, which shorten it.
 
     """
-    (H, g), (tau, gradient, hessian, lowest, highest) = cost_to_go, torques
+    H, g = cost_to_go
+    tau, gradient, hessian, lowest, highest = torques
     m = len(tau)
     n_x = len(g) - m
-    Q = np.array([[H[n_x + max(i, j)][n_x + min(i, j)] for j in range(m)] for i in range(m)])
-    Q = Q + np.diag(hessian + regular)
+
+    # The quadratic in the torques, with the terms that are mixed with the state.
+    Q = symmetric_of_rows([row[n_x:] for row in H[n_x:]]) + np.diag(hessian + regular)
     Q_x = np.array([row[:n_x] for row in H[n_x:]])
-    g_tau = g[n_x:] + gradient
-    k, K = limited_minimum(Q, g_tau, Q_x, lowest - tau, highest - tau)
+    slope = g[n_x:] + gradient
+    k, K = limited_minimum(Q, slope, Q_x, lowest - tau, highest - tau)
+
+    # The cost-to-go with k + K dx in place of the torques.
     Q_k = Q @ k
-    return Policy(k, K, g_tau @ k, 0.5 * (k @ Q_k),
-                  g[:n_x] + k @ Q_x + (Q_k + g_tau) @ K,
-                  np.array([H[a][b] + Q_x[:, a] @ K[:, b]
-                            for a in range(n_x) for b in range(a + 1)]))
+    v = g[:n_x] + k @ Q_x + (Q_k + slope) @ K
+    V = np.array([H[a][b] + Q_x[:, a] @ K[:, b] for a, b in lower_triangle(n_x)])
+    return Policy(k, K, slope @ k, 0.5 * (k @ Q_k), v, V)
 
 
-def symmetric(packed: Any, size: int) -> Any:
+def lower_triangle(size: int) -> Iterable[tuple[int, int]]:
+    """Yield the places of a lower triangle by rows."""
+    for a in range(size):
+        for b in range(a + 1):
+            yield a, b
+
+
+def symmetric_of_rows(rows: Rows) -> Matrix:
     """Return a symmetric matrix from the rows of its lower triangle."""
-    return np.array([[packed[max(a, b) * (max(a, b) + 1) // 2 + min(a, b)] for b in range(size)]
-                     for a in range(size)])
+    return symmetric([x for row in rows for x in row], len(rows))
 
 
-def expansion(F: Any, v: Any, V: Any) -> Expansion:
+def symmetric(packed: Any, size: int) -> Matrix:
+    """Return a symmetric matrix from the entries of its lower triangle, row by row."""
+    result = np.empty((size, size), dtype=object)
+    for x, (a, b) in zip(packed, lower_triangle(size), strict=True):
+        result[a, b] = x
+        result[b, a] = x
+    return result
+
+
+def expansion(F: Matrix, v: Vector, V: Matrix) -> Expansion:
     """Return the cost-to-go before a step with dx+ = F (dx, dtau), (n_x, n_x + m)."""
     T = V @ F
-    return Expansion([[F[:, a] @ T[:, b] for b in range(a + 1)] for a in range(F.shape[1])],
-                     v @ F)
+    H = [[F[:, a] @ T[:, b] for b in range(a + 1)] for a in range(F.shape[1])]
+    return Expansion(H, v @ F)
 
 
-def expansion_of_tree(slopes: Any, h: Any, v: Any, V: Any) -> Expansion:
+def expansion_of_tree(slopes: Matrix, h: Scalar, v: Vector, V: Matrix) -> Expansion:
     """
     Return the cost-to-go before the step of a tree.
 
     `slopes` are the derivatives of udot by q, u and tau, (3, n, n).
     """
     n = len(slopes[0])
+    # The Hessian by w, where q+ = q + h w and u+ = w, and mixed by q and w.
     by_w = V[n:, n:] + h * (V[:n, n:] + V[n:, :n] + h * V[:n, :n])
-    mixed = V[:n, n:] + h * V[:n, :n]  # by q and w
+    mixed = V[:n, n:] + h * V[:n, :n]
+
+    # dw = D (dq, du, dtau).
     D = np.concatenate([h * slopes[0], np.eye(n) + h * slopes[1], h * slopes[2]], axis=1)
     T = by_w @ D
     T[:, :n] = T[:, :n] + mixed.T
-    across = mixed @ D[:, :n]
     H = [[D[:, a] @ T[:, b] for b in range(a + 1)] for a in range(3 * n)]
-    for a in range(n):
-        for b in range(a + 1):
-            H[a][b] = H[a][b] + across[a, b] + V[a, b]
+
+    # q+ depends on q directly too.
+    across = mixed @ D[:, :n]
+    for a, b in lower_triangle(n):
+        H[a][b] = H[a][b] + across[a, b] + V[a, b]
     g = (v[n:] + h * v[:n]) @ D
     return Expansion(H, np.concatenate([g[:n] + v[:n], g[n:]]))
 
 
-def limited_minimum(Q: Any, g: Any, Q_x: Any, lower: Any, upper: Any) -> tuple[Any, Any]:
+def limited_minimum(Q: Matrix, g: Vector, Q_x: Matrix, lower: Vector, upper: Vector
+                    ) -> tuple[Vector, Matrix]:
     """
     Return k that minimises g . k + 1/2 k . Q k within bounds, (m,), and its feedback, (m, n_x).
 
@@ -127,48 +154,61 @@ def limited_minimum(Q: Any, g: Any, Q_x: Any, lower: Any, upper: Any) -> tuple[A
     Q K = -Q_x for the free torques, and is 0 for those at a bound.
     """
     n = len(g)
-    k: Any = np.zeros(n)
+    k: Vector = np.zeros(n)
     inverse = [1.0 / Q[i, i] for i in range(n)]
     for _ in range(ROUNDS):
-        k, slope = _relaxed(Q, k, g + Q @ k, inverse, lower, upper)
-        free, factors = _free(Q, k, slope, lower, upper)
-        step = solve(factors, range(n), -(free * slope))
-        best: Any = 0.0
-        found = k
-        for scale in SCALES:
-            there = [clipped(a + scale * b, *bounds)
-                     for a, b, *bounds in zip(k, step, lower, upper)]
-            value = (g + 0.5 * (Q @ there)) @ there - (g + 0.5 * (Q @ k)) @ k
-            better = value < best
-            best = select(better, value, best)
-            found = np.array([select(better, a, b) for a, b in zip(there, found)])
-        k = found
+        k, slope = _swept(Q, k, g + Q @ k, inverse, lower, upper)
+        k = _newton_step(Q, g, k, slope, lower, upper)
     free, factors = _free(Q, k, g + Q @ k, lower, upper)
-    return k, np.stack([solve(factors, range(n), -(free * column)) for column in Q_x.T], axis=1)
+    columns = [solve(factors, range(n), -(free * column)) for column in Q_x.T]
+    return k, np.stack(columns, axis=1)
 
 
-def _relaxed(Q: Any, k: Any, slope: Any, inverse: Any, lower: Any, upper: Any) -> tuple[Any, Any]:
+def _swept(Q: Matrix, k: Vector, slope: Vector, inverse: list[Scalar], lower: Vector,
+           upper: Vector) -> tuple[Vector, Vector]:
     """Return k and the slope of the cost after each torque has been set to its best (Seidel)."""
-    k = list(k)
-    for i in range(len(k)):
-        new = clipped(k[i] - inverse[i] * slope[i], lower[i], upper[i])
-        slope = slope + (new - k[i]) * Q[:, i]
-        k[i] = new
-    return np.array(k), slope
+    torques = list(k)
+    for i in range(len(torques)):
+        best = clipped(torques[i] - inverse[i] * slope[i], lower[i], upper[i])
+        slope = slope + (best - torques[i]) * Q[:, i]
+        torques[i] = best
+    return np.array(torques), slope
 
 
-def _free(Q: Any, k: Any, slope: Any, lower: Any, upper: Any) -> tuple[Any, Any]:
+def _newton_step(Q: Matrix, g: Vector, k: Vector, slope: Vector, lower: Vector, upper: Vector
+                 ) -> Vector:
+    """Return k after a projected Newton step of the length that costs least, or none."""
+    n = len(k)
+    free, factors = _free(Q, k, slope, lower, upper)
+    step = solve(factors, range(n), -(free * slope))
+    least: Scalar = 0.0
+    result = k
+    for scale in SCALES:
+        candidate = clipped_all(k + scale * step, lower, upper)
+        gain = (g + 0.5 * (Q @ candidate)) @ candidate - (g + 0.5 * (Q @ k)) @ k
+        better = gain < least
+        least = select(better, gain, least)
+        result = np.array([select(better, new, old) for new, old in zip(candidate, result)])
+    return result
+
+
+def _free(Q: Matrix, k: Vector, slope: Vector, lower: Vector, upper: Vector
+          ) -> tuple[Vector, Any]:
     """
     Return 1 for each torque that is free, else 0, and the factors of Q with unit rows for these.
 
     A torque is at a bound, not free, if it is there and the slope of the cost keeps it there.
     """
-    free = np.array([1.0 - (1.0 - (low < x)) * (s > 0.0) - (1.0 - (x < high)) * (s < 0.0)
-                     for x, s, low, high in zip(k, slope, lower, upper)])
-    kept = np.outer(free, free) * Q + np.diag(1.0 - free)
-    return free, factorize(kept, range(len(free)))
+    flags = []
+    for x, s, low, high in zip(k, slope, lower, upper):
+        held_below = (1.0 - (low < x)) * (s > 0.0)
+        held_above = (1.0 - (x < high)) * (s < 0.0)
+        flags.append(1.0 - held_below - held_above)
+    free = np.array(flags)
+    matrix = np.outer(free, free) * Q + np.diag(1.0 - free)
+    return free, factorize(matrix, range(len(free)))
 
 
-def clipped(x: Any, lower: Any, upper: Any) -> Any:
-    """Return the number within bounds that is nearest to x."""
-    return select(x < lower, lower, select(upper < x, upper, x))
+def clipped_all(x: Vector, lower: Vector, upper: Vector) -> Vector:
+    """Return the numbers within bounds that are nearest to those of x, (n,)."""
+    return np.array([clipped(*bounded) for bounded in zip(x, lower, upper)])

@@ -2,22 +2,31 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
+from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.native.runtime.threads import run_concurrently
-from kane_dynamics.native.tracing.program import Program, Shape, trace_program
-from kane_dynamics.optimal_control.backward_step import clipped
-from kane_dynamics.optimal_control.horizon_layout import constants_of, NUMBERS
-from kane_dynamics.optimal_control.mechanism_horizon import MechanismHorizon
-from kane_dynamics.optimal_control.tree_horizon import TreeHorizon
+from kane_dynamics.native.tracing.program import Shape, trace_program
+from kane_dynamics.optimal_control.backward_step import clipped_all
+from kane_dynamics.optimal_control.horizon import (constants_of, horizon_of, HorizonSizes,
+                                                   NUMBERS)
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 ARRAYS = ('path', 'trial', 'targets', 'weights', 'slopes', 'policy', 'constants')
+
+
+class Input(NamedTuple):
+    """Entries of an array that a kernel reads: the row is counted from that of the interval."""
+
+    array: str
+    row: int
+    column: int
+    size: int
 
 
 class HorizonKernels:
@@ -27,8 +36,8 @@ class HorizonKernels:
     Parameters
     ----------
     robot : Robot
-    horizon : TreeHorizon or MechanismHorizon
-        The functions to compile.
+    actuators : list of int
+        Indices of the joints with actuators.
     nodes : int
         Number of intervals, N.
 
@@ -49,72 +58,90 @@ class HorizonKernels:
 
     """
 
-    def __init__(self, robot: Robot, horizon: TreeHorizon | MechanismHorizon,
-                 nodes: int) -> None:
+    def __init__(self, robot: Robot, actuators: list[int], nodes: int) -> None:
         """Trace and compile the kernels, or load them from the cache."""
-        self._horizon: Any = horizon
-        self.nodes, self._begun = nodes, False
-        sizes = self.sizes = horizon.sizes
-        self.path, self.trial = np.zeros((2, nodes + 1, sizes.row))
+        self._horizon: Any = horizon_of(robot, actuators)
+        self.nodes = nodes
+        self._begun = False
+        sizes: HorizonSizes = self._horizon.sizes
+        self.sizes = sizes
+        self.path = np.zeros((nodes + 1, sizes.row))
+        self.trial = np.zeros((nodes + 1, sizes.row))
         self.targets = np.zeros((nodes, sizes.target))
         self.weights = np.zeros((nodes, 2 * sizes.joints + sizes.torques))
         self.slopes = np.zeros((nodes, sizes.slopes))
         self.policy = np.zeros((nodes + 1, sizes.policy))
         self.constants = np.zeros(NUMBERS + sizes.limits + len(robot.parameters.block))
-        self._places = {name: (array.ctypes.data, array.strides[0] if array.ndim > 1 else 0)
-                        for name in ARRAYS for array in [getattr(self, name)]}
-        # Of an input of a kernel: the array, the row from that of the interval, the column, size.
-        self._inputs: dict[str, tuple[str, int, int, int]] = {
-            'row': ('trial', 0, 0, sizes.row), 'state': ('path', 0, 0, sizes.state),
-            'after': ('path', 1, 0, sizes.row), 'end': ('path', 1, 0, sizes.state),
-            'tau': ('path', 1, sizes.state, sizes.torques),
-            'target': ('targets', 0, 0, sizes.target),
-            'weight': ('weights', 0, 0, self.weights.shape[1]),
-            'slopes': ('slopes', 0, 0, sizes.slopes), 'policy': ('policy', 0, 0, sizes.policy),
-            'later': ('policy', 1, 0, sizes.policy),
-            'constants': ('constants', 0, 0, len(self.constants))}
+        self._places = {name: _place(getattr(self, name)) for name in ARRAYS}
+        self._inputs = {
+            'row': Input('trial', 0, 0, sizes.row),
+            'state': Input('path', 0, 0, sizes.state),
+            'after': Input('path', 1, 0, sizes.row),
+            'end': Input('path', 1, 0, sizes.state),
+            'tau': Input('path', 1, sizes.state, sizes.torques),
+            'target': Input('targets', 0, 0, sizes.target),
+            'weight': Input('weights', 0, 0, self.weights.shape[1]),
+            'slopes': Input('slopes', 0, 0, sizes.slopes),
+            'policy': Input('policy', 0, 0, sizes.policy),
+            'later': Input('policy', 1, 0, sizes.policy),
+            'constants': Input('constants', 0, 0, len(self.constants))}
         self._kernels: dict[str, tuple[Kernel, list[str]]] = {}
-        run_concurrently([partial(self._make, robot, *each) for each in (
-            ('horizon_slopes', self._slopes_of, horizon.linearization, sizes.slopes),
-            ('horizon_policy', self._policy_of, horizon.policy, sizes.policy),
-            ('horizon_step', self._step_of, 'row state tau policy target weight', sizes.row))])
+        linearization = self._horizon.linearization
+        policy = self._horizon.policy
+        run_concurrently([
+            partial(self._compile, robot, 'horizon_slopes', self._slopes, linearization,
+                    sizes.slopes),
+            partial(self._compile, robot, 'horizon_policy', self._policy, policy, sizes.policy),
+            partial(self._compile, robot, 'horizon_step', self._step,
+                    'row state tau policy target weight', sizes.row)])
 
-    def _make(self, robot: Robot, name: str, function: Callable[..., Any], inputs: str,
-              size: int) -> None:
+    def _compile(self, robot: Robot, name: str, function: Callable[..., Vector], inputs: str,
+                 size: int) -> None:
         """Compile a kernel with these inputs and the constants."""
         names = [*inputs.split(), 'constants']
-        given: list[tuple[str, Shape]] = [(key, (self._inputs[key][-1],)) for key in names]
-        kernel = robot.kernels.extra(
-            name, lambda: _program(name, function, given),
-            [Argument(*each) for each in given[:-1]], np.zeros(len(self.constants)), (size,))
-        if name == 'horizon_slopes':
+        shapes: list[tuple[str, Shape]] = [(key, (self._inputs[key].size,)) for key in names]
+        arguments = [Argument(key, shape) for key, shape in shapes[:-1]]
+        kernel = robot.kernels.extra(name, lambda: trace_program(name, function, shapes),
+                                     arguments, np.zeros(len(self.constants)), (size,))
+        if name == 'horizon_slopes':  # of all intervals at once
             kernel.compile_lanes()
         self._kernels[name] = kernel, names
 
-    def _slopes_of(self, *inputs: Any) -> Any:
-        *given, block = inputs
-        return np.ravel(self._horizon.slopes_of(*given, constants_of(block, self.sizes)))
+    # The functions of the kernels, over any scalar.
 
-    def _policy_of(self, *inputs: Any) -> Any:
-        *given, later, block = inputs
+    def _slopes(self, *inputs: Vector) -> Vector:
+        """Return the derivatives of an interval and of its cost."""
+        *arguments, constants = inputs
+        return np.ravel(self._horizon.slopes_of(*arguments, constants_of(constants, self.sizes)))
+
+    def _policy(self, *inputs: Vector) -> Vector:
+        """Return the policy of an interval, with the changes of cost up to the end."""
+        *arguments, later, constants = inputs
         _, _, first, second, v, V = np.split(later, self.sizes.policy_parts)
-        found = self._horizon.policy_of(*given, v, V, constants_of(block, self.sizes))
-        found = found._replace(first=first[0] + found.first, second=second[0] + found.second)
-        return np.concatenate([np.ravel(part) for part in found])
+        policy = self._horizon.policy_of(*arguments, v, V, constants_of(constants, self.sizes))
+        policy = policy._replace(first=first[0] + policy.first, second=second[0] + policy.second)
+        return np.concatenate([np.ravel(part) for part in policy])
 
-    def _step_of(self, row: Any, nominal: Any, tau: Any, policy: Any, target: Any, weight: Any,
-                 block: Any) -> Any:
-        sizes, constants = self.sizes, constants_of(block, self.sizes)
-        x, m = sizes.directions, sizes.torques
+    def _step(self, row: Vector, nominal: Vector, tau: Vector, policy: Vector, target: Vector,
+              weight: Vector, constants: Vector) -> Vector:
+        """Return the row of the path after a step with the torques of the policy."""
+        sizes = self.sizes
+        numbers = constants_of(constants, sizes)
+        x = sizes.directions
+        m = sizes.torques
         state = row[:sizes.state]
-        k, K = policy[:m], policy[m:m + m * x].reshape(m, x)
-        wanted = tau + constants.scale * k + K @ self._horizon.change(state, nominal)
-        lowest, highest, *_ = constants.limits
-        tau = np.array([clipped(*each) for each in zip(wanted, lowest, highest)])
-        end, multipliers, cost = self._horizon.step(state, tau, target, weight, constants)
-        return np.concatenate([end, tau, multipliers, [row[-1] + cost]])
+        k = policy[:m]
+        K = policy[m:m + m * x].reshape(m, x)
+        feedback = K @ self._horizon.change(state, nominal)
+        tau = clipped_all(tau + numbers.scale * k + feedback, numbers.limits.lowest_torque,
+                          numbers.limits.highest_torque)
+        end, multipliers, cost = self._horizon.step(state, tau, target, weight, numbers)
+        total: Scalar = row[-1] + cost
+        return np.concatenate([end, tau, multipliers, [total]])
 
-    def begin(self, state: Any) -> None:
+    # What they do with the arrays.
+
+    def begin(self, state: Array) -> None:
         """Set the state at the beginning."""
         if not self._begun:  # changes from the nominal path must be finite
             self.path[:, :self.sizes.state] = state
@@ -130,8 +157,8 @@ class HorizonKernels:
     def linearize(self) -> None:
         """Write `slopes` of `path`."""
         kernel, inputs = self._kernels['horizon_slopes']
-        run_batch(kernel.lane_address, [
-            Strided(*self._of_input(name, 0)) for name in [*inputs, 'slopes']], self.nodes)
+        rows = [Strided(*self._input_place(name, 0)) for name in [*inputs, 'slopes']]
+        run_batch(kernel.lane_address, rows, self.nodes)
 
     def backward(self, regularization: float) -> None:
         """
@@ -140,58 +167,59 @@ class HorizonKernels:
         The weight of a change of torque is `regularization` times that of the torque.
         """
         self.constants[2] = regularization
-        self._repeat('horizon_policy', self._place('policy', self.nodes - 1), -1)
+        self._repeat('horizon_policy', self._row_place('policy', self.nodes - 1), -1)
 
     def forward(self, scale: float) -> None:
         """Write `trial`, from its first row on, by `policy` with this scale of k."""
         self.constants[1] = scale
-        self._repeat('horizon_step', self._place('trial', 1), 1)
+        self._repeat('horizon_step', self._row_place('trial', 1), 1)
 
-    def _place(self, name: str, row: int = 0, column: int = 0) -> tuple[int, int]:
+    def _row_place(self, name: str, row: int, column: int = 0) -> tuple[int, int]:
         """Return the address of an entry of an array, and the bytes from row to row."""
         address, stride = self._places[name]
         return address + row * stride + 8 * column, stride
 
-    def _of_input(self, name: str, interval: int) -> tuple[int, int]:
+    def _input_place(self, name: str, interval: int) -> tuple[int, int]:
         """Return the place of an input of a kernel."""
         array, row, column, _ = self._inputs[name]
-        return self._place(array, interval + row, column)
+        return self._row_place(array, interval + row, column)
 
     def _repeat(self, name: str, result: tuple[int, int], direction: int) -> None:
         """Call a kernel for every interval, on rows that follow one another."""
         kernel, inputs = self._kernels[name]
-        places = [*(self._of_input(key, 0 if direction > 0 else self.nodes - 1)
-                    for key in inputs), result]
-        repeat(kernel.address, [address for address, _ in places],
-               [direction * stride for _, stride in places], self.nodes)
+        first = 0 if direction > 0 else self.nodes - 1
+        places = [self._input_place(key, first) for key in inputs]
+        places.append(result)
+        addresses = [address for address, _ in places]
+        strides = [direction * stride for _, stride in places]
+        repeat(kernel.address, addresses, strides, self.nodes)
 
     def expected(self) -> tuple[float, float]:
         """Return a, b: the policy at a scale s changes the cost by about s a + s^2 b."""
-        at = int(self.sizes.policy_parts[1])
-        first, second = self.policy[0, at:at + 2].tolist()  # sums up to the end
+        place = int(self.sizes.policy_parts[1])
+        first, second = self.policy[0, place:place + 2].tolist()  # sums up to the end
         return first, second
 
     @property
-    def tau(self) -> Any:
+    def tau(self) -> Array:
         """Return the torques of `path`, (N, m): a view."""
-        return self.path[1:, self.sizes.state:self.sizes.state + self.sizes.torques]
+        first = self.sizes.state
+        return self.path[1:, first:first + self.sizes.torques]
 
     @property
-    def gains(self) -> Any:
+    def gains(self) -> Array:
         """Return the feedback of `policy`, (N, m, n_x)."""
-        x, m = self.sizes.directions, self.sizes.torques
+        x = self.sizes.directions
+        m = self.sizes.torques
         return self.policy[:-1, m:m + m * x].reshape(-1, m, x).copy()
 
     def shift(self, intervals: float) -> None:
         """Move `path` and the gains of `policy` by a time in intervals; the end is repeated."""
-        place = np.arange(self.nodes + 1) + intervals
-        for rows, last in ((self.path[:, :self.sizes.state], self.nodes),
-                           (self.tau, self.nodes - 1)):
-            moved = np.minimum(place[:len(rows)], last)
-            first = moved.astype(int)
-            part = (moved - first)[:, None]
-            rows[:] = (1.0 - part) * rows[first] + part * rows[np.minimum(first + 1, last)]
-        self.policy[:-1] = self.policy[np.minimum(place[:-1].astype(int), self.nodes - 1)]
+        place: Array = np.arange(self.nodes + 1.0) + intervals
+        _interpolate(self.path[:, :self.sizes.state], place)
+        _interpolate(self.tau, place[:-1])
+        later = np.minimum(place[:-1].astype(int), self.nodes - 1)
+        self.policy[:-1] = self.policy[later]
 
     def swap(self) -> None:
         """Exchange `path` and `trial`, which keep the same first row."""
@@ -200,7 +228,16 @@ class HorizonKernels:
         places['path'], places['trial'] = places['trial'], places['path']
 
 
-def _program(name: str, function: Callable[..., Any],
-             inputs: list[tuple[str, Shape]]) -> Program:
-    """Trace a kernel."""
-    return trace_program(name, function, inputs)
+def _place(array: Array) -> tuple[int, int]:
+    """Return the address of an array and the bytes from row to row; 0 for one row."""
+    stride = array.strides[0] if array.ndim > 1 else 0
+    return array.ctypes.data, stride
+
+
+def _interpolate(rows: Array, place: Array) -> None:
+    """Replace rows, in place, by those at real numbers of rows; the last is repeated."""
+    last = len(rows) - 1
+    moved = np.minimum(place, last)
+    first = moved.astype(int)
+    part = (moved - first)[:, None]
+    rows[:] = (1.0 - part) * rows[first] + part * rows[np.minimum(first + 1, last)]

@@ -7,7 +7,8 @@ from kane_dynamics._util.checks import finite_row, instance, integer, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.momentum_observer import MomentumObserver
 from kane_dynamics.motion.motion import Motion
-from kane_dynamics.optimal_control.trajectory_optimizer import Solution, TrajectoryOptimizer
+from kane_dynamics.optimal_control.trajectory_optimizer import (OptimizedMotion,
+                                                                TrajectoryOptimizer)
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -39,7 +40,7 @@ class PredictiveController:
 
     Attributes
     ----------
-    solution : Solution or None
+    solution : OptimizedMotion or None
         Of the last cycle; `feasible` says whether it is a plan from the measured state.
     disturbance : (m,) array
         Estimated torques that act beside those of the actuators, N m or N.
@@ -54,7 +55,7 @@ class PredictiveController:
         self.iterations = integer(iterations, 'iterations', 1)
         gain = number(disturbance_gain, 'disturbance_gain', 'a finite number >= 0, 1/s',
                       lambda value: 0.0 <= value < np.inf)
-        self.solution: Solution | None = None
+        self.solution: OptimizedMotion | None = None
         self.disturbance = np.zeros(len(optimizer.actuator_names))
         optimizer.set_disturbance(self.disturbance)  # another controller may have left one
         self._observer = None
@@ -65,7 +66,8 @@ class PredictiveController:
         self._actuators = [names.index(name) for name in optimizer.actuator_names]
         self._target: ArrayLike | Motion | None = None
         self._guess: Array | None = None
-        self._t = self._clock = 0.0
+        self._t = 0.0  # of the target
+        self._clock = 0.0  # of the observer
 
     def set_target(self, target: ArrayLike | Motion, t: float = 0.0) -> None:
         """Set a configuration to rest at, or a motion whose time is t at the next cycle."""
@@ -112,23 +114,17 @@ class PredictiveController:
             The loops of the measured configuration are open beyond `closure_tolerance`.
 
         """
-        optimizer, last = self.optimizer, self.solution
+        optimizer = self.optimizer
+        last = self.solution
         # Checked before anything changes, so that the next call finds the controller as it was.
         finite_row(q, 'q', optimizer.robot.coordinate_names)
         finite_row(u, 'u', optimizer.robot.speed_names)
         if last is None:
-            self._estimate(q, u, 0.0)
-            guess = optimizer.holding_torques(q) if self._guess is None else self._guess
-            optimizer.start(guess)
-            self._guess = None
-            solution = self._solved(q, u, FIRST)
+            solution = self._first_solution(q, u)
         else:
-            optimizer.shift(elapsed)
-            self._t += elapsed
-            if self._target is not None:
-                optimizer.set_target(self._target, self._t)
-            self._estimate(q, u, elapsed)
-            solution = self._solved(q, u, self.iterations)
+            solution = self._next_solution(q, u, elapsed)
+
+        # Nothing leads to finite states: the last plan, or gravity, until the next cycle.
         if solution is None:
             if last is None:
                 solution = self._resting(q, u)
@@ -142,7 +138,28 @@ class PredictiveController:
             self._observer.hold(self._generalized(tau, q))
         return tau
 
-    def _solved(self, q: ArrayLike, u: ArrayLike, iterations: int) -> Solution | None:
+    def _first_solution(self, q: ArrayLike, u: ArrayLike) -> OptimizedMotion | None:
+        """Return the solution from the torques of `start`, or from those of gravity."""
+        self._estimate(q, u, 0.0)
+        guess = self._guess
+        if guess is None:
+            guess = self.optimizer.holding_torques(q)
+        self.optimizer.start(guess)
+        self._guess = None
+        return self._solved(q, u, FIRST)
+
+    def _next_solution(self, q: ArrayLike, u: ArrayLike, elapsed: float
+                       ) -> OptimizedMotion | None:
+        """Return the solution from the torques of the last cycle, moved in time."""
+        self.optimizer.shift(elapsed)
+        self._t += elapsed
+        if self._target is not None:
+            self.optimizer.set_target(self._target, self._t)
+        self._estimate(q, u, elapsed)
+        return self._solved(q, u, self.iterations)
+
+    def _solved(self, q: ArrayLike, u: ArrayLike, iterations: int
+                ) -> OptimizedMotion | None:
         """Return the solution from the first torques that lead to finite states, if any do."""
         optimizer = self.optimizer
         solution = optimizer.try_solve(q, u, iterations=iterations)
@@ -155,15 +172,16 @@ class PredictiveController:
                 return solution
         return None
 
-    def _resting(self, q: ArrayLike, u: ArrayLike) -> Solution:
+    def _resting(self, q: ArrayLike, u: ArrayLike) -> OptimizedMotion:
         """Return the torques of gravity, within their limits, as what is done without any plan."""
         optimizer = self.optimizer
-        N, limits = optimizer.nodes, optimizer.torque_limits
+        N = optimizer.nodes
+        limits = optimizer.torque_limits
         tau = np.clip(optimizer.holding_torques(q), -limits, limits)
-        positions, speeds = np.tile(q, (N + 1, 1)), np.tile(u, (N + 1, 1))
-        gains = np.zeros((N, len(tau), optimizer.directions))
-        torques = np.tile(tau, (N, 1))
-        return Solution(positions, speeds, torques, gains, np.inf, 0, False, feasible=False)
+        return OptimizedMotion(
+            q=np.tile(q, (N + 1, 1)), u=np.tile(u, (N + 1, 1)), tau=np.tile(tau, (N, 1)),
+            gains=np.zeros((N, len(tau), optimizer.directions)), cost=np.inf, iterations=0,
+            converged=False, feasible=False)
 
     def _forget_disturbance(self) -> None:
         """Begin the estimate again: a state that no torques lead from would stay in it."""
@@ -175,19 +193,20 @@ class PredictiveController:
 
     def _estimate(self, q: ArrayLike, u: ArrayLike, elapsed: float) -> None:
         """Estimate the disturbance from the last command and the measured state."""
-        observer, optimizer = self._observer, self.optimizer
+        observer = self._observer
         if observer is None:
             return
+        robot = self.optimizer.robot
         self._clock += elapsed
-        held = np.zeros(optimizer.robot.n)  # of the first sample, of which `hold` sets another
+        none = np.zeros(robot.n)  # of the first sample, of which `hold` sets another
         with np.errstate(over='ignore', invalid='ignore'):
-            external = observer.update(self._clock, q, u, held)
+            external = observer.update(self._clock, q, u, none)
         if not np.isfinite(external).all():  # speeds whose squares overflow
             observer.reset()
-            external = np.zeros(optimizer.robot.n)
-        torques = self._at_time(optimizer.robot.joint_torques, external, q)
+            external = none
+        torques = self._at_time(robot.joint_torques, external, q)
         self.disturbance = torques[self._actuators]
-        optimizer.set_disturbance(self.disturbance)
+        self.optimizer.set_disturbance(self.disturbance)
 
     def _generalized(self, tau: Array, q: ArrayLike) -> Array:
         """Return the generalized force of torques of the actuators, (n,)."""
@@ -203,15 +222,17 @@ class PredictiveController:
         return function(force, q)
 
 
-def _moved(plan: Solution, intervals: float) -> Solution:
+def _moved(plan: OptimizedMotion, intervals: float) -> OptimizedMotion:
     """Return a plan moved in time, as what is done where none is found; its end is repeated."""
     nodes = len(plan.tau)
     place = np.arange(nodes + 1) + intervals
-    states = np.minimum(place, nodes).astype(int)  # no state is between two, as loops close there
+    # States are those of the plan, not between two, as loops close only there.
+    states = np.minimum(place, nodes).astype(int)
     torques = np.minimum(place[:-1], nodes - 1)
     first = torques.astype(int)
     part = (torques - first)[:, None]
-    begin, end = plan.tau[first], plan.tau[np.minimum(first + 1, nodes - 1)]
+    begin = plan.tau[first]
+    end = plan.tau[np.minimum(first + 1, nodes - 1)]
     tau = begin + part * (end - begin)
     tau = np.clip(tau, np.minimum(begin, end), np.maximum(begin, end))  # rounding, at a limit
     return replace(plan, q=plan.q[states], u=plan.u[states], tau=tau, gains=0.0 * plan.gains,

@@ -1,4 +1,9 @@
-"""Optimal torques over a horizon, by differential dynamic programming with torque limits."""
+"""
+Optimal torques over a horizon, by differential dynamic programming with torque limits.
+
+`TrajectoryOptimizer` holds the search; `Target` finds what the motion and the torques are
+compared with. The arrays and their kernels are in `horizon_kernels`.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -8,14 +13,13 @@ from kane_dynamics._util.checks import (constant, finite_row, instance, integer,
                                         per_joint, positive_time)
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
+from kane_dynamics.mechanics.ball_joints import require_angles, require_unit
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.optimal_control.horizon import NUMBERS
 from kane_dynamics.optimal_control.horizon_kernels import HorizonKernels
-from kane_dynamics.optimal_control.horizon_layout import NUMBERS
-from kane_dynamics.optimal_control.mechanism_horizon import MechanismHorizon
-from kane_dynamics.optimal_control.target import Target
-from kane_dynamics.optimal_control.tree_horizon import TreeHorizon
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -62,7 +66,7 @@ class CostWeights:
 
 @fixed
 @dataclass(frozen=True, eq=False)
-class Solution:
+class OptimizedMotion:
     """
     Motion and torques over the horizon.
 
@@ -122,8 +126,9 @@ class TrajectoryOptimizer:
         Length of an interval, s.
     weights : CostWeights, optional
     torque_limits : float or (m,) array_like, optional
-        0 for an actuator that is not there, as of a floating base. Default: `robot.limits.effort`,
-        which no URDF states for a floating base.
+        0 for an actuator that is not there. Default: `robot.limits.effort`, and 0 for the joints
+        of a floating base, which has no actuator unless the effort of its joints is limited or
+        `Robot(actuated=)` names them.
     speed_limits : float or (n_j,) array_like, optional
         Of all joints. Default: `robot.limits.velocity`.
 
@@ -135,7 +140,7 @@ class TrajectoryOptimizer:
     Raises
     ------
     InputError
-        Names the argument.
+        Names the argument; or the robot has no actuator.
 
     """
 
@@ -144,42 +149,50 @@ class TrajectoryOptimizer:
                  speed_limits: ArrayLike | None = None) -> None:
         """Compile the kernels; the target of a tree is 0 until `set_target`, others have none."""
         instance(robot, Robot, 'robot')
-        model, names = robot.model, robot.joint_names
         self.robot = robot
+        names = robot.joint_names
         self.interval = positive_time(interval, 'interval')
-        modes = {names[k] for k in model.modal_coordinates}
+        modes = {names[k] for k in robot.model.modal_coordinates}
         self.actuator_names = tuple(name for name in robot.actuated_names if name not in modes)
         actuators = [names.index(name) for name in self.actuator_names]
-        self.torque_limits = per_joint(
-            robot.limits.effort[actuators] if torque_limits is None else torque_limits,
-            'torque_limits', self.actuator_names, finite=False)
-        self.speed_limits = per_joint(
-            robot.limits.velocity if speed_limits is None else speed_limits, 'speed_limits',
-            names, finite=False)
+        if torque_limits is None:
+            torque_limits = _torque_limits(robot, self.actuator_names)
+        self.torque_limits = per_joint(torque_limits, 'torque_limits', self.actuator_names,
+                                       finite=False)
+        if speed_limits is None:
+            speed_limits = robot.limits.velocity
+        self.speed_limits = per_joint(speed_limits, 'speed_limits', names, finite=False)
         self.weights = CostWeights() if weights is None else weights
         instance(self.weights, CostWeights, 'weights')
-        by_joint = dict.fromkeys(CostWeights.__dataclass_fields__, names)
-        position, speed, torque, end_position, end_speed, excess = (
-            per_joint(getattr(self.weights, name), f'weights.{name}', of)
-            for name, of in (by_joint | {'torque': self.actuator_names}).items())
-        if not torque.all():
-            raise InputError(f'weights.torque: {self.weights.torque!r}; expected positive numbers')
-        plain = type(robot.equations) is TreeEquations and not model.flexible
-        self._arrays = HorizonKernels(
-            robot, TreeHorizon(robot) if plain else MechanismHorizon(robot, actuators),
-            integer(nodes, 'nodes', 1))
+
+        self._arrays = HorizonKernels(robot, actuators, integer(nodes, 'nodes', 1))
         self._target = Target(robot, actuators)
-        arrays, n = self._arrays, len(names)
-        arrays.weights[:] = self.interval * np.concatenate([position, speed, torque])
-        arrays.weights[-1, :2 * n] = np.concatenate([end_position, end_speed])
-        arrays.constants[NUMBERS:NUMBERS + arrays.sizes.limits] = np.concatenate(
-            [-self.torque_limits, self.torque_limits, self.speed_limits, excess])
-        arrays.constants[0] = self.interval
+        self._set_weights()
         self._disturbance = np.zeros(len(actuators))
-        self._regularization, self._stalled = 0.0, False
-        self._t, self._aimed = 0.0, False
-        if plain:
-            self.set_target(np.zeros(n))
+        self._regularization = 0.0
+        self._stalled = False
+        self._t = 0.0
+        self._has_target = False
+        if type(robot.equations) is TreeEquations and not robot.model.flexible:
+            self.set_target(np.zeros(len(names)))
+
+    def _set_weights(self) -> None:
+        """Write weights and limits into the arrays; raise InputError for those that are none."""
+        arrays = self._arrays
+        weights = {}
+        for name in CostWeights.__dataclass_fields__:
+            weighted = self.actuator_names if name == 'torque' else self.robot.joint_names
+            weights[name] = per_joint(getattr(self.weights, name), f'weights.{name}', weighted)
+        if not weights['torque'].all():
+            raise InputError(f'weights.torque: {self.weights.torque!r}; expected positive numbers')
+        arrays.weights[:] = self.interval * np.concatenate(
+            [weights['position'], weights['speed'], weights['torque']])
+        # The state at the end of the horizon has weights of its own, which are not integrated.
+        at_end = np.concatenate([weights['end_position'], weights['end_speed']])
+        arrays.weights[-1, :len(at_end)] = at_end
+        arrays.constants[0] = self.interval
+        arrays.constants[NUMBERS:NUMBERS + arrays.sizes.limits] = np.concatenate(
+            [-self.torque_limits, self.torque_limits, self.speed_limits, weights['excess_speed']])
 
     @property
     def nodes(self) -> int:
@@ -188,7 +201,7 @@ class TrajectoryOptimizer:
 
     @property
     def directions(self) -> int:
-        """Return the number of entries of a change of the state, n_x of `Solution.gains`."""
+        """Return the length of a change of the state, n_x of `OptimizedMotion.gains`."""
         return self._arrays.sizes.directions
 
     def set_target(self, target: ArrayLike | Motion, t: float = 0.0) -> None:
@@ -201,12 +214,13 @@ class TrajectoryOptimizer:
         what the target needs: those of gravity, or of inverse dynamics, with the present payload.
         A configuration that looks like degrees is warned of.
         """
-        moments = constant(t, (), 't (s)', InputError) + self.interval * np.arange(
-            1, self.nodes + 1)
-        self._arrays.targets[:] = self._target.rows(target, moments)
+        elapsed = self.interval * np.arange(1, self.nodes + 1)
+        times = constant(t, (), 't (s)', InputError) + elapsed
+        self._arrays.targets[:] = self._target.rows(target, times)
         if not isinstance(target, Motion):
             warn_of_degrees(self.robot, np.asarray(target, dtype=float), 'target')
-        self._t, self._aimed = float(t), True
+        self._t = float(t)
+        self._has_target = True
 
     def holding_torques(self, q: ArrayLike) -> Array:
         """Return the torques of the actuators that hold gravity at a configuration, (m,)."""
@@ -228,8 +242,8 @@ class TrajectoryOptimizer:
 
     def start(self, tau: ArrayLike) -> None:
         """Begin the next `solve` with these torques: (m,) for every interval, or (N, m)."""
-        rows = [finite_row(row, 'tau', self.actuator_names)
-                for row in (np.asarray(tau) if np.ndim(tau) == 2 else [tau])]
+        given_rows = np.asarray(tau) if np.ndim(tau) == 2 else [tau]
+        rows = [finite_row(row, 'tau', self.actuator_names) for row in given_rows]
         if len(rows) not in (1, self.nodes):
             raise InputError(f'tau: {len(rows)} rows; expected 1 or {self.nodes}')
         self._arrays.tau[:] = np.array(rows) + self._disturbance
@@ -247,7 +261,7 @@ class TrajectoryOptimizer:
         self._arrays.shift(time / self.interval)
 
     def solve(self, q: ArrayLike, u: ArrayLike, *, iterations: int = 100,
-              tolerance: float = 1e-9) -> Solution:
+              tolerance: float = 1e-9) -> OptimizedMotion:
         """
         Improve the torques for a measured state, from those of the last call.
 
@@ -269,15 +283,15 @@ class TrajectoryOptimizer:
             The loops of the configuration do not close, or are singular.
 
         """
-        solution = self.try_solve(q, u, iterations=iterations, tolerance=tolerance)
-        if solution is None:
+        result = self.try_solve(q, u, iterations=iterations, tolerance=tolerance)
+        if result is None:
             raise InputError('torques: their motion is not finite, or passes a singularity; '
                              'expected torques near those that hold the arm (see start), or '
                              'shorter intervals')
-        return solution
+        return result
 
     def try_solve(self, q: ArrayLike, u: ArrayLike, *, iterations: int = 100,
-                  tolerance: float = 1e-9) -> Solution | None:
+                  tolerance: float = 1e-9) -> OptimizedMotion | None:
         """
         Return the result of `solve`, or None where the torques lead to states that are not finite.
 
@@ -287,71 +301,190 @@ class TrajectoryOptimizer:
             As `solve`, but for what the torques lead to.
 
         """
-        arrays, robot = self._arrays, self.robot
+        arrays = self._arrays
         integer(iterations, 'iterations', 0)
         number(tolerance, 'tolerance', 'a number >= 0', lambda x: x >= 0.0)
-        if not self._aimed:
+        if not self._has_target:
             raise InputError('target: none; expected a call of set_target before')
-        arrays.constants[NUMBERS + arrays.sizes.limits:] = robot.parameters.block
-        start, n_q, n = self._start(q, u), robot.n_q, robot.n
-        arrays.begin(start)
-        cost = self._followed(0.0)
-        if not np.isfinite(cost):
-            # Feedback amplifies a large distance from the last plan: the torques without it.
-            arrays.forget()
-            arrays.begin(start)
-            cost = self._followed(0.0)
+        arrays.constants[NUMBERS + arrays.sizes.limits:] = self.robot.parameters.block
+        cost = self._first_cost(self._first_state(q, u))
         if not np.isfinite(cost):
             return None
         arrays.swap()
         if self._stalled:
-            self._regularization, self._stalled = 0.0, False
-        done, converged = 0, False
-        while done < iterations and not converged and not self._stalled:
-            done += 1
-            before, shortened = cost, self._regularization > 0.0
-            cost = self._iterate(cost)
-            converged = (before - cost <= tolerance * abs(cost)
-                         and not shortened and self._regularization == 0.0)
-        q_u = arrays.path[:, :n_q + n].copy()
-        tau = np.clip(arrays.tau - self._disturbance, -self.torque_limits, self.torque_limits)
-        return Solution(q_u[:, :n_q], q_u[:, n_q:], tau, arrays.gains, cost, done, converged)
+            self._regularization = 0.0
+            self._stalled = False
+        passes = 0
+        converged = False
+        while passes < iterations and not converged and not self._stalled:
+            passes += 1
+            shortened = self._regularization > 0.0
+            improved = self._iterate(cost)
+            small = cost - improved <= tolerance * abs(improved)
+            # A step that regularization shortens says nothing about convergence.
+            converged = small and not shortened and self._regularization == 0.0
+            cost = improved
+        return self._result(cost, passes, converged)
 
-    def _start(self, q: ArrayLike, u: ArrayLike) -> Array:
+    def _first_state(self, q: ArrayLike, u: ArrayLike) -> Array:
         """Return the state at the beginning; raise the errors of `solve`."""
-        robot, speeds = self.robot, finite_row(u, 'u', self.robot.speed_names)
-        here = self._target.configuration(q, 'q')
+        robot = self.robot
+        speeds = finite_row(u, 'u', robot.speed_names)
+        configuration = self._target.configuration(q, 'q')
         if isinstance(robot.equations, ConstrainedEquations):  # closed, and not singular
-            robot.joint_rates(here, speeds, **self._target.at(self._t))
-        return np.concatenate([here, speeds, [self._t]])[:self._arrays.sizes.state]
+            robot.joint_rates(configuration, speeds, **self._target.keywords(self._t))
+        state = np.concatenate([configuration, speeds, [self._t]])
+        return state[:self._arrays.sizes.state]
 
-    def _followed(self, scale: float) -> float:
+    def _first_cost(self, state: Array) -> float:
+        """Return the cost of the torques of the last call from a state."""
+        arrays = self._arrays
+        arrays.begin(state)
+        cost = self._simulated(0.0)
+        if np.isfinite(cost):
+            return cost
+        # Feedback amplifies a large distance from the last plan: the torques without it.
+        arrays.forget()
+        arrays.begin(state)
+        return self._simulated(0.0)
+
+    def _simulated(self, scale: float) -> float:
         """Simulate with a scale of the policy's k; return the cost."""
         self._arrays.forward(scale)
         return float(self._arrays.trial[-1, -1])
+
+    def _result(self, cost: float, passes: int, converged: bool) -> OptimizedMotion:
+        """Return the motion of the path, with the torques of the actuators alone."""
+        arrays = self._arrays
+        n_q = self.robot.n_q
+        states = arrays.path[:, :n_q + self.robot.n].copy()
+        tau = np.clip(arrays.tau - self._disturbance, -self.torque_limits, self.torque_limits)
+        return OptimizedMotion(states[:, :n_q], states[:, n_q:], tau, arrays.gains, cost, passes,
+                               converged)
 
     def _iterate(self, cost: float) -> float:
         """Improve the path, or regularize the next iteration; return the cost."""
         arrays = self._arrays
         arrays.linearize()
         arrays.backward(self._regularization)
+        # A scale s of the policy is expected to change the cost by s first + s^2 second.
         first, second = arrays.expected()
-        known, scale = np.isfinite(first + second), 1.0
-        if not known:  # derivatives overflow: the torques remain, without feedback
+        if not np.isfinite(first + second):
+            # Derivatives overflow: the torques remain, without feedback.
             arrays.policy[:] = 0.0
             self._stalled = self._regularization >= OVERFLOW
-        for _ in range(HALVINGS if known else 0):
-            found = self._followed(scale)
-            if cost - found >= -SUFFICIENT * scale * (first + scale * second) >= 0.0:
+            return self._regularized(cost)
+        scale = 1.0
+        for _ in range(HALVINGS):
+            new_cost = self._simulated(scale)
+            expected = -scale * (first + scale * second)
+            if cost - new_cost >= SUFFICIENT * expected >= 0.0:
                 arrays.swap()
-                lower = self._regularization / RAISED
-                self._regularization = lower if lower >= 1.0 else 0.0
-                return found
+                lowered = self._regularization / RAISED
+                self._regularization = lowered if lowered >= 1.0 else 0.0
+                return new_cost
             if -(first + second) <= ROUNDING * abs(cost):
                 # Nothing to gain: an optimum, or a step that regularization has shortened to
                 # rounding, which ends the search whatever the size of its number.
                 self._stalled = self._regularization > 0.0
                 return cost
             scale *= 0.5
+        return self._regularized(cost)
+
+    def _regularized(self, cost: float) -> float:
+        """Shorten the next step; return the cost, which stays."""
         self._regularization = max(1.0, RAISED * self._regularization)
         return cost
+
+
+def _torque_limits(robot: Robot, actuators: tuple[str, ...]) -> Array:
+    """
+    Return the effort limits of actuators; 0 for the joints of a base that is driven by nothing.
+
+    InputError if no actuator is left.
+    """
+    limits = {name: float(effort) for name, effort in zip(robot.joint_names,
+                                                          robot.limits.effort)}
+    equations = robot.equations
+    stated = isinstance(equations, ConstrainedEquations) and equations.actuated is not None
+    base = () if stated else robot.model.floating_base
+    undriven = [name for name in base if name in actuators and np.isinf(limits[name])]
+    if undriven and len(undriven) == len(actuators):
+        raise InputError(f'robot: no actuator but {", ".join(undriven)}, of a floating base; '
+                         'expected actuated joints, or torque_limits of the base')
+    return np.array([0.0 if name in undriven else limits[name] for name in actuators])
+
+
+class Target:
+    """
+    Rows of targets for a robot: configuration, rates of the joints and torques, at each time.
+
+    Parameters
+    ----------
+    robot : Robot
+    actuators : list of m int
+        Indices of the joints with actuators.
+
+    """
+
+    def __init__(self, robot: Robot, actuators: list[int]) -> None:
+        """Store the robot."""
+        self._robot = robot
+        self._actuators = actuators
+
+    def rows(self, target: ArrayLike | Motion, t: Array) -> Array:
+        """
+        Return q, joint rates and torques at times t, (N, n_q + n_j + m), or the same for all.
+
+        Raises
+        ------
+        InputError
+            The motion is not one of this robot, or the configuration is invalid; names it.
+        ConstraintError
+            The loops of the configuration do not close, or are singular.
+
+        """
+        if isinstance(target, Motion):
+            return self._of_motion(target, t)
+        robot = self._robot
+        q = self.configuration(target, 'target')
+        if robot.equations.timed and robot.constraint_names:
+            q = np.array([robot.closed_posture(q, t=float(time)) for time in t])
+        elif robot.equations.timed:
+            q = np.tile(q, (len(t), 1))
+        at_rest = np.zeros((*q.shape[:-1], len(robot.joint_names)))
+        return np.concatenate([q, at_rest, self.holding(q, t)], axis=-1)
+
+    def _of_motion(self, motion: Motion, t: Array) -> Array:
+        """Return the rows of a motion."""
+        robot = self._robot
+        require_angles(robot.model, 'target')
+        q, u, udot = motion.sample(t)
+        rates = u
+        if isinstance(robot.equations, ConstrainedEquations):
+            q, u, udot = mechanism_motion(robot, motion.joint_names, t, q, u, udot)
+            rates = robot.joint_rates(q, u, **self.keywords(t))
+        elif motion.joint_names != robot.joint_names:
+            raise InputError(f'target: a motion of {", ".join(motion.joint_names)}; expected '
+                             f'{", ".join(robot.joint_names)}')
+        tau = robot.inverse_dynamics(q, u, udot, **self.keywords(t))
+        return np.concatenate([q, rates, self._of_actuators(tau, q, t)], axis=-1)
+
+    def configuration(self, q: ArrayLike, what: str) -> Array:
+        """Return a checked configuration, (n_q,)."""
+        robot = self._robot
+        return require_unit(robot.model, finite_row(q, what, robot.coordinate_names), what)
+
+    def holding(self, q: Array, t: Any) -> Array:
+        """Return the torques of the actuators that hold gravity, (m,) or (N, m)."""
+        force = self._robot.gravity_force(q, **self.keywords(t))
+        return self._of_actuators(force, q, t)
+
+    def _of_actuators(self, tau: Array, q: Array, t: Any) -> Array:
+        """Return the torques of the actuators for a generalized force."""
+        torques: Array = self._robot.joint_torques(tau, q, **self.keywords(t))
+        return torques[..., self._actuators]
+
+    def keywords(self, t: Any) -> dict[str, Any]:
+        """Return the keyword of time, if the robot depends on it."""
+        return {'t': t} if self._robot.equations.timed else {}

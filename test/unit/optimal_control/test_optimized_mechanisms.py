@@ -7,7 +7,8 @@ from kane_dynamics import (absolute_rates, box, disc, InputError, load_urdf, Mod
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, difference, moved
-from kane_dynamics.optimal_control import CostWeights, PredictiveController, TrajectoryOptimizer
+from kane_dynamics.optimal_control import (CostWeights, PredictiveController,
+                                           TrajectoryOptimizer)
 from kinds_of_mechanism import Case, case, KINDS
 from linkages import at_angle, four_bar, four_bar_model, PIN, sleigh
 import numpy as np
@@ -50,7 +51,7 @@ def short(kinds):
     """Return an optimizer with one interval, and torques of moderate size."""
     this = mechanism(*kinds)
     problem = TrajectoryOptimizer(this.robot, nodes=1, interval=H, weights=CostWeights(
-        excess_speed=2.0), speed_limits=0.5)
+        excess_speed=2.0), speed_limits=0.5, torque_limits=np.inf)
     problem.set_target(this.q, this.time)
     return problem, np.linspace(-2.0, 3.0, len(problem.actuator_names))
 
@@ -280,6 +281,33 @@ def test_an_arm_on_a_free_body_turns_it_without_forces_on_that_body():
         drifts.append(np.abs(com - com[0]).max())
     assert drifts[0] < 5e-3
     assert drifts[1] < 0.6 * drifts[0], 'the step is of first order'
+
+
+def test_a_floating_base_is_not_pushed_unless_its_actuators_are_stated():
+    b = ModelBuilder('satellite', gravity=(0, 0, 0))
+    b.body('craft', kind='free', inertial=box(8.0, (0.6, 0.4, 0.3)))
+    b.body('arm', 'craft', axis=(0, 1, 0), at=(0.4, 0, 0),
+           inertial=rod(2.0, (0, 0, 0), (0.4, 0, 0)))
+    robot = Robot(b.model())
+    assert TrajectoryOptimizer(robot, nodes=1).torque_limits.tolist() == [0.0] * 6 + [np.inf]
+    pushed = TrajectoryOptimizer(robot, nodes=1, torque_limits=3.0)
+    assert pushed.torque_limits.tolist() == [3.0] * 7
+    problem = TrajectoryOptimizer(robot, nodes=10, interval=0.05)
+    start = robot.neutral()
+    problem.set_target(robot.integrate(start, [0.3, 0, 0, 0, 0, 0, 0.2]))
+    plan = problem.solve(start, np.zeros(robot.n))
+    com = robot.center_of_mass(plan.q)
+    assert (plan.tau[:, :6] == 0.0).all() and np.abs(plan.tau[:, 6]).max() > 0.1
+    # No external force acts. The step, of first order, moves the center of mass a little.
+    assert np.abs(com - com[0]).max() < 0.1 * np.abs(plan.q[-1, :3]).max()
+
+
+def test_a_body_without_actuators_is_refused():
+    b = ModelBuilder('craft', gravity=(0, 0, 0))
+    b.body('craft', kind='free', inertial=box(8.0, (0.6, 0.4, 0.3)))
+    with pytest.raises(InputError, match=r'no actuator but craft/x.*expected actuated joints'):
+        TrajectoryOptimizer(Robot(b.model()))
+    assert TrajectoryOptimizer(Robot(b.model()), nodes=1, torque_limits=5.0).nodes == 1
 
 
 def test_a_sleigh_goes_to_its_target_and_never_across_its_runner():

@@ -3,10 +3,11 @@
 from dataclasses import replace
 from functools import cache
 
-from kane_dynamics import (Inertial, InputError, load_urdf, ModelBuilder, ModelWarning, Motion,
-                           Robot, rod, simulate)
+from kane_dynamics import (Inertial, InputError, load_urdf, ModelBuilder, ModelWarning,
+                           Motion, Robot, rod, simulate)
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.optimal_control import CostWeights, PredictiveController, TrajectoryOptimizer
+from kane_dynamics.optimal_control import (CostWeights, PredictiveController,
+                                           TrajectoryOptimizer)
 import numpy as np
 import pytest
 

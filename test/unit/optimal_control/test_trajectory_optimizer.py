@@ -8,7 +8,7 @@ from kane_dynamics.mechanics.integrators.implicit_friction import (implicit_fric
                                                                    implicit_friction_step)
 from kane_dynamics.optimal_control import CostWeights, TrajectoryOptimizer
 from kane_dynamics.optimal_control.backward_step import limited_minimum
-from kane_dynamics.optimal_control.stage_cost import cost_slopes, Limits
+from kane_dynamics.optimal_control.horizon import cost_slopes, HorizonLimits
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear, minimize
@@ -39,7 +39,7 @@ def optimizer(robot, **options):
 def gradient(problem, solution):
     """Return the derivative of the cost by all torques, (N, n), from the last to the first."""
     robot, arrays, h = problem.robot, problem._arrays, problem.interval
-    n, limits = robot.n, Limits(-problem.torque_limits, problem.torque_limits,
+    n, limits = robot.n, HorizonLimits(-problem.torque_limits, problem.torque_limits,
                                 problem.speed_limits,
                                 np.full(robot.n, problem.weights.excess_speed))
     found, v = np.zeros((problem.nodes, n)), np.zeros(2 * n)
