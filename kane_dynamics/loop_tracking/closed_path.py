@@ -20,8 +20,8 @@ class ClosedPath:
     """
     Closed configurations along a trajectory, in the assembly mode of its start.
 
-    `LoopTracker` closes the loops from configuration to configuration, so that none of them is
-    beyond a singular one.
+    `LoopTracker` closes the loops from configuration to configuration, so that none of
+    them is beyond a singular one.
 
     Parameters
     ----------
@@ -30,7 +30,8 @@ class ClosedPath:
     joints : sequence of n str
         The driving joints, as many as independent speeds.
     tolerance : float
-        Largest deviation of further joints of the trajectory from the closed loops, rad or m.
+        Largest deviation of further joints of the trajectory from the closed loops, rad
+        or m.
     max_figure : float
         Largest conditioning figure, as in `LoopTracker`.
 
@@ -104,7 +105,8 @@ class ClosedPath:
         result = np.empty((len(q), passed.shape[1]))
         steps = np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0).tolist()
         for k, target in enumerate(q[:, self._order]):
-            # Rows of distant segments may follow each other: begin at the nearest configuration.
+            # Rows of distant segments may follow each other: begin at the nearest
+            # configuration.
             if k == 0 or steps[k - 1] > STRIDE:
                 distances = np.abs(passed[:, tracker.places] - target).sum(axis=1)
                 tracker.restart(passed[int(distances.argmin())])

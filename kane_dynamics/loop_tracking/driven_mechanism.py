@@ -28,8 +28,8 @@ def driving_tracker(robot: Robot, joints: Sequence[str], **limits: float) -> Loo
     """
     Return a tracker whose measured joints are driving joints, in the robot's order.
 
-    So one kernel serves every order of the joints. `limits` are those of `LoopTracker`. InputError
-    as from `LoopTracker`, or if a constraint is one of velocities.
+    So one kernel serves every order of the joints. `limits` are those of `LoopTracker`.
+    InputError as from `LoopTracker`, or if a constraint is one of velocities.
     """
     names = robot.coordinate_names
     if set(joints) <= set(names):  # else `LoopTracker` refuses them
@@ -46,8 +46,8 @@ class DrivenLoops:
     """
     Closed configurations for rows of positions of driving joints, in one assembly mode.
 
-    Arguments `q`, (K, n_q) with K > 0, are configurations, rad or m; `t`, (K,), times, s;
-    `described` returns what a row is of, in words, for errors.
+    Arguments `q`, (K, n_q) with K > 0, are configurations, rad or m; `t`, (K,), times,
+    s; `described` returns what a row is of, in words, for errors.
 
     Parameters
     ----------
@@ -68,10 +68,11 @@ class DrivenLoops:
 
     def followed(self, start: Array, q: Array, t: Array, described: Described) -> Array:
         """
-        Return configurations, (K, n_q), each from the one before, the first from a closed start.
+        Return configurations, (K, n_q), each from the one before, the first from a
+        closed start.
 
-        Only the driving joints of `q` are used; they keep their positions. LoopError if a
-        configuration does not follow, or is near a singular one; it names the row.
+        Only the driving joints of `q` are used; they keep their positions. LoopError if
+        a configuration does not follow, or is near a singular one; it names the row.
         """
         tracker = self._tracker
         at_rest = np.zeros(tracker.robot.n)
@@ -101,16 +102,19 @@ class DrivenLoops:
 
     def closed(self, q: Array, t: Array, described: Described) -> Array:
         """
-        Return configurations, (K, n_q), near those with nearly closed loops, all at once.
+        Return configurations, (K, n_q), near those with nearly closed loops, all at
+        once.
 
-        The driving joints keep their positions. LoopError if the others move by more than a part
-        of the distance from a singular configuration, beyond which they might not return.
+        The driving joints keep their positions. LoopError if the others move by more
+        than a part of the distance from a singular configuration, beyond which they
+        might not return.
         """
         tracker = self._tracker
         robot = tracker.robot
         kernel = tracking_kernel(robot, tracker.places)
         target = np.ascontiguousarray(q[:, tracker.places])
-        # The driving joints do not move, so T and their rates do not count. Nothing is compared.
+        # The driving joints do not move, so T and their rates do not count. Nothing is
+        # compared.
         T = np.zeros((robot.n_q, robot.n))
         rates = np.zeros(robot.n)
         seen = np.zeros(robot.n_q)
@@ -153,18 +157,19 @@ class MechanismMotion(NamedTuple):
 def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array, rates: Array,
                      accelerations: Array) -> MechanismMotion:
     """
-    Return the motion of a robot with chosen speeds or constraints for that of driving joints.
+    Return the motion of a robot with chosen speeds or constraints for that of driving
+    joints.
 
-    The loops are closed from each configuration to the next one (`DrivenLoops`), so that the
-    assembly mode stays that of the robot's `configuration`, else of the one found near zero. With
-    the joint rates T of the independent speeds, q' = T u + x, the rows of the driving joints
-    determine u, and those of q'' its rate.
+    The loops are closed from each configuration to the next one (`DrivenLoops`), so that
+    the assembly mode stays that of the robot's `configuration`, else of the one found
+    near zero. With the joint rates T of the independent speeds, q' = T u + x, the rows
+    of the driving joints determine u, and those of q'' its rate.
 
     Parameters
     ----------
     robot : Robot
-        With chosen speeds or constraints; velocity constraints (rolling, knife edges) do not
-        determine positions.
+        With chosen speeds or constraints; velocity constraints (rolling, knife edges) do
+        not determine positions.
     joints : sequence of n str
         Driving joints, as many as independent speeds.
     t : (N,) array
@@ -175,11 +180,11 @@ def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array, ra
     Raises
     ------
     InputError
-        The joints are others or not as many, the constraints are not those of positions, or the
-        driving joints do not determine the motion; names the time.
+        The joints are others or not as many, the constraints are not those of positions,
+        or the driving joints do not determine the motion; names the time.
     LoopError
-        A configuration does not follow from the one before, or is near a singular one; names the
-        time.
+        A configuration does not follow from the one before, or is near a singular one;
+        names the time.
 
     """
     require_angles(robot.model, 'motion')
@@ -215,7 +220,8 @@ def _closed(robot: Robot, driving: list[int], t: Array, q: Array) -> Array:
 def motion_of_closed(robot: Robot, driving: Sequence[int], t: Array, Q: Array, rates: Array,
                      accelerations: Array) -> MechanismMotion:
     """
-    Return the motion in closed configurations, (N, n_q), for joints with the indices `driving`.
+    Return the motion in closed configurations, (N, n_q), for joints with the indices
+    `driving`.
 
     The other arguments are those of `mechanism_motion`.
     """

@@ -1,21 +1,22 @@
 """
 Loop closure from measured joints, cycle by cycle, in native code.
 
-As many joints as there are degrees of freedom determine the others near a configuration. From the
-last closed configuration q, Newton's method solves
+As many joints as there are degrees of freedom determine the others near a configuration.
+From the last closed configuration q, Newton's method solves
 
     [ E ]        [ measured - E q ]
     [ J ] dq  =  [   - residual   ],
 
-where E selects the measured joints and J has the rows of the constraints. The columns of the
-inverse that belong to E are T, the rates of all joints per rate of each measured joint, which
-also predict the configuration of the next cycle. The Frobenius norm of the inverse
-(`conditioning.squared_figure`) grows as one over the distance from a singular configuration; no
-step is longer than a part of that distance, so that no step of the solution crosses it. What the
-mechanism does between two measurements is not seen; see `LoopTracker`.
+where E selects the measured joints and J has the rows of the constraints. The columns of
+the inverse that belong to E are T, the rates of all joints per rate of each measured
+joint, which also predict the configuration of the next cycle. The Frobenius norm of the
+inverse (`conditioning.squared_figure`) grows as one over the distance from a singular
+configuration; no step is longer than a part of that distance, so that no step of the
+solution crosses it. What the mechanism does between two measurements is not seen; see
+`LoopTracker`.
 
-The module has three parts: the functions that are traced into kernels, `LoopStep` with the
-kernels and their arrays, and `LoopTracker`, which decides what is accepted.
+The module has three parts: the functions that are traced into kernels, `LoopStep` with
+the kernels and their arrays, and `LoopTracker`, which decides what is accepted.
 """
 
 from __future__ import annotations
@@ -42,9 +43,10 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
-# Squares of a step, at the end of a kernel's result: the motion of all joints, the residual of
-# the independent rows and of all rows, the conditioning figure at the prediction, the longest
-# step of a measured joint, and the largest deviation of a further measured joint.
+# Squares of a step, at the end of a kernel's result: the motion of all joints, the
+# residual of the independent rows and of all rows, the conditioning figure at the
+# prediction, the longest step of a measured joint, and the largest deviation of a
+# further measured joint.
 MOTION, INDEPENDENT_RESIDUAL, RESIDUAL, CONDITIONING, STEP, DEVIATION = range(6)
 FIGURES = 6
 
@@ -115,8 +117,9 @@ def tracking_step(robot: Robot, places: Sequence[int]) -> Callable[..., Vector]:
              weights: Vector, *time: Scalar) -> Vector:
         t = time[0][()] if equations.timed else 0.0
 
-        # Predict along the tangent T, with an error of second order. Entries that vanish in
-        # every configuration stay exact zeros, so that the program does not compute them.
+        # Predict along the tangent T, with an error of second order. Entries that vanish
+        # in every configuration stay exact zeros, so that the program does not compute
+        # them.
         change = target - q[places]
         structure = mechanism.solved(system(q, t).S, np.eye(n_q))[:, :n]
         tangent = with_zeros_of(structure, T)
@@ -168,7 +171,8 @@ def largest_square(values: Iterable[Scalar]) -> Scalar:
 
 def valid(figures: Vector, last_figure: Scalar, limits: Vector, timed: bool) -> Scalar:
     """
-    Return 1 if the result of one call is valid, else 0; also where a number is not finite.
+    Return 1 if the result of one call is valid, else 0; also where a number is not
+    finite.
 
     Parameters
     ----------
@@ -208,11 +212,11 @@ def tracking_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
     """
     Return the kernel of one call: prediction, one Newton step, speeds, figures.
 
-    Its arguments are q (n_q,) and T (n_q, n), the rates of all joints per rate of each measured
-    joint, at the last configuration; positions and rates of the measured joints (n,); and
-    positions of all joints, (n_q,), with the weights, 1 or 0, of their deviations. The result is
-    q (n_q,), T (n_q n,) at the prediction, u (n,), and the `FIGURES` squares that are listed at
-    the beginning of this module.
+    Its arguments are q (n_q,) and T (n_q, n), the rates of all joints per rate of each
+    measured joint, at the last configuration; positions and rates of the measured joints
+    (n,); and positions of all joints, (n_q,), with the weights, 1 or 0, of their
+    deviations. The result is q (n_q,), T (n_q n,) at the prediction, u (n,), and the
+    `FIGURES` squares that are listed at the beginning of this module.
     """
     n_q, n = robot.n_q, robot.n
     arguments = [Argument('q', (n_q,), robot.coordinate_names),
@@ -227,10 +231,11 @@ def following_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
     """
     Return the kernel of one call that moves a state in place where the result is valid.
 
-    Its arguments are the state, (n_q + n_q n + n + 1,): q, T, u and the square of the figure; the
-    others of `tracking_kernel`; and the squares of the largest residual, deviation and figure.
-    The result is the state, the new one if it is valid, the figures of the new one, and 1 if it
-    is valid, else 0. Numbers that are not finite are not valid.
+    Its arguments are the state, (n_q + n_q n + n + 1,): q, T, u and the square of the
+    figure; the others of `tracking_kernel`; and the squares of the largest residual,
+    deviation and figure. The result is the state, the new one if it is valid, the
+    figures of the new one, and 1 if it is valid, else 0. Numbers that are not finite are
+    not valid.
     """
     n_q, n = robot.n_q, robot.n
     step = tracking_step(robot, places)
@@ -282,8 +287,8 @@ class LoopStep:
     """
     A step from one configuration to the next, and the last result that was accepted.
 
-    `follow` moves that result in place, if one call of a kernel is enough. Otherwise `start`,
-    `evaluate` and `proceed` move another one, call by call, until `accept`.
+    `follow` moves that result in place, if one call of a kernel is enough. Otherwise
+    `start`, `evaluate` and `proceed` move another one, call by call, until `accept`.
 
     Parameters
     ----------
@@ -295,8 +300,8 @@ class LoopStep:
     Attributes
     ----------
     measurement : (2 n,) array
-        Positions of the measured joints, rad or m, and their rates, rad/s or m/s: `measured` and
-        `rates`.
+        Positions of the measured joints, rad or m, and their rates, rad/s or m/s:
+        `measured` and `rates`.
     limits : (3,) array
         Squares of the largest residual, deviation and figure of `follow`.
     time : () array
@@ -324,7 +329,8 @@ class LoopStep:
         self.limits = np.zeros(3)
         self.time = np.zeros(())
 
-        # Further measured joints: positions, weights, and the indices that they are set at.
+        # Further measured joints: positions, weights, and the indices that they are set
+        # at.
         self._seen = np.zeros(n_q)
         self._weights = np.zeros(n_q)
         self._others: tuple[int, ...] = ()
@@ -332,8 +338,8 @@ class LoopStep:
         further = [self._seen, self._weights]
         time = [self.time] if robot.equations.timed else []
 
-        # The state of `follow`: q, T, u and the square of the figure; then figures, and whether
-        # they are valid. The kernel writes where it reads.
+        # The state of `follow`: q, T, u and the square of the figure; then figures, and
+        # whether they are valid. The kernel writes where it reads.
         both = n_q + n_q * n  # q and T
         size = both + n + 1
         self._block = np.zeros(size + FIGURES + 1)
@@ -407,7 +413,8 @@ class LoopStep:
         """
         Let `evaluate` begin at the last accepted result, or at a configuration, (n_q,).
 
-        `evaluate` does not compare further joints, whose deviations may have no finite square.
+        `evaluate` does not compare further joints, whose deviations may have no finite
+        square.
         """
         self._seen.fill(0.0)
         self.figures[DEVIATION] = 0.0
@@ -458,13 +465,13 @@ class LoopTracker:
     """
     Tracks the configuration of a mechanism with closed loops by its measured joints.
 
-    The assembly mode is kept from measurement to measurement, which is an assumption: between two
-    of them the mechanism moves by little, near singular configurations by no more than about 0.05
-    rad of its independent motion (not of the measured joints, which may reverse there). A
-    singular configuration passed between measurements further apart is not seen, and the mode may
-    then be wrong without an error; further measured joints show it. After a measurement next to a
-    singular configuration, or beyond one, the mode is unknown until all joints are measured or
-    `restart` is called.
+    The assembly mode is kept from measurement to measurement, which is an assumption:
+    between two of them the mechanism moves by little, near singular configurations by no
+    more than about 0.05 rad of its independent motion (not of the measured joints, which
+    may reverse there). A singular configuration passed between measurements further
+    apart is not seen, and the mode may then be wrong without an error; further measured
+    joints show it. After a measurement next to a singular configuration, or beyond one,
+    the mode is unknown until all joints are measured or `restart` is called.
 
     Parameters
     ----------
@@ -475,22 +482,22 @@ class LoopTracker:
     tolerance : float
         Largest deviation of further measured joints from the closed loop, rad or m.
     max_figure : float
-        Largest conditioning figure: about one over the distance from a singular configuration,
-        rad or lengths of the mechanism.
+        Largest conditioning figure: about one over the distance from a singular
+        configuration, rad or lengths of the mechanism.
 
     Attributes
     ----------
     q, u : (n_q,), (n,) arrays
-        The last closed configuration and its independent speeds; overwritten by `update`. Zeros
-        before the first.
+        The last closed configuration and its independent speeds; overwritten by
+        `update`. Zeros before the first.
     measurement : (2 n,) array
-        Positions of the measured joints, rad or m, then their rates, of the last `update` and the
-        next `update_checked`.
+        Positions of the measured joints, rad or m, then their rates, of the last
+        `update` and the next `update_checked`.
     known : bool
         Whether the assembly mode is known.
     path_rows : tuple of str
-        Rows of constraints on velocities: with these the measured joints determine the rates, but
-        not the configuration, which depends on the path.
+        Rows of constraints on velocities: with these the measured joints determine the
+        rates, but not the configuration, which depends on the path.
 
     Raises
     ------
@@ -581,9 +588,9 @@ class LoopTracker:
         """
         Continue from a nearly closed configuration, (n_q,), at time t, s.
 
-        The default is that of the robot, if one was given; else a first state of all joints. An
-        InputError for numbers that are missing or not finite changes nothing. LoopError if the
-        loops do not close nearby; the assembly mode is unknown then.
+        The default is that of the robot, if one was given; else a first state of all
+        joints. An InputError for numbers that are missing or not finite changes nothing.
+        LoopError if the loops do not close nearby; the assembly mode is unknown then.
         """
         nearly_closed = self._reference
         if start is not None:
@@ -630,8 +637,9 @@ class LoopTracker:
         InputError
             A number is missing or not finite. Nothing has changed then.
         LoopError
-            The configuration does not follow from the measurement. `q` and `u` are the last valid
-            ones, from which the next update continues while the assembly mode is `known`.
+            The configuration does not follow from the measurement. `q` and `u` are the
+            last valid ones, from which the next update continues while the assembly mode
+            is `known`.
 
         """
         step = self._step

@@ -1,5 +1,6 @@
 """
-Optimal control: torques over a horizon by differential dynamic programming, in native code.
+Optimal control: torques over a horizon by differential dynamic programming, in native
+code.
 
 `TrajectoryOptimizer` minimises a cost over a horizon within the torque limits,
 `PredictiveController` repeats that from every measured state.

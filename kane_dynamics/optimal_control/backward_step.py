@@ -1,19 +1,20 @@
 """
 One step of the backward pass of differential dynamic programming with torque limits.
 
-The cost-to-go at the end of an interval is v . dx + 1/2 dx . V dx in the change dx of the state,
-of n_x entries: of the configuration, then of the speeds. The change of the m torques that
-minimises it, plus the cost of the interval, is ``k + K dx``, within the limits (Tassa, Mansard,
-Todorov, Control-limited differential dynamic programming, ICRA 2014), with Gauss-Newton Hessians
-(iLQR): second derivatives of the dynamics are left out.
+The cost-to-go at the end of an interval is v . dx + 1/2 dx . V dx in the change dx of
+the state, of n_x entries: of the configuration, then of the speeds. The change of the m
+torques that minimises it, plus the cost of the interval, is ``k + K dx``, within the
+limits (Tassa, Mansard, Todorov, Control-limited differential dynamic programming, ICRA
+2014), with Gauss-Newton Hessians (iLQR): second derivatives of the dynamics are left
+out.
 
 Within the limits, the quadratic is minimised by Seidel sweeps and projected Newton steps
-(Bertsekas, SIAM J. Control Optim. 20 (1982)) in turn, each step with the best of some lengths.
-Their number is fixed, since programs do not branch. The result costs less than no change, unless
-no change is the minimum.
+(Bertsekas, SIAM J. Control Optim. 20 (1982)) in turn, each step with the best of some
+lengths. Their number is fixed, since programs do not branch. The result costs less than
+no change, unless no change is the minimum.
 
-The step of a tree is q+ = q + h w, w = u+ = u + h udot, so the cost-to-go is a function of q
-and w, and only w depends on the dynamics: this halves the arithmetic.
+The step of a tree is q+ = q + h w, w = u+ = u + h udot, so the cost-to-go is a function
+of q and w, and only w depends on the dynamics: this halves the arithmetic.
 
 All functions run over any scalar.
 """
@@ -67,7 +68,8 @@ def backward_step(cost_to_go: Expansion, torques: TorqueCost, regular: Vector) -
     Parameters
     ----------
     cost_to_go : Expansion
-        By the state and the torque at the beginning; with the cost of the state at the end.
+        By the state and the torque at the beginning; with the cost of the state at the
+        end.
     torques : TorqueCost
         Torque of the interval.
     regular : (m,) array
@@ -148,10 +150,11 @@ def expansion_of_tree(slopes: Matrix, h: Scalar, v: Vector, V: Matrix) -> Expans
 def limited_minimum(Q: Matrix, g: Vector, Q_x: Matrix, lower: Vector, upper: Vector
                     ) -> tuple[Vector, Matrix]:
     """
-    Return k that minimises g . k + 1/2 k . Q k within bounds, (m,), and its feedback, (m, n_x).
+    Return k that minimises g . k + 1/2 k . Q k within bounds, (m,), and its feedback,
+    (m, n_x).
 
-    By projected Newton steps from 0, each after a sweep over the torques. The feedback solves
-    Q K = -Q_x for the free torques, and is 0 for those at a bound.
+    By projected Newton steps from 0, each after a sweep over the torques. The feedback
+    solves Q K = -Q_x for the free torques, and is 0 for those at a bound.
     """
     n = len(g)
     k: Vector = np.zeros(n)
@@ -195,9 +198,11 @@ def _newton_step(Q: Matrix, g: Vector, k: Vector, slope: Vector, lower: Vector, 
 def _free(Q: Matrix, k: Vector, slope: Vector, lower: Vector, upper: Vector
           ) -> tuple[Vector, Any]:
     """
-    Return 1 for each torque that is free, else 0, and the factors of Q with unit rows for these.
+    Return 1 for each torque that is free, else 0, and the factors of Q with unit rows
+    for these.
 
-    A torque is at a bound, not free, if it is there and the slope of the cost keeps it there.
+    A torque is at a bound, not free, if it is there and the slope of the cost keeps it
+    there.
     """
     flags = []
     for x, s, low, high in zip(k, slope, lower, upper):

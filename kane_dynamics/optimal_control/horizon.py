@@ -1,15 +1,17 @@
 """
-The functions of one interval of a horizon, over any scalar: step, cost, derivatives, policy.
+The functions of one interval of a horizon, over any scalar: step, cost, derivatives,
+policy.
 
-The cost of an interval is 1/2 the sum of weight (value - target)^2 over its m torques and the n_j
-joints' positions and rates at its end, plus 1/2 `speed_weight` excess^2 of every joint. The
-excess of a speed beyond a limit by v (negative within it) is the smooth
-(v + sqrt(v^2 + w^2)) / 2, with the width w `WIDTH` times the limit; a kink there costs many
-iterations.
+The cost of an interval is 1/2 the sum of weight (value - target)^2 over its m torques
+and the n_j joints' positions and rates at its end, plus 1/2 `speed_weight` excess^2 of
+every joint. The excess of a speed beyond a limit by v (negative within it) is the smooth
+(v + sqrt(v^2 + w^2)) / 2, with the width w `WIDTH` times the limit; a kink there costs
+many iterations.
 
 `MechanismHorizon` is for robots of every kind. For trees of rigid bodies in joint rates
-`TreeHorizon` finds the same with derivatives of udot instead of those of the whole step, which
-was measured to take 0.8 of the time of an iteration for six axes; `horizon_of` chooses.
+`TreeHorizon` finds the same with derivatives of udot instead of those of the whole step,
+which was measured to take 0.8 of the time of an iteration for six axes; `horizon_of`
+chooses.
 """
 
 from typing import Any, NamedTuple
@@ -159,8 +161,8 @@ def cost_slopes(error: Vector, rates: Vector, weight: Vector, limits: HorizonLim
     """
     Return the gradient of `stage_cost`, (2 n + m,), and the diagonal of its Hessian.
 
-    They are by the positions and rates of the joints, and the torques. The Hessian is that of
-    Gauss and Newton, never negative.
+    They are by the positions and rates of the joints, and the torques. The Hessian is
+    that of Gauss and Newton, never negative.
     """
     n = len(rates)
     excess, slope = speed_excess(rates, limits)
@@ -180,11 +182,12 @@ class MechanismHorizon:
     """
     Step, derivatives and policy of a robot, in the interface of `HorizonKernels`.
 
-    The state is q, u and the time. A change of it has the n_p directions of the configuration
-    (`MechanismStep.tangent`), along independent speeds where loops close, and the n speeds. The
-    slopes of an interval are dx+ = F (dx, dtau), by the equations that define the step (implicit
-    differentiation), then gradient and Hessian of the cost by the state at the end, and by the
-    torques. The targets are the configuration, the rates of the joints, and the torques.
+    The state is q, u and the time. A change of it has the n_p directions of the
+    configuration (`MechanismStep.tangent`), along independent speeds where loops close,
+    and the n speeds. The slopes of an interval are dx+ = F (dx, dtau), by the equations
+    that define the step (implicit differentiation), then gradient and Hessian of the
+    cost by the state at the end, and by the torques. The targets are the configuration,
+    the rates of the joints, and the torques.
     """
 
     linearization = 'state after target weight'
@@ -273,8 +276,8 @@ class MechanismHorizon:
         """
         Return the derivatives of a step, (n_x, n_x + m).
 
-        The step is `excess` = 0 for w = u+, and the residuals of `moved` = 0 for the multipliers
-        that close the loops.
+        The step is `excess` = 0 for w = u+, and the residuals of `moved` = 0 for the
+        multipliers that close the loops.
         """
         step = self._step
         model = self._equations.model
@@ -364,8 +367,8 @@ class TreeHorizon:
     """
     Step, derivatives and policy of a tree, in the interface of `HorizonKernels`.
 
-    The state is q and u, and the slopes of an interval are the derivatives of udot by q, u and
-    tau, (3, n, n). The targets are those of q, u and tau.
+    The state is q and u, and the slopes of an interval are the derivatives of udot by q,
+    u and tau, (3, n, n). The targets are those of q, u and tau.
     """
 
     linearization = 'state tau'

@@ -44,8 +44,8 @@ class HorizonKernels:
     Attributes
     ----------
     path, trial : (N + 1, ...) arrays
-        Rows of the state, the torque of the interval before with what closes its loops, and the
-        cost so far.
+        Rows of the state, the torque of the interval before with what closes its loops,
+        and the cost so far.
     targets, weights : (N, ...) arrays
         Of the state at the end of an interval, and of its torque.
     slopes : (N, ...) array

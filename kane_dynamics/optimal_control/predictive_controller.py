@@ -19,14 +19,15 @@ class PredictiveController:
     """
     Predictive controller: one or a few iterations of an optimizer in every cycle.
 
-    The first cycle begins with the torques of `start`, or else with those of gravity, and
-    optimizes until it converges; compile and call it before the arm must move. Later ones continue
-    from the torques of the last, moved in time (real-time iteration, Diehl et al., SIAM J. Control
-    Optim. 43 (2005)).
+    The first cycle begins with the torques of `start`, or else with those of gravity,
+    and optimizes until it converges; compile and call it before the arm must move. Later
+    ones continue from the torques of the last, moved in time (real-time iteration, Diehl
+    et al., SIAM J. Control Optim. 43 (2005)).
 
-    With a `disturbance_gain` the controller has no offset at rest, whatever mass, payload and
-    friction the model lacks: a `MomentumObserver` estimates the missing torques, and the plan
-    counts with them as constant over the horizon. They need the torques to be those that act.
+    With a `disturbance_gain` the controller has no offset at rest, whatever mass,
+    payload and friction the model lacks: a `MomentumObserver` estimates the missing
+    torques, and the plan counts with them as constant over the horizon. They need the
+    torques to be those that act.
 
     Parameters
     ----------
@@ -35,8 +36,8 @@ class PredictiveController:
     iterations : int
         In each cycle but the first.
     disturbance_gain : float
-        Gain of the observer, 1/s: it has seen 63 % of a constant disturbance after 1 / gain. 0 for
-        no estimate.
+        Gain of the observer, 1/s: it has seen 63 % of a constant disturbance after 1 /
+        gain. 0 for no estimate.
 
     Attributes
     ----------
@@ -83,8 +84,8 @@ class PredictiveController:
         """
         Begin the next cycle with these torques: (m,) for every interval, or (N, m).
 
-        That cycle optimizes until it converges, as the first one does. Where the motion of the
-        torques is not finite, it begins with those of gravity.
+        That cycle optimizes until it converges, as the first one does. Where the motion
+        of the torques is not finite, it begins with those of gravity.
         """
         self.optimizer.start(tau)  # which checks them
         self._guess = np.array(tau, dtype=float)
@@ -94,10 +95,10 @@ class PredictiveController:
         """
         Return the torques of the actuators, (m,), N m or N, never beyond their limits.
 
-        Every finite state has a result. Where no torques that are tried lead from it to finite
-        states (the last plan's, with its feedback or without, those of gravity, none), the result
-        is that of the last plan, `solution.feasible` is False, and the estimate of the disturbance
-        begins again. The next cycle tries again.
+        Every finite state has a result. Where no torques that are tried lead from it to
+        finite states (the last plan's, with its feedback or without, those of gravity,
+        none), the result is that of the last plan, `solution.feasible` is False, and the
+        estimate of the disturbance begins again. The next cycle tries again.
 
         Parameters
         ----------
@@ -116,7 +117,8 @@ class PredictiveController:
         """
         optimizer = self.optimizer
         last = self.solution
-        # Checked before anything changes, so that the next call finds the controller as it was.
+        # Checked before anything changes, so that the next call finds the controller as
+        # it was.
         finite_row(q, 'q', optimizer.robot.coordinate_names)
         finite_row(u, 'u', optimizer.robot.speed_names)
         if last is None:
@@ -124,7 +126,8 @@ class PredictiveController:
         else:
             solution = self._next_solution(q, u, elapsed)
 
-        # Nothing leads to finite states: the last plan, or gravity, until the next cycle.
+        # Nothing leads to finite states: the last plan, or gravity, until the next
+        # cycle.
         if solution is None:
             if last is None:
                 solution = self._resting(q, u)

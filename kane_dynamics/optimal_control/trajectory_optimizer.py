@@ -1,8 +1,8 @@
 """
 Optimal torques over a horizon, by differential dynamic programming with torque limits.
 
-`TrajectoryOptimizer` holds the search; `Target` finds what the motion and the torques are
-compared with. The arrays and their kernels are in `horizon_kernels`.
+`TrajectoryOptimizer` holds the search; `Target` finds what the motion and the torques
+are compared with. The arrays and their kernels are in `horizon_kernels`.
 """
 
 from dataclasses import dataclass
@@ -38,10 +38,10 @@ class CostWeights:
     """
     Weights of the cost ``1/2 sum w (value - target)^2``, one number or one per joint.
 
-    Positions and speeds are those of all n_j joints (`robot.joint_names`), dependent ones
-    included, whatever the generalized speeds; torques are those of the m actuators. Of a ball
-    joint, the distance from the target is the rotation vector on the axes of the body, with
-    2 sin(angle / 2) for its angle.
+    Positions and speeds are those of all n_j joints (`robot.joint_names`), dependent
+    ones included, whatever the generalized speeds; torques are those of the m actuators.
+    Of a ball joint, the distance from the target is the rotation vector on the axes of
+    the body, with 2 sin(angle / 2) for its angle.
 
     Attributes
     ----------
@@ -77,20 +77,21 @@ class OptimizedMotion:
     tau : (N, m) array
         Torques of the actuators in each interval, N m or N.
     gains : (N, m, n_x) array
-        Feedback K of the last iteration: ``tau + K (measured (q, u) - planned (q, u))``; its rows
-        are zero for torques at their limits. The difference of configurations is
-        `robot.difference` from the planned one, if constraints are on positions; n_x is 2 n. Under
-        constraints of velocities, it has an entry more for each of their rows.
+        Feedback K of the last iteration: ``tau + K (measured (q, u) - planned (q, u))``;
+        its rows are zero for torques at their limits. The difference of configurations
+        is `robot.difference` from the planned one, if constraints are on positions; n_x
+        is 2 n. Under constraints of velocities, it has an entry more for each of their
+        rows.
     cost : float
         Without the state at the beginning, which no torque changes.
     iterations : int
         Passes over the horizon.
     converged : bool
-        Whether the last decrease was at most the tolerance. False too where no step decreases the
-        cost, as at a kink.
+        Whether the last decrease was at most the tolerance. False too where no step
+        decreases the cost, as at a kink.
     feasible : bool
-        False only from `PredictiveController`: no torques lead from the measured state to finite
-        states, and this is its last plan, moved in time.
+        False only from `PredictiveController`: no torques lead from the measured state
+        to finite states, and this is its last plan, moved in time.
 
     """
 
@@ -108,27 +109,29 @@ class TrajectoryOptimizer:
     """
     Torques that minimise a cost over a horizon of equal intervals, within their limits.
 
-    Torques are constant in an interval and never beyond their limits. Speeds beyond theirs are
-    penalised (`CostWeights.excess_speed`). The steps (`mechanics.integrators.implicit_friction`,
-    `mechanism_step`) include friction. The method is iLQR: differential dynamic programming with
-    Gauss-Newton Hessians, torque limits in the backward pass (see `backward_step`) and a search
-    along the step, all in native code.
+    Torques are constant in an interval and never beyond their limits. Speeds beyond
+    theirs are penalised (`CostWeights.excess_speed`). The steps
+    (`mechanics.integrators.implicit_friction`, `mechanism_step`) include friction. The
+    method is iLQR: differential dynamic programming with Gauss-Newton Hessians, torque
+    limits in the backward pass (see `backward_step`) and a search along the step, all in
+    native code.
 
     Parameters
     ----------
     robot : Robot
-        Of any kind. The torques are those of its m actuators (`actuator_names`). Gravity and
-        payload (`robot.parameters`) are those at each call of `solve`. The independent speeds stay
-        those of the robot: a motion that would need others is not found.
+        Of any kind. The torques are those of its m actuators (`actuator_names`). Gravity
+        and payload (`robot.parameters`) are those at each call of `solve`. The
+        independent speeds stay those of the robot: a motion that would need others is
+        not found.
     nodes : int
         Number of intervals.
     interval : float
         Length of an interval, s.
     weights : CostWeights, optional
     torque_limits : float or (m,) array_like, optional
-        0 for an actuator that is not there. Default: `robot.limits.effort`, and 0 for the joints
-        of a floating base, which has no actuator unless the effort of its joints is limited or
-        `Robot(actuated=)` names them.
+        0 for an actuator that is not there. Default: `robot.limits.effort`, and 0 for
+        the joints of a floating base, which has no actuator unless the effort of its
+        joints is limited or `Robot(actuated=)` names them.
     speed_limits : float or (n_j,) array_like, optional
         Of all joints. Default: `robot.limits.velocity`.
 
@@ -187,7 +190,8 @@ class TrajectoryOptimizer:
             raise InputError(f'weights.torque: {self.weights.torque!r}; expected positive numbers')
         arrays.weights[:] = self.interval * np.concatenate(
             [weights['position'], weights['speed'], weights['torque']])
-        # The state at the end of the horizon has weights of its own, which are not integrated.
+        # The state at the end of the horizon has weights of its own, which are not
+        # integrated.
         at_end = np.concatenate([weights['end_position'], weights['end_speed']])
         arrays.weights[-1, :len(at_end)] = at_end
         arrays.constants[0] = self.interval
@@ -206,13 +210,15 @@ class TrajectoryOptimizer:
 
     def set_target(self, target: ArrayLike | Motion, t: float = 0.0) -> None:
         """
-        Set the target: a configuration to rest at, or a motion whose time is t at the beginning.
+        Set the target: a configuration to rest at, or a motion whose time is t at the
+        beginning.
 
-        A configuration has n_q entries, and its loops are closed. A motion is one of all joints,
-        or of as many driving joints as a mechanism has independent speeds. t, s, is also the time
-        at the beginning for constraints and speeds that depend on it. The target of the torques is
-        what the target needs: those of gravity, or of inverse dynamics, with the present payload.
-        A configuration that looks like degrees is warned of.
+        A configuration has n_q entries, and its loops are closed. A motion is one of all
+        joints, or of as many driving joints as a mechanism has independent speeds. t, s,
+        is also the time at the beginning for constraints and speeds that depend on it.
+        The target of the torques is what the target needs: those of gravity, or of
+        inverse dynamics, with the present payload. A configuration that looks like
+        degrees is warned of.
         """
         elapsed = self.interval * np.arange(1, self.nodes + 1)
         times = constant(t, (), 't (s)', InputError) + elapsed
@@ -228,10 +234,12 @@ class TrajectoryOptimizer:
 
     def set_disturbance(self, tau: ArrayLike) -> None:
         """
-        Set unknown torques that act beside those of the actuators, (m,), constant in the horizon.
+        Set unknown torques that act beside those of the actuators, (m,), constant in the
+        horizon.
 
-        The planned motion stays: the actuators give what the disturbance does not. A target at
-        rest then needs the torques that hold it against gravity and the disturbance.
+        The planned motion stays: the actuators give what the disturbance does not. A
+        target at rest then needs the torques that hold it against gravity and the
+        disturbance.
         """
         m = len(self.actuator_names)
         # The kernels know the sum of both torques, and bound that.
@@ -252,10 +260,11 @@ class TrajectoryOptimizer:
 
     def shift(self, elapsed: float) -> None:
         """
-        Move the torques in time, so that the next `solve` begins `elapsed` s later, at least 0.
+        Move the torques in time, so that the next `solve` begins `elapsed` s later, at
+        least 0.
 
-        Parts of an interval interpolate, which keeps the limits; the last torque is repeated. The
-        target stays.
+        Parts of an interval interpolate, which keeps the limits; the last torque is
+        repeated. The target stays.
         """
         time = number(elapsed, 'elapsed', 'a finite time >= 0, s', lambda t: 0.0 <= t < np.inf)
         self._arrays.shift(time / self.interval)
@@ -277,8 +286,8 @@ class TrajectoryOptimizer:
         Raises
         ------
         InputError
-            The state is not finite, or so are the states that the torques lead to; or a robot
-            other than a tree has no target yet.
+            The state is not finite, or so are the states that the torques lead to; or a
+            robot other than a tree has no target yet.
         ConstraintError
             The loops of the configuration do not close, or are singular.
 
@@ -293,7 +302,8 @@ class TrajectoryOptimizer:
     def try_solve(self, q: ArrayLike, u: ArrayLike, *, iterations: int = 100,
                   tolerance: float = 1e-9) -> OptimizedMotion | None:
         """
-        Return the result of `solve`, or None where the torques lead to states that are not finite.
+        Return the result of `solve`, or None where the torques lead to states that are
+        not finite.
 
         Raises
         ------
@@ -384,8 +394,9 @@ class TrajectoryOptimizer:
                 self._regularization = lowered if lowered >= 1.0 else 0.0
                 return new_cost
             if -(first + second) <= ROUNDING * abs(cost):
-                # Nothing to gain: an optimum, or a step that regularization has shortened to
-                # rounding, which ends the search whatever the size of its number.
+                # Nothing to gain: an optimum, or a step that regularization has
+                # shortened to rounding, which ends the search whatever the size of its
+                # number.
                 self._stalled = self._regularization > 0.0
                 return cost
             scale *= 0.5
@@ -399,7 +410,8 @@ class TrajectoryOptimizer:
 
 def _torque_limits(robot: Robot, actuators: tuple[str, ...]) -> Array:
     """
-    Return the effort limits of actuators; 0 for the joints of a base that is driven by nothing.
+    Return the effort limits of actuators; 0 for the joints of a base that is driven by
+    nothing.
 
     InputError if no actuator is left.
     """
@@ -417,7 +429,8 @@ def _torque_limits(robot: Robot, actuators: tuple[str, ...]) -> Array:
 
 class Target:
     """
-    Rows of targets for a robot: configuration, rates of the joints and torques, at each time.
+    Rows of targets for a robot: configuration, rates of the joints and torques, at each
+    time.
 
     Parameters
     ----------
@@ -434,12 +447,14 @@ class Target:
 
     def rows(self, target: ArrayLike | Motion, t: Array) -> Array:
         """
-        Return q, joint rates and torques at times t, (N, n_q + n_j + m), or the same for all.
+        Return q, joint rates and torques at times t, (N, n_q + n_j + m), or the same for
+        all.
 
         Raises
         ------
         InputError
-            The motion is not one of this robot, or the configuration is invalid; names it.
+            The motion is not one of this robot, or the configuration is invalid; names
+            it.
         ConstraintError
             The loops of the configuration do not close, or are singular.
 
