@@ -81,7 +81,7 @@ def watch_costs() -> list[Race]:
             source = torque_input(one, 1e-5, STATES, None, None, 'rk4')
             buffer = np.ones((1, STATES + 1, len(state_names(one))))
             buffer[0, 0, :robot.n_q], buffer[0, 0, robot.n_q:robot.n_q + robot.n] = q, u
-            loops[f'step {what}'] = partial(source.advance, buffer, 0, True)
+            loops[f'step {what}'] = partial(source.advance, buffer, 0)
             loops[f'dynamics {what}'] = kernel_loop(
                 one.kernels.quantity('forward_dynamics'),
                 {'q': np.tile(q, (STATES, 1)), 'u': np.tile(u, (STATES, 1)),

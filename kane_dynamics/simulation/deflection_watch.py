@@ -5,6 +5,7 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.model.beam import Beam
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.observers import Chunk, Extremes, Observer
 import numpy as np
 
 
@@ -30,7 +31,16 @@ class Excess(NamedTuple):
     bound: float
 
 
-class DeflectionWatch:
+class _WatchedBeam(NamedTuple):
+    """A beam, the places of its modal coordinates in q, and the peaks of its modes, m."""
+
+    name: str
+    beam: Beam
+    places: list[int]
+    peaks: Array
+
+
+class DeflectionWatch(Observer):
     """
     Detects the first time at which a beam bends further than its equations are meant for.
 
@@ -41,67 +51,67 @@ class DeflectionWatch:
         Initial states, q first.
     start : float
         Their time, s.
+    single : bool
+        Leave out the number of the simulation.
 
     """
 
-    def __init__(self, robot: Robot, states: Array, start: float) -> None:
+    def __init__(self, robot: Robot, states: Array, start: float, single: bool) -> None:
         """Look at the initial states."""
-        model = robot.model
-        self._beams: list[tuple[str, Beam, list[int], Array]] = []
-        for body in model.bodies:
-            if body.beam is not None:
-                # Places in q; those of ball joints, which have none, are not among them.
-                places = [int(model.places[k] or 0) for k in body.beam.coordinates]
-                largest = np.linalg.norm(body.beam.shapes, axis=2).max(axis=0)
-                self._beams.append((body.name, body.beam, places, largest))
+        self._single = single
+        self._beams: list[_WatchedBeam] = []
         self._first: dict[int, Excess] = {}  # by simulation
-        self.look(states[:, None], np.array([start]))
+        for body in robot.model.bodies:
+            if body.beam is not None:
+                # Modal coordinates have places in q; those of ball joints have none.
+                places = [int(robot.model.places[k] or 0) for k in body.beam.coordinates]
+                peaks = np.linalg.norm(body.beam.shapes, axis=2).max(axis=0)
+                self._beams.append(_WatchedBeam(body.name, body.beam, places, peaks))
+        self._look(states[:, None], np.array([start]))
 
-    def look(self, states: Array, t: Array, extremes: tuple[Array, Array] | None = None) -> None:
-        """
-        Look at further states.
+    def look(self, chunk: Chunk) -> None:
+        """Look at further states."""
+        if self._beams:
+            self._look(chunk.states[:, 1:], chunk.times[1:], chunk.extremes)
 
-        Parameters
-        ----------
-        states : (N, K, size) array
-            States of every simulation at further times.
-        t : (K,) array
-            Their times, s.
-        extremes : (N, size) arrays, optional
-            Minimum and maximum of each entry over the K times, if known already.
-
-        """
-        for name, beam, places, largest in self._beams:
-            # A bound of the deflection from the peaks of the modes decides in most cases, unless
-            # the motion diverges.
+    def _look(self, states: Array, t: Array, extremes: Extremes | None = None) -> None:
+        """Look at states, (N, K, size), at times t, (K,)."""
+        for watched in self._beams:
+            # The peaks of the modes bound the deflection. The bound decides in most cases,
+            # unless the motion diverges.
             if extremes is None:
-                peaks = np.abs(states[:, :, places]).max(axis=1, initial=0.0)
+                largest = np.abs(states[:, :, watched.places]).max(axis=1, initial=0.0)
             else:
-                peaks = np.maximum(*(np.abs(extreme[:, places]) for extreme in extremes))
-            for i in np.flatnonzero(~(peaks @ largest <= beam.admissible_deflection)).tolist():
+                low, high = extremes
+                largest = np.maximum(np.abs(low[:, watched.places]),
+                                     np.abs(high[:, watched.places]))
+            within = largest @ watched.peaks <= watched.beam.admissible_deflection
+            for i in np.flatnonzero(~within).tolist():
                 if i not in self._first:
-                    self._look_at(name, beam, i, states[i][:, places], t)
+                    self._look_closely(watched, i, states[i][:, watched.places], t)
 
-    def _look_at(self, name: str, beam: Beam, simulation: int, eta: Array, t: Array) -> None:
-        """Store the first excess among the modal coordinates eta, (K, m), of a simulation."""
+    def _look_closely(self, watched: _WatchedBeam, simulation: int, eta: Array,
+                      t: Array) -> None:
+        """Store the first excess among modal coordinates eta, (K, m), of a simulation."""
+        beam = watched.beam
         with np.errstate(over='ignore', invalid='ignore'):
-            along = np.einsum('gmk,tm->tgk', beam.shapes, eta)
-            deflection = np.linalg.norm(along, axis=2).max(axis=1)
-        beyond = np.flatnonzero(deflection > beam.admissible_deflection)
-        if len(beyond):
-            k = beyond[0]
-            self._first[simulation] = Excess(float(t[k]), simulation, name,
+            along_beam = np.einsum('gmk,tm->tgk', beam.shapes, eta)
+            deflection = np.linalg.norm(along_beam, axis=2).max(axis=1)
+        excesses = np.flatnonzero(deflection > beam.admissible_deflection)
+        if len(excesses):
+            k = excesses[0]
+            self._first[simulation] = Excess(float(t[k]), simulation, watched.name,
                                              float(deflection[k]), beam.admissible_deflection)
 
-    def warning(self, single: bool) -> str | None:
-        """Return the warning for the first excess, or None; `single` omits the simulation."""
+    def warning(self) -> str | None:
+        """Return the warning for the first excess, or None."""
         if not self._first:
             return None
         first = min(self._first.values())
-        which = '' if single else f' of simulation {first.simulation}'
+        which = '' if self._single else f' of simulation {first.simulation}'
         count = len(self._first)
-        others = f' ({count} simulations)' if count > 1 else ''
+        count_text = f' ({count} simulations)' if count > 1 else ''
         return (f"beam '{first.beam}'{which}: a deflection of {first.deflection:.3g} m at "
-                f'{first.t:.6g} s{others}; expected at most {first.bound:.3g} m, a tenth of its '
-                'length. The motion is inaccurate from there on. Use several shorter beams in '
-                'series for this link')
+                f'{first.t:.6g} s{count_text}; expected at most {first.bound:.3g} m, a tenth of '
+                'its length. The motion is inaccurate from there on. Use several shorter beams '
+                'in series for this link')

@@ -22,6 +22,7 @@ from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, trace_program
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.observers import Chunk, Observer
 import numpy as np
 
 SMALL = 1e-10  # rad/s, m/s, rad or m: smaller jumps are not looked for
@@ -41,7 +42,7 @@ GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # spreads the weights of comparisons
 Screen = Callable[[Array, Array, Any], tuple[Array, Array]]
 
 
-class JumpWatch:
+class JumpWatch(Observer):
     """
     Watch of user-defined functions, which raises an error if one jumps within a step.
 
@@ -89,22 +90,12 @@ class JumpWatch:
                 times[-1] = self._range[1]
             self._search(None, times, 'simulation')
 
-    def look_back(self, states: Array, done: int) -> None:
-        """
-        Raise ConstraintError for a jump of a function of q and t along computed states.
-
-        Parameters
-        ----------
-        states : (N, K + 1, size) array
-            States after `done` steps, and after each of the next K.
-        done : int
-            Number of earlier steps.
-
-        """
+    def look(self, chunk: Chunk) -> None:
+        """Raise ConstraintError for a jump of a function of q and t along computed states."""
         if self._names[True]:
-            times = self._times(done, states.shape[1] - 1)
-            for i, rows in enumerate(states[..., :self._robot.n_q]):
-                self._search(rows, times, f'simulation{"" if self._single else f" {i}"}')
+            for i, rows in enumerate(chunk.states[..., :self._robot.n_q]):
+                which = 'simulation' if self._single else f'simulation {i}'
+                self._search(rows, chunk.times, which)
 
     def _times(self, done: int, steps: int) -> Array:
         times: Array = self._start + (done + np.arange(steps + 1)) * np.float64(self._step)

@@ -6,30 +6,54 @@ friction and damping. The error of this balance shows a wrong integration that d
 step that is too long, nearly singular independent speeds, a violated constraint.
 
 Energy and dissipation of all states of a chunk are one call of a SIMD kernel, which is fast enough
-for a check of every step.
+for a check of every step. A constraint or a speed that prescribes a motion does work: with
+q' = T u + X, the joint forces f have the power f . q' = tau . u + f . X.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Scalar, Vector
+from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators import integrator_of
+from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import Program, trace_program
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.energy_kernels import driven_kernel, energy_kernel, TERMS
+from kane_dynamics.simulation.observers import Chunk, Impact, Observer, Power
 import numpy as np
 
 RELATIVE = 1e-3  # of the energy exchanged so far
 ROUNDING = 1e-9  # of the energy itself
 MANY_ROWS, FEW_ROWS = 32, 4  # rows of the first check of a chunk: one simulation, many
 SKIP = 8  # steps between the rows of the second check
-
-Law = Callable[[Array], Array]
+TERMS = 3  # results of the energy kernel: kinetic, potential, power of friction
 
 
 class BalanceTerms(NamedTuple):
-    """Terms of the energy balance at several states, (rows, N) arrays."""
+    """
+    Terms of the energy balance at several states, (rows, N) arrays, J.
+
+    Attributes
+    ----------
+    error : array
+        Change of energy minus work.
+    allowed : array
+        Largest magnitude of the error that is no reason for a warning.
+    unresolved : array
+        Uncertainty of the work so far.
+    worked : array
+        Magnitude of all work so far.
+    fastest : array
+        Largest kinetic energy so far.
+    low, high : array
+        Least and largest potential energy so far.
+
+    """
 
     error: Array
     allowed: Array
@@ -40,20 +64,7 @@ class BalanceTerms(NamedTuple):
     high: Array
 
 
-class Impact(NamedTuple):
-    """
-    Energy that stops take at the end of one of several steps, or arrays of several different ones.
-
-    The uncertainty is that of the work of the step, J.
-    """
-
-    step: Any
-    simulation: int
-    energy: Any
-    unresolved: Any
-
-
-class EnergyBalance:
+class EnergyBalance(Observer):
     """
     Compares the change of energy with the work, step by step.
 
@@ -68,6 +79,10 @@ class EnergyBalance:
         One of `mechanics.integrators.INTEGRATORS`.
     start : float
         Time of the first state, s.
+    single : bool
+        Leave out the number of the simulation in the warning.
+    cause : str, optional
+        A known reason for errors, such as the warning of the step.
 
     Attributes
     ----------
@@ -83,15 +98,17 @@ class EnergyBalance:
     """
 
     def __init__(self, robot: Robot, step: float, states: Array, integrator: str,
-                 start: float = 0.0) -> None:
+                 start: float = 0.0, *, single: bool = True, cause: str | None = None) -> None:
         """Compile the kernels."""
         self.robot, self._step, self._start = robot, step, start
+        self._single, self._cause = single, cause
         self._kernel = energy_kernel(robot)
         self._parameters = robot.parameters.block.copy()
         self._driven = driven_kernel(robot)
-        # High frequencies die out by design.
-        self._damped = integrator_of(integrator).damps and any(
-            body.beam is not None or body.joint.stiffness for body in robot.model.bodies)
+        # An implicit step damps high frequencies by design.
+        vibrates = any(body.beam is not None or body.joint.stiffness
+                       for body in robot.model.bodies)
+        self._damped = integrator_of(integrator).damps and vibrates
         self._tree = not isinstance(robot.equations, ConstrainedEquations)
         N = len(states)
         self.began = np.full(N, np.inf)
@@ -99,8 +116,14 @@ class EnergyBalance:
         self._fastest, self._low, _ = self._terms(states[:, None])[:, 0]
         self._high = self._low
 
-    def look(self, states: Array, done: int, tau: Array | Law,
-             impacts: Sequence[Impact] = ()) -> None:
+    def look(self, chunk: Chunk) -> None:
+        """Update the balance with the steps of a chunk."""
+        steps, done = chunk.energetics, chunk.done
+        states = steps.in_user_speeds(chunk.states, done)
+        self.update(states, done, steps.acting(chunk.states, done), steps.impacts(done))
+
+    def update(self, states: Array, done: int, tau: Array | Power,
+               impacts: Sequence[Impact] = ()) -> None:
         """
         Update the balance with further steps.
 
@@ -122,52 +145,57 @@ class EnergyBalance:
         """
         count = states.shape[1] - 1
         changing = not callable(tau) and tau.shape[1] > 1
-        most = FEW_ROWS if len(states) > 1 else MANY_ROWS
-        skips = sorted({-(-count // most), min(SKIP, count)}, reverse=True)
         with np.errstate(over='ignore', invalid='ignore'):
-            for skip in () if impacts or (changing and self._driven) else skips:
-                seen = self._balance(states, np.append(np.arange(0, count, skip), count), tau)
-                if (np.abs(seen.error) <= 0.5 * seen.allowed).all():
-                    self._keep(seen)
-                    return
-            seen = self._balance(states, np.arange(count + 1), tau, unresolved=True)
+            # Impacts, and moving constraints under changing torques, need every row.
+            if not impacts and not (changing and self._driven):
+                rows = FEW_ROWS if len(states) > 1 else MANY_ROWS
+                for skip in sorted({-(-count // rows), min(SKIP, count)}, reverse=True):
+                    terms = self._balance(states, np.append(np.arange(0, count, skip), count), tau)
+                    if (np.abs(terms.error) <= 0.5 * terms.allowed).all():
+                        self._store(terms)
+                        return
+            terms = self._balance(states, np.arange(count + 1), tau, unresolved=True)
             if impacts:
-                seen = _with_impacts(seen, impacts)
-            missed = ~(np.abs(seen.error) <= seen.allowed)
-        new = np.flatnonzero(np.isinf(self.began) & missed.any(axis=0))
-        first = np.argmax(missed[:, new], axis=0)
+                terms = _with_impacts(terms, impacts)
+            too_large = ~(np.abs(terms.error) <= terms.allowed)
+        new = np.flatnonzero(np.isinf(self.began) & too_large.any(axis=0))
+        first = np.argmax(too_large[:, new], axis=0)
         self.began[new] = self._start + (done + 1 + first) * self._step
-        self.expected[new] = seen.allowed[first, new]
-        self._keep(seen)
+        self.expected[new] = terms.allowed[first, new]
+        self._store(terms)
 
-    def _keep(self, seen: 'BalanceTerms') -> None:
+    def _store(self, terms: BalanceTerms) -> None:
         """Store the last row as the current balance."""
-        self.worst = np.maximum(self.worst, np.abs(seen.error).max(axis=0))
-        (self.error, _, self._unresolved, self._worked, self._fastest, self._low,
-         self._high) = (part[-1] for part in seen)
+        self.worst = np.maximum(self.worst, np.abs(terms.error).max(axis=0))
+        last = BalanceTerms(*(term[-1] for term in terms))
+        self.error, self._unresolved, self._worked = last.error, last.unresolved, last.worked
+        self._fastest, self._low, self._high = last.fastest, last.low, last.high
 
-    def _balance(self, states: Array, rows: Array, tau: Array | Law,
-                 unresolved: bool = False) -> 'BalanceTerms':
+    def _balance(self, states: Array, rows: Array, tau: Array | Power,
+                 unresolved: bool = False) -> BalanceTerms:
         """Return the balance at all chosen rows of states except the first of them."""
         chosen = states if len(rows) == states.shape[1] else states[:, rows]
         kinetic, potential, loss = self._terms(chosen)
         h = (self._step * np.diff(rows))[:, None]
-        power, work = -loss, self._work(states, chosen, rows, tau)
-        given = power
+        # Powers of which only the values at the rows are known are integrated by the
+        # trapezoidal rule; the work of held torques is exact in joint rates.
+        power = input_power = -loss
+        work = self._work(states, chosen, rows, tau)
         if callable(tau):
-            given = power = power + tau(rows).T
+            input_power = power = power + tau(rows).T
         elif self._driven is not None:
-            before, after = self._driven_power(chosen, tau)
-            work = work + 0.5 * h * (before + after)
-            given = power + np.concatenate([before[:1], after])
+            begin, end = self._driven_power(chosen, tau)
+            work = work + 0.5 * h * (begin + end)
+            input_power = power + np.concatenate([begin[:1], end])
         passive = 0.5 * h * (power[1:] + power[:-1])
         energy = kinetic + potential
         error = self.error + (energy[1:] - energy[:1]) - np.cumsum(work + passive, axis=0)
         worked = self._worked + np.cumsum(np.abs(work) + np.abs(passive), axis=0)
         uncertain = self._unresolved + np.zeros(error.shape)
         if unresolved:
-            uncertain = uncertain + np.cumsum(
-                self._uncertain(chosen, given, potential, tau), axis=0)
+            of_steps = self._uncertain(chosen, input_power, potential, tau)
+            uncertain = uncertain + np.cumsum(of_steps, axis=0)
+        # The error is compared with the energy that was exchanged so far.
         fastest = np.maximum(np.maximum.accumulate(kinetic[1:], axis=0), self._fastest)
         low = np.minimum(np.minimum.accumulate(potential[1:], axis=0), self._low)
         high = np.maximum(np.maximum.accumulate(potential[1:], axis=0), self._high)
@@ -175,101 +203,99 @@ class EnergyBalance:
                    + ROUNDING * (fastest + np.maximum(np.abs(low), np.abs(high))))
         return BalanceTerms(error, allowed, uncertain, worked, fastest, low, high)
 
-    def _work(self, states: Array, chosen: Array, rows: Array, tau: Array | Law) -> Any:
+    def _work(self, states: Array, chosen: Array, rows: Array, tau: Array | Power) -> Any:
         """Return the work of held torques between rows, (rows - 1, N) or 0, J."""
         if callable(tau) or not tau.any():
             return 0.0
+        constant = tau.shape[1] == 1
+        x = chosen if constant else states
         n_q, n = self.robot.n_q, self.robot.n
-        part = slice(0, n) if self._tree else slice(n_q, n_q + n)
-        held = tau.shape[1] == 1
-        x = (chosen if held else states)[:, :, part]
-        if self._tree:  # u = q': exact for every step
-            turned = x[:, 1:] - x[:, :-1]
+        if self._tree:  # u = q', so the work is exact for every step
+            moved = np.diff(x[:, :, :n], axis=1)
         else:
-            h = self._step * (np.diff(rows)[:, None] if held else 1.0)
-            turned = 0.5 * h * (x[:, 1:] + x[:, :-1])
-        work = _dot(tau, turned)
-        return work if len(work) == len(rows) - 1 else np.add.reduceat(
-            work, rows[:-1].tolist(), axis=0)
+            h = self._step * np.diff(rows)[:, None] if constant else self._step
+            u = x[:, :, n_q:n_q + n]
+            moved = 0.5 * h * (u[:, 1:] + u[:, :-1])
+        work = _dot(tau, moved)
+        if len(work) == len(rows) - 1:
+            return work
+        return np.add.reduceat(work, rows[:-1].tolist(), axis=0)
 
     def _uncertain(self, states: Array, power: Array, potential: Array,
-                   tau: Array | Law) -> Array:
+                   tau: Array | Power) -> Array:
         """Return the estimated quadrature error of the work of each step, (K, N), J."""
-        found = self._step * _differences(power, 2)
+        uncertain = self._step * _differences(power, 2)
         if self._damped:
-            found = found + 2.0 * _differences(potential, 3)
+            uncertain = uncertain + 2.0 * _differences(potential, 3)
         if not (callable(tau) or self._tree):
             n_q, n = self.robot.n_q, self.robot.n
-            turning = _differences(states[:, :, n_q:n_q + n].swapaxes(0, 1), 2)
-            found = found + self._step * _dot(np.abs(tau), turning.swapaxes(0, 1))
-        return found
+            changes = _differences(states[:, :, n_q:n_q + n].swapaxes(0, 1), 2)
+            uncertain = uncertain + self._step * _dot(np.abs(tau), changes.swapaxes(0, 1))
+        return uncertain
 
     def _terms(self, states: Array) -> Array:
         """Return kinetic energy, potential energy and power of friction, (3, K, N)."""
-        found = np.empty((*states.shape[:2], TERMS))
+        terms = np.empty((*states.shape[:2], TERMS))
         rows = np.ascontiguousarray(states)
         run_batch(self._kernel.lane_address, [
             Strided(rows.ctypes.data, 8 * rows.shape[2]),
             Strided(self._parameters.ctypes.data),
-            Strided(found.ctypes.data, 8 * TERMS)], found.size // TERMS)
-        return np.ascontiguousarray(found.T)
+            Strided(terms.ctypes.data, 8 * TERMS)], terms.size // TERMS)
+        return np.ascontiguousarray(terms.T)
 
     def _driven_power(self, states: Array, tau: Array) -> Array:
         """Return the power of moving constraints at both ends of each interval, (2, K, N)."""
-        kernel = self._driven
-        assert kernel is not None
+        assert self._driven is not None
         shape = (len(states), states.shape[1] - 1)
-        given = np.ascontiguousarray(np.broadcast_to(tau, (*shape, tau.shape[2])))
-        found = np.empty((2, *shape))
-        for part, end in zip((states[:, :-1], states[:, 1:]), found):
-            rows = np.ascontiguousarray(part)
-            run_batch(kernel.lane_address, [
-                *(Strided(x.ctypes.data, 8 * x.shape[2]) for x in (rows, given)),
-                Strided(self._parameters.ctypes.data), Strided(end.ctypes.data, 8)],
-                shape[0] * shape[1])
-        return found.swapaxes(1, 2)
+        torques = np.ascontiguousarray(np.broadcast_to(tau, (*shape, tau.shape[2])))
+        powers = np.empty((2, *shape))
+        for ends, power in zip((states[:, :-1], states[:, 1:]), powers):
+            rows = np.ascontiguousarray(ends)
+            run_batch(self._driven.lane_address, [
+                Strided(rows.ctypes.data, 8 * rows.shape[2]),
+                Strided(torques.ctypes.data, 8 * torques.shape[2]),
+                Strided(self._parameters.ctypes.data),
+                Strided(power.ctypes.data, 8)], shape[0] * shape[1])
+        return powers.swapaxes(1, 2)
 
-    def warning(self, single: bool, cause: str | None = None) -> str | None:
-        """
-        Return the warning for energy balances with too large errors, or None.
-
-        Parameters
-        ----------
-        single : bool
-            Leave out the number of the simulation.
-        cause : str, optional
-            A known reason, such as the warning of the step.
-
-        """
-        missed = np.flatnonzero(np.isfinite(self.began))
-        if not len(missed):
+    def warning(self) -> str | None:
+        """Return the warning for energy balances with too large errors, or None."""
+        failed = np.flatnonzero(np.isfinite(self.began))
+        if not len(failed):
             return None
-        k = int(missed[np.argmin(self.began[missed])])
-        which = '' if single else f' of simulation {k}'
-        more = f' ({len(missed)} of {len(self.began)} simulations)' if len(missed) > 1 else ''
-        remedy = cause or ('Shorten the step' + (
-            '' if self._tree else ', or choose other independent speeds (independent=)'))
+        k = int(failed[np.argmin(self.began[failed])])
+        which = '' if self._single else f' of simulation {k}'
+        count = ''
+        if len(failed) > 1:
+            count = f' ({len(failed)} of {len(self.began)} simulations)'
+        remedy = self._cause
+        if remedy is None:
+            remedy = 'Shorten the step'
+            if not self._tree:
+                remedy += ', or choose other independent speeds (independent=)'
         return (f'energy balance{which}: from {self.began[k]:.6g} s on the energy differs from '
-                f'the work done, by up to {self.worst[k]:.3g} J{more}; expected at most '
+                f'the work done, by up to {self.worst[k]:.3g} J{count}; expected at most '
                 f'{self.expected[k]:.3g} J at that time with a step of {self._step:g} s. The '
                 f'motion is wrong from there on. {remedy}')
 
 
-def _with_impacts(seen: BalanceTerms, impacts: Sequence[Impact]) -> BalanceTerms:
+def _with_impacts(terms: BalanceTerms, impacts: Sequence[Impact]) -> BalanceTerms:
     """Return the terms with the energy of impacts, from the end of their steps on."""
-    lost, uncertain = np.zeros((2, *seen.error.shape))
-    for step, i, energy, unresolved in impacts:
-        lost[step, i] += energy
-        uncertain[step, i] += unresolved
+    lost = np.zeros(terms.error.shape)
+    uncertain = np.zeros(terms.error.shape)
+    for impact in impacts:
+        lost[impact.step, impact.simulation] += impact.energy
+        uncertain[impact.step, impact.simulation] += impact.unresolved
     uncertain = np.cumsum(uncertain, axis=0)
-    return seen._replace(error=seen.error + np.cumsum(lost, axis=0),
-                         allowed=seen.allowed + uncertain, unresolved=seen.unresolved + uncertain)
+    return terms._replace(error=terms.error + np.cumsum(lost, axis=0),
+                          allowed=terms.allowed + uncertain,
+                          unresolved=terms.unresolved + uncertain)
 
 
 def _dot(a: Array, b: Array) -> Array:
     """Return the scalar products of the last axes of (1 or N, 1 or K, n) arrays, (K, N)."""
-    found: Array = np.einsum('nkj,nkj->kn', *np.broadcast_arrays(a, b))
-    return found
+    products: Array = np.einsum('nkj,nkj->kn', *np.broadcast_arrays(a, b))
+    return products
 
 
 def _differences(rows: Array, order: int) -> Array:
@@ -280,7 +306,84 @@ def _differences(rows: Array, order: int) -> Array:
     is lower.
     """
     order = min(order, len(rows) - 1)
-    found = np.abs(np.diff(rows, order, axis=0))
-    padded = np.pad(found, [(order - 1, order - 1)] + [(0, 0)] * (rows.ndim - 1))
-    largest: Array = np.max([padded[k:k + len(rows) - 1] for k in range(order)], axis=0)
+    differences = np.abs(np.diff(rows, order, axis=0))
+    margin = [(order - 1, order - 1)] + [(0, 0)] * (rows.ndim - 1)
+    padded = np.pad(differences, margin)
+    shifted = [padded[k:k + len(rows) - 1] for k in range(order)]
+    largest: Array = np.max(shifted, axis=0)
     return largest
+
+
+def compile_balance(robot: Robot) -> None:
+    """Compile the kernels of `EnergyBalance`."""
+    energy_kernel(robot).compile_lanes()
+    driven = driven_kernel(robot)
+    if driven is not None:
+        driven.compile_lanes()
+
+
+def energy_kernel(robot: Robot) -> Kernel:
+    """Return the kernel of kinetic energy, potential energy and power of friction, (3,)."""
+    equations, n_q, n = robot.equations, robot.n_q, robot.n
+    constrained = equations if isinstance(equations, ConstrainedEquations) else None
+    tree = equations.tree if isinstance(equations, ConstrainedEquations) else equations
+
+    def terms(state: Vector, parameters: Vector) -> list[Scalar]:
+        q, u, time = np.split(state, [n_q, n_q + n])
+        rates = u if constrained is None else constrained.joint_speeds(q, u, *time)
+        return [tree.kinetic_energy(q, rates, parameters),
+                tree.potential_energy(q, parameters), tree.friction_force(rates) @ rates]
+    return _kernel(robot, 'energy_terms', terms, (TERMS,))
+
+
+def driven_kernel(robot: Robot) -> Kernel | None:
+    """Return the kernel of the power of moving constraints, W; None without any."""
+    equations, n_q, n = robot.equations, robot.n_q, robot.n
+    if not isinstance(equations, ConstrainedEquations) or not _driven(robot):
+        return None
+
+    def power(state: Vector, tau: Vector, parameters: Vector) -> Scalar:
+        q, u, time = np.split(state, [n_q, n_q + n])
+        force = equations.actual_joint_forces(q, u, tau, parameters, *time)
+        return force @ equations.joint_speeds(q, u, *time) - tau @ u
+    return _kernel(robot, 'driven_power', power, (), ('tau', (n,)))
+
+
+_DRIVEN: WeakKeyDictionary[Mechanism, bool] = WeakKeyDictionary()
+
+
+def _driven(robot: Robot) -> bool:
+    """Return whether speeds or constraints prescribe joint rates (q' nonzero at u = 0)."""
+    mechanism = robot.mechanism
+    if mechanism not in _DRIVEN:
+        prescribed: list[bool] = []
+
+        def right_side(state: Vector) -> Vector:
+            q, _, time = np.split(state, [robot.n_q, robot.n_q + robot.n])
+            right: Vector = mechanism.system(mechanism.state(q, *time))[1]
+            prescribed.extend(not is_zero(x) for x in right)
+            return right
+        trace_program('given_rates', right_side, [('state', (_size(robot),))])
+        _DRIVEN[mechanism] = any(prescribed)
+    return _DRIVEN[mechanism]
+
+
+def _size(robot: Robot) -> int:
+    """Return the number of entries of a state without its margin."""
+    return robot.n_q + robot.n + robot.equations.timed
+
+
+def _kernel(robot: Robot, name: str, function: Any, shape: tuple[int, ...],
+            *arguments: tuple[str, tuple[int, ...]]) -> Kernel:
+    """Return the kernel of a function of a state, further arguments and gravity and payload."""
+    inputs = [('state', (_size(robot),)), *arguments]
+
+    def traced(*x: Vector) -> Any:
+        *values, parameters = x
+        return function(*values, parameters[:robot.parameters.physical])
+
+    def program() -> Program:
+        return trace_program(name, traced,
+                             [*inputs, ('parameters', robot.parameters.block.shape)])
+    return robot.kernels.extra(name, program, [Argument(*x) for x in inputs],
+                               robot.parameters.block, shape)

@@ -8,13 +8,48 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.robot.parameters import JointLimits
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.observers import Chunk, Extremes, Observer
 from kane_dynamics.simulation.trajectory import LimitEvent
 import numpy as np
 
 MOST_EVENTS = 1_000_000
 
-Extremes = tuple[Array, Array]
+
+class _Bound(NamedTuple):
+    """
+    The bounds of one kind of limit.
+
+    Attributes
+    ----------
+    part : slice
+        The bounded entries of a state.
+    bound : array
+        Infinite where there is no limit.
+    sign : float
+        1 and -1 for upper and lower limits, 0 for limits of the magnitude.
+
+    """
+
+    part: slice
+    bound: Array
+    sign: float
+
+    def is_beyond(self, x: Array, bound: Array) -> Any:
+        """Return which entries of x are beyond bounds."""
+        if self.sign == 0.0:
+            return np.abs(x) > bound
+        return x > bound if self.sign > 0.0 else x < bound
+
+    def may_pass(self, low: Array, high: Array, was_beyond: Any) -> Any:
+        """Return which entries may have passed their bound, by their least and largest values."""
+        bound = self.bound
+        if self.sign == 0.0:
+            stays_beyond = ((low > bound) | (high < -bound)) & was_beyond
+            return (np.maximum(high, -low) > bound) & ~stays_beyond
+        largest, least = (high, low) if self.sign > 0.0 else (-low, -high)
+        stays_beyond = (least > self.sign * bound) & was_beyond
+        return (largest > self.sign * bound) & ~stays_beyond
 
 
 class Crossings(NamedTuple):
@@ -35,85 +70,85 @@ class LimitEvents(Sequence[LimitEvent]):
     The objects are created on first access, because a simulation may have thousands.
     """
 
-    def __init__(self, names: Mapping[str, Sequence[str]], found: Sequence[Crossings],
+    def __init__(self, names: Mapping[str, Sequence[str]], crossings: Sequence[Crossings],
                  single: bool) -> None:
-        self._names, self._found, self._single = names, tuple(found), single
+        """Store the crossings, and the names of the joints by limit."""
+        self._names, self._crossings, self._single = names, tuple(crossings), single
 
     @lazy_property
     def _events(self) -> tuple[LimitEvent, ...]:
         events: list[LimitEvent] = []
-        for limit, t, which, joint, value, bound in self._found:
+        for limit, t, which, joint, value, bound in self._crossings:
             names = self._names[limit]
+            simulations = repeat(None) if self._single else which.tolist()
             events += map(LimitEvent, t.tolist(), map(names.__getitem__, joint.tolist()),
-                          repeat(limit), value.tolist(), bound.tolist(),
-                          repeat(None) if self._single else which.tolist())
+                          repeat(limit), value.tolist(), bound.tolist(), simulations)
         return tuple(sorted(events, key=itemgetter(0)))
 
     def __len__(self) -> int:
-        return sum(len(crossings.t) for crossings in self._found)
+        """Return the number of events."""
+        return sum(len(crossings.t) for crossings in self._crossings)
 
     def __getitem__(self, index: Any) -> Any:
+        """Return an event, or those of a slice."""
         return self._events[index]
 
     def __eq__(self, other: object) -> bool:
+        """Return whether a sequence has the same events."""
         return isinstance(other, Sequence) and self._events == tuple(other)
 
     __hash__ = None  # type: ignore[assignment]
 
 
-class LimitWatch:
+class LimitWatch(Observer):
     """
     Detects the steps at which a joint passes a limit.
 
+    Speed limits are checked of robots in joint rates only; position limits only without stops.
+
     Parameters
     ----------
-    joint_names : sequence of str
-        Names of the speeds and, by default, of the positions.
-    limits : JointLimits
-    states : (N, 2 n) array
+    robot : Robot
+    states : (N, size) array
         Initial states; values beyond a limit are events.
+    start : float
+        Their time, s.
     single : bool
         Leave out the number of the simulation in events.
-    coordinate_names : sequence of str, optional
-        Names of the entries of q, if they are others.
+    stops : bool
+        Whether there are stops at the position limits.
 
     """
 
-    def __init__(self, joint_names: Sequence[str], limits: JointLimits, states: Array,
-                 single: bool, coordinate_names: Sequence[str] | None = None) -> None:
-        self._found: list[Crossings] = []
+    def __init__(self, robot: Robot, states: Array, start: float, single: bool,
+                 stops: bool) -> None:
+        """Look at the initial states."""
+        n_q = robot.n_q
+        coordinates = robot.coordinate_names
+        self._names = {'lower': coordinates, 'upper': coordinates, 'velocity': robot.joint_names}
+        self._single = single
+        self._crossings: list[Crossings] = []
         self._count = 0
-        coordinates = joint_names if coordinate_names is None else coordinate_names
-        self._names = {'lower': coordinates, 'upper': coordinates, 'velocity': joint_names}
-        self._single, n_q = single, len(coordinates)
-        self._bounds = {
-            name: (part, bound, sign) for name, part, bound, sign in (
-                ('lower', slice(0, n_q), limits.lower, -1.0),
-                ('upper', slice(0, n_q), limits.upper, 1.0),
-                ('velocity', slice(n_q, n_q + len(joint_names)), limits.velocity, 0.0))
-            if np.isfinite(bound).any()}
-        self._beyond = {name: np.zeros((len(states), len(bound)), dtype=bool)
-                        for name, (_, bound, _) in self._bounds.items()}
-        self.look(states[:, None], np.zeros(1))
+        limits, bounds = robot.limits, {}
+        if not stops:
+            bounds['lower'] = _Bound(slice(0, n_q), limits.lower, -1.0)
+            bounds['upper'] = _Bound(slice(0, n_q), limits.upper, 1.0)
+        if robot.speed_names == robot.joint_names:
+            bounds['velocity'] = _Bound(slice(n_q, n_q + robot.n), limits.velocity, 0.0)
+        self._bounds = {limit: bound for limit, bound in bounds.items()
+                        if np.isfinite(bound.bound).any()}
+        self._beyond = {limit: np.zeros((len(states), len(bound.bound)), dtype=bool)
+                        for limit, bound in self._bounds.items()}
+        self._look(states[:, None], np.array([start]))
 
     @property
     def events(self) -> LimitEvents:
         """Return the events so far."""
-        return LimitEvents(self._names, self._found, self._single)
+        return LimitEvents(self._names, self._crossings, self._single)
 
-    def look(self, states: Array, t: Array, extremes: Extremes | None = None) -> None:
+    def look(self, chunk: Chunk) -> None:
         """
         Add the crossings among further states.
-
-        Parameters
-        ----------
-        states : (N, K, 2 n) array
-            States of every simulation at further times.
-        t : (K,) array
-            Their times, s.
-        extremes : (N, 2 n) arrays, optional
-            Minimum and maximum of each entry over the K times, if known already; used to skip
-            joints that cannot have passed a limit.
 
         Raises
         ------
@@ -121,40 +156,34 @@ class LimitWatch:
             There are more than a million crossings.
 
         """
+        self._look(chunk.states[:, 1:], chunk.times[1:], chunk.extremes)
+
+    def _look(self, states: Array, t: Array, extremes: Extremes | None = None) -> None:
+        """Add the crossings among states, (N, K, size), at times t, (K,)."""
         if not self._bounds:
             return
-        rows = np.moveaxis(states, 2, 1)  # one for each entry of each state
+        rows = np.moveaxis(states, 2, 1)  # one row for each entry of a state
         if extremes is None:
-            rows = np.ascontiguousarray(rows)  # long rows go several times faster
-        low, high = extremes or (rows.min(axis=2), rows.max(axis=2))
-        for name, (part, bound, sign) in self._bounds.items():
-            x, before = rows[:, part], self._beyond[name]
-            i, j = np.nonzero(_passing(low[:, part], high[:, part], bound, sign, before))
-            self._beyond[name] = _beyond(x[:, :, -1], bound, sign)
+            rows = np.ascontiguousarray(rows)  # long rows are several times faster
+            extremes = rows.min(axis=2), rows.max(axis=2)
+        low, high = extremes
+        for limit, bound in self._bounds.items():
+            x, was_beyond = rows[:, bound.part], self._beyond[limit]
+            i, j = np.nonzero(bound.may_pass(low[:, bound.part], high[:, bound.part], was_beyond))
+            self._beyond[limit] = bound.is_beyond(x[:, :, -1], bound.bound)
             if not len(i):
                 continue
+            # A crossing is a state beyond the limit after one that is not.
             beyond = np.empty((len(i), x.shape[2] + 1), dtype=bool)
-            beyond[:, 0] = before[i, j]
-            beyond[:, 1:] = _beyond(x[i, j], bound[j, None], sign)
-            new = beyond[:, 1:] > beyond[:, :-1]
-            which, k = np.divmod(np.flatnonzero(new), new.shape[1])  # nonzero is ten times slower
+            beyond[:, 0] = was_beyond[i, j]
+            beyond[:, 1:] = bound.is_beyond(x[i, j], bound.bound[j, None])
+            crossed = beyond[:, 1:] > beyond[:, :-1]
+            # np.nonzero takes ten times as long.
+            which, k = np.divmod(np.flatnonzero(crossed), crossed.shape[1])
             i, j = i[which], j[which]
             self._count += len(k)
             if self._count > MOST_EVENTS:
                 raise InputError(f'limit events: more than {MOST_EVENTS} by {t[-1]:.6g} s; '
                                  'expected a shorter simulation, or a model without limits')
             if len(k):
-                self._found.append(Crossings(name, t[k], i, j, x[i, j, k], bound[j]))
-
-
-def _beyond(x: Array, bound: Array, sign: float) -> Any:
-    """Return which entries are beyond a limit: of speeds in magnitude, of positions signed."""
-    return np.abs(x) > bound if sign == 0.0 else x > bound if sign > 0.0 else x < bound
-
-
-def _passing(low: Array, high: Array, bound: Array, sign: float, before: Any) -> Any:
-    """Return which joints may have passed a limit, from their minima and maxima."""
-    if sign == 0.0:
-        return (np.maximum(high, -low) > bound) & ~(((low > bound) | (high < -bound)) & before)
-    largest, least = (high, low) if sign > 0.0 else (-low, -high)
-    return (largest > sign * bound) & ~((least > sign * bound) & before)
+                self._crossings.append(Crossings(limit, t[k], i, j, x[i, j, k], bound.bound[j]))

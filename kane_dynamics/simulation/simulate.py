@@ -4,45 +4,56 @@ Forward simulation in native code.
 One step of an integrator is traced with the robot's forward dynamics as a subroutine and compiled.
 The kernel runs along a buffer of states, where each result is the argument of the next step; this
 loop over time is native and releases the GIL. Many simulations run in SIMD lanes.
+
+`simulate` checks its arguments, chooses the steps and what watches them, and lets
+`stepping.run` compute the states.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-import time
+from collections.abc import Callable
+from functools import partial
+import math
 from typing import Any
 import warnings
 
 from kane_dynamics._util.attribute_hints import hinting
-from kane_dynamics._util.checks import constant, positive_time
+from kane_dynamics._util.checks import constant, instance, positive_time
 from kane_dynamics._util.typing import Array
+from kane_dynamics.control.computed_torque_law import law_kernel
 from kane_dynamics.errors import InputError, ModelWarning
-from kane_dynamics.native.backends.real_types import size_limit
+from kane_dynamics.mechanics.ball_joints import require_unit
+from kane_dynamics.mechanics.constraints.conditioning import loosened
+from kane_dynamics.mechanics.integrators import integrator_of
+from kane_dynamics.native.backends.llvm_simd import width
+from kane_dynamics.native.runtime.argument import Argument, checked
+from kane_dynamics.native.runtime.batch_loop import driver
+from kane_dynamics.native.runtime.loop_support import support
+from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
-from kane_dynamics.robot.parameters import JointLimits
+from kane_dynamics.robot.quantities import CONSTRAINED, IN_LOOPS
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.deflection_watch import DeflectionWatch
 from kane_dynamics.simulation.discontinuities import JumpWatch
-from kane_dynamics.simulation.energy_balance import EnergyBalance, Impact
-from kane_dynamics.simulation.limit_events import LimitEvents, LimitWatch
-from kane_dynamics.simulation.simulation_arguments import (
-    checked_torque, initial_states, MOST_STEPS, require_arguments, steps_per_sample, whole_steps)
-from kane_dynamics.simulation.speed_switching import SwitchingInput
-from kane_dynamics.simulation.step_kernels import state_names
-from kane_dynamics.simulation.step_size import diverged_error, stable_integrator
+from kane_dynamics.simulation.energy_balance import compile_balance, EnergyBalance
+from kane_dynamics.simulation.limit_events import LimitWatch
+from kane_dynamics.simulation.observers import DivergenceWatch
+from kane_dynamics.simulation.speed_switching import SwitchingSteps
+from kane_dynamics.simulation.step_kernels import margin_count, step_kernel
+from kane_dynamics.simulation.step_size import stable_integrator
+from kane_dynamics.simulation.stepping import CallableSteps, Progress, run, Steps
 from kane_dynamics.simulation.stops.joint_stops import JointStops, require_stops
-from kane_dynamics.simulation.torque_input import evaluated_torque, torque_input
+from kane_dynamics.simulation.torque_input import torque_input
 from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 
-CHUNK_SECONDS = 0.01  # of native code between two progress reports: half of the documented bound
-CHUNK_BYTES = 2**27  # of states in one chunk, unless a single step of all takes more
-FIRST_CHUNK = 256  # steps
-LEAST_CHUNK = 8  # steps of many simulations, so that checks take less time than the steps
-
-Torque = Callable[[float, Array, Array], Any]
-Progress = Callable[[float], bool | None]
+CLOSED = 1e-8  # rad or lengths: largest constraint residual of an initial configuration
+MOST_STEPS = 100_000_000
+MOST_SAMPLES = 1_000_000
+DEFAULT_SAMPLES = 1000
+# Quantities that `simulate` computes for all rows of its result at once.
+AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy', 'constraint_forces',
+              'constraint_residual', 'constraint_velocity_residual')
 
 
 @hinting
@@ -126,191 +137,166 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         deflection and the admissible one. All three are in `Trajectory.warnings` too.
 
     """
-    require_arguments(robot, t0, progress, integrator)
-    starts = initial_states(robot, q0, u0, t0 := float(constant(t0, (), 't0 (s)', InputError)))
-    single, N = starts.ndim == 1, 1 if starts.ndim == 1 else len(starts)
-    starts = starts.reshape(N, starts.shape[-1])
+    _require_arguments(robot, t0, progress, integrator, stops)
+    start = float(constant(t0, (), 't0 (s)', InputError))
+    states = initial_states(robot, q0, u0, start)
+    single = states.ndim == 1
+    states = np.atleast_2d(states)
     step = positive_time(step, 'step')
-    count = whole_steps('duration', positive_time(duration, 'duration'), step, MOST_STEPS)
-    warn_of_degrees(robot, starts[:, :robot.n_q], 'q0', stacklevel=4)
-    jumps = JumpWatch(robot, starts, t0, step, count, single)
-    bends = DeflectionWatch(robot, starts, t0)
-    integrator, step_text = stable_integrator(robot, starts[:1, :robot.n_q], step, integrator, t0)
+    count = whole_steps('duration', positive_time(duration, 'duration'), step)
+    every = steps_per_sample(count, step, sample, len(states), single)
+    warn_of_degrees(robot, states[:, :robot.n_q], 'q0', stacklevel=4)
+    # Before the first evaluation of user-defined functions: they may not be finite.
+    jumps = JumpWatch(robot, states, start, step, count, single)
+    integrator, step_text = stable_integrator(robot, states[:1, :robot.n_q], step, integrator,
+                                              start)
     if step_text is not None:
         warnings.warn(step_text, ModelWarning, stacklevel=3)
-    every = steps_per_sample(count, step, sample, N, single)
+    steps = _steps(robot, states, single, step, count, every, torque, integrator, start, stops,
+                   progress is not None)
+
+    # With the Runge-Kutta method, a step that is too long explains errors of the energy.
+    cause = step_text if integrator == 'rk4' else None
+    deflections = DeflectionWatch(robot, states, start, single)
+    limits = LimitWatch(robot, states, start, single, stops)
+    balance = EnergyBalance(robot, step, states, integrator, start, single=single, cause=cause)
+    divergence = DivergenceWatch(robot, step, single, earlier=deflections)
+    observers = [divergence, deflections, jumps, limits, balance]
+    samples = run(steps, states, count, every, observers, progress)
+
+    texts = [step_text, balance.warning(), deflections.warning()]
+    for text in filter(None, texts[1:]):
+        warnings.warn(text, ModelWarning, stacklevel=3)
+    q = np.ascontiguousarray(samples.states[..., :robot.n_q])
+    u = np.ascontiguousarray(samples.states[..., robot.n_q:robot.n_q + robot.n])
+    tau = steps.torques(samples, q, u)
+    arrays = {'q': q, 'tau': tau, **steps.results(samples, tau)}
+    if single:
+        arrays = {name: x[0] for name, x in arrays.items()}
+    return Trajectory(start + samples.steps * np.float64(step), **arrays,
+                      joint_names=robot.joint_names, limit_events=limits.events,
+                      coordinate_names=robot.coordinate_names, speed_names=robot.speed_names,
+                      constraint_names=robot.constraint_names,
+                      warnings=tuple(filter(None, texts)),
+                      speed_changes=steps.speed_changes(), stop_events=steps.stop_events())
+
+
+def _steps(robot: Robot, states: Array, single: bool, step: float, count: int, every: int,
+           torque: Any, integrator: str, start: float, stops: bool, in_time: bool) -> Steps:
+    """Return the steps of simulations from states, (N, size); arguments as of `simulate`."""
     if callable(torque) and not single:
-        raise InputError(f'torque: a function, with {N} initial states; expected None, an array '
-                         'or a ComputedTorque')
-    source: Any = torque_input(robot, step, 1 if callable(torque) else count,
-                               None if callable(torque) else torque, None if single else N,
-                               integrator, t0)
+        raise InputError(f'torque: a function, with {len(states)} initial states; expected None, '
+                         'an array or a ComputedTorque')
+    source = torque_input(robot, step, count, torque, None if single else len(states),
+                          integrator, start)
+    joint_stops = None
+    if stops:
+        require_stops(robot, states[:, :robot.n_q])
+        joint_stops = JointStops(robot, step, start)
+    if robot.constraint_names:
+        steps: Steps = SwitchingSteps(source, joint_stops, len(states))
+    else:
+        steps = Steps(source, joint_stops)
+    if callable(torque):
+        return CallableSteps(steps, torque, every, in_time)
+    return steps
+
+
+def _require_arguments(robot: Any, t0: Any, progress: Any, integrator: Any, stops: Any) -> None:
+    """Raise InputError for arguments of `simulate` of a wrong kind and limits that are NaN."""
+    instance(robot, Robot, 'robot')
+    if isinstance(t0, bool | np.bool_):
+        raise InputError(f't0: {t0!r}; expected a finite number, s')
+    if not (progress is None or callable(progress)):
+        raise InputError(f'progress: {progress!r}; expected None or a function of the time')
+    if integrator is not None:
+        integrator_of(integrator)
     if not isinstance(stops, bool | np.bool_):
         raise InputError(f'stops: {stops!r}; expected True or False')
-    if stops:
-        require_stops(robot, starts[:, :robot.n_q])
-        source = replace(source, stops=JointStops(robot, step, t0))
-    watched = bool(robot.constraint_names)
-    if watched:
-        source = SwitchingInput(source, N, integrator, single)
-    if callable(torque):
-        kept, states, tau, events, balance = _run_callable(source, starts[0], count, every, torque,
-                                                           progress, t0, integrator, jumps, bends)
+    for name, low, high in zip(robot.coordinate_names, robot.limits.lower, robot.limits.upper):
+        if math.isnan(low) or math.isnan(high):
+            raise InputError(f"limits: of joint '{name}' {low:g} to {high:g}; expected numbers, "
+                             'infinite where there is no limit')
+
+
+def initial_states(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
+    """Return the initial state or states, (size,) or (N, size), entries as `state_names`."""
+    q = checked(Argument('q0', (robot.n_q,), robot.coordinate_names), q0)
+    u = checked(Argument('u0', (robot.n,), robot.speed_names), u0)
+    q = require_unit(robot.model, q, 'q0')
+    if q.shape[:-1] != u.shape[:-1]:
+        raise InputError(f'q0: shape {q.shape}, u0: shape {u.shape}; expected ({robot.n_q},) and '
+                         f'({robot.n},), or (N, {robot.n_q}) and (N, {robot.n})')
+    if robot.constraint_names and q.size:
+        residual = np.abs(np.atleast_2d(robot.constraint_residual(q, t=t0)))
+        in_units = residual / robot.mechanism.row_units
+        i, k = np.unravel_index(np.argmax(in_units), residual.shape)
+        if in_units[i, k] > loosened(robot.mechanism, CLOSED):
+            which = '' if q.ndim == 1 else f' of state {i}'
+            raise InputError(f"q0{which}: the residual of '{robot.constraint_names[k]}' is "
+                             f'{residual[i, k]:.3g} (m or rad); expected a closed configuration, '
+                             'as robot.closed_posture(q0)')
+    time = np.full((*q.shape[:-1], int(robot.equations.timed)), t0)
+    margins = np.ones((*q.shape[:-1], margin_count(robot)))
+    return np.concatenate([q, u, time, margins], axis=-1)
+
+
+def whole_steps(name: str, value: float, step: float) -> int:
+    """Return a time as a number of steps; InputError unless it is whole and in bounds."""
+    count = round(value / step) if math.isfinite(value / step) else 0
+    if count < 1 or abs(value / step - count) > 1e-6 * max(1, count):
+        raise InputError(f'{name}: {value} s, {value / step:.6g} steps of {step} s; expected a '
+                         'whole number of steps')
+    if count > MOST_STEPS:
+        raise InputError(f'{name}: {value} s, {count} steps of {step} s; expected at most '
+                         f'{MOST_STEPS}')
+    return count
+
+
+def steps_per_sample(count: int, step: float, sample: Any, N: int, single: bool) -> int:
+    """Return the number of steps between two rows; InputError for too many rows."""
+    if sample is None:
+        rows = max(2, min(DEFAULT_SAMPLES, MOST_SAMPLES // max(N, 1) - 1))
+        every = max(1, -(-count // rows))
     else:
-        kept, states, events, balance = _run_native(source, starts, single, count, every,
-                                                    progress, t0, integrator, jumps, bends)
-    q, u, _ = (np.ascontiguousarray(part)
-               for part in np.split(states, [robot.n_q, robot.n_q + robot.n], axis=2))
-    if not callable(torque):
-        tau = source.torques(kept, q, u)
-    missed = balance.warning(single, step_text if integrator == 'rk4' else None)
-    bent = bends.warning(single)
-    for text in filter(None, (missed, bent)):
-        warnings.warn(text, ModelWarning, stacklevel=3)
-    arrays = {'q': q, 'u': u, 'tau': tau, **source.results(kept, states, tau)}
-    arrays = {name: x[0] if single else x for name, x in arrays.items()}
-    hits = source.stops.events(single) if source.stops is not None else ()
-    return Trajectory(t0 + kept * np.float64(step), **arrays,
-                      joint_names=robot.joint_names, limit_events=events,
-                      coordinate_names=robot.coordinate_names,
-                      speed_names=robot.speed_names, constraint_names=robot.constraint_names,
-                      warnings=tuple(filter(None, (step_text, missed, bent))),
-                      speed_changes=tuple(source.changes) if watched else (), stop_events=hits)
+        every = whole_steps('sample', positive_time(sample, 'sample'), step)
+    rows = count // every + 1
+    if N * (rows + 1) > MOST_SAMPLES:
+        which, together, remedy = '', '', 'a longer sample'
+        if not single:
+            which, together = f' for each of {N} initial states', ' together'
+            remedy = 'a longer sample or fewer states'
+        raise InputError(f'sample: {rows} rows{which}, from {count} steps sampled every {every}; '
+                         f'expected at most {MOST_SAMPLES}{together}: {remedy}')
+    return every
 
 
-def _run_native(source: Any, starts: Array, single: bool, count: int, every: int,
-                progress: Progress | None, t0: float, integrator: str, jumps: JumpWatch,
-                bends: DeflectionWatch) -> tuple[Array, Array, LimitEvents, EnergyBalance]:
-    """Step in native chunks; return the kept steps, their states, events, energy balance."""
-    robot, (N, size) = source.robot, starts.shape
-    kept = np.append(np.arange(0, count, every), count)
-    states = np.empty((N, len(kept), size))
-    states[:, 0] = starts
-    most = max(1, CHUNK_BYTES // starts.nbytes) if N else count
-    done, least = 0, 1 if single else LEAST_CHUNK
-    chunk = FIRST_CHUNK if single else LEAST_CHUNK
-    watch = LimitWatch(robot.joint_names, _watched(source), starts, single,
-                       robot.coordinate_names)
-    balance = EnergyBalance(robot, source.step, starts, integrator, t0)
-    while done < count:
-        chunk = min(chunk, most, count - done)
-        buffer = np.empty((N, chunk + 1, size))
-        buffer[:, 0] = starts
-        jumps.look_ahead(done, chunk)
-        started = time.perf_counter()
-        extremes = source.advance(buffer, done, single)
-        took = time.perf_counter() - started
-        t = t0 + (done + np.arange(1, chunk + 1)) * np.float64(source.step)
-        bends.look(buffer[:, 1:], t, extremes)
-        _finite(robot, buffer, done, source.step, single, bends)
-        jumps.look_back(buffer, done)
-        watch.look(buffer[:, 1:], t, extremes)
-        balance.look(source.in_own_speeds(buffer, done), done, source.acting(buffer, done),
-                     _impacts(source, done))
-        here = slice(*np.searchsorted(kept, [done + 1, done + chunk + 1]))
-        states[:, here] = buffer[:, kept[here] - done]
-        starts = buffer[:, -1].copy()
-        done += chunk
-        if progress is not None and progress(t0 + done * source.step) is False:
-            break
-        chunk = max(least, min(4 * chunk, int(chunk * CHUNK_SECONDS / max(took, 1e-9))))
-    return (*_ended(kept, states, done, starts), watch.events, balance)
+def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> None:
+    """
+    Compile every kernel of `simulate` in advance, except those for many simulations at once.
+
+    `names` are further quantities to compile concurrently.
+
+    Raises
+    ------
+    InputError
+        The integrator is unknown.
+
+    """
+    support()  # the loop that steps
+    driver(width())  # and that of batches
+    jobs: list[Callable[[], Any]] = [partial(step_kernel, robot, False, integrator)]
+    if not robot.constraint_names:
+        jobs.append(partial(step_kernel, robot, True, integrator))
+        jobs.append(lambda: law_kernel(robot).compile_lanes())
+    jobs.append(partial(compile_balance, robot))
+    for name in loop_kernels(robot):
+        jobs.append(partial(robot.compile, name, batches=name in AFTERWARDS))
+    jobs += [partial(robot.compile, name) for name in names]
+    run_concurrently(jobs)
 
 
-def _ended(kept: Array, states: Array, done: int, last: Array) -> tuple[Array, Array]:
-    """Return steps and states up to the end of a simulation, including its last state."""
-    rows = int(np.searchsorted(kept, done, side='right'))
-    if kept[rows - 1] < done:
-        kept[rows], states[:, rows], rows = done, last, rows + 1
-    return kept[:rows], states[:, :rows]
-
-
-def _run_callable(source: Any, state: Array, count: int, every: int, torque: Torque,
-                  progress: Progress | None, t0: float, integrator: str, jumps: JumpWatch,
-                  bends: DeflectionWatch
-                  ) -> tuple[Array, Array, Array, LimitEvents, EnergyBalance]:
-    """Step with a Python torque function, evaluated before every step."""
-    robot, step = source.robot, source.step
-    n_q, n = robot.n_q, robot.n
-    kept, states, taus = [], [], []
-    watch = LimitWatch(robot.joint_names, _watched(source), state[None], True,
-                       robot.coordinate_names)
-    buffer = np.empty((1, FIRST_CHUNK + 1, len(state)))
-    buffer[0, 0] = state
-    asked = np.empty((1, FIRST_CHUNK, n))
-    balance = EnergyBalance(robot, step, state[None], integrator, t0)
-    reported = time.perf_counter()
-    for k in range(count + 1):
-        j = k % FIRST_CHUNK
-        if j == 0 and k < count:
-            jumps.look_ahead(k, min(FIRST_CHUNK, count - k))
-        state = buffer[0, j].copy()
-        t = t0 + k * step
-        seen = (source.user_state(0, state, k) if isinstance(source, SwitchingInput) else
-                (state[:n_q], state[n_q:n_q + n]))
-        tau = checked_torque(robot, f'torque at {t:.6g} s',
-                             evaluated_torque(torque, t, *(x.copy() for x in seen)))
-        if k % every == 0 or k == count:
-            kept.append(k)
-            states.append(state)
-            taus.append(tau)
-        if k == count:
-            break
-        here, asked[0, j] = buffer[:, j:j + 2], tau
-        if isinstance(source, SwitchingInput):
-            source.torque = tau[None, None]
-            source.advance(here, k, single=True)
-        else:
-            replace(source, torque=tau[None, None]).advance(here, k, single=True)
-        if _diverged(robot, here[:, -1]).any():
-            bends.look(buffer[:, 1:j + 2], t0 + np.arange(k - j + 1, k + 2) * step)
-            _finite(robot, here, k, step, True, bends)
-        if progress is not None and time.perf_counter() - reported > CHUNK_SECONDS:
-            reported = time.perf_counter()
-            if progress(t0 + (k + 1) * step) is False:
-                count = k + 1
-        if j + 1 == FIRST_CHUNK or k + 1 == count:
-            jumps.look_back(buffer[:, :j + 2], k - j)
-            times = t0 + np.arange(k - j + 1, k + 2) * np.float64(step)
-            bends.look(buffer[:, 1:j + 2], times)
-            watch.look(buffer[:, 1:j + 2], times)
-            balance.look(source.in_own_speeds(buffer[:, :j + 2], k - j), k - j,
-                         asked[:, :j + 1], _impacts(source, k - j))
-            buffer[:, 0] = buffer[:, j + 1]
-    return np.array(kept), np.array([states]), np.array([taus]), watch.events, balance
-
-
-def _impacts(source: Any, done: int) -> Sequence[Impact]:
-    """Return the energies lost in stops during the steps after `done`."""
-    return () if source.stops is None else source.stops.settle(done)
-
-
-def _watched(source: Any) -> JointLimits:
-    """Return the limits to watch: of speeds in joint rates only, of positions without stops."""
-    robot: Robot = source.robot
-    limits, none = robot.limits, np.full(robot.n_q, np.inf)
-    if source.stops is not None:
-        limits = replace(limits, lower=-none, upper=none)
-    return limits if robot.speed_names == robot.joint_names else replace(
-        limits, velocity=np.full(robot.model.n, np.inf))
-
-
-def _diverged(robot: Robot, states: Array) -> Any:
-    """Return which entries of states are not finite, or positions that are too large."""
-    most = np.full(states.shape[-1], np.finfo(float).max)
-    most[:robot.n_q] = size_limit('q')
-    return ~(np.abs(states) <= most)
-
-
-def _finite(robot: Robot, buffer: Array, done: int, step: float, single: bool,
-            bends: DeflectionWatch) -> None:
-    """Raise InputError for a diverged motion (not finite, or positions too large); it stays so."""
-    if not _diverged(robot, buffer[:, -1]).any():
-        return
-    at = _diverged(robot, buffer)
-    k = int(np.argmax(at.any(axis=(0, 2))))
-    i, j = (int(index) for index in np.argwhere(at[:, k])[0])
-    which = 'the simulation' if single else f'simulation {i}'
-    value = float(buffer[i, k, j])
-    raise diverged_error(which, (done + k) * step, step, state_names(robot)[j], value,
-                         bends.warning(single))
+def loop_kernels(robot: Robot) -> list[str]:
+    """Return the names of the kernels of control and simulation of this robot."""
+    known = dict.fromkeys((*IN_LOOPS, *CONSTRAINED))
+    return [name for name in known if name in robot.kernels.names]

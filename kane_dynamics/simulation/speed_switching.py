@@ -2,37 +2,46 @@
 Simulations of constrained robots with a change of independent speeds before singularities.
 
 Every native step computes a margin, which is positive for an accepted state
-(`mechanics.constraints.conditioning`). For a non-positive margin, Python code finds the reason:
-ill-conditioned speeds or rows are replaced, and the simulation continues from the last accepted
-state; any other reason is an error. Near a singularity of all choices every step is checked.
+(`mechanics.constraints.conditioning`; where, says `step_kernels.watches_stages`). For a
+non-positive margin, Python code finds the reason: ill-conditioned speeds or rows are replaced, and
+the simulation continues from the last accepted state; any other reason is an error. Near a
+singularity of all choices, and in other speeds than those that the user named, the states are
+checked for a singularity between two steps.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from operator import itemgetter
-from typing import Any
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.control.constrained_law import require_following
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.ball_joints import joint_speeds
-from kane_dynamics.mechanics.constraints.conditioning import (best_choice, EXCESS, figure,
+from kane_dynamics.mechanics.constraints.conditioning import (best_choice, constraints_at_fault,
+                                                              described, EXCESS, figure,
                                                               in_lengths, LIMITS, loosened,
                                                               SHARE, SINGULAR, singular_error,
-                                                              stacked, WELL_CHOSEN)
+                                                              Stack, stacked, WELL_CHOSEN)
+from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.mechanics.integrators import integrator_of
+from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.backends.real_types import size_limit
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.speed_sets import left_out_error, limits_of
-from kane_dynamics.simulation.singularity_watch import (all_trusted, residual_error,
-                                                        SingularityWatch, trusted,
-                                                        watched_configurations)
-from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice
-from kane_dynamics.simulation.step_size import diverged_error
+from kane_dynamics.simulation.observers import diverged_error, Extremes
+from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice, watches_stages
+from kane_dynamics.simulation.stepping import Samples, Steps
+from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import SpeedChange
-from kane_dynamics.simulation.user_speeds import law_power, UserSpeeds
+from kane_dynamics.simulation.user_speeds import law_power, tau_from, UserSpeeds
 import numpy as np
 
 STEP_RESIDUAL = 1e-3  # rad or lengths: largest residual after a step, before the correction
@@ -42,6 +51,7 @@ FARTHEST = 3.0  # rad, or lengths of the mechanism: largest motion of a joint in
 PIECE = 256  # steps after a change before the next check of the states
 MOST_CHANGES = 20  # at one state
 NEARLY = 0.65  # of the largest transmission: its limit holds for the sum of two squares
+TURN = 0.5  # largest change of S in a step, relative to S, near a singularity
 
 
 @dataclass(frozen=True)
@@ -52,111 +62,137 @@ class Phase:
     limit: float
 
 
-class SwitchingInput:
+class _Watched(NamedTuple):
+    """A place where a step computes its margin: figure, system, q, (n_q,), and time, s."""
+
+    figure: float
+    stack: Stack
+    q: Array
+    t: float
+
+
+class SwitchingSteps(Steps):
     """
-    A torque input that changes the independent speeds where those in use become singular.
+    Steps that change the independent speeds where those in use become singular.
 
     Parameters
     ----------
     source : TorqueInput
-        The torque input of the user's robot; torques stay dual to its speeds.
+        The native step of the user's robot; torques stay dual to its speeds.
+    stops : JointStops or None
+        Stops whose impulses act after each step.
     count : int
         Number of simulations.
-    integrator : str
-        One of `mechanics.integrators.INTEGRATORS`.
 
     Attributes
     ----------
     changes : list of SpeedChange
-        Changes of every simulation, in order of time.
+        Changes of every simulation, as they were found.
 
     """
 
-    def __init__(self, source: TorqueInput, count: int, integrator: str, single: bool) -> None:
+    def __init__(self, source: TorqueInput, stops: JointStops | None, count: int) -> None:
         """Start all simulations in the robot's own speeds."""
-        self.robot, self.step, self.torque = source.robot, source.step, source.torque
-        self._law = source.torque if isinstance(source.torque, ComputedTorque) else None
-        self._source, self._integrator, self._single = source, integrator, single
-        self.stops = source.stops
+        super().__init__(source, stops)
+        self._law: ComputedTorque | None = source.torque if source.follows else None
+        self._single = source.single
         mechanism = source.robot.mechanism
         self._open = loosened(mechanism, STEP_RESIDUAL)
         self._excess = loosened(mechanism, EXCESS)
         self._usual = WELL_CHOSEN * float(np.sqrt(mechanism.model.n))
         self._phases = [Phase(source.robot, self._usual)] * count
-        self._elsewhere: set[int] = set()  # simulations in another phase than the first
+        self._switched: set[int] = set()  # simulations that left their first phase
         self._sources: dict[tuple[int, float], TorqueInput] = {}
         self._history: list[list[tuple[int, Robot]]] = [[(-1, source.robot)]
                                                         for _ in range(count)]
-        self._asked = UserSpeeds(source.robot, source.stops is not None)
+        self._user = UserSpeeds(source.robot, stops is not None)
         self._watch = SingularityWatch(source.robot, source.step)
         self.changes: list[SpeedChange] = []
 
-    def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
+    def advance(self, buffer: Array, done: int) -> Extremes | None:
         """Compute the states after each step; as `TorqueInput.advance`."""
-        groups: dict[tuple[int, float], list[int]] = {}
-        for i in range(len(buffer)) if self._elsewhere else ():
-            groups.setdefault((id(self._phases[i].robot), self._phases[i].limit), []).append(i)
         extremes = None
-        for places in list(groups.values()) or [list(range(len(buffer)))]:
-            source = self._source_of(places)
-            if len(places) == len(buffer):
-                extremes = source.advance(buffer, done, single)
+        for simulations in self._groups(len(buffer)):
+            if len(simulations) == len(buffer):
+                extremes = self._advance(self._source_of(simulations), buffer, done)
             else:
-                part = np.ascontiguousarray(buffer[places])
-                source.advance(part, done, False)
-                buffer[places] = part
-        whole = all_trusted(buffer)
-        for i in sorted(self._elsewhere):
-            if whole[i]:
+                part = np.ascontiguousarray(buffer[simulations])
+                self._advance(self._source_of(simulations), part, done)
+                buffer[simulations] = part
+        accepted = all_trusted(buffer)
+        for i in sorted(self._switched):
+            if accepted[i]:
                 self._look_closely(i, buffer[i], done)
-        for i in np.flatnonzero(~whole).tolist():
+        for i in np.flatnonzero(~accepted).tolist():
             self._resume(i, buffer[i], int(np.argmin(trusted(buffer[i]))), done)
-        if single:
+        if self._single:
             return None
-        if extremes is None or not whole.all():
+        if extremes is None or not accepted.all():
             extremes = buffer[:, 1:].min(axis=1), buffer[:, 1:].max(axis=1)
         return extremes
 
-    def _source_of(self, places: Sequence[int]) -> TorqueInput:
+    def _groups(self, count: int) -> list[list[int]]:
+        """Return the simulations in groups of the same phase."""
+        if not self._switched:
+            return [list(range(count))]
+        groups: dict[tuple[int, float], list[int]] = {}
+        for i, phase in enumerate(self._phases[:count]):
+            groups.setdefault((id(phase.robot), phase.limit), []).append(i)
+        return list(groups.values())
+
+    def _advance(self, source: TorqueInput, buffer: Array, done: int) -> Extremes | None:
+        """Compute the states of simulations in the same phase."""
+        if self.stops is None:
+            return source.advance(buffer, done)
+        return self.stops.advance(source, buffer, done)
+
+    def _source_of(self, simulations: Sequence[int]) -> TorqueInput:
         """Return the native step of simulations in the same phase."""
-        phase = self._phases[places[0]]
+        phase = self._phases[simulations[0]]
         key = id(phase.robot), phase.limit
         if key not in self._sources:
-            constants = self._source.constants.copy()
-            opened = in_lengths(self.robot.mechanism, self._open)
-            constants[-LIMITS:] = limits_of(phase.limit, opened, self._excess)
-            choice = self._source.choice if self._law else StepChoice(
-                False, self._integrator, self.robot.speed_names)
+            constants = self.source.constants.copy()
+            residual = in_lengths(self.robot.mechanism, self._open)
+            constants[-LIMITS:] = limits_of(phase.limit, residual, self._excess)
+            choice = self.source.choice
+            if self._law is None:
+                choice = StepChoice(False, choice.integrator, self.robot.speed_names)
             self._sources[key] = replace(
-                self._source, robot=phase.robot, kernel=step_kernel(phase.robot, *choice),
+                self.source, robot=phase.robot, kernel=step_kernel(phase.robot, *choice),
                 choice=choice, constants=constants)
-        torque = self.torque
-        if self._law is None and torque.shape[0] > 1 and len(places) < torque.shape[0]:
-            torque = np.ascontiguousarray(torque[places])
-        return replace(self._sources[key], torque=torque, places=list(places))
+        torque = self.source.torque
+        if self._law is None and torque.shape[0] > 1 and len(simulations) < torque.shape[0]:
+            torque = np.ascontiguousarray(torque[simulations])
+        return replace(self._sources[key], torque=torque, simulations=list(simulations))
 
-    def _resume(self, i: int, rows: Array, bad: int, done: int) -> None:
+    def _resume(self, i: int, rows: Array, rejected: int, done: int) -> None:
         """Continue simulation i from the state before the first rejected row to the last row."""
-        state, tries = rows[bad - 1].copy(), 0
-        self._look_closely(i, rows[:bad], done)
-        start, last, piece = bad - 1, len(rows) - 1, PIECE
+        self._look_closely(i, rows[:rejected], done)
+        start, last, piece, tries = rejected - 1, len(rows) - 1, PIECE, 0
+        state = rows[start].copy()
         while start < last:
             if tries == MOST_CHANGES:
                 raise self._diverged(i, done + start + 1)
-            state, tries = self._decided(i, state, done + start), tries + 1
+            state = self._decided(i, state, done + start)
+            tries += 1
+            # Steps in the new phase, in growing pieces, until one is rejected.
             while start < last:
                 local = np.empty((1, min(piece, last - start) + 1, rows.shape[1]))
                 local[0, 0] = state
-                self._source_of([i]).advance(local, done + start, True)
+                source = replace(self._source_of([i]), single=True)
+                self._advance(source, local, done + start)
                 good = trusted(local[0])
                 reached = len(good) - 1 if good.all() else int(np.argmin(good)) - 1
                 self._look_closely(i, local[0, :reached + 1], done + start)
                 rows[start + 1:start + reached + 1] = local[0, 1:reached + 1]
-                start, state, piece = start + reached, local[0, reached].copy(), 4 * piece
-                tries = 0 if reached else tries
+                start += reached
+                state = local[0, reached].copy()
+                if reached:
+                    tries = 0
                 if not good.all():
                     piece = PIECE
                     break
+                piece = 4 * piece
 
     def _decided(self, i: int, state: Array, done: int) -> Array:
         """
@@ -182,31 +218,35 @@ class SwitchingInput:
         if not (np.abs(q) <= size_limit('q')).all():
             raise self._diverged(i, done)
         self._require_short_step(phase.robot, q, u, t, where)
+        # The speeds at the state itself.
         stack = stacked(mechanism, q, t)
-        now = figure(mechanism, stack, mechanism.free, mechanism.kept)
+        current = figure(mechanism, stack, mechanism.free, mechanism.kept)
         best = self._preferred(stack)
-        if max(now, best.figure) >= SINGULAR:
+        if max(current, best.figure) >= SINGULAR:
             raise singular_error(mechanism, stack, q, t, where, u)
-        if GAIN * best.figure < now:
+        if GAIN * best.figure < current:
             return self._changed(i, state, best, done)
+        # The speeds where the next step computes its margin.
         watched = self._watched(i, state, done)
         if self._law is not None:
-            for _, _, q_next, t_next in watched:
-                require_following(phase.robot, self._law.followed, q_next, t_next, where, NEARLY)
-        now, stack, q_next, t_next = max(watched, key=itemgetter(0))
-        if now > SHARE * phase.limit:
-            best = self._preferred(stack)
+            for place in watched:
+                require_following(phase.robot, self._law.followed, place.q, place.t, where,
+                                  NEARLY)
+        worst = max(watched, key=attrgetter('figure'))
+        if worst.figure > SHARE * phase.limit:
+            best = self._preferred(worst.stack)
             if best.figure >= SINGULAR:
-                raise singular_error(mechanism, stack, q_next, t_next, where, u)
-            if GAIN * best.figure < now:
+                raise singular_error(mechanism, worst.stack, worst.q, worst.t, where, u)
+            if GAIN * best.figure < worst.figure:
                 return self._changed(i, state, best, done)
-            self._enter(i, Phase(phase.robot, ROOM * now))
+            self._enter(i, Phase(phase.robot, ROOM * worst.figure))
             return state
-        for _, stack, q_next, t_next in watched:
+        # The speeds are not at fault: the constraints are, or the motion diverges.
+        for place in watched:
             at = q, t, self._open, where, self.step
-            residual_error(mechanism, stack, True, *at)
-            left_out_error(mechanism, stack, q_next, t_next, SHARE * self._excess, where)
-            residual_error(mechanism, stack, False, *at)
+            residual_error(mechanism, place.stack, True, *at)
+            left_out_error(mechanism, place.stack, place.q, place.t, SHARE * self._excess, where)
+            residual_error(mechanism, place.stack, False, *at)
         raise self._diverged(i, done + 1)
 
     def _require_short_step(self, robot: Robot, q: Array, u: Array, t: float,
@@ -227,11 +267,13 @@ class SwitchingInput:
                              f'expected at most {FARTHEST * robot.mechanism.units[worst]:.3g}, '
                              'as with a shorter step')
 
-    def _preferred(self, stack: Any) -> Any:
+    def _preferred(self, stack: Stack) -> Any:
         """Return the user's speeds if they are well conditioned, else the best choice."""
-        asked = self.robot.mechanism
-        own = best_choice(asked, stack, asked.free)
-        return own if own.figure < self._usual / GAIN else best_choice(asked, stack)
+        mechanism = self.robot.mechanism
+        of_user = best_choice(mechanism, stack, mechanism.free)
+        if of_user.figure < self._usual / GAIN:
+            return of_user
+        return best_choice(mechanism, stack)
 
     def _changed(self, i: int, state: Array, choice: Any, done: int) -> Array:
         """Change simulation i to another choice; return the state in its speeds."""
@@ -252,75 +294,296 @@ class SwitchingInput:
         return state
 
     def _enter(self, i: int, phase: Phase) -> None:
+        """Continue simulation i in a phase."""
         self._phases[i] = phase
-        self._elsewhere.add(i)
+        self._switched.add(i)
 
-    def _watched(self, i: int, state: Array,
-                 done: int) -> list[tuple[float, Any, Array, float]]:
-        """Return figure, system, q and time where the next step computes its margin."""
-        mechanism = (robot := self._phases[i].robot).mechanism
-        tau = self._source_of([i]).torque_at(state, done)
-        dual_to = (robot if self._law else self.robot).speed_names
+    def _watched(self, i: int, state: Array, done: int) -> list[_Watched]:
+        """Return the places where the next step computes its margin."""
+        robot = self._phases[i].robot
+        mechanism = robot.mechanism
+        source = self._source_of([i])
+        dual_to = (self.robot if self._law is None else robot).speed_names
         try:
-            stages = watched_configurations(robot, state, tau, dual_to, self.step,
-                                            self._integrator)
+            stages = watched_configurations(robot, state, source.torque_at(state, done), dual_to,
+                                            self.step, source.choice.integrator)
         except (ConstraintError, ZeroDivisionError):
             raise self._diverged(i, done + 1) from None
         result = []
-        for after, q in stages:
-            t = self._time(done) + after
+        for seconds, q in stages:
+            t = self._time(done) + seconds
             stack = stacked(mechanism, q, t)
             if not np.isfinite(stack.J).all():
                 raise self._diverged(i, done + 1)
-            result.append((figure(mechanism, stack, mechanism.free, mechanism.kept), stack, q, t))
+            conditioning = figure(mechanism, stack, mechanism.free, mechanism.kept)
+            result.append(_Watched(conditioning, stack, q, t))
         return result
 
-    def user_state(self, i: int, state: Array, done: int) -> tuple[Array, Array]:
-        """Return q and the user's own speeds of simulation i at one of its states."""
+    def user_state(self, simulation: int, state: Array, done: int) -> tuple[Array, Array]:
+        """Return q and the user's own speeds of a simulation at one of its states."""
         q, u = self._parts(state)
-        robot = self._phases[i].robot
+        robot = self._phases[simulation].robot
         if robot.speed_names == self.robot.speed_names:
             return q, u
-        return q, self._asked.speeds(robot, q, u, np.zeros(robot.n), self._time(done))[0]
+        return q, self._user.speeds(robot, q, u, np.zeros(robot.n), self._time(done))[0]
 
-    def acting(self, buffer: Array, done: int) -> Any:
-        """Return the torques of the steps of a buffer; as `TorqueInput.acting`."""
+    def in_user_speeds(self, states: Array, done: int) -> Array:
+        """Return a chunk's states in the user's own speeds."""
+        return self._user.states(self._history, states, self.start, self.step, done)
+
+    def acting(self, states: Array, done: int) -> Any:
+        """Return the torques of the steps of a chunk; as `TorqueInput.acting`."""
         if self._law is None:
-            return self._source.acting(buffer, done)
-        return partial(law_power, self._history, self._source, buffer, done)
+            return self.source.acting(states, done)
+        return partial(law_power, self._history, self.source, states, done)
 
-    def in_own_speeds(self, buffer: Array, done: int) -> Array:
-        """Return a buffer's states in the user's own speeds."""
-        return self._asked.states(self._history, buffer, self._source.start, self.step, done)
+    def results(self, samples: Samples, tau: Array) -> dict[str, Array]:
+        """Return derived quantities of samples, in the user's speeds; see `UserSpeeds`."""
+        times = self.start + samples.steps * np.float64(self.step)
+        return self._user.results(self._history, samples.steps, times, samples.states, tau)
 
-    def torques(self, kept: Array, q: Array, u: Array) -> Array:
-        """Return the torques that acted; as `TorqueInput.torques`."""
-        return self._source.torques(kept, q, u)
-
-    def results(self, kept: Array, states: Array, tau: Array) -> dict[str, Array]:
-        """Return derived quantities of kept states, in the user's speeds; see `UserSpeeds`."""
-        times = self._source.start + kept * np.float64(self.step)
-        return self._asked.results(self._history, kept, times, states, tau)
+    def speed_changes(self) -> tuple[SpeedChange, ...]:
+        """Return the changes of the independent speeds, in order of time."""
+        return tuple(sorted(self.changes, key=attrgetter('t')))
 
     def _look_closely(self, i: int, rows: Array, done: int) -> None:
         """Raise ConstraintError where a singularity lies between two rows of states."""
         phase = self._phases[i]
-        times = self._source.start + (done + np.arange(len(rows))) * np.float64(self.step)
-        self._watch.look(phase.robot, phase.limit > ROOM * self._usual, self._parts(rows)[0],
-                         times, lambda k: self._where(i, done + k),
-                         lambda k: self.user_state(i, rows[k], done + k)[1])
+        times = self.start + (done + np.arange(len(rows))) * np.float64(self.step)
+
+        def where(k: int) -> str:
+            return self._where(i, done + k)
+
+        def speeds(k: int) -> Array:
+            return self.user_state(i, rows[k], done + k)[1]
+        near = phase.limit > ROOM * self._usual
+        self._watch.look(phase.robot, near, self._parts(rows)[0], times, where, speeds)
 
     def _parts(self, state: Array) -> tuple[Array, Array]:
+        """Return q and u of states, (..., size)."""
         n_q, n = self.robot.n_q, self.robot.n
         return state[..., :n_q], state[..., n_q:n_q + n]
 
     def _time(self, done: int) -> float:
-        return self._source.start + done * self.step
+        """Return the time after `done` steps, s."""
+        return self.start + done * self.step
 
     def _where(self, i: int, done: int) -> str:
+        """Return the begin of a message."""
         which = 'simulation' if self._single else f'simulation {i}'
         return f'{which}, {self._time(done):.6g} s: '
 
     def _diverged(self, i: int, done: int) -> InputError:
-        return diverged_error('the simulation' if self._single else f'simulation {i}',
-                              self._time(done), self.step)
+        """Return the error for a motion that diverges."""
+        which = 'the simulation' if self._single else f'simulation {i}'
+        return diverged_error(which, self._time(done), self.step)
+
+
+class SingularityWatch:
+    """
+    Detects singularities between successive rows of states.
+
+    Parameters
+    ----------
+    user_robot : Robot
+        The user's robot; independent speeds that the user named must stay regular.
+    step : float
+        Time between two rows, s.
+
+    """
+
+    def __init__(self, user_robot: Robot, step: float) -> None:
+        """Store the robot; kernels compile on first use."""
+        self._user_robot, self._step = user_robot, step
+
+    def look(self, robot: Robot, near: bool, q: Array, times: Array, where: Callable[[int], str],
+             speeds: Callable[[int], Array]) -> None:
+        """
+        Raise ConstraintError for a singularity between a row and the next.
+
+        Parameters
+        ----------
+        robot : Robot
+            The robot in the current choice of the simulation.
+        near : bool
+            Whether that choice is nearly singular and no other is better.
+        q, times : (K, n_q), (K,) arrays
+            Configurations, rad or m, and their times, s.
+        where, speeds : callable
+            Return the begin of a message, and the user's speeds, for the number of a row.
+
+        """
+        mechanism, of_user = robot.mechanism, self._user_robot.mechanism
+        fixed = self._user_robot.speeds_are_given and mechanism.free != of_user.free
+        if len(q) < 2 or not (near or fixed):
+            return
+        time = [times] if self._user_robot.equations.timed else []
+        rows = self._rows()(np.ascontiguousarray(q), *time)
+        n = len(mechanism.speeds.names)
+        constraint_rows = [n + k for k in mechanism.kept]
+        if fixed:
+            # The determinant of speeds that become singular changes its sign.
+            side = np.sign(np.linalg.det(rows[:, [*of_user.free, *constraint_rows]]))
+            for k in np.flatnonzero(side[1:] * side[:-1] <= 0.0)[:1].tolist():
+                stack = stacked(of_user, q[k], times[k])
+                loop = constraints_at_fault(of_user, stack, of_user.free,
+                                            best_choice(of_user, stack, of_user.free).kept)
+                raise ConstraintError(
+                    f'{where(k)}the independent speeds {", ".join(of_user.speed_names)} become '
+                    f'singular within the next step under {loop}, at {described(of_user, q[k])}, '
+                    f'u = {np.round(speeds(k), 9).tolist()}: they do not determine the joint '
+                    'rates there; expected others, or independent=None, which changes them')
+        if near:
+            S = rows[:, [*mechanism.free, *constraint_rows]]
+            turn = np.linalg.solve(S[:-1], S[1:]) - np.eye(n)
+            for k in np.flatnonzero(np.linalg.norm(turn, axis=(1, 2)) > TURN)[:1].tolist():
+                loop = constraints_at_fault(mechanism, stacked(mechanism, q[k], times[k]),
+                                            mechanism.free, mechanism.kept)
+                raise ConstraintError(
+                    f'{where(k)}a kinematic singularity (dead point) of {loop} is passed, or so '
+                    f'near that a step of {self._step:g} s is too long, at '
+                    f'{described(mechanism, q[k])}: the rows depend on each other there, and the '
+                    'motion beyond is not determined, or takes shorter steps')
+
+    def _rows(self) -> Kernel:
+        """Return the kernel of all rows of speeds and constraints, (n_j + m, n_j), by q and t."""
+        robot, equations = self._user_robot, self._user_robot.equations
+        assert isinstance(equations, ConstrainedEquations)
+        mechanism, geometry = equations.mechanism, equations.tree.geometry
+        inputs: Any = [('q', (robot.n_q,)), *([('t', ())] if equations.timed else [])]
+
+        def rows(q: Any, *time_and_parameters: Any) -> Any:
+            t = time_and_parameters[0][()] if equations.timed else 0.0
+            state = mechanism.state(q, t, geometry)
+            speed_rows, _ = state.speed_rows(mechanism.speeds.names)
+            sizes = np.array(mechanism.sizes)[:, None]
+            return np.concatenate([speed_rows * mechanism.units,
+                                   mechanism.rows(state).J * mechanism.units / sizes])
+        block = robot.parameters.block
+        return robot.kernels.extra(
+            'stacked_rows', lambda: trace_program('stacked_rows', rows, [
+                *inputs, ('parameters', block.shape)]), [Argument(*x) for x in inputs], block,
+            (robot.model.n + len(mechanism.labels), robot.model.n))
+
+
+def trusted(states: Array) -> Any:
+    """Return which states, (K, size), are finite with a positive margin; first always true."""
+    good = np.isfinite(states).all(axis=-1) & (states[:, -1] > 0.0)
+    good[0] = True
+    return good
+
+
+def all_trusted(buffer: Array) -> Any:
+    """Return for which simulations, (N, K, size), every state is `trusted`."""
+    with np.errstate(over='ignore', invalid='ignore'):  # a finite sum has finite terms
+        finite = np.isfinite(buffer.sum(axis=(1, 2)))
+    good = finite & (buffer[:, 1:, -1] > 0.0).all(axis=1)
+    good[~good] = [trusted(states).all() for states in buffer[~good]]
+    return good
+
+
+def residual_error(mechanism: Mechanism, stack: Stack, kept: bool, q: Array, t: float,
+                   largest: float, where: str, step: float) -> None:
+    """
+    Raise ConstraintError if a step from q, t ends at residuals of positions over `largest`.
+
+    With `kept`, if the largest is that of a kept row, else if it is that of another.
+    """
+    in_lengths_of_rows = stack.residual / mechanism.row_units
+    worst = int(np.argmax(np.abs(in_lengths_of_rows)))
+    if np.linalg.norm(in_lengths_of_rows) <= SHARE * largest or kept != (worst in mechanism.kept):
+        return
+    constraint = f"{where}constraint '{mechanism.labels[worst]}'"
+    unit = 'rad' if mechanism.turning[worst] else 'm'
+    residual = f'{abs(stack.residual[worst]):.3g} {unit}'
+    if kept:
+        raise ConstraintError(
+            f'{constraint} opens by {residual} within one step of {step:g} s at '
+            f'{described(mechanism, q)}; expected at most '
+            f'{largest * mechanism.row_units[worst]:.3g} {unit}, as with a shorter step')
+    raise ConstraintError(
+        f'{constraint} contradicts the others at {described(mechanism, q)}, t = {t:.6g} s: its '
+        f'residual is {residual} where the others hold; expected 0')
+
+
+class _StagesInNumbers:
+    """A robot during one step in NumPy, in the interface of the integrators (`System`)."""
+
+    def __init__(self, robot: Robot, state: Array, tau: Array, dual_to: tuple[str, ...],
+                 step: float) -> None:
+        """Store the arguments of `watched_configurations`."""
+        self.equations: Any = robot.equations
+        self.stages: list[tuple[float, Array]] = []
+        self._tau, self._dual_to, self._step = tau, dual_to, step
+        self._split = [robot.n_q, robot.n_q + robot.n]
+        self._time = state[self._split[1]:-1]
+        self.start = self._time[0] if len(self._time) else 0.0
+        self._block = robot.parameters.block[:robot.parameters.physical]
+        no_wrench = robot.kernels.no_wrench
+        self._wrench = no_wrench if len(no_wrench) else None
+
+    def _stage(self, q: Array, moment: int) -> tuple[Array, float]:
+        """Store the configuration of a stage; return the torque, (n,), and the time."""
+        seconds = 0.5 * moment * self._step
+        self.stages.append((seconds, np.asarray(q, dtype=np.float64)))
+        t = self.start + seconds
+        return tau_from(self.equations, self._dual_to, q, self._tau, t), t
+
+    def rates(self, state: Any, moment: int) -> Any:
+        """Return the rates of q, u, time and margin."""
+        q, u, _ = np.split(state, self._split)
+        tau, t = self._stage(q, moment)
+        rates = self.equations.state_rates(q, u, tau, self._wrench, self._block, t)
+        return np.array([*rates, *self.quadratures(q, u, moment)], dtype=np.float64)
+
+    def torque(self, q: Any, u: Any, moment: int) -> Any:
+        """Return the held torque."""
+        return self._tau
+
+    def implicit_stage(self, q: Any, u: Any, tau: Any, before: tuple[Any, Any], g: Any,
+                       moment: int) -> tuple[Any, Any]:
+        """Return joint rates and udot of a stage of the linearly implicit equations."""
+        generalized, t = self._stage(q, moment)
+        v, udot = ImplicitStep(self.equations).stage(q, u, generalized, before, g, self._wrench,
+                                                     self._block, t)
+        return np.asarray(v, dtype=np.float64), np.asarray(udot, dtype=np.float64)
+
+    def quadratures(self, q: Any, u: Any, moment: int) -> Any:
+        """Return the rates of time and margin."""
+        return np.array([*(1.0 for _ in self._time), 0.0])
+
+
+def watched_configurations(robot: Robot, state: Array, tau: Array, dual_to: tuple[str, ...],
+                           step: float, integrator: str) -> list[tuple[float, Array]]:
+    """
+    Return where a step computes its margin: times after its start, s, and q, (n_q,).
+
+    Computed in NumPy, without the correction of closed loops.
+
+    Parameters
+    ----------
+    robot : Robot
+        With constraints.
+    state : (size,) array
+        Entries as `state_names`; rad or m, and s.
+    tau : (n,) array
+        Dual to the speeds named `dual_to`, held during the step; N m or N.
+    dual_to : tuple of str
+        Names of independent speeds.
+    step : float
+        s.
+    integrator : str
+        One of `mechanics.integrators.INTEGRATORS`.
+
+    Raises
+    ------
+    ConstraintError, ZeroDivisionError
+        The mass matrix, or the system of speeds and constraints, is singular.
+
+    """
+    motion = _StagesInNumbers(robot, state, tau, dual_to, step)
+    with np.errstate(all='ignore'):
+        after = integrator_of(integrator).step(motion, state, step)
+    if not watches_stages(robot, state[:robot.n_q], motion.start):
+        return [(step, np.asarray(after[:robot.n_q], dtype=np.float64))]
+    return motion.stages

@@ -1,11 +1,12 @@
 """Kernels of one integration step of a robot, with its dynamics as subroutines."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial, reduce
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.fork_safety import lazy_property
-from kane_dynamics.control.computed_torque_law import law_kernel, law_program
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
+from kane_dynamics.control.computed_torque_law import law_program
 from kane_dynamics.control.constrained_law import constrained_law_program, law_margin
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
@@ -15,54 +16,13 @@ from kane_dynamics.mechanics.constraints.speeds import speed_places
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
-from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.runtime.batch_loop import driver
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.runtime.loop_support import support
-from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
-from kane_dynamics.robot.quantities import CONSTRAINED, IN_LOOPS
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.energy_kernels import compile_balance
-from kane_dynamics.simulation.singularity_watch import watches_stages
 from kane_dynamics.simulation.user_speeds import tau_from
 import numpy as np
-
-# Quantities that `simulate` computes for all rows of its result at once.
-AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy', 'constraint_forces',
-              'constraint_residual', 'constraint_velocity_residual')
-
-
-def compile_simulation(robot: Robot, integrator: str = 'rk4', *names: str) -> None:
-    """
-    Compile every kernel of `simulate` in advance, except those for many simulations at once.
-
-    `names` are further quantities to compile concurrently.
-
-    Raises
-    ------
-    InputError
-        The integrator is unknown.
-
-    """
-    def law() -> None:
-        law_kernel(robot).compile_lanes()
-    support()  # the loop that steps
-    driver(width())  # and that of batches
-    loops = loop_kernels(robot)
-    jobs: list[Callable[[], Any]] = [partial(step_kernel, robot, False, integrator)]
-    jobs += [] if robot.constraint_names else [partial(step_kernel, robot, True, integrator), law]
-    jobs.append(partial(compile_balance, robot))
-    jobs += [partial(robot.compile, name, batches=name in AFTERWARDS) for name in loops]
-    run_concurrently([*jobs, *(partial(robot.compile, name) for name in names)])
-
-
-def loop_kernels(robot: Robot) -> list[str]:
-    """Return the names of the kernels of control and simulation of this robot."""
-    known = dict.fromkeys((*IN_LOOPS, *CONSTRAINED))
-    return [name for name in known if name in robot.kernels.names]
 
 
 class StepChoice(NamedTuple):
@@ -75,9 +35,12 @@ class StepChoice(NamedTuple):
 
     def needed(self, robot: Robot) -> 'StepChoice':
         """Return the choice without what changes nothing for this robot."""
-        follows = self.feedback and not isinstance(robot.equations, TreeEquations)
-        return self._replace(dual_to=None if self.dual_to == robot.speed_names else self.dual_to,
-                             followed=self.followed if follows else ())
+        choice = self
+        if choice.dual_to == robot.speed_names:
+            choice = choice._replace(dual_to=None)
+        if not choice.feedback or isinstance(robot.equations, TreeEquations):
+            choice = choice._replace(followed=())
+        return choice
 
 
 def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
@@ -96,7 +59,7 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     The last entry of a constrained robot's state is `conditioning.margin`, whose limits are the
     last of the constants: a state is accepted if it is positive. It is that of the step's end, or,
     for constraints of velocities alone, the smallest of the configurations at which the step
-    evaluates the dynamics, where it costs least; see `singularity_watch`.
+    evaluates the dynamics, where it costs least; see `watches_stages`.
 
     Raises
     ------
@@ -107,22 +70,23 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     integrator_of(integrator)
     choice = StepChoice(feedback, integrator, dual_to, followed).needed(robot)
     name = 'step_computed_torque' if feedback else 'step_held_torque'
-    name += '' if integrator == 'rk4' else f'_{integrator}'
+    if integrator != 'rk4':
+        name = f'{name}_{integrator}'
     if choice.dual_to is not None:
         places = speed_places(robot.mechanism.speeds, choice.dual_to)
         name = f'{name}_dual_to_{"_".join(map(str, places))}'
     if feedback and not isinstance(robot.equations, TreeEquations):
         name = f'{name}_{"_".join(map(str, followed))}'
-    *inputs, constants = (Argument(*each) for each in _inputs(robot, feedback))
+    *inputs, constants = (Argument(*named_shape) for named_shape in _inputs(robot, feedback))
     return robot.kernels.extra(name, lambda: step_program(robot, name, choice), inputs,
                                np.zeros(constants.shape), inputs[0].shape)
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:
     """Return the names of the entries of a state: q, u, the time if needed, the margin."""
-    return (*robot.coordinate_names, *robot.speed_names,
-            *(['time'] if robot.equations.timed else []),
-            *['margin'] * margin_count(robot))
+    time = ('time',) if robot.equations.timed else ()
+    margin = ('margin',) * margin_count(robot)
+    return (*robot.coordinate_names, *robot.speed_names, *time, *margin)
 
 
 def margin_count(robot: Robot) -> int:
@@ -131,80 +95,103 @@ def margin_count(robot: Robot) -> int:
     return int(isinstance(equations, ConstrainedEquations) and equations.watched)
 
 
+def watches_stages(robot: Robot, q: Vector, t: Scalar) -> bool:
+    """
+    Return whether a step's margin is the smallest of its stages, not that of its end.
+
+    With closed loops it is that of the step's end, before the loops are closed, where the
+    correction needs the same system. With constraints of velocities alone the dynamics of the
+    stages need that system; the step's end is then a stage of the next step.
+    """
+    equations = robot.equations
+    return (isinstance(equations, ConstrainedEquations) and equations.watched
+            and not equations.keeps_positions(q, t))
+
+
 def _inputs(robot: Robot, feedback: bool) -> list[tuple[str, Shape]]:
+    """Return names and shapes of the inputs of a step."""
     n, parameters = robot.n, len(robot.parameters.block)
-    return [('state', (len(state_names(robot)),)), ('inputs', (3, 3 * n) if feedback else (1, n)),
-            ('constants', ((2 * n if feedback else 0) + 1 + parameters,))]
+    state = ('state', (len(state_names(robot)),))
+    if feedback:
+        return [state, ('inputs', (3, 3 * n)), ('constants', (2 * n + 1 + parameters,))]
+    return [state, ('inputs', (1, n)), ('constants', (1 + parameters,))]
 
 
 class RobotMotion:
     """A robot during one traced step, in the interface of the integrators (`System`)."""
 
-    def __init__(self, robot: Robot, inputs: Any, gains: Any, parameters: Any,
+    def __init__(self, robot: Robot, inputs: Matrix, gains: Vector | None, parameters: Vector,
                  dual_to: tuple[str, ...] | None, watched: bool,
-                 followed: Sequence[int], start: Any, h: Any) -> None:
+                 followed: Sequence[int], start: Vector, h: Scalar) -> None:
         """
         Store the arguments of the step of length h, which begins at the time `start`, (0 or 1,).
 
         `gains` is None if torques are held; with `watched`, `margins` collects those of stages.
         """
         self.equations, self.robot, self._dual_to = robot.equations, robot, dual_to
-        self._inputs, self._gains, self._parameters = inputs, gains, parameters
-        self.watched, self.margins = watched, list[Any]()
+        self._inputs, self._parameters = inputs, parameters
+        self._gains: Any = gains
+        self.watched, self.margins = watched, list[Scalar]()
         self._start, self._h = start, h
-        kernels = robot.kernels
-        self._wrench = [kernels.no_wrench] if len(kernels.no_wrench) else []
-        self._law = None if gains is None else constrained_law_program(
-            robot, followed) if followed else law_program(robot)
+        no_wrench = robot.kernels.no_wrench
+        self._wrench = [no_wrench] if len(no_wrench) else []
+        self._law: Program | None = None
+        if gains is not None:
+            self._law = constrained_law_program(
+                robot, followed) if followed else law_program(robot)
 
-    def torque(self, q: Any, u: Any, moment: int, *time: Any) -> Any:
+    def torque(self, q: Vector, u: Vector, moment: int, *time: Scalar) -> Vector:
         """Return the held torque, or that of the control law; by default at the moment's time."""
-        if self._law is None:
-            return self._inputs[0]
-        time = time or self._time(moment)
-        desired = np.split(self._inputs[moment], 3)
-        return np.array(call(self._law, q, u, *desired, self._gains, *self._wrench, *time,
-                             self._parameters))
+        torque: Vector = self._inputs[0]
+        if self._law is not None:
+            time = time or self._time(moment)
+            desired = np.split(self._inputs[moment], 3)
+            law: Any = call(self._law, q, u, *desired, self._gains, *self._wrench, *time,
+                            self._parameters)
+            torque = np.array(law)
+        return torque
 
-    def _time(self, moment: int) -> tuple[Any, ...]:
+    def _time(self, moment: int) -> tuple[Scalar, ...]:
         """Return the time at a moment, or nothing if the equations do not depend on it."""
         return tuple(t + (0.5 * moment) * self._h for t in self._start)
 
-    def called(self, program: Program, q: Any, u: Any, tau: Any, time: Any,
-               *more: Any) -> Any:
-        """Return the results of the dynamics of a stage; their margin, if any, is kept."""
-        found = call(program, q, u, tau, *more, *self._wrench, *time, self._parameters)
+    def called(self, program: Program, q: Vector, u: Vector, tau: Vector, time: Any,
+               *inputs: Any) -> Any:
+        """Return the results of the dynamics of a stage; their margin, if any, is stored."""
+        results = call(program, q, u, tau, *inputs, *self._wrench, *time, self._parameters)
         if self.watched:
-            *found, margin = found
+            *results, margin = results
             self.margins.append(margin)
-        return found
+        return results
 
     @lazy_property
     def _motion(self) -> Program:
         return _state_program(self.robot, self._dual_to, self.watched)
 
-    def rates(self, state: Any, moment: int) -> Any:
+    def rates(self, state: Vector, moment: int) -> Vector:
         """Return the time derivative of q, u, time and margin."""
         robot, margins = self.robot, margin_count(self.robot)
         q, u, time = np.split(state[:len(state) - margins], [robot.n_q, robot.n_q + robot.n])
-        found = self.called(self._motion, q, u, self.torque(q, u, moment, *time), time)
-        constrained = isinstance(self.equations, ConstrainedEquations)
-        return np.array([*(found if constrained else [*u, *found]), *(1.0 for _ in time),
-                         *[0.0] * margins])
+        rates = self.called(self._motion, q, u, self.torque(q, u, moment, *time), time)
+        if not isinstance(self.equations, ConstrainedEquations):
+            rates = [*u, *rates]
+        return np.array([*rates, *(1.0 for _ in time), *[0.0] * margins])
 
     @lazy_property
     def _stage(self) -> Program:
         return implicit_stage(self.robot, ImplicitStep(self.equations), self._dual_to,
                               watched=self.watched)
 
-    def implicit_stage(self, q: Any, u: Any, tau: Any, before: tuple[Any, Any], g: Any,
-                       moment: int) -> tuple[Any, Any]:
+    def implicit_stage(self, q: Vector, u: Vector, tau: Vector,
+                       before: tuple[Vector, Vector], g: Scalar, moment: int
+                       ) -> tuple[Vector, Vector]:
         """Return joint rates and udot of a stage of the linearly implicit equations."""
-        found = self.called(self._stage, q, u, tau, self._time(moment), *before, np.array(g))
+        rates = self.called(self._stage, q, u, tau, self._time(moment), *before,
+                            np.array(g))
         n_j = self.robot.model.n
-        return np.array(found[:n_j]), np.array(found[n_j:])
+        return np.array(rates[:n_j]), np.array(rates[n_j:])
 
-    def quadratures(self, q: Any, u: Any, moment: int) -> Any:
+    def quadratures(self, q: Vector, u: Vector, moment: int) -> Vector:
         """Return the rates of time and margin."""
         return np.array([*(1.0 for _ in self._start), *[0.0] * margin_count(self.robot)])
 
@@ -215,8 +202,8 @@ def step_program(robot: Robot, name: str, choice: StepChoice) -> Program:
     return trace_program(name, partial(traced_step, robot, choice), inputs)
 
 
-def traced_step(robot: Robot, choice: StepChoice, state: Any, inputs: Any, constants: Any,
-                system: Any = RobotMotion) -> Any:
+def traced_step(robot: Robot, choice: StepChoice, state: Vector, inputs: Matrix,
+                constants: Vector, system: Any = RobotMotion) -> Vector:
     """Return the state after one step of a `system`, with the end projected on constraints."""
     n_q, n, equations = robot.n_q, robot.n, robot.equations
     feedback, integrator, dual_to, followed = choice.needed(robot)
@@ -225,7 +212,8 @@ def traced_step(robot: Robot, choice: StepChoice, state: Any, inputs: Any, const
     watched = watches_stages(robot, state[:n_q], t)
     motion = system(robot, inputs, gains if feedback else None, parameters, dual_to, watched,
                     followed, state[n_q + n:][:int(equations.timed)], h[0])
-    after = integrator_of(integrator).step(motion, state, h[0])
+    after: Vector = integrator_of(integrator).step(motion, state, h[0])
+    # The margin, then one Newton step on the loops and unit quaternions.
     if watched:
         after[-1] = reduce(lambda x, y: select(x < y, x, y), motion.margins)
     elif isinstance(equations, ConstrainedEquations):
@@ -234,6 +222,7 @@ def traced_step(robot: Robot, choice: StepChoice, state: Any, inputs: Any, const
             after[-1] = equations.margin(q, t, constants[-LIMITS:])
         after[:n_q] = equations.closure_step(q, t)
     after[:n_q] = on_unit_quaternions(robot.model, after[:n_q])
+    # The joints that follow must determine the motion too.
     if followed and margin_count(robot):
         time = after[n_q + n] if equations.timed else 0.0
         margin = law_margin(robot, followed, after[:n_q], time)
@@ -244,8 +233,13 @@ def traced_step(robot: Robot, choice: StepChoice, state: Any, inputs: Any, const
 
 def wrench_input(robot: Robot) -> list[tuple[str, Shape]]:
     """Return the input of wrenches, if the robot declares frames for them."""
-    none = robot.kernels.no_wrench
-    return [('wrench', none.shape)] if len(none) else []
+    no_wrench = robot.kernels.no_wrench
+    return [('wrench', no_wrench.shape)] if len(no_wrench) else []
+
+
+def time_input(robot: Robot) -> list[tuple[str, Shape]]:
+    """Return the input of time, if the equations depend on it."""
+    return [('t', ())] if robot.equations.timed else []
 
 
 def implicit_stage(robot: Robot, method: ImplicitStep, dual_to: tuple[str, ...] | None = None,
@@ -257,28 +251,26 @@ def implicit_stage(robot: Robot, method: ImplicitStep, dual_to: tuple[str, ...] 
     time and parameters.
     """
     equations: Any = robot.equations
-    wrench, n_j = wrench_input(robot), robot.model.n
+    wrenches, n_j = wrench_input(robot), robot.model.n
+    factor_input: list[tuple[str, Shape]] = [('factors', (n_j,))] if varied else []
     inputs: list[tuple[str, Shape]] = [
         ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), ('joint_rates', (n_j,)),
-        ('udot', (robot.n,)), ('g', ()), *([('factors', (n_j,))] if varied else []), *wrench,
-        *time_input(robot), ('parameters', robot.parameters.block.shape)]
+        ('udot', (robot.n,)), ('g', ()), *factor_input, *wrenches, *time_input(robot),
+        ('parameters', robot.parameters.block.shape)]
 
-    def stage(q: Any, u: Any, tau: Any, k_v: Any, k_u: Any, g: Any, *rest: Any) -> Any:
-        *given, parameters = rest
-        factors = given.pop(0) if varied else 1.0
-        push = given.pop(0) if wrench else None
-        t = given[0][()] if given else 0.0
-        tau = tau if dual_to is None else tau_from(equations, dual_to, q, tau, t)
-        found = method.stage(q, u, tau, (k_v, k_u), g[()], push,
-                             parameters[:robot.parameters.physical], t, factors)
+    def stage(q: Vector, u: Vector, tau: Vector, k_v: Vector, k_u: Vector, g: Matrix,
+              *inputs: Any) -> list[Scalar]:
+        *options, parameters = inputs
+        factors = options.pop(0) if varied else 1.0
+        wrench = options.pop(0) if wrenches else None
+        t = options[0][()] if options else 0.0
+        if dual_to is not None:
+            tau = tau_from(equations, dual_to, q, tau, t)
+        v, udot = method.stage(q, u, tau, (k_v, k_u), g[()], wrench,
+                               parameters[:robot.parameters.physical], t, factors)
         margin = [equations.margin(q, t, parameters[-LIMITS:])] if watched else []
-        return [*found[0], *found[1], *margin]
+        return [*v, *udot, *margin]
     return trace_program('implicit_stage', stage, inputs)
-
-
-def time_input(robot: Robot) -> list[tuple[str, Shape]]:
-    """Return the input of time, if the equations depend on it."""
-    return [('t', ())] if robot.equations.timed else []
 
 
 def _state_program(robot: Robot, dual_to: tuple[str, ...] | None,
@@ -287,15 +279,18 @@ def _state_program(robot: Robot, dual_to: tuple[str, ...] | None,
     equations = robot.equations
     if not isinstance(equations, ConstrainedEquations):
         return robot.kernels.program('forward_dynamics')
-    wrench, time = wrench_input(robot), time_input(robot)
+    wrenches, times = wrench_input(robot), time_input(robot)
 
-    def rates(q: Any, u: Any, tau: Any, *rest: Any) -> Any:
-        *moment, parameters = rest[len(wrench):]
-        t = moment[0][()] if moment else 0.0
-        tau = tau if dual_to is None else tau_from(equations, dual_to, q, tau, t)
-        found = equations.state_rates(q, u, tau, rest[0] if wrench else None,
-                                      parameters[:-LIMITS], t)
-        return [*found, equations.margin(q, t, parameters[-LIMITS:])] if watched else found
+    def rates(q: Vector, u: Vector, tau: Vector, *inputs: Any) -> Any:
+        wrench = inputs[0] if wrenches else None
+        t = inputs[-2][()] if times else 0.0
+        parameters = inputs[-1]
+        if dual_to is not None:
+            tau = tau_from(equations, dual_to, q, tau, t)
+        state_rates = equations.state_rates(q, u, tau, wrench, parameters[:-LIMITS], t)
+        if not watched:
+            return state_rates
+        return [*state_rates, equations.margin(q, t, parameters[-LIMITS:])]
     return trace_program('state_rates', rates, [
-        ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), *wrench, *time,
+        ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), *wrenches, *times,
         ('parameters', robot.parameters.block.shape)])

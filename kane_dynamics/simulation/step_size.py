@@ -142,19 +142,3 @@ def _radii() -> Array:
         inside = np.abs(1.0 + z * (1.0 + z * (1.0 + z * (1.0 + z / 4.0) / 3.0) / 2.0)) <= 1.0
         low, high = np.where(inside, middle, low), np.where(inside, high, middle)
     return low
-
-
-def diverged_error(which: str, t: float, step: float, entry: str = '',
-                   value: float = math.nan, earlier: str | None = None) -> InputError:
-    """
-    Return the error for a simulation whose state is not finite, or too large, at t, s.
-
-    `earlier` is an earlier warning of the simulation.
-    """
-    before = f'. Earlier, {earlier}' if earlier else ''
-    first = f" ('{entry}' first)" if entry else ''
-    how = f'is {value:.3g}' if math.isfinite(value) else 'is not finite'
-    return InputError(f'{which}: the state diverged ({how}) at {t:.6g} s{first} with a '
-                      f'step of {step} s; expected a regular mass matrix and a shorter step, or '
-                      "integrator='implicit' if friction, springs or bending are stiff"
-                      f'{before}')

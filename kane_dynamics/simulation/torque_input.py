@@ -15,27 +15,51 @@ from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.observers import Extremes, Power
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice
-from kane_dynamics.simulation.stops.joint_stops import JointStops
-from kane_dynamics.simulation.user_speeds import actual_accelerations
 import numpy as np
+
+# Torques as a user gives them as a function of t, q and u.
+TorqueFunction = Callable[[float, Array, Array], Any]
 
 
 @dataclass(frozen=True)
 class TorqueInput:
-    """A native step with its inputs; returned by `torque_input`."""
+    """
+    A native step with its inputs; returned by `torque_input`.
+
+    Attributes
+    ----------
+    robot : Robot
+    kernel : Kernel
+        Of one step.
+    choice : StepChoice
+        Of the kernel.
+    step : float
+        s.
+    constants : array
+        Gains and step, then the robot's parameters.
+    torque : ComputedTorque, or (1 or N, 1 or steps, n) array
+    start : float
+        Initial time, s.
+    single : bool
+        Use the kernel for one state: N is 1.
+    simulations : sequence of int, optional
+        Numbers of the simulations in a buffer. None: all, in order.
+
+    """
 
     robot: Robot
     kernel: Kernel
-    choice: StepChoice  # of the kernel
+    choice: StepChoice
     step: float
-    constants: Array  # gains and step, then the robot's parameters
-    torque: Any  # ComputedTorque, or (1 or N, 1 or steps, n) torques
-    start: float = 0.0  # s
-    stops: JointStops | None = None
-    places: Sequence[int] | None = None  # the simulations of the buffer; None: all, in order
+    constants: Array
+    torque: Any
+    start: float = 0.0
+    single: bool = True
+    simulations: Sequence[int] | None = None
 
-    def advance(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
+    def advance(self, buffer: Array, done: int) -> Extremes | None:
         """
         Compute the states after each step, without the GIL.
 
@@ -45,8 +69,6 @@ class TorqueInput:
             The N states after `done` steps, and space for the next K of each.
         done : int
             Number of earlier steps.
-        single : bool
-            Use the kernel for one state; N is 1.
 
         Returns
         -------
@@ -54,13 +76,20 @@ class TorqueInput:
             Least and largest of each entry of the K states.
 
         """
-        extremes = self._native(buffer, done, single)
-        if self.stops is not None:
-            for row in self.stops.apply(self, buffer, done):
-                for least, part in zip(extremes or (), (buffer[row, 1:].min(axis=0),
-                                                        buffer[row, 1:].max(axis=0))):
-                    least[row] = part
-        return extremes
+        steps = buffer.shape[1] - 1
+        inputs, per_simulation, per_step = self.inputs(done, steps)
+        rows = [Strided(buffer.ctypes.data, *buffer.strides[:2]),
+                Strided(inputs.ctypes.data, per_simulation, per_step),
+                Strided(self.constants.ctypes.data),
+                Strided(buffer[:, 1:].ctypes.data, *buffer.strides[:2])]
+        if self.single:
+            repeat(self.kernel.address, [row.address for row in rows],
+                   [row.step for row in rows], steps)
+            return None
+        low = np.full_like(buffer[:, 0], np.inf)
+        high = np.full_like(buffer[:, 0], -np.inf)
+        run_batch(self.kernel.lane_address, rows, len(buffer), steps=steps, extremes=(low, high))
+        return low, high
 
     @property
     def follows(self) -> bool:
@@ -68,26 +97,11 @@ class TorqueInput:
         return isinstance(self.torque, ComputedTorque)
 
     def alone(self, row: int) -> 'TorqueInput':
-        """Return the input of one simulation of the buffer, without stops."""
+        """Return the input of one simulation of the buffer."""
         table = self.torque
         if not isinstance(table, ComputedTorque) and len(table) > 1:
             table = table[row:row + 1]
-        return replace(self, torque=table, stops=None, places=None)
-
-    def _native(self, buffer: Array, done: int, single: bool) -> tuple[Array, Array] | None:
-        """Compute the states as `advance`, without stops."""
-        steps = buffer.shape[1] - 1
-        inputs, lane, stride = self.inputs(done, steps)
-        rows = [Strided(buffer.ctypes.data, *buffer.strides[:2]),
-                Strided(inputs.ctypes.data, lane, stride), Strided(self.constants.ctypes.data),
-                Strided(buffer[:, 1:].ctypes.data, *buffer.strides[:2])]
-        if single:
-            repeat(self.kernel.address, [row.address for row in rows],
-                   [row.step for row in rows], steps)
-            return None
-        extremes = np.full_like(buffer[:, 0], np.inf), np.full_like(buffer[:, 0], -np.inf)
-        run_batch(self.kernel.lane_address, rows, len(buffer), steps=steps, extremes=extremes)
-        return extremes
+        return replace(self, torque=table, single=True, simulations=None)
 
     def inputs(self, done: int, count: int) -> tuple[Array, int, int]:
         """Return the inputs of `count` steps after `done`; strides of states and steps, bytes."""
@@ -96,29 +110,12 @@ class TorqueInput:
                 2 * done, 2 * (done + count) + 1) * np.float64(0.5 * self.step)
             rows = np.concatenate(self.torque.desired(halves), axis=1)
             return rows, 0, 2 * rows.strides[0]
-        states, steps = (length > 1 for length in self.torque.shape[:2])
-        table = self.torque[:, done:] if steps else self.torque
-        return table, table.strides[0] * states, table.strides[1] * steps
+        tables, steps, _ = self.torque.shape
+        table = self.torque[:, done:] if steps > 1 else self.torque
+        # A stride of zero repeats the only table, or the only row.
+        return table, table.strides[0] * (tables > 1), table.strides[1] * (steps > 1)
 
-    def in_own_speeds(self, buffer: Array, done: int) -> Array:
-        """Return the buffer, which is in the robot's own speeds."""
-        return buffer
-
-    def results(self, kept: Array, states: Array, tau: Array) -> dict[str, Array]:
-        """Return derived quantities of kept states (N, K, size) and torques (N, K, n)."""
-        robot, shape = self.robot, states.shape[:2]
-        q, u = (np.ascontiguousarray(x).reshape(-1, x.shape[2]) for x in np.split(
-            states, [robot.n_q, robot.n_q + robot.n], axis=2)[:2])
-        times = np.tile(self.start + kept * np.float64(self.step), shape[0])
-        at: dict[str, Any] = {'t': times} if robot.equations.timed else {}
-        udot, stop_forces = actual_accelerations(robot, q, u, tau.reshape(u.shape),
-                                                 self.stops is not None, **at)
-        found = {'udot': udot, 'stop_forces': stop_forces,
-                 'energy': np.stack([robot.kinetic_energy(q, u, **at),
-                                     robot.potential_energy(q)], axis=1)}
-        return {name: x.reshape(*shape, *x.shape[1:]) for name, x in found.items()}
-
-    def acting(self, buffer: Array, done: int) -> Array | Callable[[Array], Array]:
+    def acting(self, buffer: Array, done: int) -> Array | Power:
         """
         Return the torques of the steps of a buffer from `advance`.
 
@@ -132,15 +129,16 @@ class TorqueInput:
         if isinstance(self.torque, ComputedTorque):
             n_q, n = self.robot.n_q, self.robot.n
 
-            def at(rows: Array) -> Array:
-                q, u = (np.ascontiguousarray(buffer[:, rows, part])
-                        for part in (slice(0, n_q), slice(n_q, n_q + n)))
+            def power_at(rows: Array) -> Array:
+                q = np.ascontiguousarray(buffer[:, rows, :n_q])
+                u = np.ascontiguousarray(buffer[:, rows, n_q:n_q + n])
                 power: Array = np.einsum('nkj,nkj->nk', self.torques(done + rows, q, u), u)
                 return power
-            return at
-        steps = buffer.shape[1] - 1
+            return power_at
         table: Array = self.torque
-        return table if table.shape[1] == 1 else table[:, done:done + steps]
+        if table.shape[1] == 1:
+            return table
+        return table[:, done:done + buffer.shape[1] - 1]
 
     def torque_at(self, state: Array, done: int) -> Array:
         """Return the torque, (n,), at the state (size,) of the first simulation after steps."""
@@ -149,30 +147,33 @@ class TorqueInput:
             return held
         n_q, n = self.robot.n_q, self.robot.n
         q, u = state[None, None, :n_q], state[None, None, n_q:n_q + n]
-        found: Array = self.torques(np.array([done]), q, u)[0, 0]
-        return found
+        torque: Array = self.torques(np.array([done]), q, u)[0, 0]
+        return torque
 
-    def torques(self, kept: Array, q: Array, u: Array) -> Array:
-        """Return the torques that acted at the kept steps (K,) and states (N, K, n)."""
+    def torques(self, sampled: Array, q: Array, u: Array) -> Array:
+        """Return the torques that acted at the sampled steps (K,) and states (N, K, n)."""
         torque = self.torque
         if not isinstance(torque, ComputedTorque):
-            rows = torque[:, np.minimum(kept, torque.shape[1] - 1)]
+            rows = torque[:, np.minimum(sampled, torque.shape[1] - 1)]
             return np.ascontiguousarray(np.broadcast_to(rows, u.shape))
-        t, end = self.start + kept * np.float64(self.step), torque.motion.duration
+        moments = self.start + sampled * np.float64(self.step)
+        t, end = moments.copy(), torque.motion.duration
         if abs(t[-1] - end) <= 1e-6 * self.step:
             t[-1] = np.nextafter(end, -np.inf)  # the torque that acted until the end
         gains = np.concatenate([torque.kp, torque.kd])
         desired = [np.broadcast_to(x, u.shape) for x in torque.desired(t)]
-        rows = [x.reshape(-1, x.shape[-1]) for x in (q, u, *desired)]
-        rows.append(np.tile(gains, (len(rows[0]), 1)))
-        tree = isinstance(self.robot.equations, TreeEquations)
-        kernel = law_kernel(self.robot) if tree else constrained_law_kernel(
-            self.robot, torque.followed)
-        more: list[Any] = [None] if len(self.robot.kernels.no_wrench) else []
+        arguments = [x.reshape(-1, x.shape[-1]) for x in (q, u, *desired)]
+        arguments.append(np.tile(gains, (len(arguments[0]), 1)))
+        if isinstance(self.robot.equations, TreeEquations):
+            kernel = law_kernel(self.robot)
+        else:
+            kernel = constrained_law_kernel(self.robot, torque.followed)
+        options: list[Any] = []
+        if len(self.robot.kernels.no_wrench):
+            options.append(None)
         if self.robot.equations.timed:
-            moments = self.start + kept * np.float64(self.step)
-            more.append(np.tile(moments, len(q)))
-        tau: Array = kernel(*rows, *more)
+            options.append(np.tile(moments, len(q)))
+        tau: Array = kernel(*arguments, *options)
         return tau.reshape(u.shape)
 
 
@@ -189,8 +190,8 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
         s.
     count : int
         Number of steps.
-    torque : None, array_like or ComputedTorque
-        As in `simulate`.
+    torque : None, array_like, callable or ComputedTorque
+        As in `simulate`; for a function, a table of one row of zeros to write to.
     states : int or None
         Number of simulations; None for a single one.
     integrator : str
@@ -206,22 +207,30 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
     """
     block = robot.parameters.block
     if isinstance(torque, ComputedTorque):
-        if torque.robot is None and torque.motion.joint_names != robot.joint_names:
-            raise InputError(f'motion: of the joints {list(torque.motion.joint_names)}; '
-                             f'expected {list(robot.joint_names)}')
-        if torque.robot is None and not isinstance(robot.equations, TreeEquations):
-            raise InputError('torque: ComputedTorque(motion, kp, kd), with chosen speeds or '
-                             'constraints; expected ComputedTorque(robot, motion, kp, kd)')
-        if torque.robot is not None and not torque.robot.equals(robot):
-            raise InputError('torque: computed torque of another robot (model, options, gravity '
-                             'or payload) than the simulated one; expected the same, or a '
-                             'function that returns the torques of the other')
+        _require_same_robot(torque, robot)
         choice = StepChoice(True, integrator, followed=torque.followed)
         constants = np.concatenate([torque.kp, torque.kd, [step], block])
     else:
-        choice, constants = StepChoice(False, integrator), np.concatenate([[step], block])
-        torque = _table(robot, torque, count, states)
-    return TorqueInput(robot, step_kernel(robot, *choice), choice, step, constants, torque, start)
+        choice = StepChoice(False, integrator)
+        constants = np.concatenate([[step], block])
+        torque = _table(robot, None if callable(torque) else torque, count, states)
+    return TorqueInput(robot, step_kernel(robot, *choice), choice, step, constants, torque, start,
+                       single=states is None)
+
+
+def _require_same_robot(torque: ComputedTorque, robot: Robot) -> None:
+    """Raise InputError for computed torque of another robot than the simulated one."""
+    if torque.robot is None:
+        if torque.motion.joint_names != robot.joint_names:
+            raise InputError(f'motion: of the joints {list(torque.motion.joint_names)}; '
+                             f'expected {list(robot.joint_names)}')
+        if not isinstance(robot.equations, TreeEquations):
+            raise InputError('torque: ComputedTorque(motion, kp, kd), with chosen speeds or '
+                             'constraints; expected ComputedTorque(robot, motion, kp, kd)')
+    elif not torque.robot.equals(robot):
+        raise InputError('torque: computed torque of another robot (model, options, gravity or '
+                         'payload) than the simulated one; expected the same, or a function that '
+                         'returns the torques of the other')
 
 
 def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:
@@ -246,15 +255,27 @@ def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:
     return table
 
 
-def evaluated_torque(torque: Callable[[float, Array, Array], Any], t: float, q: Array,
-                     u: Array) -> Any:
-    """Return the value of a torque function; InputError for a wrong signature or None."""
+def evaluated_torque(robot: Robot, torque: TorqueFunction, t: float, q: Array,
+                     u: Array) -> Array:
+    """
+    Return the value of a torque function, (n,).
+
+    Raises
+    ------
+    InputError
+        The function has a wrong signature, or returns something else than n finite numbers.
+
+    """
     try:
-        found = torque(t, q, u)
+        value = torque(t, q, u)
     except TypeError as error:
         if error.__traceback__ is None or error.__traceback__.tb_next is not None:
             raise  # raised inside the function, not by the call
         raise InputError(f'torque: {error}; expected a function torque(t, q, u)') from None
-    if found is None:
-        raise InputError(f'torque at {t:.6g} s: None; expected {len(u)} numbers')
-    return found
+    name = f'torque at {t:.6g} s'
+    if value is None:
+        raise InputError(f'{name}: None; expected {len(u)} numbers')
+    array = checked(Argument(name, (robot.n,), robot.speed_names), value)
+    if array.ndim != 1:
+        raise InputError(f'{name}: shape {array.shape}; expected ({robot.n},)')
+    return array

@@ -11,7 +11,7 @@ from kane_dynamics.mechanics.constraints.constrained_equations import Constraine
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.stops.stop_forces import with_stop_forces
+from kane_dynamics.simulation.stops.contact_forces import with_stop_forces
 import numpy as np
 
 

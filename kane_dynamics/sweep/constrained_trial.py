@@ -21,7 +21,7 @@ from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.speed_sets import limits_of
-from kane_dynamics.simulation.energy_kernels import driven_kernel
+from kane_dynamics.simulation.energy_balance import driven_kernel
 from kane_dynamics.simulation.speed_switching import STEP_RESIDUAL
 from kane_dynamics.simulation.step_kernels import implicit_stage, margin_count, time_input
 from kane_dynamics.sweep.trial import Parts, parts, Trial, TrialMotion

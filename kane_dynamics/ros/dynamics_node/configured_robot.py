@@ -36,7 +36,8 @@ from kane_dynamics.ros.torque_path.path_controller import path_controller, path_
 from kane_dynamics.ros.torque_path.state_check import speed_limits
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
-from kane_dynamics.simulation.step_kernels import compile_simulation, step_kernel
+from kane_dynamics.simulation.simulate import compile_simulation
+from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
 import numpy as np
 from rclpy.duration import Duration

@@ -55,6 +55,6 @@ class EnergyCheck:
         if not k:
             return
         balance = self._balance
-        balance.look(self._states[:, :k + 1].copy(), 0, self._torques[:, :k])
-        self.warning = self.warning or balance.warning(single=True) or ''
+        balance.update(self._states[:, :k + 1].copy(), 0, self._torques[:, :k])
+        self.warning = self.warning or balance.warning() or ''
         self.restart(self._states[0, k].copy())

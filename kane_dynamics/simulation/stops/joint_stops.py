@@ -2,13 +2,13 @@
 Joint stops of `simulate`: rigid, inelastic and frictionless, at the position limits.
 
 After a native step that ends past a stop, the joints are moved back and the impulses of the stops
-end the motion into them (`impulses`). While joints press against their stops, the forces of these
-hold them within the steps, which are native too (`pressed_steps`). If another joint passes its
-stop in such a step, the impulses of these forces count in that contact.
+end the motion into them (`contact_forces`). While joints press against their stops, the forces of
+these hold them within the steps, which are native too (`pressed_steps`). If another joint passes
+its stop in such a step, the impulses of these forces count in that contact.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -17,23 +17,22 @@ from kane_dynamics.mechanics.constraints.constrained_equations import Constraine
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units
 from kane_dynamics.mechanics.joint_stops import nearest_stops
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.energy_balance import Impact
-from kane_dynamics.simulation.stops.impulses import resolved_state
-from kane_dynamics.simulation.stops.pressed_steps import (pressed_steps, PressedSteps,
-                                                          ROUNDING)
-from kane_dynamics.simulation.stops.stop_energies import energies, work_through_constraints
-from kane_dynamics.simulation.stops.stop_forces import resting_sides, TOUCHING
+from kane_dynamics.simulation.energy_balance import driven_kernel, energy_kernel
+from kane_dynamics.simulation.observers import Extremes, Impact
+from kane_dynamics.simulation.stops.contact_forces import (resolved_state, resting_sides,
+                                                           ROUNDING, TOUCHING)
+from kane_dynamics.simulation.stops.pressed_steps import pressed_steps, PressedSteps
+from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import StopEvent
+from kane_dynamics.simulation.user_speeds import UserSpeeds
 import numpy as np
-
-if TYPE_CHECKING:
-    from kane_dynamics.simulation.torque_input import TorqueInput
 
 RESTING = 1e-4  # rad or lengths, per s: speed into a stop of a joint that already rests there
 NEGLIGIBLE = 1e-9  # acceleration into a stop, relative to those without forces of stops
 MOST_SETS = 64  # of stops that hold, tried at the beginning of a step
 PRESSED = 16  # pressed steps in the first native piece
-MORE = 4  # ratio of the lengths of successive pieces without contact
+GROWTH = 4  # ratio of the lengths of successive pieces without contact
+BENT = 1e-6  # uncertain part of the energy that a joint gains on its way into a stop
 
 
 class Contact(NamedTuple):
@@ -43,6 +42,13 @@ class Contact(NamedTuple):
     loss: float  # J
     balance: float  # J: loss, less changes of the work of that step
     unresolved: float  # J: uncertainty of the work of that step
+
+
+class _Pressure(NamedTuple):
+    """Numbers of pressed steps, (K,), with loss, balance and uncertainty, (K, 3), J."""
+
+    steps: Any
+    energies: Array
 
 
 def require_stops(robot: Robot, q: Array) -> None:
@@ -93,14 +99,14 @@ class JointStops:
         self._lower, self._upper = robot.limits.lower, robot.limits.upper
         self._constrained = isinstance(robot.equations, ConstrainedEquations)
         self._units = coordinate_units(robot.model, _constraints(robot))
-        self._most = ROUNDING * self._units if self._constrained else np.zeros(robot.n_q)
+        self._slack = ROUNDING * self._units if self._constrained else np.zeros(robot.n_q)
         self._contacts: dict[int, dict[int, Contact]] = {}  # by simulation, then steps done
-        self._pressures: dict[int, list[tuple[Any, Array]]] = {}  # steps, (K,) and (K, 3)
+        self._pressures: dict[int, list[_Pressure]] = {}  # by simulation
         self._events: list[StopEvent] = []
 
-    def apply(self, source: 'TorqueInput', buffer: Array, done: int) -> list[int]:
+    def advance(self, source: TorqueInput, buffer: Array, done: int) -> Extremes | None:
         """
-        Apply the stops to states after each step; return the rows of the buffer that change.
+        Compute the states after each step, with the stops; as `TorqueInput.advance`.
 
         Steps after a contact are computed again. Contacts after `done` steps of an earlier call
         are forgotten: their steps are computed again.
@@ -108,27 +114,37 @@ class JointStops:
         Parameters
         ----------
         source : TorqueInput
-            With the native step; its `places` are the simulations of the buffer.
+            With the native step; its `simulations` are those of the buffer.
         buffer : (N, K + 1, size) array
-            The states after `done` steps, and after each of K more.
+            The states after `done` steps, and space for each of K more.
         done : int
             Number of earlier steps.
 
         """
-        places = range(len(buffer)) if source.places is None else source.places
-        past = (self._past(buffer[:, 1:]) | self._refused(buffer[:, 1:])).any(axis=1)
-        changed = []
-        for row, i in enumerate(places):
-            if i in self._contacts:
-                self._contacts[i] = {step: contact for step, contact in self._contacts[i].items()
-                                     if step <= done}
-            if i in self._pressures:
-                self._pressures[i] = [(steps[steps <= done], lost[steps <= done])
-                                      for steps, lost in self._pressures[i]]
+        extremes = source.advance(buffer, done)
+        simulations = source.simulations
+        if simulations is None:
+            simulations = range(len(buffer))
+        rows = buffer[:, 1:]
+        past = (self._past(rows) | self._refused(rows)).any(axis=1)
+        for row, i in enumerate(simulations):
+            self._forget(i, done)
             if past[row]:
                 self._follow(source.alone(row), i, buffer[row], done)
-                changed.append(row)
-        return changed
+                if extremes is not None:
+                    low, high = extremes
+                    low[row] = buffer[row, 1:].min(axis=0)
+                    high[row] = buffer[row, 1:].max(axis=0)
+        return extremes
+
+    def _forget(self, i: int, done: int) -> None:
+        """Forget the contacts of simulation i after `done` steps."""
+        if i in self._contacts:
+            self._contacts[i] = {step: contact for step, contact in self._contacts[i].items()
+                                 if step <= done}
+        if i in self._pressures:
+            self._pressures[i] = [_Pressure(steps[steps <= done], energies[steps <= done])
+                                  for steps, energies in self._pressures[i]]
 
     def settle(self, done: int) -> list[Impact]:
         """
@@ -136,49 +152,63 @@ class JointStops:
 
         The steps after `done` steps, counted from 0, are not computed again.
         """
-        names, found = self._robot.coordinate_names, []
+        impacts = []
         for i, contacts in self._contacts.items():
             for step, contact in contacts.items():
-                found.append(Impact(step - done - 1, i, contact.balance, contact.unresolved))
-                self._events += [
-                    StopEvent(self._start + step * self._step, names[j], limit, speed,
-                              contact.loss, i) for j, (limit, speed) in contact.hits.items()]
-        found += [Impact(steps - done - 1, i, lost[:, 1], lost[:, 2])
-                  for i, held in self._pressures.items() for steps, lost in held]
+                impacts.append(Impact(step - done - 1, i, contact.balance, contact.unresolved))
+                for j, (limit, speed) in contact.hits.items():
+                    name = self._robot.coordinate_names[j]
+                    self._events.append(StopEvent(self._start + step * self._step, name, limit,
+                                                  speed, contact.loss, i))
+        for i, pressures in self._pressures.items():
+            for steps, energies in pressures:
+                impacts.append(Impact(steps - done - 1, i, energies[:, 1], energies[:, 2]))
         self._contacts.clear()
         self._pressures.clear()
-        return found
+        return impacts
 
     def events(self, single: bool) -> tuple[StopEvent, ...]:
         """Return the impacts so far, in order of time."""
-        return tuple(event._replace(state=None) if single else event
-                     for event in sorted(self._events))
+        events = sorted(self._events)
+        if single:
+            events = [event._replace(state=None) for event in events]
+        return tuple(events)
 
     def _past(self, rows: Array) -> Any:
         """Return which states, (..., size), have a joint past its stop."""
         q = rows[..., :self._robot.n_q]
-        return ((q < self._lower - self._most) | (q > self._upper + self._most)).any(axis=-1)
+        return ((q < self._lower - self._slack) | (q > self._upper + self._slack)).any(axis=-1)
 
     def _refused(self, rows: Array) -> Any:
         """Return which states, (..., size), have no positive margin (`step_kernels`)."""
         return ~(rows[..., -1] > 0.0) & bool(self._robot.constraint_names)
 
-    def _follow(self, source: 'TorqueInput', i: int, rows: Array, done: int) -> None:
-        """Apply the stops to the states of simulation i, (K + 1, size)."""
-        at, have, piece, end = 0, len(rows) - 1, 1, len(rows) - 1
+    def _follow(self, source: TorqueInput, i: int, rows: Array, done: int) -> None:
+        """
+        Apply the stops to the states of simulation i, (K + 1, size).
+
+        Free steps are computed in pieces, which grow as long as no joint passes a stop. A piece
+        counts up to its first state past a stop; from there, pressed steps follow as long as they
+        are valid, and a step with an impulse where they are not.
+        """
+        end = len(rows) - 1
+        at, computed, piece = 0, end, 1  # steps that count, computed steps, length of a piece
         pressed = PRESSED
         while at < end:
-            if have == at:
-                have, piece = min(at + piece, end), MORE * piece
-                local = np.empty((1, have - at + 1, rows.shape[1]))
+            if computed == at:
+                computed = min(at + piece, end)
+                piece = GROWTH * piece
+                local = np.empty((1, computed - at + 1, rows.shape[1]))
                 local[0, 0] = rows[at]
-                source.advance(local, done + at, True)
-                rows[at + 1:have + 1] = local[0, 1:]
-            new = rows[at + 1:have + 1]
-            ends = self._past(new) | self._refused(new)
-            first = int(np.argmax(ends)) if ends.any() else len(new)
-            if first:
-                at, piece = at + first, piece if first == len(new) else 1
+                source.advance(local, done + at)
+                rows[at + 1:computed + 1] = local[0, 1:]
+            free = rows[at + 1:computed + 1]
+            ends = self._past(free) | self._refused(free)
+            valid = int(np.argmax(ends)) if ends.any() else len(free)
+            if valid:
+                at += valid
+                if valid < len(free):
+                    piece = 1
                 continue
             held, one = self._held_step(source, rows[at], done + at)
             if one is not None:
@@ -189,15 +219,16 @@ class JointStops:
                 self._stopped(source, i, rows[at:at + 2], done + at + 1, held, one)
                 count = 1
             else:
-                asked = min(pressed, end - at)
-                count = self._pressed(source, i, rows[at:at + asked + 1], done + at, held)
-                pressed = MORE * pressed if count == asked else PRESSED
+                tried = min(pressed, end - at)
+                count = self._pressed(source, i, rows[at:at + tried + 1], done + at, held)
+                pressed = GROWTH * pressed if count == tried else PRESSED
                 if not count:
                     count = self._keep(source, i, rows[at:at + 2], done + at, one, 1)
-            at, piece = at + count, 1
-            have = at
+            at += count
+            piece = 1
+            computed = at
 
-    def step_end(self, source: 'TorqueInput', state: Array, free: Array) -> Array:
+    def step_end(self, source: TorqueInput, state: Array, free: Array) -> Array:
         """
         Return the state at the end of the first step, with stops; `free` is that without.
 
@@ -210,11 +241,16 @@ class JointStops:
 
         """
         held, one = self._held_step(source, state, 0)
-        end: Array = free if one is None else one.before[0]
         if one is not None and not self._past(one.after[0]):
             return np.asarray(one.after[0])
-        return resolved_state(source.robot, end, self._start + self._step, self._lower,
-                              self._upper, held, one, self._step)[0]
+        end: Array = free if one is None else one.before[0]
+        return self._resolved(source.robot, end, self._start + self._step, held, one)[0]
+
+    def _resolved(self, robot: Robot, state: Array, t: float, held: Array,
+                  one: PressedSteps | None) -> tuple[Array, Array]:
+        """Return the end of a step after the impulses of the stops, and the speeds they ended."""
+        force = None if one is None else one.force[:, 0].mean(axis=0)
+        return resolved_state(robot, state, t, self._lower, self._upper, held, force, self._step)
 
     def _resting(self, robot: Robot, state: Array, done: int) -> Array:
         """Return the sides of the stops, (n_q,), at which joints rest; 0 of other joints."""
@@ -223,7 +259,7 @@ class JointStops:
         at = {'t': t} if robot.equations.timed else {}
         return resting_sides(robot, q, u, self._lower, self._upper, **at)
 
-    def _held_step(self, source: 'TorqueInput', state: Array,
+    def _held_step(self, source: TorqueInput, state: Array,
                    done: int) -> tuple[Array, PressedSteps | None]:
         """
         Return the sides of the stops that hold joints during a step, (n_q,), and that step.
@@ -241,12 +277,15 @@ class JointStops:
             return pressed_steps(source, state, done, 1, held, self._lower, self._upper)
         if not side.any():
             return held, None
+        # First guess: all joints that accelerate into their stops without the stops' forces.
         into = side * step().acceleration[0]
-        scale = NEGLIGIBLE * float(np.abs(into).max())
-        held = np.where(into > scale, side, 0.0)
+        negligible = NEGLIGIBLE * float(np.abs(into).max())
+        held = np.where(into > negligible, side, 0.0)
         one = step()
+        # Exchange one joint at a time whose force or acceleration has the wrong sign.
         for _ in range(MOST_SETS):
-            wrong = np.where(held != 0.0, one.first[0] > 0.0, side * one.acceleration[0] > scale)
+            pulls, penetrates = one.first[0] > 0.0, side * one.acceleration[0] > negligible
+            wrong = np.where(held != 0.0, pulls, penetrates)
             if not wrong.any():
                 break
             k = int(np.argmax(wrong))
@@ -262,48 +301,128 @@ class JointStops:
             one = step()
         return held, one if held.any() else None
 
-    def _pressed(self, source: 'TorqueInput', i: int, rows: Array, done: int,
+    def _pressed(self, source: TorqueInput, i: int, rows: Array, done: int,
                  held: Array) -> int:
         """Compute steps in which stops hold joints, and no others act; return their number."""
-        found = pressed_steps(source, rows[0], done, len(rows) - 1, held, self._lower,
+        steps = pressed_steps(source, rows[0], done, len(rows) - 1, held, self._lower,
                               self._upper)
-        valid = found.valid
-        return self._keep(source, i, rows, done, found,
-                          len(valid) if valid.all() else int(np.argmin(valid)))
+        count = len(steps.valid) if steps.valid.all() else int(np.argmin(steps.valid))
+        return self._keep(source, i, rows, done, steps, count)
 
-    def _keep(self, source: 'TorqueInput', i: int, rows: Array, done: int, found: PressedSteps,
+    def _keep(self, source: TorqueInput, i: int, rows: Array, done: int, pressed: PressedSteps,
               count: int) -> int:
         """Record pressed steps, as many as `count`, which is returned, and their states."""
-        rows[1:count + 1] = found.after[:count]
+        rows[1:count + 1] = pressed.after[:count]
         steps = done + np.arange(1, count + 1)
         if count and self._constrained:  # the joints of trees do not move at all
-            lost = energies(source, self._robot, found.before[:count], found.after[:count], steps)
-            lost[:, 2] += np.abs(lost[:, 1])  # rounding errors, times large torques
-            lost[:, 1] -= work_through_constraints(source.robot, rows[:count + 1],
-                                                   found.force[:, :count], self._step)
-            self._pressures.setdefault(i, []).append((steps, lost))
+            energies = contact_energies(source, self._robot, pressed.before[:count],
+                                        pressed.after[:count], steps)
+            energies[:, 2] += np.abs(energies[:, 1])  # rounding errors, times large torques
+            energies[:, 1] -= work_through_constraints(source.robot, rows[:count + 1],
+                                                       pressed.force[:, :count], self._step)
+            self._pressures.setdefault(i, []).append(_Pressure(steps, energies))
         return count
 
-    def _stopped(self, source: 'TorqueInput', i: int, rows: Array, step: int, held: Array,
+    def _stopped(self, source: TorqueInput, i: int, rows: Array, step: int, held: Array,
                  one: PressedSteps | None) -> None:
         """Apply the impulses of the stops to the end of a step, (2, size), and record them."""
-        (last, state), n_q, h = rows.copy(), self._robot.n_q, self._step
-        t = self._start + step * h
-        rows[1], speeds = resolved_state(source.robot, state, t, self._lower, self._upper,
-                                         held, one, h)
-        side, away = nearest_stops(last[:n_q], self._lower, self._upper)
-        rates = self._rates(source.robot, last[:n_q], last[n_q:n_q + self._robot.n], t - h)
-        rested = ((np.abs(away) < TOUCHING * self._units)
-                  & (side * rates < RESTING * self._units))
-        at = nearest_stops(rows[1, :n_q], self._lower, self._upper)[0]
-        hits = {int(j): ('upper' if at[j] > 0.0 else 'lower', float(speeds[j]))
-                for j in np.flatnonzero((speeds > 0.0) & ~rested)}
-        lost = energies(source, self._robot, state[None], rows[1:], np.array([step]))
+        begin, end = rows.copy()
+        robot, n_q, n = source.robot, self._robot.n_q, self._robot.n
+        t = self._start + step * self._step
+        rows[1], speeds = self._resolved(robot, end, t, held, one)
+        # A joint that rested at its stop before the step does not hit it.
+        side, away = nearest_stops(begin[:n_q], self._lower, self._upper)
+        at: dict[str, Any] = {'t': t - self._step} if robot.equations.timed else {}
+        rates = robot.joint_rates(begin[:n_q], begin[n_q:n_q + n], **at)
+        touches = np.abs(away) < TOUCHING * self._units
+        rested = touches & (side * rates < RESTING * self._units)
+        side_after, _ = nearest_stops(rows[1, :n_q], self._lower, self._upper)
+        hits = {}
+        for j in np.flatnonzero((speeds > 0.0) & ~rested).tolist():
+            hits[j] = 'upper' if side_after[j] > 0.0 else 'lower', float(speeds[j])
+        energies = contact_energies(source, self._robot, end[None], rows[1:], np.array([step]))
         if one is not None and self._constrained:
-            lost[:, 1] -= work_through_constraints(source.robot, np.stack([last, state]),
-                                                   one.force, h)
-        self._contacts.setdefault(i, {})[step] = Contact(hits, *lost[0].tolist())
+            energies[:, 1] -= work_through_constraints(robot, np.stack([begin, end]), one.force,
+                                                       self._step)
+        self._contacts.setdefault(i, {})[step] = Contact(hits, *energies[0].tolist())
 
-    def _rates(self, robot: Robot, q: Array, u: Array, t: Any) -> Array:
-        """Return q', (n_q,)."""
-        return robot.joint_rates(q, u, **({'t': t} if robot.equations.timed else {}))
+
+def contact_energies(source: TorqueInput, user_robot: Robot, begin: Array, end: Array,
+                     steps: Any) -> Array:
+    """
+    Return loss, balance and uncertainty of the contacts at the end of K steps, (K, 3).
+
+    See `Contact`.
+
+    Parameters
+    ----------
+    source : TorqueInput
+        Of one simulation.
+    user_robot : Robot
+        The user's robot; held torques are dual to its speeds.
+    begin, end : (K, size) arrays
+        States before and after the impulses of the stops.
+    steps : (K,) array
+        Numbers of the steps, from 1.
+
+    """
+    robot, n_q, n, h = source.robot, user_robot.n_q, user_robot.n, source.step
+    size, K = n_q + n + robot.equations.timed, len(steps)
+    u_begin, u_end = begin[:, n_q:n_q + n], end[:, n_q:n_q + n]
+    terms = energy_kernel(robot)(np.concatenate([begin[:, :size], end[:, :size]]))
+    kinetic, potential, friction = terms[:K].T
+    kinetic_end, potential_end, friction_end = terms[K:].T
+    lost = kinetic - kinetic_end + potential - potential_end
+    power = friction_end - friction
+    unresolved = BENT * np.abs(kinetic - kinetic_end)
+    if source.follows:
+        power_begin, power_end = (
+            np.sum(source.torques(steps, state[None, :, :n_q], u[None])[0] * u, axis=1)
+            for state, u in ((begin, u_begin), (end, u_end)))
+        work = 0.5 * h * (power_begin - power_end)
+        # Feedback of the speed bends the power within the step by this fraction.
+        bent = min(1.0, 0.5 * h * float(np.max(source.torque.kd, initial=0.0)))
+        unresolved += bent * np.abs(work)
+    else:
+        table = source.torque[0]
+        tau = table[np.minimum(steps - 1, len(table) - 1)]
+        if robot.speed_names != user_robot.speed_names:  # tau is dual to the user's speeds
+            t, user = source.start + steps * h, UserSpeeds(user_robot)
+            u_begin = user.speeds(robot, begin[:, :n_q], u_begin, 0.0 * u_begin, t)[:, 0]
+            u_end = user.speeds(robot, end[:, :n_q], u_end, 0.0 * u_end, t)[:, 0]
+        if isinstance(robot.equations, ConstrainedEquations):
+            moved = 0.5 * h * (u_begin - u_end)
+        else:
+            moved = begin[:, :n_q] - end[:, :n_q]
+        work = np.sum(tau * moved, axis=1)
+    return np.stack([lost, lost - work - 0.5 * h * power, unresolved], axis=1)
+
+
+def work_through_constraints(robot: Robot, states: Array, force: Array, step: float) -> Any:
+    """
+    Return the work that forces of stops do through moving constraints in K steps, (K,), J.
+
+    A held joint does not move, so a stop does no work. But the constraints that prescribe a motion
+    react to it, and the balance counts their work without the forces of stops.
+
+    Parameters
+    ----------
+    robot : Robot
+        In the speeds of the states.
+    states : (K + 1, size) array
+        At the ends of the steps.
+    force : (2, K, n) array
+        The generalized forces of the stops at the beginning and at the end of each step.
+    step : float
+        s.
+
+    """
+    driven, n_q, n = driven_kernel(robot), robot.n_q, robot.n
+    if driven is None:
+        return 0.0
+    work: Any = 0.0
+    for rows, f in zip((states[:-1], states[1:]), force):
+        state, u = rows[:, :n_q + n + robot.equations.timed], rows[:, n_q:n_q + n]
+        power = driven(state, f) - driven(state, 0.0 * f) + np.sum(f * u, axis=1)
+        work = work + 0.5 * step * power
+    return work

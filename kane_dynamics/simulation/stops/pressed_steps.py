@@ -2,46 +2,61 @@
 Native steps during which given joints press against their stops.
 
 The joints in contact are arguments. They are held: the forces of their stops act in every stage of
-the integrator (`held_steps`), so their work is zero, and the order of the step is that of the
-integrator. At the end of the step their remaining motion, which is of the order of the error of
-the step, is taken back; that of trees is zero. A step is valid if no stop pulls, and no other
-joint passes its stop. `JointStops` computes the other steps.
+the integrator, so their work is zero, and the order of the step is that of the integrator. At the
+end of the step their remaining motion, which is of the order of the error of the step, is taken
+back; that of trees is zero. A step is valid if no stop pulls, and no other joint passes its stop.
+`JointStops` computes the other steps.
 """
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.fork_safety import lazy_property
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
+from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units
-from kane_dynamics.mechanics.integrators.held_joints import held_response
+from kane_dynamics.mechanics.integrators.held_joints import (Held, held_response, held_solution,
+                                                             linear_system)
+from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
+from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loop_support import repeat
-from kane_dynamics.native.tracing.program import Shape, trace_program
+from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.step_kernels import margin_count, step_kernel, StepChoice
-from kane_dynamics.simulation.stops.held_steps import held_step, pulls
+from kane_dynamics.simulation.step_kernels import (margin_count, RobotMotion, step_kernel,
+                                                   StepChoice, time_input, traced_step,
+                                                   wrench_input)
+from kane_dynamics.simulation.stops.contact_forces import ROUNDING
+from kane_dynamics.simulation.torque_input import TorqueInput
+from kane_dynamics.simulation.user_speeds import tau_from
 import numpy as np
 
-if TYPE_CHECKING:
-    from kane_dynamics.simulation.torque_input import TorqueInput
-
-ROUNDING = 1e-11  # rad or lengths: past a stop, with constraints, after loops are closed
+PULL = 1e-12  # of a stop, relative to the forces of all stops: rounding
 
 
 class PressedSteps(NamedTuple):
     """
-    Results of K steps with held joints, for k joints with stops.
+    Results of K steps with held joints.
 
-    The states after the steps and before the last correction, (K, size). By coordinate, (K, n_q):
-    accelerations of the joints at the beginning of the step, the pull of each stop then, and its
-    largest pull, 0 of a stop that presses; a stop cannot pull. The generalized forces of the stops
-    at both ends of the step, (2, K, n). Which steps are valid, (K,).
+    Attributes
+    ----------
+    after, before : (K, size) arrays
+        The states after the steps, and these before their last correction.
+    acceleration : (K, n_q) array
+        Of the joints at the beginning of the step.
+    first, pull : (K, n_q) arrays
+        The pull of each stop at the beginning of the step, and its largest pull in the step; 0 of
+        a stop that presses. A stop cannot pull.
+    force : (2, K, n) array
+        The generalized forces of the stops at both ends of the step.
+    valid : (K,) array of bool
+
     """
 
     after: Array
@@ -53,7 +68,7 @@ class PressedSteps(NamedTuple):
     valid: Any
 
 
-def pressed_steps(source: 'TorqueInput', state: Array, done: int, count: int, side: Array,
+def pressed_steps(source: TorqueInput, state: Array, done: int, count: int, side: Array,
                   lower: Array, upper: Array) -> PressedSteps:
     """
     Return the results of pressed steps.
@@ -75,25 +90,27 @@ def pressed_steps(source: 'TorqueInput', state: Array, done: int, count: int, si
     stopped = _stopped(lower, upper)
     size, k = len(state), len(stopped)
     kernel = _kernel(source.robot, source.kernel, source.choice, stopped)
+    # Each row begins with a state, which is an argument of the next one.
     rows = np.empty((count + 1, *kernel.shape))
     rows[0, :size] = state
     contact = np.array([side[stopped], lower[stopped], upper[stopped]])
     inputs, _, stride = source.inputs(done, count)
-    repeat(kernel.address,
-           [x.ctypes.data for x in (rows, inputs, contact, source.constants, rows[1:])],
+    arguments = (rows, inputs, contact, source.constants, rows[1:])
+    repeat(kernel.address, [x.ctypes.data for x in arguments],
            [rows.strides[0], stride, 0, 0, rows.strides[0]], count)
-    acceleration, first, pull = joints = np.zeros((3, count, len(side)))
-    after, before, of_joints, force, valid = np.split(
+    after, before, of_stops, force, valid = np.split(
         rows[1:], np.cumsum([size, size, 3 * k, 2 * source.robot.n]), axis=1)
-    joints[:, :, stopped] = of_joints.reshape(count, 3, k).swapaxes(0, 1)
+    by_coordinate = np.zeros((3, count, len(side)))
+    by_coordinate[:, :, stopped] = of_stops.reshape(count, 3, k).swapaxes(0, 1)
+    acceleration, first, pull = by_coordinate
     return PressedSteps(after, before, acceleration, first, pull,
                         force.reshape(count, 2, -1).swapaxes(0, 1), valid[:, 0] > 0.5)
 
 
 def compile_pressed_steps(robot: Robot, integrator: str, followed: Sequence[int] = ()) -> None:
     """Compile the kernels of `pressed_steps` with and without feedback, as `step_kernel`."""
-    for choice in (StepChoice(x, integrator, None, followed) for x in (False, True)):
-        compile_pressed_step(robot, choice)
+    for feedback in (False, True):
+        compile_pressed_step(robot, StepChoice(feedback, integrator, None, followed))
 
 
 def compile_pressed_step(robot: Robot, choice: StepChoice) -> None:
@@ -105,59 +122,172 @@ def compile_pressed_step(robot: Robot, choice: StepChoice) -> None:
 
 def _stopped(lower: Array, upper: Array) -> list[int]:
     """Return the indices of the coordinates with a stop."""
-    found: list[int] = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper)).tolist()
-    return found
+    stopped: list[int] = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper)).tolist()
+    return stopped
 
 
 def _kernel(robot: Robot, free: Kernel, choice: StepChoice, stopped: list[int]) -> Kernel:
     """Return the kernel of a pressed step, by that of a free step and the joints with stops."""
     (size,), k = free.shape, len(stopped)
     name = f'pressed_{free.name}_{"_".join(map(str, stopped))}'
-    inputs = [(a.name, a.shape) for a in free.arguments] + [('contact', (3, k))]
+    inputs = [(argument.name, argument.shape) for argument in free.arguments]
+    inputs.append(('contact', (3, k)))
     constants = ('constants', free.parameters.shape)
-    whole = 2 * size + 3 * k + 2 * robot.n + 1
+    results = 2 * size + 3 * k + 2 * robot.n + 1
     return robot.kernels.extra(
-        name, lambda: trace_program(name, partial(_step, robot, choice, stopped),
+        name, lambda: trace_program(name, partial(_traced_row, robot, choice, stopped),
                                     [*inputs, constants]),
-        [Argument(*x) for x in inputs], np.zeros(constants[1]), (whole,))
+        [Argument(*x) for x in inputs], np.zeros(constants[1]), (results,))
 
 
-def _step(robot: Robot, choice: StepChoice, stopped: list[int], state: Any, inputs: Any,
-          contact: Any, constants: Any) -> Any:
+def _traced_row(robot: Robot, choice: StepChoice, stopped: list[int], state: Vector,
+                inputs: Matrix, contact: Matrix, constants: Vector) -> list[Scalar]:
     """Return the entries of a row of `PressedSteps`."""
     side, lower, upper = contact
-    step = held_step(robot, choice, state, inputs, constants, side, stopped)
-    free = step.state
-    q, u, rest = np.split(free, [robot.n_q, robot.n_q + robot.n])
+    motions: list[_HeldMotion] = []
+
+    def held_motion(*arguments: Any) -> _HeldMotion:
+        motions.append(_HeldMotion(side, stopped, *arguments))
+        return motions[0]
+    free = traced_step(robot, choice, state, inputs, constants, held_motion)
+    stages = motions[0].stages
+    q, u, time_and_margin = np.split(free, [robot.n_q, robot.n_q + robot.n])
     touching = [s * s > 0.5 for s in side]
     slack = np.zeros(len(stopped))
-    valid: Any = 1.0
+    valid: Scalar = 1.0
     if isinstance(robot.equations, ConstrainedEquations):
-        q, u, left = _corrected(robot, stopped, touching, [
-            select(s > 0.0, b, a) for s, a, b in zip(side, lower, upper)], q, u,
-            list(rest[:int(robot.equations.timed)]), constants[-len(robot.parameters.block):])
+        # The held joints go back to their stops exactly, on closed loops.
+        stops = [select(s > 0.0, b, a) for s, a, b in zip(side, lower, upper)]
+        time = list(time_and_margin[:int(robot.equations.timed)])
+        parameters = constants[-len(robot.parameters.block):]
+        q, u, away = _corrected(robot, stopped, touching, stops, q, u, time, parameters)
         units = coordinate_units(robot.model, robot.mechanism.constraints)
         slack = ROUNDING * units[stopped]
-        valid = _all(*(x < most for x, most in zip(left, slack)),
-                     *(-most < x for x, most in zip(left, slack)))
-    forces = [stage[0] for stage in step.stages]
-    first, pull = pulls(forces[:1], side), pulls(forces, side)
-    for c, x, a, b, j, most in zip(touching, pull, lower, upper, stopped, slack):
-        within = (1.0 - _all(b + most < q[j])) * (1.0 - _all(q[j] < a - most))
-        valid = valid * select(c, 1.0 - _all(x > 0.0), within)
+        valid = _all(*(x < limit for x, limit in zip(away, slack)),
+                     *(-limit < x for x, limit in zip(away, slack)))
+    # No stop may pull, and no free joint may pass its stop.
+    forces = [stage.forces for stage in stages]
+    first, pull = _pulls(forces[:1], side), _pulls(forces, side)
+    for held, x, a, b, j, limit in zip(touching, pull, lower, upper, stopped, slack):
+        within = (1.0 - _all(b + limit < q[j])) * (1.0 - _all(q[j] < a - limit))
+        valid = valid * select(held, 1.0 - _all(x > 0.0), within)
     if margin_count(robot):
-        valid = valid * _all(rest[-1] > 0.0)
-    return [*q, *u, *rest, *free, *step.stages[0][1], *first, *pull,
-            *step.stages[0][2], *step.stages[-1][2], valid]
+        valid = valid * _all(time_and_margin[-1] > 0.0)
+    return [*q, *u, *time_and_margin, *free, *stages[0].accelerations, *first, *pull,
+            *stages[0].generalized, *stages[-1].generalized, valid]
 
 
-def _corrected(robot: Robot, stopped: list[int], touching: list[Any], stops: list[Any], q: Any,
-               u: Any, time: list[Any], parameters: Any) -> tuple[Any, Any, Any]:
+class _StageForces(NamedTuple):
+    """
+    Forces that hold k joints in one stage, as of `held_joints.Solution`.
+
+    They are forces on the joints, (k,), the accelerations of the joints, (k,), and the
+    generalized forces, (n,).
+    """
+
+    forces: Vector
+    accelerations: Vector
+    generalized: Vector
+
+
+class _HeldMotion(RobotMotion):
+    """
+    A robot with held joints during one traced step.
+
+    Parameters
+    ----------
+    held : (k,) array
+        1 or -1 for a joint that is held, else 0.
+    stopped : sequence of int
+        The indices of the k joints in q.
+    *arguments
+        Of `RobotMotion`.
+
+    """
+
+    def __init__(self, held: Vector, stopped: Sequence[int], *arguments: Any) -> None:
+        """Begin without stages."""
+        super().__init__(*arguments)
+        self._held, self._stopped = held, stopped
+        self.stages: list[_StageForces] = []
+
+    def called(self, program: Program, q: Vector, u: Vector, tau: Vector, time: Any,
+               *inputs: Any) -> Any:
+        """Return the results of the dynamics of a stage, and store what holds joints."""
+        results = super().called(program, q, u, tau, time, self._held, *inputs)
+        k, n = len(self._stopped), self.robot.n
+        ends = np.cumsum([len(results) - 2 * k - n, k, k])
+        rates, *stage = np.split(np.array(results), ends)
+        self.stages.append(_StageForces(*stage))
+        return rates
+
+    @lazy_property
+    def _motion(self) -> Program:
+        return self._program(None)
+
+    @lazy_property
+    def _stage(self) -> Program:
+        return self._program(ImplicitStep(self.equations))
+
+    def _program(self, method: ImplicitStep | None) -> Program:
+        """Trace the dynamics of a stage: those of step_kernels, then `_StageForces`."""
+        robot, dual_to = self.robot, self._dual_to
+        equations: Any = robot.equations
+        joints = [robot.model.places.index(k) for k in self._stopped]
+        wrenches, times = wrench_input(robot), time_input(robot)
+        first_stage: list[tuple[str, Shape]] = []
+        if method is not None:
+            first_stage = [('joint_rates', (robot.model.n,)), ('udot', (robot.n,)), ('g', ())]
+
+        def dynamics(q: Vector, u: Vector, tau: Vector, side: Vector,
+                     *inputs: Any) -> list[Scalar]:
+            # The inputs after those of every stage, in their order; most are optional.
+            *options, parameters = inputs
+            physical = parameters[:robot.parameters.physical]
+            implicit, options = options[:len(first_stage)], options[len(first_stage):]
+            wrench = options[0] if wrenches else None
+            t = options[-1][()] if times else 0.0
+            if dual_to is not None:
+                tau = tau_from(equations, dual_to, q, tau, t)
+            held = Held(joints, [s * s > 0.5 for s in side])
+            if method is not None:
+                k_v, k_u, g = implicit
+                v, solution = method.held_stage(held, q, u, tau, (k_v, k_u), g[()], wrench,
+                                                physical, t)
+            else:
+                system = linear_system(equations, q, u, tau, wrench, physical, t)
+                solution = held_solution(system, system.M, system.net, held)
+                v = []
+                if not isinstance(equations, TreeEquations):
+                    v = coordinate_rates(robot.model, q, system.v)
+            margin = [equations.margin(q, t, parameters[-LIMITS:])] if self.watched else []
+            return [*v, *np.concatenate(solution), *margin]
+        return trace_program('held_dynamics', dynamics, [
+            ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)),
+            ('held', (len(joints),)), *first_stage, *wrenches, *times,
+            ('parameters', robot.parameters.block.shape)])
+
+
+def _pulls(stages: Sequence[Vector], side: Vector) -> list[Scalar]:
+    """Return the largest pull of each stop in several stages, (k,); 0 if it presses."""
+    largest = [0.0 * s for s in side]
+    for forces in stages:
+        magnitudes = (f * s * select(f * s < 0.0, -1.0, 1.0) for f, s in zip(forces, side))
+        rounding = PULL * sum(magnitudes, 0.0)
+        pulls = [f * s - rounding for f, s in zip(forces, side)]
+        largest = [select(x < y, y, x) for x, y in zip(largest, pulls)]
+    return largest
+
+
+def _corrected(robot: Robot, stopped: list[int], touching: list[Scalar], stops: list[Scalar],
+               q: Vector, u: Vector, time: list[Scalar],
+               parameters: Vector) -> tuple[Vector, Vector, Vector]:
     """Return q and u without the remaining motion of the held joints, and what is left of q."""
     system, closed = _system_of(robot, q, time, parameters)
 
-    def away(q: Any) -> Any:
-        return np.array([select(c, x, 0.0) for c, x in zip(touching, q[stopped] - stops)])
+    def away(q: Vector) -> Vector:
+        distances = q[stopped] - stops
+        return np.array([select(held, x, 0.0) for held, x in zip(touching, distances)])
     T, _, inverse = system(q)
     along = inverse @ T[stopped].T
     for _ in range(2):  # the second has the error of the first, and of closing the loops
@@ -168,7 +298,8 @@ def _corrected(robot: Robot, stopped: list[int], touching: list[Any], stops: lis
     return q, u, away(q)
 
 
-def _system_of(robot: Robot, q: Any, time: list[Any], parameters: Any) -> tuple[Any, Any]:
+def _system_of(robot: Robot, q: Vector, time: list[Scalar],
+               parameters: Vector) -> tuple[Any, Any]:
     """
     Return two functions of the configuration q.
 
@@ -176,33 +307,40 @@ def _system_of(robot: Robot, q: Any, time: list[Any], parameters: Any) -> tuple[
     """
     equations: Any = robot.equations
     n_q, n = robot.n_q, robot.n
-    inputs: list[tuple[str, Shape]] = [('q', (n_q,)), *(('t', ()) for _ in time),
+    inputs: list[tuple[str, Shape]] = [('q', (n_q,)), *time_input(robot),
                                        ('parameters', np.shape(parameters))]
 
-    def parts(q: Any, *rest: Any) -> Any:
-        t = rest[0][()] if time else 0.0
+    def time_of(inputs: Sequence[Any]) -> Scalar:
+        return inputs[0][()] if time else 0.0
+
+    def parts(q: Vector, *inputs: Any) -> Vector:
+        t = time_of(inputs)
         motion = equations.at_rest(q, t)
         T = np.stack([coordinate_rates(robot.model, q, column) for column in motion.T.T], axis=1)
-        inverse = equations.inverse_mass_matrix(q, rest[-1][:robot.parameters.physical], t)
-        return np.concatenate([np.ravel(T), coordinate_rates(robot.model, q, motion.qdot),
-                               np.ravel(inverse)])
-    whole = trace_program('stopped_system', parts, inputs)
+        inverse = equations.inverse_mass_matrix(q, inputs[-1][:robot.parameters.physical], t)
+        X = coordinate_rates(robot.model, q, motion.qdot)
+        return np.concatenate([np.ravel(T), X, np.ravel(inverse)])
+    system_program = trace_program('stopped_system', parts, inputs)
 
-    def system(q: Any) -> tuple[Any, Any, Any]:
-        T, X, inverse = np.split(np.array(call(whole, q, *time, parameters)),
-                                 [n_q * n, n_q * n + n_q])
+    def system(q: Vector) -> tuple[Matrix, Vector, Matrix]:
+        results = np.array(call(system_program, q, *time, parameters))
+        T, X, inverse = np.split(results, [n_q * n, n_q * n + n_q])
         return T.reshape(n_q, n), X, inverse.reshape(n, n)
     if not equations.keeps_positions(q, *time):
         return system, partial(on_unit_quaternions, robot.model)
-    newton = trace_program('closure_step', lambda q, *rest: equations.closure_step(
-        q, rest[0][()] if time else 0.0), inputs)
-    return system, lambda q: on_unit_quaternions(
-        robot.model, np.array(call(newton, q, *time, parameters)))
+    newton_step = trace_program('closure_step', lambda q, *inputs: equations.closure_step(
+        q, time_of(inputs)), inputs)
+
+    def closed(q: Vector) -> Vector:
+        corrected = np.array(call(newton_step, q, *time, parameters))
+        result: Vector = on_unit_quaternions(robot.model, corrected)
+        return result
+    return system, closed
 
 
-def _all(*conditions: Any) -> Any:
+def _all(*conditions: Scalar) -> Scalar:
     """Return 1.0 if every condition holds, else 0.0; not-a-number holds for none."""
-    result: Any = 1.0
+    result: Scalar = 1.0
     for condition in conditions:
         result = result * select(condition, 1.0, 0.0)
     return result

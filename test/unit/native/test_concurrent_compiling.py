@@ -7,7 +7,7 @@ import threading
 
 from kane_dynamics import CompileError, InputError, Robot
 from kane_dynamics.native.runtime import threads
-from kane_dynamics.simulation.step_kernels import compile_simulation
+from kane_dynamics.simulation.simulate import compile_simulation
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest
@@ -60,7 +60,7 @@ def test_a_warm_start_of_all_kernels_takes_a_fraction_of_a_cold_one(tmp_path):
     program = """
 import time
 from kane_dynamics import load_urdf, Robot
-from kane_dynamics.simulation.step_kernels import compile_simulation
+from kane_dynamics.simulation.simulate import compile_simulation
 begin = time.process_time()
 robot = Robot(load_urdf('urdf/fr3.urdf'))
 compile_simulation(robot, 'rk4', 'external_force', 'body_torques')

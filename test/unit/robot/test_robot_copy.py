@@ -7,7 +7,8 @@ import pickle
 from kane_dynamics import Coupling, Inertial, Robot
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.robot import kernel_set
-from kane_dynamics.simulation.step_kernels import compile_simulation, step_kernel
+from kane_dynamics.simulation.simulate import compile_simulation
+from kane_dynamics.simulation.step_kernels import step_kernel
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest

@@ -83,10 +83,10 @@ def test_a_wrong_constraint_force_or_torque_would_not_close():
     states = np.concatenate([run.q, run.u], axis=1)[None]
     for held, faulty in ((tau, False), (0.9 * tau, True)):
         balance = EnergyBalance(robot, h, states[:, 0], 'rk4')
-        balance.look(states, 0, held[None, None])
+        balance.update(states, 0, held[None, None])
         assert np.isfinite(balance.began[0]) == faulty
     balance = EnergyBalance(Robot(pendulum(), friction=False), h, states[:, 0], 'rk4')
-    balance.look(states, 0, tau[None, None])
+    balance.update(states, 0, tau[None, None])
     assert np.isfinite(balance.began[0])
 
 

@@ -5,8 +5,8 @@ import re
 from kane_dynamics import ComputedTorque, InputError, Motion, Robot, simulate, Trajectory
 from kane_dynamics.native.backends import llvm_simd
 from kane_dynamics.native.runtime import batch_loop, loop_support, threads
-from kane_dynamics.simulation import limit_events, simulate as simulation, simulation_arguments
-from kane_dynamics.simulation.step_kernels import compile_simulation
+from kane_dynamics.simulation import limit_events, simulate as simulation, stepping
+from kane_dynamics.simulation.simulate import compile_simulation
 from mechanisms import random_model
 import numpy as np
 import pytest
@@ -79,7 +79,7 @@ def test_chunks_leave_no_seam(robot, monkeypatch, steps):
     expected = simulate(robot, Q0, U0, STEPS * 1e-3, torque=law(robot))
     torque = rng.normal(size=(N, STEPS, 4))
     expected = simulate(robot, Q0, U0, STEPS * 1e-3, torque=torque)
-    monkeypatch.setattr(simulation, 'CHUNK_BYTES', steps * N * 8 * 8)
+    monkeypatch.setattr(stepping, 'CHUNK_BYTES', steps * N * 8 * 8)
     run = simulate(robot, Q0, U0, STEPS * 1e-3, torque=torque)
     for name in ARRAYS:
         np.testing.assert_array_equal(getattr(run, name), getattr(expected, name))
@@ -124,7 +124,7 @@ def test_no_and_one_initial_state_are_many_too(robot):
 
 
 def test_without_a_sample_time_rows_get_fewer_as_states_get_more(robot, monkeypatch):
-    monkeypatch.setattr(simulation_arguments, 'MOST_SAMPLES', 12 * N)
+    monkeypatch.setattr(simulation, 'MOST_SAMPLES', 12 * N)
     run = simulate(robot, Q0, U0, 0.1)
     assert 2 < len(run.t) <= 12
 

@@ -148,7 +148,7 @@ def test_joints_that_hardly_press_stay_at_rest_beside_one_that_presses_much():
 def test_kernels_compiled_in_advance_are_those_of_a_simulation(monkeypatch):
     robot, one, _, tau = pressing('closed loop')
     compile_pressed_steps(robot, 'rk4', [robot.coordinate_names.index(robot.speed_names[0])])
-    monkeypatch.setattr(pressed_steps, '_step', None)  # to trace another fails
+    monkeypatch.setattr(pressed_steps, '_traced_row', None)  # to trace another fails
     run = simulate(robot, one.q, one.u, 0.1, torque=tau, stops=True)
     assert run.stop_events
 

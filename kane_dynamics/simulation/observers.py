@@ -1,0 +1,163 @@
+"""
+The protocol of what watches a simulation.
+
+The stepping loop (`stepping.run`) computes a simulation in chunks of successive steps. For each
+chunk
+
+1. every observer looks ahead (`look_ahead`), at what is known before the steps are computed;
+2. the steps are computed;
+3. every observer looks at the `Chunk` of states (`look`), in the order of the list.
+
+An observer records what it sees and changes nothing. An error that it raises ends the simulation;
+the observers after it do not look at that chunk. After the last chunk, `warning` returns a text
+for the user, or None.
+
+What changes states is no observer but a part of the steps (`stepping.Steps`): the impulses of
+joint stops, and the change of independent speeds before a singularity.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import math
+from typing import Any, NamedTuple, Protocol
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+from kane_dynamics.native.backends.real_types import size_limit
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.step_kernels import state_names
+import numpy as np
+
+# Least and largest value of each entry of several states, (N, size) each.
+Extremes = tuple[Array, Array]
+# The power of the torques, (N, rows), W, at row numbers of the states of a chunk.
+Power = Callable[[Array], Array]
+
+
+class Impact(NamedTuple):
+    """
+    Energy that stops take at the end of one of several steps, or arrays of several steps.
+
+    The uncertainty is that of the work of the step, J.
+    """
+
+    step: Any
+    simulation: int
+    energy: Any
+    unresolved: Any
+
+
+class Energetics(Protocol):
+    """The steps of a chunk as the energy balance sees them."""
+
+    def in_user_speeds(self, states: Array, done: int) -> Array:
+        """Return states after `done` steps, and after each of the next ones, in user speeds."""
+
+    def acting(self, states: Array, done: int) -> Array | Power:
+        """Return held torques, (1 or N, 1 or K, n), or the power of a continuous law."""
+
+    def impacts(self, done: int) -> Sequence[Impact]:
+        """Return the effects of stops on the energy in the steps after `done`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """
+    The states of N simulations during K successive steps.
+
+    Attributes
+    ----------
+    done : int
+        Number of earlier steps.
+    times : (K + 1,) array
+        Times of the states, s.
+    states : (N, K + 1, size) array
+        After `done` steps and after each of the K next ones; entries as
+        `step_kernels.state_names`.
+    extremes : (N, size) arrays, optional
+        Least and largest value of each entry over the last K states, if already known.
+    energetics : Energetics
+        The steps.
+
+    """
+
+    done: int
+    times: Array
+    states: Array
+    extremes: Extremes | None
+    energetics: Energetics
+
+
+class Observer:
+    """An observer that sees nothing; subclasses replace what they need."""
+
+    def look_ahead(self, done: int, steps: int) -> None:
+        """Look at what is known of the next steps, after `done` steps."""
+
+    def look(self, chunk: Chunk) -> None:
+        """Look at the states of a chunk."""
+
+    def warning(self) -> str | None:
+        """Return the text of a warning about the whole simulation, or None."""
+        return None
+
+
+class DivergenceWatch(Observer):
+    """
+    Raises InputError for a motion that diverges: not finite, or positions too large.
+
+    Parameters
+    ----------
+    robot : Robot
+    step : float
+        s.
+    single : bool
+        Leave out the number of the simulation.
+    earlier : Observer, optional
+        An observer whose warning may explain the divergence.
+
+    """
+
+    def __init__(self, robot: Robot, step: float, single: bool,
+                 earlier: Observer | None = None) -> None:
+        """Store the arguments."""
+        self._robot, self._step = robot, step
+        self._single, self._earlier = single, earlier
+
+    def look(self, chunk: Chunk) -> None:
+        """Raise InputError if states diverged, which remain so until the end of the chunk."""
+        if not diverged(self._robot, chunk.states[:, -1]).any():
+            return
+        entries = diverged(self._robot, chunk.states)
+        k = int(np.argmax(entries.any(axis=(0, 2))))
+        i, j = (int(index) for index in np.argwhere(entries[:, k])[0])
+        reason = None
+        if self._earlier is not None:
+            self._earlier.look(chunk)
+            reason = self._earlier.warning()
+        which = 'the simulation' if self._single else f'simulation {i}'
+        raise diverged_error(which, chunk.times[k], self._step, state_names(self._robot)[j],
+                             float(chunk.states[i, k, j]), reason)
+
+
+def diverged(robot: Robot, states: Array) -> Any:
+    """Return which entries of states are not finite, or positions that are too large."""
+    largest = np.full(states.shape[-1], np.finfo(float).max)
+    largest[:robot.n_q] = size_limit('q')
+    return ~(np.abs(states) <= largest)
+
+
+def diverged_error(which: str, t: float, step: float, entry: str = '',
+                   value: float = math.nan, earlier: str | None = None) -> InputError:
+    """
+    Return the error for a simulation whose state is not finite, or too large, at t, s.
+
+    `earlier` is an earlier warning of the simulation.
+    """
+    entry_text = f" ('{entry}' first)" if entry else ''
+    state_text = f'is {value:.3g}' if math.isfinite(value) else 'is not finite'
+    earlier_text = f'. Earlier, {earlier}' if earlier else ''
+    return InputError(f'{which}: the state diverged ({state_text}) at {t:.6g} s{entry_text} with '
+                      f'a step of {step} s; expected a regular mass matrix and a shorter step, or '
+                      "integrator='implicit' if friction, springs or bending are stiff"
+                      f'{earlier_text}')
