@@ -35,12 +35,10 @@ class StepChoice(NamedTuple):
 
     def needed(self, robot: Robot) -> 'StepChoice':
         """Return the choice without what changes nothing for this robot."""
-        choice = self
-        if choice.dual_to == robot.speed_names:
-            choice = choice._replace(dual_to=None)
-        if not choice.feedback or isinstance(robot.equations, TreeEquations):
-            choice = choice._replace(followed=())
-        return choice
+        dual_to = None if self.dual_to == robot.speed_names else self.dual_to
+        follows = self.feedback and not isinstance(robot.equations, TreeEquations)
+        followed = tuple(self.followed) if follows else ()
+        return self._replace(dual_to=dual_to, followed=followed)
 
 
 def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',

@@ -197,6 +197,7 @@ def run(steps: Steps, starts: Array, count: int, every: int, observers: Sequence
     Parameters
     ----------
     steps : Steps
+        The steps to compute.
     starts : (N, size) array
         Initial states.
     count, every : int

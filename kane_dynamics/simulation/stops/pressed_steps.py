@@ -128,6 +128,7 @@ def _stopped(lower: Array, upper: Array) -> list[int]:
 
 def _kernel(robot: Robot, free: Kernel, choice: StepChoice, stopped: list[int]) -> Kernel:
     """Return the kernel of a pressed step, by that of a free step and the joints with stops."""
+    choice = choice.needed(robot)
     (size,), k = free.shape, len(stopped)
     name = f'pressed_{free.name}_{"_".join(map(str, stopped))}'
     inputs = [(argument.name, argument.shape) for argument in free.arguments]

@@ -1,5 +1,6 @@
 """Promises of simulating many initial states at once: the numbers of one, cap and refusals."""
 
+from dataclasses import replace
 import re
 
 from kane_dynamics import ComputedTorque, InputError, Motion, Robot, simulate, Trajectory
@@ -186,3 +187,12 @@ def test_after_compile_simulation_a_single_simulation_compiles_nothing(monkeypat
                                 joint_names=robot.joint_names)
     for torque in (None, ComputedTorque(robot, motion, 1.0, 1.0)):
         simulate(robot, [0.1, 0.2], [0.0, 0.0], 0.01, torque=torque)
+
+
+def test_events_of_initial_states_and_errors_have_the_time_of_the_simulation():
+    robot = Robot(random_model(4, 2))
+    robot.limits = replace(robot.limits, upper=np.array([-0.5, np.inf]))
+    run = simulate(robot, [0.1, 0.2], [0.0, 0.0], 0.01, t0=2.5)
+    assert [event.t for event in run.limit_events] == [2.5]
+    with pytest.raises(InputError, match=r'diverged .* at 2\.[5-9]\d* s'):
+        simulate(robot, [0.1, 0.2], [1e9, -1e9], 1.0, t0=2.5, step=0.05)
