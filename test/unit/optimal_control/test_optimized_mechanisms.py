@@ -283,7 +283,7 @@ def test_an_arm_on_a_free_body_turns_it_without_forces_on_that_body():
     assert drifts[1] < 0.6 * drifts[0], 'the step is of first order'
 
 
-def test_a_floating_base_is_not_pushed_unless_its_actuators_are_stated():
+def test_no_force_acts_on_a_floating_base_unless_its_actuators_are_stated():
     b = ModelBuilder('satellite', gravity=(0, 0, 0))
     b.body('craft', kind='free', inertial=box(8.0, (0.6, 0.4, 0.3)))
     b.body('arm', 'craft', axis=(0, 1, 0), at=(0.4, 0, 0),
