@@ -135,7 +135,6 @@ class Director(Node):
 def commands(name: str, record: Path) -> dict[str, Sequence[str]]:
     """Return the commands of arm and node by name."""
     parameters = ROBOTS[name].parameters | {'mode': 'inverse_dynamics',
-                                            'activation': 'at_once',
                                             'state_timeout': str(STATE_TIMEOUT)}
     return {'arm': [sys.executable, '-u', '-m', 'kane_dynamics.demo.mujoco_plant', name,
                     str(record)],

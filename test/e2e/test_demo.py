@@ -25,6 +25,7 @@ def test_the_demo_ends_well_in_90_s_and_draws_its_picture(tmp_path, options, las
                            str(tmp_path)], capture_output=True, text=True, timeout=90,
                           env=environment)
     assert done.returncode == 0, done.stdout + done.stderr
+    assert '[WARN]' not in done.stderr and '[ERROR]' not in done.stderr, done.stderr
     assert (tmp_path / 'demo.png').stat().st_size > 50_000
     assert not (tmp_path / 'record.npz').exists()
     for words in ('Tracking error', last_joint, 'Latency from joint state to torque',

@@ -64,8 +64,8 @@ def load_model(source: str | Path, values: Mapping[str, Any],
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter('always')
         model = load_urdf(source, base=values['base'] or None, tip=values['tip'] or None,
-                          joints=list(values['joints']) or None, gravity=values['gravity'],
-                          supplement=supplement)
+                          root_joint=values['root_joint'], joints=list(values['joints']) or None,
+                          gravity=values['gravity'], supplement=supplement)
     for warning in found:
         warn(str(warning.message))
     return model.prefixed(values['prefix']) if values['prefix'] else model

@@ -207,7 +207,8 @@ class ConfigurationExamination:
         if model is not None:
             return model
         self._loads = self._joints_known = False
-        values.update(joints=(), base='', tip='', supplement='', constraints='')
+        values.update(joints=(), base='', tip='', root_joint='fixed', supplement='',
+                      constraints='')
         try:
             return load_model(source, values, warnings.append)
         except KaneError:  # already reported

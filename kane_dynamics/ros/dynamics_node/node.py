@@ -65,6 +65,7 @@ class DynamicsNode(LifecycleNode):
         self._subscriber_watch: SubscriberWatch | None = None
         self._real_subscriber = ''  # because of which the node deactivated itself
         self._configure_fault = ''
+        self._contradictions: list[str] = []  # of the parameters to the table of arms
         self._warn = ThrottledWarning(self.get_logger())
         self._simulated_time = bool(self.get_clock().ros_time_is_active)
         self._jumps = self.get_clock().create_jump_callback(
@@ -133,7 +134,7 @@ class DynamicsNode(LifecycleNode):
         if not self._activates_itself or self.state != 'inactive':
             return
         simulated = self.values['activation'] == 'simulated'
-        if simulated and not self._simulated_time and not_simulated(self, 'commands'):
+        if simulated and self._real_robot():
             return
         self._activates_itself = False
         if self.trigger_activate() == SUCCESS and simulated:
@@ -198,11 +199,19 @@ class DynamicsNode(LifecycleNode):
         self.arm.path.start()
         self._activates_itself = False
         self.get_logger().info(f'active, mode {self.values["mode"]}')
-        if self.arm.guard is None:
+        real_robot = self._real_robot()
+        if real_robot:
+            for contradiction in self._contradictions:
+                self.get_logger().warning(contradiction)
+        if real_robot and self.arm.guard is None:
             self.get_logger().warning(
                 'active without torque_guard: if this process died, the last torque would stay; '
                 'expected guard.enabled: true and a torque_guard, as the launch file starts them')
         return result
+
+    def _real_robot(self) -> str:
+        """Return why `commands` may reach a robot that is not simulated; empty if they cannot."""
+        return '' if self._simulated_time else not_simulated(self, 'commands')
 
     def _activation_fault(self) -> str:
         """Return why this arm cannot be commanded; empty if it can."""
@@ -246,8 +255,7 @@ class DynamicsNode(LifecycleNode):
                              'message on topic robot_description')
         log = self.get_logger()
         model = load_model(source, self.values, log.warning)
-        for contradiction in examine_statement(self.values, model):
-            log.warning(contradiction)
+        self._contradictions = examine_statement(self.values, model)
         self.statistics = Statistics()
         self.arm = ConfiguredRobot(self, self.server, model, self.values, self.statistics,
                                    self._warn)
@@ -263,6 +271,10 @@ class DynamicsNode(LifecycleNode):
                  f'{time.perf_counter() - began:.2f} s, verified to {self.arm.verified:.1e}')
         added = words(self.values['arm_compensates'])
         log.info(f'the arm adds {added} to commanded efforts itself')
+        # Only now, when it is known whether the robot is a simulated one, which may add less.
+        report = log.warning if self._real_robot() else log.info
+        for contradiction in self._contradictions:
+            report(contradiction)
         if fault := self._activation_fault():
             log.info(f'the node remains inactive: {fault}')
 

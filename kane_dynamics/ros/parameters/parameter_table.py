@@ -80,6 +80,10 @@ SPECS = (
          'friction, payload; empty: none'),
     Spec('base', 'text', '', 'first link of the part of the robot that moves; empty: the root'),
     Spec('tip', 'text', '', 'last link of the part of the robot that moves; empty: all branches'),
+    Spec('root_joint', 'text', 'fixed', 'joint between the world and the base link: none, or one '
+         'that moves in space (three angles) or in a plane. Joint states then need its '
+         'coordinates root_joint/x and so on; `commands` leave them out, as they have no motors',
+         choices=('fixed', 'floating', 'planar')),
     Spec('joints', 'names', [], 'joints that move, in the order of `commands`; all other joints '
          'are locked; empty: all joints, parents first'),
     Spec('constraints', 'text', '', 'path of a YAML file with loop closures and other '

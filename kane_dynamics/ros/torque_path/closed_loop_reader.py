@@ -10,6 +10,7 @@ from kane_dynamics.mechanics.constraints.constrained_equations import Constraine
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
+from kane_dynamics.urdf.tree import ROOT_JOINT
 import numpy as np
 
 REACH = 2.0  # times its last speed, an arm moves until the next state at most
@@ -20,7 +21,8 @@ def commanded_joints(robot: Robot, followed: Sequence[str]) -> tuple[int, ...]:
     """Return the indices of the joints in `commands`: those with actuators, in their order."""
     equations, names = robot.equations, robot.joint_names
     if not isinstance(equations, ConstrainedEquations):
-        return tuple(range(len(names)))
+        # The joint that parameter `root_joint` adds has no motors; `prefix` may stand before it.
+        return tuple(k for k, name in enumerate(names) if f'{ROOT_JOINT}/' not in name)
     if equations.actuated is not None:
         return tuple(equations.actuated)
     return tuple(sorted(names.index(name) for name in followed))

@@ -3,11 +3,12 @@
 import math
 from pathlib import Path
 import re
+from types import SimpleNamespace
 
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.configuration_files import resolve_path
-from kane_dynamics.ros.parameters.parameter_checks import (per_joint, read,
+from kane_dynamics.ros.parameters.parameter_checks import (declare, per_joint, read,
                                                            similar_parameter,
                                                            unknown_parameters)
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
@@ -44,6 +45,24 @@ def test_a_shipped_file_sets_every_parameter_to_a_valid_value(path):
             assert per_joint(values, name, model.joint_names, math.inf).shape == (model.n,)
         if name not in OWN:
             np.testing.assert_array_equal(value, read(specs[name], specs[name].default), name)
+
+
+def test_the_descriptors_state_the_range_of_each_parameter():
+    """A range of rclpy would refuse values outside it without saying what is valid."""
+    described = {}
+
+    class Node:
+        def declare_parameter(self, name, value, descriptor):
+            described[name] = descriptor
+            return SimpleNamespace(value=value)
+    declare(Node(), SPECS)
+    for spec in SPECS:
+        text = described[spec.name].additional_constraints
+        assert not described[spec.name].floating_point_range
+        for bound, words in ((spec.low, 'at least'), (spec.high, 'at most')):
+            if math.isfinite(bound) and spec.kind in ('number', 'count', 'per_joint', 'numbers'):
+                assert f'{words} {bound:g}' in text or (spec.positive and 'positive' in text), text
+        assert all(choice in text for choice in spec.choices)
 
 
 @FILES

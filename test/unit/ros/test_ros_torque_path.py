@@ -12,6 +12,7 @@ from geometry_msgs.msg import WrenchStamped  # noqa: E402, I100
 from kane_dynamics import Controller, load_urdf, Motion, Robot  # noqa: E402
 from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.errors import InputError  # noqa: E402
+from kane_dynamics.ros.common.configuration_files import load_model  # noqa: E402
 from kane_dynamics.ros.common.conversion import motion_from_message  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
 from kane_dynamics.ros.services.motion_check import refuse_impossible  # noqa: E402
@@ -20,6 +21,7 @@ from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # n
 from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE,  # noqa: E402
                                                               MISSING, NO_CLOCK,
                                                               OUT_OF_ORDER, STALE)
+from kane_dynamics.ros.torque_path.path_controller import path_controller  # noqa: E402
 from kane_dynamics.ros.torque_path.torque_path import TorquePath  # noqa: E402
 from kane_dynamics.ros.torque_path.trajectory_input import follow_trajectory  # noqa: E402
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput  # noqa: E402
@@ -89,6 +91,30 @@ def test_the_motion_is_sampled_at_the_stamp_of_the_state():
     rig.follow(rig.time)
     expected = ROBOT.inverse_dynamics(*MOTION.sample(0.73))
     np.testing.assert_allclose(rig.state(after=0.75, age=0.02), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize('prefix', ['', 'left_'])
+def test_commands_of_a_floating_base_are_of_the_joints_alone(prefix):
+    """Their gravity is that of a fixed base, turned instead of the base."""
+    values = node_values({**UNCHECKED, 'root_joint': 'floating', 'prefix': prefix,
+                          'mode': 'gravity_compensation', 'limits.rate': math.inf})
+    model = load_model(URDF, values, lambda warning: None)
+    commands, torques = Publisher(Float64MultiArray, 'data'), Publisher(JointState, 'effort')
+    path = TorquePath(path_controller(model, values), commands, torques, lambda: 100 * NANO,
+                      values, Statistics(), lambda *words: None)
+    path.start()
+    assert path.messages.joints == tuple(prefix + name for name in ROBOT.joint_names)
+    base = [0.3, -2.0, 1.0, 0.4, -0.7, 0.2]
+    message = JointState(name=list(model.joint_names), position=[*base, 0.3, -0.2],
+                         velocity=[0.0] * 8)
+    message.header.stamp.sec = 100
+    path.on_state(serialize_message(message))
+    floating = Robot(model)
+    turn = floating.frame_pose(prefix + 'base_link', message.position)[:3, :3]
+    turned = Robot(load_urdf(URDF, gravity=turn.T @ model.gravity))
+    np.testing.assert_allclose(commands.sent, [turned.gravity_force(np.array([0.3, -0.2]))],
+                               rtol=1e-12)
+    np.testing.assert_array_equal(torques.sent, commands.sent)
 
 
 def test_a_backward_clock_jump_drops_the_motion_and_commands_continue():
