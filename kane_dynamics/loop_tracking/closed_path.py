@@ -13,7 +13,7 @@ from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
-INNER = np.arange(1.0, 8.0) / 8.0  # fractions of a long segment at which its loops are closed
+INNER = np.arange(1.0, 8.0) / 8.0  # of a long segment: where its loops are closed
 
 
 class ClosedPath:
@@ -47,14 +47,14 @@ class ClosedPath:
         self._passed: list[Array] = []  # configurations, in the order of the motion
 
     def begin(self, *starts: Array) -> None:
-        """Begin at the first of some nearly closed configurations that closes, (n_q,)."""
+        """Begin at the first of some nearly closed configurations that closes."""
         for k, start in enumerate(starts):
             try:
                 self._tracker.restart(start)
             except LoopError as error:
                 if k + 1 == len(starts):
-                    raise LoopError(error.reason, f'start of the trajectory: {error.detail}'
-                                    ) from None
+                    raise LoopError(error.reason, 'start of the trajectory: '
+                                    f'{error.detail}') from None
             else:
                 break
         self._passed = [self._tracker.q.copy()]
@@ -99,7 +99,7 @@ class ClosedPath:
                 self._move(points.q[k], described, t)
 
     def closed(self, q: Array) -> Array:
-        """Return the configurations, (K, n_q), of driving joints, (K, n), near those followed."""
+        """Return configurations, (K, n_q), of driving joints, (K, n), near the path."""
         tracker = self._tracker
         passed = np.array(self._passed)
         result = np.empty((len(q), passed.shape[1]))

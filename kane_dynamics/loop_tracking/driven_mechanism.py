@@ -36,9 +36,10 @@ def driving_tracker(robot: Robot, joints: Sequence[str], **limits: float) -> Loo
         joints = sorted(joints, key=names.index)
     tracker = LoopTracker(robot, joints, **limits)
     if tracker.path_rows:
-        raise InputError(f"motion: constraint '{tracker.path_rows[0]}' is one of velocities, and "
-                         'the positions of driving joints do not determine the configuration; '
-                         'expected constraints of positions')
+        raise InputError(f"motion: constraint '{tracker.path_rows[0]}' is one of "
+                         "velocities, and the positions of driving joints do not "
+                         "determine the configuration; expected constraints of "
+                         "positions")
     return tracker
 
 
@@ -68,8 +69,7 @@ class DrivenLoops:
 
     def followed(self, start: Array, q: Array, t: Array, described: Described) -> Array:
         """
-        Return configurations, (K, n_q), each from the one before, the first from a
-        closed start.
+        Return configurations, (K, n_q), each from the last, the first from a start.
 
         Only the driving joints of `q` are used; they keep their positions. LoopError if
         a configuration does not follow, or is near a singular one; it names the row.
@@ -93,17 +93,17 @@ class DrivenLoops:
         return self.closed(result, t, described)
 
     def _approach(self, last: Array, target: Array, t_0: float, t_1: float) -> None:
-        """Move towards a row in steps of the driving joints and of time, short of its end."""
+        """Move towards a row in steps of the driving joints and of time."""
         distance = np.abs(target - last).max(initial=0.0)
         steps = max(int(distance / STRIDE), STEPS_IN_TIME)
         at_rest = np.zeros(len(target))
         for x in np.linspace(0.0, 1.0, steps + 1)[1:-1]:
-            self._tracker.update(last + x * (target - last), at_rest, t=t_0 + x * (t_1 - t_0))
+            self._tracker.update(last + x * (target - last), at_rest,
+                                 t=t_0 + x * (t_1 - t_0))
 
     def closed(self, q: Array, t: Array, described: Described) -> Array:
         """
-        Return configurations, (K, n_q), near those with nearly closed loops, all at
-        once.
+        Return configurations, (K, n_q), near nearly closed ones, all at once.
 
         The driving joints keep their positions. LoopError if the others move by more
         than a part of the distance from a singular configuration, beyond which they
@@ -122,8 +122,8 @@ class DrivenLoops:
         time = [np.ascontiguousarray(t)] if robot.equations.timed else []
         rows = np.empty((len(q), *kernel.shape))
         for _ in range(CALLS):
-            kernel.run([np.ascontiguousarray(q), T, target, rates, seen, weights, *time], rows,
-                       len(q))
+            kernel.run([np.ascontiguousarray(q), T, target, rates, seen, weights, *time],
+                       rows, len(q))
             figures = np.sqrt(rows[:, -FIGURES:])
             self._check_distance(figures[:, MOTION], figures[:, CONDITIONING], described)
             q = rows[:, :robot.n_q].copy()
@@ -132,33 +132,34 @@ class DrivenLoops:
             if residual.max() <= CLOSED:
                 return q
         k = int(residual.argmax())
-        raise LoopError(BRANCH, f'{described(k)}: residual {residual[k]:.3g} rad or lengths; '
-                        'expected joints for which the loops close')
+        raise LoopError(BRANCH, f'{described(k)}: residual {residual[k]:.3g} rad or '
+                        'lengths; expected joints for which the loops close')
 
-    def _check_distance(self, motion: Array, figure: Array, described: Described) -> None:
+    def _check_distance(self, motion: Array, figure: Array,
+                        described: Described) -> None:
         """Raise LoopError where joints move by more than a part of what is safe."""
         largest = self._tracker.max_figure
         unsafe = ~((figure <= largest) & (figure * motion <= SHARE))
         if unsafe.any():
             k = int(unsafe.argmax())
-            raise LoopError(SINGULAR, f'{described(k)}: conditioning figure {figure[k]:.3g}; '
-                            f'expected at most {largest:g}, and less between points next to '
-                            f'which the joints move by {motion[k]:.3g} rad or lengths')
+            raise LoopError(SINGULAR, f'{described(k)}: conditioning figure '
+                            f'{figure[k]:.3g}; expected at most {largest:g}, and less '
+                            'between points next to which the joints move by '
+                            f'{motion[k]:.3g} rad or lengths')
 
 
 class MechanismMotion(NamedTuple):
-    """Coordinates (N, n_q), independent speeds and their rates (N, n); rad or m, and s."""
+    """Coordinates (N, n_q), independent speeds, their rates (N, n); rad or m, s."""
 
     q: Array
     u: Array
     udot: Array
 
 
-def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array, rates: Array,
-                     accelerations: Array) -> MechanismMotion:
+def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array,
+                     rates: Array, accelerations: Array) -> MechanismMotion:
     """
-    Return the motion of a robot with chosen speeds or constraints for that of driving
-    joints.
+    Return the motion of a mechanism for that of its driving joints.
 
     The loops are closed from each configuration to the next one (`DrivenLoops`), so that
     the assembly mode stays that of the robot's `configuration`, else of the one found
@@ -211,30 +212,30 @@ def _closed(robot: Robot, driving: list[int], t: Array, q: Array) -> Array:
     moves = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1, initial=0.0)
     k = int(moves.argmax())
     if moves[k] > FARTHEST:
-        raise InputError(f'motion: a joint moves by {moves[k]:.4g} rad or m in the interval '
-                         f'that ends at {t[k]:.4g} s; expected at most {FARTHEST:g} between '
-                         'two times')
+        raise InputError(f'motion: a joint moves by {moves[k]:.4g} rad or m in the '
+                         f'interval that ends at {t[k]:.4g} s; expected at most '
+                         f'{FARTHEST:g} between two times')
     return loops.followed(start, Q, t, lambda row: f'motion: at {t[row]:.4g} s')
 
 
-def motion_of_closed(robot: Robot, driving: Sequence[int], t: Array, Q: Array, rates: Array,
-                     accelerations: Array) -> MechanismMotion:
+def motion_of_closed(robot: Robot, driving: Sequence[int], t: Array, Q: Array,
+                     rates: Array, accelerations: Array) -> MechanismMotion:
     """
-    Return the motion in closed configurations, (N, n_q), for joints with the indices
-    `driving`.
+    Return the motion in closed configurations, (N, n_q); `driving` are indices.
 
     The other arguments are those of `mechanism_motion`.
     """
     at_rest = np.zeros((len(t), robot.n))
     # Columns of T: the rates at unit speeds, less those at rest, x.
     drift = robot.joint_rates(Q, at_rest, t=t)
-    columns = [robot.joint_rates(Q, at_rest + unit, t=t) - drift for unit in np.eye(robot.n)]
+    columns = [robot.joint_rates(Q, at_rest + unit, t=t) - drift
+               for unit in np.eye(robot.n)]
     T = np.stack(columns, axis=-1)[:, driving]
     singular = np.flatnonzero(np.linalg.cond(T) > LARGEST_CONDITION)
     if singular.size:
         names = [robot.coordinate_names[k] for k in driving]
-        raise InputError(f'motion: at {t[singular[0]]:.4g} s the joints {names} do not determine '
-                         'the motion; expected others there')
+        raise InputError(f'motion: at {t[singular[0]]:.4g} s the joints {names} do not '
+                         'determine the motion; expected others there')
     u = _solved(T, rates - drift[:, driving])
     without_udot = robot.joint_accelerations(Q, u, at_rest, t=t)[:, driving]
     return MechanismMotion(Q, u, _solved(T, accelerations - without_udot))

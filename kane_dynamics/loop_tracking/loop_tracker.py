@@ -52,16 +52,16 @@ FIGURES = 6
 
 CLOSED = 1e-10  # rad, or lengths of the mechanism: residual of the independent rows
 STRIDE = 0.05  # rad, or lengths: longest step of a measured joint
-SHARE = 0.25  # of the distance from a singular configuration: longest step of a measured joint
+SHARE = 0.25  # of the distance from a singular configuration: longest step
 ROUNDING = 1e-6  # rad, or lengths: motion that is no jump
-TIMED = 0.5  # rad, or lengths: longest motion that a function of time may cause in one step
-LEAP = 3.0  # ratio of the motion of the joints to the expected one: jump to another branch
+TIMED = 0.5  # rad, or lengths: longest motion by a function of time in one step
+LEAP = 3.0  # ratio of a motion to the expected one: jump to another branch
 CALLS = 5  # of the kernel for one step, at most
 MOST_STEPS = 1000  # from the last configuration to the measured one
 FAR = 1e100  # has a finite square
 
 
-# ---------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------
 # The functions of the kernels, over any scalar.
 
 class LoopSystem(NamedTuple):
@@ -111,7 +111,8 @@ def tracking_step(robot: Robot, places: Sequence[int]) -> Callable[..., Vector]:
         rows = mechanism.rows(state)
         residual = [0.0 if x is None else x for x in rows.residual]
         S = np.concatenate([E, rows.J[mechanism.kept]])
-        return LoopSystem(state, S, rows.b[mechanism.kept], np.array(residual, dtype=object))
+        return LoopSystem(state, S, rows.b[mechanism.kept],
+                          np.array(residual, dtype=object))
 
     def step(q: Vector, T: Matrix, target: Vector, rates: Vector, seen: Vector,
              weights: Vector, *time: Scalar) -> Vector:
@@ -151,7 +152,7 @@ def tracking_step(robot: Robot, places: Sequence[int]) -> Callable[..., Vector]:
 
 
 def with_zeros_of(structure: Matrix, values: Matrix) -> Matrix:
-    """Return `values` with exact zeros where `structure` has zeros in every configuration."""
+    """Return `values` with exact zeros where `structure` is always zero."""
     result = np.array(values)
     for place in np.ndindex(structure.shape):
         if is_zero(structure[place]):
@@ -160,7 +161,7 @@ def with_zeros_of(structure: Matrix, values: Matrix) -> Matrix:
 
 
 def largest_square(values: Iterable[Scalar]) -> Scalar:
-    """Return the largest square of some scalars, by pairs: a short chain of comparisons."""
+    """Return the largest square of scalars, by pairs: few comparisons in a row."""
     squares = [x * x for x in values]
     while len(squares) > 1:
         pairs = list(zip(squares[::2], squares[1::2]))
@@ -171,8 +172,7 @@ def largest_square(values: Iterable[Scalar]) -> Scalar:
 
 def valid(figures: Vector, last_figure: Scalar, limits: Vector, timed: bool) -> Scalar:
     """
-    Return 1 if the result of one call is valid, else 0; also where a number is not
-    finite.
+    Return 1 if the result of one call is valid, else 0; NaN and infinity are not.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def valid(figures: Vector, last_figure: Scalar, limits: Vector, timed: bool) -> 
     return result
 
 
-# ---------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------
 # The kernels, and the arrays on which they work.
 
 def tracking_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
@@ -242,14 +242,15 @@ def following_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
     timed = robot.equations.timed
     ends = np.cumsum([n_q, n_q * n, n])
 
-    def follow(state: Vector, target: Vector, rates: Vector, seen: Vector, weights: Vector,
-               limits: Vector, *time: Scalar) -> Vector:
+    def follow(state: Vector, target: Vector, rates: Vector, seen: Vector,
+               weights: Vector, limits: Vector, *time: Scalar) -> Vector:
         q, T, _, last_figure = np.split(state, ends)
         result = step(q, T.reshape(n_q, n), target, rates, seen, weights, *time)
         figures = result[-FIGURES:]
         new_state = [*result[:-FIGURES], figures[CONDITIONING]]
         is_valid = valid(figures, last_figure[0], limits, timed)
-        accepted = [select(is_valid > 0.0, new, old) for new, old in zip(new_state, state)]
+        accepted = [select(is_valid > 0.0, new, old)
+                    for new, old in zip(new_state, state)]
         return np.array([*accepted, *figures, is_valid])
     size = int(ends[-1]) + 1
     measured, rates, seen, weights, *time = _measurement(robot)
@@ -262,8 +263,8 @@ def following_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
 def _measurement(robot: Robot) -> list[Argument]:
     """Return the arguments of a measurement, as in `tracking_kernel`."""
     n_q, n = robot.n_q, robot.n
-    arguments = [Argument('measured', (n,)), Argument('rates', (n,)), Argument('seen', (n_q,)),
-                 Argument('weights', (n_q,))]
+    arguments = [Argument('measured', (n,)), Argument('rates', (n,)),
+                 Argument('seen', (n_q,)), Argument('weights', (n_q,))]
     if robot.equations.timed:
         arguments.append(Argument('t', ()))
     return arguments
@@ -279,8 +280,8 @@ def _compiled(robot: Robot, name: str, function: Callable[..., Vector],
     block = robot.parameters.block
     inputs = [(argument.name, argument.shape) for argument in arguments]
     inputs.append(('parameters', block.shape))
-    return robot.kernels.extra(name, lambda: trace_program(name, function, inputs), arguments,
-                               block, (size,))
+    return robot.kernels.extra(name, lambda: trace_program(name, function, inputs),
+                               arguments, block, (size,))
 
 
 class LoopStep:
@@ -343,12 +344,13 @@ class LoopStep:
         both = n_q + n_q * n  # q and T
         size = both + n + 1
         self._block = np.zeros(size + FIGURES + 1)
-        self._state, self.figures, self._valid = np.split(self._block, [size, size + FIGURES])
+        self._state, self.figures, self._valid = np.split(self._block,
+                                                          [size, size + FIGURES])
         self.q = self._state[:n_q]
         self.u = self._state[both:-1]
+        inputs = [self._state, self.measured, self.rates, *further, self.limits, *time]
         self._follow = following_kernel(robot, places).bind(
-            [self._state, self.measured, self.rates, *further, self.limits, *time], self._block,
-            'Follow the measured joints.')
+            inputs, self._block, 'Follow the measured joints.')
 
         # `evaluate` goes from q and T in `_from` to q, T, u and figures in `_result`.
         self._from = np.zeros(both)
@@ -370,29 +372,31 @@ class LoopStep:
 
     @property
     def accepted(self) -> tuple[Array, Array]:
-        """Return copies of q, (n_q,), and T, (n_q, n), with which the next step begins."""
+        """Return copies of q, (n_q,), and T, (n_q, n), where the next step begins."""
         n_q = len(self.last)
         q, T = np.split(self._state[:len(self._from)], [n_q])
         return q.copy(), T.reshape(n_q, -1).copy()
 
     def follow(self) -> bool:
-        """Move `q` and `u` to the measured joints by one call; return whether that is valid."""
+        """Move `q` and `u` to the measured joints by one call; return if that is valid."""
         try:
             self._follow()
         except InputError:  # not finite
             return False
         return bool(self._valid[0])
 
-    def check(self, measured: Array, rates: Array, others: Sequence[int], values: Array | None,
-              t: float) -> None:
+    def check(self, measured: Array, rates: Array, others: Sequence[int],
+              values: Array | None, t: float) -> None:
         """Raise InputError for arguments of another shape, or that are not finite."""
         x = np.asarray(measured)
         v = np.asarray(rates)
         y = np.asarray(() if values is None else values)
-        shapes_fit = x.shape == v.shape == self.target.shape and y.shape == (len(others),)
-        # One sum, because this runs in every cycle.
-        if shapes_fit and math.isfinite(sum(x.tolist()) + sum(v.tolist()) + sum(y.tolist()) + t):
-            return
+        n = len(self.target)
+        if x.shape == v.shape == (n,) and y.shape == (len(others),):
+            # One sum of all numbers, because this runs in every cycle.
+            total = sum(x.tolist()) + sum(v.tolist()) + sum(y.tolist()) + t
+            if math.isfinite(total):
+                return
         finite_row(x, 'measured', self._measured)
         finite_row(v, 'rates', self._measured)
         finite_row(y, 'values', [self._names[k] for k in others])
@@ -454,11 +458,11 @@ class LoopStep:
 
 
 def longest_step(figure: float) -> float:
-    """Return the longest step of a measured joint at a conditioning figure; 0 if unknown."""
+    """Return the longest step of a joint at a conditioning figure; 0 if unknown."""
     return min(STRIDE, SHARE / figure) if figure else STRIDE
 
 
-# ---------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------
 # What is accepted.
 
 class LoopTracker:
@@ -517,8 +521,8 @@ class LoopTracker:
         self.path_rows = _velocity_rows(mechanism, mechanism.kept)
         distinct = set(measured)
         if not len(measured) == len(distinct) == robot.n or not distinct <= set(names):
-            raise InputError(f'measured: {list(measured)}; expected {robot.n} of the joints '
-                             f'{list(names)}, as many as degrees of freedom')
+            raise InputError(f'measured: {list(measured)}; expected {robot.n} of the '
+                             f'joints {list(names)}, as many as degrees of freedom')
         self.robot = robot
         self.measured = tuple(measured)
         self.places = [names.index(name) for name in measured]
@@ -536,12 +540,12 @@ class LoopTracker:
         self._reference: Array | None = None
         if robot.configuration is not None:
             self._reference = robot.closed_posture(robot.configuration)
-        self._distance = 0.0  # from the last configuration to the measured one, in one joint
+        self._distance = 0.0  # largest of the measured joints, from the last configuration
         self.restart()
 
     @property
     def tolerance(self) -> float:
-        """Largest deviation of further measured joints from the closed loop, rad or m."""
+        """Largest deviation of further joints from the closed loop, rad or m."""
         return self._tolerance
 
     @tolerance.setter
@@ -561,7 +565,7 @@ class LoopTracker:
 
     @property
     def residual(self) -> float:
-        """Constraint residual of the last update, accepted or not, rad or lengths (2-norm)."""
+        """Residual of the last update, accepted or not, rad or lengths (2-norm)."""
         return math.sqrt(self._step.figures[RESIDUAL])
 
     @property
@@ -581,7 +585,7 @@ class LoopTracker:
 
     @property
     def accepted(self) -> tuple[Array, Array]:
-        """Return the last configuration, (n_q,), and its T, (n_q, n): where `update` begins."""
+        """Last configuration, (n_q,), and its T, (n_q, n), where `update` begins."""
         return self._step.accepted
 
     def restart(self, start: ArrayLike | None = None, t: float = 0.0) -> None:
@@ -597,8 +601,8 @@ class LoopTracker:
             nearly_closed = finite_row(start, 'start', self.robot.coordinate_names)
         constant(t, (), 't', InputError)
         self.known = False
-        self._why_unknown = ('no closed `configuration` of the robot or of a restart; expected '
-                             'one, or a first state of all joints')
+        self._why_unknown = ('no closed `configuration` of the robot or of a restart; '
+                             'expected one, or a first state of all joints')
         if nearly_closed is None:
             return
         self._step.rates[:] = 0.0
@@ -611,8 +615,9 @@ class LoopTracker:
             if residual <= CLOSED:
                 break
         else:
-            raise LoopError(BRANCH, f'start: residual {residual:.3g} rad or lengths after '
-                            f'{CALLS} iterations; expected a nearly closed configuration')
+            raise LoopError(BRANCH, f'start: residual {residual:.3g} rad or lengths '
+                            f'after {CALLS} iterations; expected a nearly closed '
+                            'configuration')
         self._step.accept()
         self.known = True
 
@@ -675,15 +680,15 @@ class LoopTracker:
             left_branch = error.reason == BRANCH and self._distance <= STRIDE
             if error.reason == SINGULAR or left_branch:
                 self.known = False
-                self._why_unknown = ('since the loops came near a singular configuration, where '
-                                     'it may change; expected a state of all joints, or a '
-                                     'restart')
+                self._why_unknown = ('since the loops came near a singular '
+                                     'configuration, where it may change; expected a '
+                                     'state of all joints, or a restart')
             raise
         step.accept()
         self.known = True
 
     def _move(self, measured: Array) -> None:
-        """Move from the last configuration to the measured joints, in steps if they are far."""
+        """Move to the measured joints, in steps if they are far."""
         for _ in range(MOST_STEPS):
             change = measured - self._step.last[self.places]
             steps = np.abs(change * self._per_unit)
@@ -697,8 +702,9 @@ class LoopTracker:
             self._step.target[:] = measured - change * (1.0 - longest / distance)
             self._close(longest)
             self._step.proceed()
-        raise LoopError(BRANCH, f'measured joints {dict(zip(self.measured, measured.tolist()))}, '
-                        'too far from the last configuration')
+        raise LoopError(BRANCH, 'measured joints '
+                        f'{dict(zip(self.measured, measured.tolist()))}, too far from '
+                        'the last configuration')
 
     def _close(self, distance: float) -> None:
         """Close the loops at the target, `distance` from the last configuration."""
@@ -712,19 +718,19 @@ class LoopTracker:
         self._check_step(residual, whole_motion, distance)
 
     def _check_step(self, residual: float, motion: float, distance: float) -> None:
-        """Raise LoopError unless the result of a step of a length `distance` is valid."""
+        """Raise LoopError unless the result of a step of this length is valid."""
         if not self.figure <= self.max_figure:
-            raise LoopError(SINGULAR, f'conditioning figure {self.figure:.3g}; expected at most '
-                            f'{self.max_figure:g}')
+            raise LoopError(SINGULAR, f'conditioning figure {self.figure:.3g}; expected '
+                            f'at most {self.max_figure:g}')
         if not (residual <= CLOSED and self.residual <= self._largest_residual):
-            raise LoopError(BRANCH, f'residual {self.residual:.3g} rad or lengths; expected '
-                            'joints for which the loops close')
+            raise LoopError(BRANCH, f'residual {self.residual:.3g} rad or lengths; '
+                            'expected joints for which the loops close')
         longest_motion = LEAP * self.figure * max(distance, ROUNDING)
         if self._timed:
             longest_motion = TIMED
         if self.known and motion > longest_motion:
-            raise LoopError(BRANCH, f'the joints moved by {motion:.3g} rad or lengths in one '
-                            'step; expected a continuous motion')
+            raise LoopError(BRANCH, f'the joints moved by {motion:.3g} rad or lengths '
+                            'in one step; expected a continuous motion')
 
     def _compare(self, others: Sequence[int], values: Array | None) -> None:
         """Raise LoopError if further measured joints deviate from the closed loop."""
@@ -739,13 +745,13 @@ class LoopTracker:
         if not deviation.max() <= self.tolerance:
             k = int(np.argmax(deviation))
             name = self.robot.coordinate_names[others[k]]
-            raise LoopError(CONTRADICTION, f"'{name}' at {values[k]:.6g}, where the loops close "
-                            f'at {q[others[k]]:.6g} rad or m; expected a deviation of at '
-                            f'most {self.tolerance:g}')
+            raise LoopError(CONTRADICTION, f"'{name}' at {values[k]:.6g}, where the "
+                            f"loops close at {q[others[k]]:.6g} rad or m; expected a "
+                            f"deviation of at most {self.tolerance:g}")
 
 
 def velocity_rows(robot: Robot) -> tuple[str, ...]:
-    """Return the rows of constraints on velocities: with these, positions depend on the path."""
+    """Return the rows on velocities: with these, positions depend on the path."""
     mechanism = robot.mechanism
     return _velocity_rows(mechanism, range(len(mechanism.labels)))
 

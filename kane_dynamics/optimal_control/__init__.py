@@ -1,6 +1,5 @@
 """
-Optimal control: torques over a horizon by differential dynamic programming, in native
-code.
+Optimal torques over a horizon by differential dynamic programming, in native code.
 
 `TrajectoryOptimizer` minimises a cost over a horizon within the torque limits,
 `PredictiveController` repeats that from every measured state.
@@ -10,4 +9,5 @@ from kane_dynamics.optimal_control.predictive_controller import PredictiveContro
 from kane_dynamics.optimal_control.trajectory_optimizer import (CostWeights, OptimizedMotion,
                                                                 TrajectoryOptimizer)
 
-__all__ = ['CostWeights', 'OptimizedMotion', 'PredictiveController', 'TrajectoryOptimizer']
+__all__ = ['CostWeights', 'OptimizedMotion', 'PredictiveController',
+           'TrajectoryOptimizer']

@@ -34,14 +34,14 @@ Rows = list[list[Any]]  # of scalars; rows of a lower triangle have different le
 
 
 class Expansion(NamedTuple):
-    """Hessian, rows of its lower triangle, and gradient of a cost by the state and the torques."""
+    """Lower triangle of the Hessian, and gradient, by the state and the torques."""
 
     H: Rows
     g: Vector
 
 
 class TorqueCost(NamedTuple):
-    """Torques of an interval, slopes and curvatures of their cost, and their bounds, (m,) each."""
+    """Torques of an interval, slopes and curvatures of their cost, bounds, (m,)."""
 
     tau: Vector
     gradient: Vector
@@ -51,7 +51,7 @@ class TorqueCost(NamedTuple):
 
 
 class Policy(NamedTuple):
-    """Change of torque k + K dx, its expected change of cost, and the cost-to-go before it."""
+    """Change of torque k + K dx, its expected change of cost, the cost-to-go."""
 
     k: Vector  # (m,)
     K: Matrix  # (m, n_x)
@@ -150,8 +150,7 @@ def expansion_of_tree(slopes: Matrix, h: Scalar, v: Vector, V: Matrix) -> Expans
 def limited_minimum(Q: Matrix, g: Vector, Q_x: Matrix, lower: Vector, upper: Vector
                     ) -> tuple[Vector, Matrix]:
     """
-    Return k that minimises g . k + 1/2 k . Q k within bounds, (m,), and its feedback,
-    (m, n_x).
+    Return k that minimises g . k + 1/2 k . Q k within bounds, and its feedback.
 
     By projected Newton steps from 0, each after a sweep over the torques. The feedback
     solves Q K = -Q_x for the free torques, and is 0 for those at a bound.
@@ -169,7 +168,7 @@ def limited_minimum(Q: Matrix, g: Vector, Q_x: Matrix, lower: Vector, upper: Vec
 
 def _swept(Q: Matrix, k: Vector, slope: Vector, inverse: list[Scalar], lower: Vector,
            upper: Vector) -> tuple[Vector, Vector]:
-    """Return k and the slope of the cost after each torque has been set to its best (Seidel)."""
+    """Return k and the slope of the cost after a sweep over the torques (Seidel)."""
     torques = list(k)
     for i in range(len(torques)):
         best = clipped(torques[i] - inverse[i] * slope[i], lower[i], upper[i])
@@ -178,8 +177,8 @@ def _swept(Q: Matrix, k: Vector, slope: Vector, inverse: list[Scalar], lower: Ve
     return np.array(torques), slope
 
 
-def _newton_step(Q: Matrix, g: Vector, k: Vector, slope: Vector, lower: Vector, upper: Vector
-                 ) -> Vector:
+def _newton_step(Q: Matrix, g: Vector, k: Vector, slope: Vector, lower: Vector,
+                 upper: Vector) -> Vector:
     """Return k after a projected Newton step of the length that costs least, or none."""
     n = len(k)
     free, factors = _free(Q, k, slope, lower, upper)
@@ -191,15 +190,15 @@ def _newton_step(Q: Matrix, g: Vector, k: Vector, slope: Vector, lower: Vector, 
         gain = (g + 0.5 * (Q @ candidate)) @ candidate - (g + 0.5 * (Q @ k)) @ k
         better = gain < least
         least = select(better, gain, least)
-        result = np.array([select(better, new, old) for new, old in zip(candidate, result)])
+        result = np.array([select(better, new, old)
+                           for new, old in zip(candidate, result)])
     return result
 
 
 def _free(Q: Matrix, k: Vector, slope: Vector, lower: Vector, upper: Vector
           ) -> tuple[Vector, Any]:
     """
-    Return 1 for each torque that is free, else 0, and the factors of Q with unit rows
-    for these.
+    Return 1 for free torques, else 0, and factors of Q with unit rows for the others.
 
     A torque is at a bound, not free, if it is there and the slope of the cost keeps it
     there.

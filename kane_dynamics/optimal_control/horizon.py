@@ -1,12 +1,11 @@
 """
-The functions of one interval of a horizon, over any scalar: step, cost, derivatives,
-policy.
+The functions of one interval of a horizon: step, cost, derivatives, policy.
 
-The cost of an interval is 1/2 the sum of weight (value - target)^2 over its m torques
-and the n_j joints' positions and rates at its end, plus 1/2 `speed_weight` excess^2 of
-every joint. The excess of a speed beyond a limit by v (negative within it) is the smooth
-(v + sqrt(v^2 + w^2)) / 2, with the width w `WIDTH` times the limit; a kink there costs
-many iterations.
+All run over any scalar. The cost of an interval is 1/2 the sum of weight (value -
+target)^2 over its m torques and the n_j joints' positions and rates at its end, plus 1/2
+`speed_weight` excess^2 of every joint. The excess of a speed beyond a limit by v
+(negative within it) is the smooth (v + sqrt(v^2 + w^2)) / 2, with the width w `WIDTH`
+times the limit; a kink there costs many iterations.
 
 `MechanismHorizon` is for robots of every kind. For trees of rigid bodies in joint rates
 `TreeHorizon` finds the same with derivatives of udot instead of those of the whole step,
@@ -34,8 +33,8 @@ from kane_dynamics.optimal_control.backward_step import (backward_step, expansio
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
-NUMBERS = 3  # at the beginning of the constants: interval, scale of the step, regularization
-CLOSED = 1e-9  # rad, or lengths of the mechanism: a step that leaves more open is not accepted
+NUMBERS = 3  # that begin the constants: interval, scale of the step, regularization
+CLOSED = 1e-9  # rad, or lengths of the mechanism: largest residual after a step
 WIDTH = 0.05  # of the smooth excess of a speed, relative to its limit
 LEAST_WIDTH = 1e-9  # rad/s or m/s: that of a limit of 0
 NO_LIMIT = 1e9  # rad/s or m/s: a limit beyond is none
@@ -91,7 +90,7 @@ class HorizonSizes(NamedTuple):
 
 
 class HorizonLimits(NamedTuple):
-    """Bounds of torques, (m,), limits of joint rates and weights of their excess, (n_j,)."""
+    """Bounds of torques, (m,); limits of rates and weights of their excess, (n_j,)."""
 
     lowest_torque: Vector
     highest_torque: Vector
@@ -100,7 +99,7 @@ class HorizonLimits(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """Length of an interval, scale of the step, limits, robot's parameters, regularization."""
+    """Numbers that are the same in all intervals."""
 
     h: Scalar
     scale: Scalar
@@ -117,11 +116,11 @@ def constants_of(block: Vector, sizes: HorizonSizes) -> Constants:
     return Constants(block[0], block[1], HorizonLimits(*limits), parameters, block[2])
 
 
-# ---------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------
 # The cost of an interval.
 
 def speed_excess(rates: Vector, limits: HorizonLimits) -> tuple[Matrix, Matrix]:
-    """Return the excess beyond the upper and below the lower limit, and its slope, (2, n) each."""
+    """Return the excess above the upper and below the lower limit, and its slope."""
     excess = []
     slope = []
     for side in (1.0, -1.0):
@@ -135,7 +134,8 @@ def speed_excess(rates: Vector, limits: HorizonLimits) -> tuple[Matrix, Matrix]:
     return np.reshape(excess, (2, -1)), np.reshape(slope, (2, -1))
 
 
-def stage_cost(error: Vector, rates: Vector, weight: Vector, limits: HorizonLimits) -> Scalar:
+def stage_cost(error: Vector, rates: Vector, weight: Vector,
+               limits: HorizonLimits) -> Scalar:
     """
     Return the cost.
 
@@ -175,7 +175,7 @@ def cost_slopes(error: Vector, rates: Vector, weight: Vector, limits: HorizonLim
     return gradient, weight + np.concatenate([positions, bend, torques])
 
 
-# ---------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------
 # Robots of every kind.
 
 class MechanismHorizon:
@@ -194,7 +194,7 @@ class MechanismHorizon:
     policy = 'slopes tau later'
 
     def __init__(self, robot: Robot, actuators: list[int]) -> None:
-        """Store the equations; `actuators` are the indices of the joints with actuators."""
+        """Store the equations; `actuators` are indices of joints."""
         equations = robot.equations
         if not isinstance(equations, ConstrainedEquations):
             equations = ConstrainedEquations(equations, Mechanism(robot.model))
@@ -236,7 +236,8 @@ class MechanismHorizon:
             residual = self._step.residual(q, end_time) / self._step.residual_units
             cost = select(residual @ residual < CLOSED**2, cost, np.nan)
         if self._equations.watched:
-            cost = select(self._equations.margin(q, end_time, limits) > 0.0, cost, np.nan)
+            cost = select(self._equations.margin(q, end_time, limits) > 0.0, cost,
+                          np.nan)
         return np.concatenate([q, u, [end_time]]), multipliers, cost
 
     def _error(self, q: Vector, u: Vector, tau: Vector, t: Scalar, target: Vector
@@ -353,14 +354,14 @@ class MechanismHorizon:
         return backward_step(cost_to_go, torques, constants.regular * hessian_tau)
 
 
-def _forward_columns(outputs: Any, inputs: list[Scalar], tangents: Matrix, share: Subroutines
-                     ) -> Matrix:
-    """Return the derivatives of outputs along tangents of the inputs, one column for each."""
+def _forward_columns(outputs: Any, inputs: list[Scalar], tangents: Matrix,
+                     share: Subroutines) -> Matrix:
+    """Return the derivatives of outputs along tangents of the inputs, as columns."""
     columns = [forward(outputs, inputs, tangent, share) for tangent in tangents]
     return np.array(columns, dtype=object).T
 
 
-# ---------------------------------------------------------------------------------------------
+# -------------------------------------------------------------------------------------
 # Trees of rigid bodies in joint rates.
 
 class TreeHorizon:
@@ -385,8 +386,8 @@ class TreeHorizon:
     def slopes_of(self, state: Vector, tau: Vector, constants: Constants) -> Matrix:
         """Return the derivatives of an interval."""
         n = self.n
-        slopes: Matrix = implicit_friction_slopes(self._equations, state[:n], state[n:], tau,
-                                                  constants.h, constants.parameters)
+        slopes: Matrix = implicit_friction_slopes(self._equations, state[:n], state[n:],
+                                                  tau, constants.h, constants.parameters)
         return slopes
 
     def policy_of(self, slopes: Vector, end: Vector, tau: Vector, target: Vector,
@@ -399,8 +400,8 @@ class TreeHorizon:
         cost_to_go = expansion_of_tree(
             slopes.reshape(3, n, n), constants.h, v + gradient[:2 * n],
             symmetric(V, 2 * n) + np.diag(hessian[:2 * n]))
-        torques = TorqueCost(tau, gradient[2 * n:], hessian[2 * n:], limits.lowest_torque,
-                             limits.highest_torque)
+        torques = TorqueCost(tau, gradient[2 * n:], hessian[2 * n:],
+                             limits.lowest_torque, limits.highest_torque)
         return backward_step(cost_to_go, torques, constants.regular * torques.hessian)
 
     def change(self, state: Vector, nominal: Vector) -> Vector:
@@ -411,8 +412,8 @@ class TreeHorizon:
              constants: Constants) -> tuple[Vector, Vector, Scalar]:
         """Return the state at the end of an interval, no multipliers, and the cost."""
         n = self.n
-        q, u = implicit_friction_step(self._equations, state[:n], state[n:], tau, constants.h,
-                                      constants.parameters)
+        q, u = implicit_friction_step(self._equations, state[:n], state[n:], tau,
+                                      constants.h, constants.parameters)
         end = np.concatenate([q, u])
         error = np.concatenate([end, tau]) - target
         cost = stage_cost(error, u, weight, constants.limits)
@@ -420,7 +421,7 @@ class TreeHorizon:
 
 
 def horizon_of(robot: Robot, actuators: list[int]) -> TreeHorizon | MechanismHorizon:
-    """Return the functions of a robot; `actuators` are the indices of joints with actuators."""
+    """Return the functions of a robot; `actuators` are indices of joints."""
     if type(robot.equations) is TreeEquations and not robot.model.flexible:
         return TreeHorizon(robot)
     return MechanismHorizon(robot, actuators)

@@ -1,4 +1,4 @@
-"""The native kernels of a horizon: its step with feedback, its derivatives, the backward pass."""
+"""The native kernels of a horizon: step with feedback, derivatives, backward pass."""
 
 from collections.abc import Callable
 from functools import partial
@@ -21,7 +21,7 @@ ARRAYS = ('path', 'trial', 'targets', 'weights', 'slopes', 'policy', 'constants'
 
 
 class Input(NamedTuple):
-    """Entries of an array that a kernel reads: the row is counted from that of the interval."""
+    """Entries of an array that a kernel reads, the row counted from the interval's."""
 
     array: str
     row: int
@@ -91,15 +91,17 @@ class HorizonKernels:
         run_concurrently([
             partial(self._compile, robot, 'horizon_slopes', self._slopes, linearization,
                     sizes.slopes),
-            partial(self._compile, robot, 'horizon_policy', self._policy, policy, sizes.policy),
+            partial(self._compile, robot, 'horizon_policy', self._policy, policy,
+                    sizes.policy),
             partial(self._compile, robot, 'horizon_step', self._step,
                     'row state tau policy target weight', sizes.row)])
 
-    def _compile(self, robot: Robot, name: str, function: Callable[..., Vector], inputs: str,
-                 size: int) -> None:
+    def _compile(self, robot: Robot, name: str, function: Callable[..., Vector],
+                 inputs: str, size: int) -> None:
         """Compile a kernel with these inputs and the constants."""
         names = [*inputs.split(), 'constants']
-        shapes: list[tuple[str, Shape]] = [(key, (self._inputs[key].size,)) for key in names]
+        shapes: list[tuple[str, Shape]] = [(key, (self._inputs[key].size,))
+                                           for key in names]
         arguments = [Argument(key, shape) for key, shape in shapes[:-1]]
         kernel = robot.kernels.extra(name, lambda: trace_program(name, function, shapes),
                                      arguments, np.zeros(len(self.constants)), (size,))
@@ -112,18 +114,21 @@ class HorizonKernels:
     def _slopes(self, *inputs: Vector) -> Vector:
         """Return the derivatives of an interval and of its cost."""
         *arguments, constants = inputs
-        return np.ravel(self._horizon.slopes_of(*arguments, constants_of(constants, self.sizes)))
+        return np.ravel(self._horizon.slopes_of(*arguments,
+                                                constants_of(constants, self.sizes)))
 
     def _policy(self, *inputs: Vector) -> Vector:
         """Return the policy of an interval, with the changes of cost up to the end."""
         *arguments, later, constants = inputs
         _, _, first, second, v, V = np.split(later, self.sizes.policy_parts)
-        policy = self._horizon.policy_of(*arguments, v, V, constants_of(constants, self.sizes))
-        policy = policy._replace(first=first[0] + policy.first, second=second[0] + policy.second)
+        policy = self._horizon.policy_of(*arguments, v, V,
+                                         constants_of(constants, self.sizes))
+        policy = policy._replace(first=first[0] + policy.first,
+                                 second=second[0] + policy.second)
         return np.concatenate([np.ravel(part) for part in policy])
 
-    def _step(self, row: Vector, nominal: Vector, tau: Vector, policy: Vector, target: Vector,
-              weight: Vector, constants: Vector) -> Vector:
+    def _step(self, row: Vector, nominal: Vector, tau: Vector, policy: Vector,
+              target: Vector, weight: Vector, constants: Vector) -> Vector:
         """Return the row of the path after a step with the torques of the policy."""
         sizes = self.sizes
         numbers = constants_of(constants, sizes)
@@ -133,8 +138,8 @@ class HorizonKernels:
         k = policy[:m]
         K = policy[m:m + m * x].reshape(m, x)
         feedback = K @ self._horizon.change(state, nominal)
-        tau = clipped_all(tau + numbers.scale * k + feedback, numbers.limits.lowest_torque,
-                          numbers.limits.highest_torque)
+        tau = clipped_all(tau + numbers.scale * k + feedback,
+                          numbers.limits.lowest_torque, numbers.limits.highest_torque)
         end, multipliers, cost = self._horizon.step(state, tau, target, weight, numbers)
         total: Scalar = row[-1] + cost
         return np.concatenate([end, tau, multipliers, [total]])
@@ -150,7 +155,7 @@ class HorizonKernels:
             path[0, :self.sizes.state] = state
 
     def forget(self) -> None:
-        """Discard feedback and nominal states, which may be too far from the state to begin at."""
+        """Discard feedback and nominal states, which may be far from the state."""
         self._begun = False
         self.policy[:] = 0.0
 
@@ -214,7 +219,7 @@ class HorizonKernels:
         return self.policy[:-1, m:m + m * x].reshape(-1, m, x).copy()
 
     def shift(self, intervals: float) -> None:
-        """Move `path` and the gains of `policy` by a time in intervals; the end is repeated."""
+        """Move `path` and the gains by a time in intervals; the end is repeated."""
         place: Array = np.arange(self.nodes + 1.0) + intervals
         _interpolate(self.path[:, :self.sizes.state], place)
         _interpolate(self.tau, place[:-1])

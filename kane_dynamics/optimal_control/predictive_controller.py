@@ -1,4 +1,4 @@
-"""Model predictive control: the first torque of a horizon, optimized again from every state."""
+"""Model predictive control: a horizon optimized again from every state."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -58,7 +58,8 @@ class PredictiveController:
                       lambda value: 0.0 <= value < np.inf)
         self.solution: OptimizedMotion | None = None
         self.disturbance = np.zeros(len(optimizer.actuator_names))
-        optimizer.set_disturbance(self.disturbance)  # another controller may have left one
+        # Another controller may have left one.
+        optimizer.set_disturbance(self.disturbance)
         self._observer = None
         if gain:
             self._observer = MomentumObserver(optimizer.robot, gain=gain, max_gap=np.inf,
@@ -71,7 +72,7 @@ class PredictiveController:
         self._clock = 0.0  # of the observer
 
     def set_target(self, target: ArrayLike | Motion, t: float = 0.0) -> None:
-        """Set a configuration to rest at, or a motion whose time is t at the next cycle."""
+        """Set a configuration to rest at, or a motion whose time is t next."""
         self.optimizer.set_target(target, t)
         self._target = None
         if isinstance(target, Motion):
@@ -163,7 +164,7 @@ class PredictiveController:
 
     def _solved(self, q: ArrayLike, u: ArrayLike, iterations: int
                 ) -> OptimizedMotion | None:
-        """Return the solution from the first torques that lead to finite states, if any do."""
+        """Return the solution from the first torques that lead to finite states."""
         optimizer = self.optimizer
         solution = optimizer.try_solve(q, u, iterations=iterations)
         if solution is not None:
@@ -176,18 +177,18 @@ class PredictiveController:
         return None
 
     def _resting(self, q: ArrayLike, u: ArrayLike) -> OptimizedMotion:
-        """Return the torques of gravity, within their limits, as what is done without any plan."""
+        """Return a plan that holds gravity, within the limits, where none is found."""
         optimizer = self.optimizer
         N = optimizer.nodes
         limits = optimizer.torque_limits
         tau = np.clip(optimizer.holding_torques(q), -limits, limits)
         return OptimizedMotion(
             q=np.tile(q, (N + 1, 1)), u=np.tile(u, (N + 1, 1)), tau=np.tile(tau, (N, 1)),
-            gains=np.zeros((N, len(tau), optimizer.directions)), cost=np.inf, iterations=0,
-            converged=False, feasible=False)
+            gains=np.zeros((N, len(tau), optimizer.directions)), cost=np.inf,
+            iterations=0, converged=False, feasible=False)
 
     def _forget_disturbance(self) -> None:
-        """Begin the estimate again: a state that no torques lead from would stay in it."""
+        """Begin the estimate again: a state without a plan would stay in it."""
         if self._observer is None:
             return
         self._observer.reset()
@@ -218,15 +219,16 @@ class PredictiveController:
         torques[self._actuators] = tau
         return self._at_time(robot.generalized_force, torques, q)
 
-    def _at_time(self, function: Callable[..., Array], force: Array, q: ArrayLike) -> Array:
-        """Return a function of a force at a configuration, and of the time if robots have one."""
+    def _at_time(self, function: Callable[..., Array], force: Array,
+                 q: ArrayLike) -> Array:
+        """Return a function of a force at a configuration and, if it counts, the time."""
         if self.optimizer.robot.equations.timed:
             return function(force, q, t=self._t)
         return function(force, q)
 
 
 def _moved(plan: OptimizedMotion, intervals: float) -> OptimizedMotion:
-    """Return a plan moved in time, as what is done where none is found; its end is repeated."""
+    """Return a plan moved in time; its end is repeated."""
     nodes = len(plan.tau)
     place = np.arange(nodes + 1) + intervals
     # States are those of the plan, not between two, as loops close only there.
@@ -237,6 +239,7 @@ def _moved(plan: OptimizedMotion, intervals: float) -> OptimizedMotion:
     begin = plan.tau[first]
     end = plan.tau[np.minimum(first + 1, nodes - 1)]
     tau = begin + part * (end - begin)
-    tau = np.clip(tau, np.minimum(begin, end), np.maximum(begin, end))  # rounding, at a limit
-    return replace(plan, q=plan.q[states], u=plan.u[states], tau=tau, gains=0.0 * plan.gains,
-                   iterations=0, converged=False, feasible=False)
+    # Rounding may exceed a limit.
+    tau = np.clip(tau, np.minimum(begin, end), np.maximum(begin, end))
+    return replace(plan, q=plan.q[states], u=plan.u[states], tau=tau,
+                   gains=0.0 * plan.gains, iterations=0, converged=False, feasible=False)

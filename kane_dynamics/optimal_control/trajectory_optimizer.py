@@ -148,20 +148,22 @@ class TrajectoryOptimizer:
     """
 
     def __init__(self, robot: Robot, *, nodes: int = 50, interval: float = 0.01,
-                 weights: CostWeights | None = None, torque_limits: ArrayLike | None = None,
+                 weights: CostWeights | None = None,
+                 torque_limits: ArrayLike | None = None,
                  speed_limits: ArrayLike | None = None) -> None:
-        """Compile the kernels; the target of a tree is 0 until `set_target`, others have none."""
+        """Compile the kernels; only trees have a target, 0, before `set_target`."""
         instance(robot, Robot, 'robot')
         self.robot = robot
         names = robot.joint_names
         self.interval = positive_time(interval, 'interval')
         modes = {names[k] for k in robot.model.modal_coordinates}
-        self.actuator_names = tuple(name for name in robot.actuated_names if name not in modes)
+        self.actuator_names = tuple(name for name in robot.actuated_names
+                                    if name not in modes)
         actuators = [names.index(name) for name in self.actuator_names]
         if torque_limits is None:
             torque_limits = _torque_limits(robot, self.actuator_names)
-        self.torque_limits = per_joint(torque_limits, 'torque_limits', self.actuator_names,
-                                       finite=False)
+        self.torque_limits = per_joint(torque_limits, 'torque_limits',
+                                       self.actuator_names, finite=False)
         if speed_limits is None:
             speed_limits = robot.limits.velocity
         self.speed_limits = per_joint(speed_limits, 'speed_limits', names, finite=False)
@@ -180,14 +182,18 @@ class TrajectoryOptimizer:
             self.set_target(np.zeros(len(names)))
 
     def _set_weights(self) -> None:
-        """Write weights and limits into the arrays; raise InputError for those that are none."""
+        """Write weights and limits into the arrays; InputError for invalid ones."""
         arrays = self._arrays
         weights = {}
         for name in CostWeights.__dataclass_fields__:
-            weighted = self.actuator_names if name == 'torque' else self.robot.joint_names
-            weights[name] = per_joint(getattr(self.weights, name), f'weights.{name}', weighted)
+            weighted = self.robot.joint_names
+            if name == 'torque':
+                weighted = self.actuator_names
+            weights[name] = per_joint(getattr(self.weights, name), f'weights.{name}',
+                                      weighted)
         if not weights['torque'].all():
-            raise InputError(f'weights.torque: {self.weights.torque!r}; expected positive numbers')
+            raise InputError(f'weights.torque: {self.weights.torque!r}; expected '
+                             'positive numbers')
         arrays.weights[:] = self.interval * np.concatenate(
             [weights['position'], weights['speed'], weights['torque']])
         # The state at the end of the horizon has weights of its own, which are not
@@ -196,7 +202,8 @@ class TrajectoryOptimizer:
         arrays.weights[-1, :len(at_end)] = at_end
         arrays.constants[0] = self.interval
         arrays.constants[NUMBERS:NUMBERS + arrays.sizes.limits] = np.concatenate(
-            [-self.torque_limits, self.torque_limits, self.speed_limits, weights['excess_speed']])
+            [-self.torque_limits, self.torque_limits, self.speed_limits,
+             weights['excess_speed']])
 
     @property
     def nodes(self) -> int:
@@ -210,8 +217,7 @@ class TrajectoryOptimizer:
 
     def set_target(self, target: ArrayLike | Motion, t: float = 0.0) -> None:
         """
-        Set the target: a configuration to rest at, or a motion whose time is t at the
-        beginning.
+        Set a configuration to rest at, or a motion whose time is t at the beginning.
 
         A configuration has n_q entries, and its loops are closed. A motion is one of all
         joints, or of as many driving joints as a mechanism has independent speeds. t, s,
@@ -229,13 +235,12 @@ class TrajectoryOptimizer:
         self._has_target = True
 
     def holding_torques(self, q: ArrayLike) -> Array:
-        """Return the torques of the actuators that hold gravity at a configuration, (m,)."""
+        """Return the torques of the actuators that hold gravity at q, (m,)."""
         return self._target.holding(self._target.configuration(q, 'q'), self._t)
 
     def set_disturbance(self, tau: ArrayLike) -> None:
         """
-        Set unknown torques that act beside those of the actuators, (m,), constant in the
-        horizon.
+        Set unknown torques that act beside those of the actuators, (m,), constant.
 
         The planned motion stays: the actuators give what the disturbance does not. A
         target at rest then needs the torques that hold it against gravity and the
@@ -249,7 +254,7 @@ class TrajectoryOptimizer:
         bounds[m:] = self._disturbance + self.torque_limits
 
     def start(self, tau: ArrayLike) -> None:
-        """Begin the next `solve` with these torques: (m,) for every interval, or (N, m)."""
+        """Begin the next `solve` with torques: (m,) for every interval, or (N, m)."""
         given_rows = np.asarray(tau) if np.ndim(tau) == 2 else [tau]
         rows = [finite_row(row, 'tau', self.actuator_names) for row in given_rows]
         if len(rows) not in (1, self.nodes):
@@ -260,13 +265,13 @@ class TrajectoryOptimizer:
 
     def shift(self, elapsed: float) -> None:
         """
-        Move the torques in time, so that the next `solve` begins `elapsed` s later, at
-        least 0.
+        Move the torques in time: the next `solve` begins `elapsed` s, >= 0, later.
 
         Parts of an interval interpolate, which keeps the limits; the last torque is
         repeated. The target stays.
         """
-        time = number(elapsed, 'elapsed', 'a finite time >= 0, s', lambda t: 0.0 <= t < np.inf)
+        time = number(elapsed, 'elapsed', 'a finite time >= 0, s',
+                      lambda t: 0.0 <= t < np.inf)
         self._arrays.shift(time / self.interval)
 
     def solve(self, q: ArrayLike, u: ArrayLike, *, iterations: int = 100,
@@ -294,16 +299,15 @@ class TrajectoryOptimizer:
         """
         result = self.try_solve(q, u, iterations=iterations, tolerance=tolerance)
         if result is None:
-            raise InputError('torques: their motion is not finite, or passes a singularity; '
-                             'expected torques near those that hold the arm (see start), or '
-                             'shorter intervals')
+            raise InputError('torques: their motion is not finite, or passes a '
+                             'singularity; expected torques near those that hold the '
+                             'arm (see start), or shorter intervals')
         return result
 
     def try_solve(self, q: ArrayLike, u: ArrayLike, *, iterations: int = 100,
                   tolerance: float = 1e-9) -> OptimizedMotion | None:
         """
-        Return the result of `solve`, or None where the torques lead to states that are
-        not finite.
+        Return the result of `solve`, or None where states are not finite.
 
         Raises
         ------
@@ -368,9 +372,10 @@ class TrajectoryOptimizer:
         arrays = self._arrays
         n_q = self.robot.n_q
         states = arrays.path[:, :n_q + self.robot.n].copy()
-        tau = np.clip(arrays.tau - self._disturbance, -self.torque_limits, self.torque_limits)
-        return OptimizedMotion(states[:, :n_q], states[:, n_q:], tau, arrays.gains, cost, passes,
-                               converged)
+        tau = np.clip(arrays.tau - self._disturbance, -self.torque_limits,
+                      self.torque_limits)
+        return OptimizedMotion(states[:, :n_q], states[:, n_q:], tau, arrays.gains, cost,
+                               passes, converged)
 
     def _iterate(self, cost: float) -> float:
         """Improve the path, or regularize the next iteration; return the cost."""
@@ -410,27 +415,25 @@ class TrajectoryOptimizer:
 
 def _torque_limits(robot: Robot, actuators: tuple[str, ...]) -> Array:
     """
-    Return the effort limits of actuators; 0 for the joints of a base that is driven by
-    nothing.
+    Return the effort limits of actuators; 0 for a base that nothing drives.
 
     InputError if no actuator is left.
     """
-    limits = {name: float(effort) for name, effort in zip(robot.joint_names,
-                                                          robot.limits.effort)}
+    limits = dict(zip(robot.joint_names, robot.limits.effort.tolist()))
     equations = robot.equations
-    stated = isinstance(equations, ConstrainedEquations) and equations.actuated is not None
-    base = () if stated else robot.model.floating_base
+    base = robot.model.floating_base
+    if isinstance(equations, ConstrainedEquations) and equations.actuated is not None:
+        base = ()
     undriven = [name for name in base if name in actuators and np.isinf(limits[name])]
     if undriven and len(undriven) == len(actuators):
-        raise InputError(f'robot: no actuator but {", ".join(undriven)}, of a floating base; '
-                         'expected actuated joints, or torque_limits of the base')
+        raise InputError(f'robot: no actuator but {", ".join(undriven)}, of a floating '
+                         'base; expected actuated joints, or torque_limits of the base')
     return np.array([0.0 if name in undriven else limits[name] for name in actuators])
 
 
 class Target:
     """
-    Rows of targets for a robot: configuration, rates of the joints and torques, at each
-    time.
+    Rows of targets: configuration, rates of the joints and torques, at each time.
 
     Parameters
     ----------
@@ -447,8 +450,7 @@ class Target:
 
     def rows(self, target: ArrayLike | Motion, t: Array) -> Array:
         """
-        Return q, joint rates and torques at times t, (N, n_q + n_j + m), or the same for
-        all.
+        Return q, joint rates and torques at times t, (N, n_q + n_j + m), or one row.
 
         Raises
         ------
@@ -480,15 +482,16 @@ class Target:
             q, u, udot = mechanism_motion(robot, motion.joint_names, t, q, u, udot)
             rates = robot.joint_rates(q, u, **self.keywords(t))
         elif motion.joint_names != robot.joint_names:
-            raise InputError(f'target: a motion of {", ".join(motion.joint_names)}; expected '
-                             f'{", ".join(robot.joint_names)}')
+            raise InputError(f'target: a motion of {", ".join(motion.joint_names)}; '
+                             f'expected {", ".join(robot.joint_names)}')
         tau = robot.inverse_dynamics(q, u, udot, **self.keywords(t))
         return np.concatenate([q, rates, self._of_actuators(tau, q, t)], axis=-1)
 
     def configuration(self, q: ArrayLike, what: str) -> Array:
         """Return a checked configuration, (n_q,)."""
         robot = self._robot
-        return require_unit(robot.model, finite_row(q, what, robot.coordinate_names), what)
+        return require_unit(robot.model, finite_row(q, what, robot.coordinate_names),
+                            what)
 
     def holding(self, q: Array, t: Any) -> Array:
         """Return the torques of the actuators that hold gravity, (m,) or (N, m)."""
