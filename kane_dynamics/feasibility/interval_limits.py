@@ -13,7 +13,7 @@ from typing import Any
 from kane_dynamics.mechanics.algebra.dual import select
 import numpy as np
 
-NEWTON_STEPS = (6, 20)  # of one linear program; the second number where the first is too small
+NEWTON_STEPS = (4, 20)  # of one linear program; the second number where the first is too small
 # Ratios of the coefficients of v and x below which a limit is stiff, and v = 0 must satisfy it.
 STIFF, STIFFEST = 4.0, 0.5
 TINY = 1e-300

@@ -18,6 +18,7 @@ from kane_dynamics.feasibility.reachability import Limits
 from kane_dynamics.feasibility.segment_peaks import largest
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
+from kane_dynamics.motion.controller_points import Segments
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -27,6 +28,7 @@ import numpy as np
 
 FLAT = 1e-9  # least x, relative to its size, at which friction has a tangent
 MARGIN = 5e-4  # of all limits, for the motion between the points
+ACTIVE = 1.0 - 0.5 * MARGIN  # share from which a limit is tightened
 TIGHTER = 1.1  # by which a limit is tightened, in its excess
 OUT_OF_REACH = 1e4  # width of a limit on one side, relative to its numbers
 IRRELEVANT = 3.0  # torque of a limit of power at which it does not count, in limits of effort
@@ -86,7 +88,13 @@ class PathLimits:
         self.size = float(min(sizes))
         self.most = np.minimum(speed, self.free)
         # Factors of the limits of `Bounds`, smaller where a motion exceeds them between points.
-        self.tight = np.full((len(bounds), 1, robot.n_q), 1.0 - MARGIN)
+        self.tight = np.full((count, len(bounds), robot.n_q), 1.0 - MARGIN)
+        self._tight_speed = np.full(count, 1.0 - MARGIN)
+        self.tightened: Segments = np.arange(count)  # vertices, since the latest limits
+        self._used = {name: self._used_joints(name) for name in (
+            'effort', 'power', 'acceleration')}
+        self._latest: Limits | None = None
+        self.sets: Array | None = None  # controllable sets with the latest limits
 
     def _compute_torques(self, q: Array, first: Array, second: Array, tau: Array) -> None:
         """Write the coefficients of the torques of `torque_kernel`, (N + 1, 3, n)."""
@@ -108,12 +116,30 @@ class PathLimits:
         """Return the torques at rest, (N + 1, n)."""
         return self.lines[:, 2]
 
-    def tighten(self, worst: Array) -> None:
-        """Make limits smaller where a motion uses more than them, (4, N + 1, n)."""
+    def tighten(self, shares: Array, largest: Array) -> None:
+        """
+        Make limits smaller where a motion uses more than them.
+
+        Parameters
+        ----------
+        shares : (N + 1, 4, n) array
+            The largest shares around the vertices.
+        largest : (N + 1,) array
+            The largest of them at each vertex.
+
+        """
+        tight = largest > ACTIVE
+        # An excess also tightens the limits at the vertices beside it, but not at both ends.
+        beside = tight[:-2] | tight[2:]
+        tight[1:-1] |= beside
+        near = np.flatnonzero(tight)
+        inner = (near > 0) & (near < len(shares) - 1)
+        worst = np.maximum(np.maximum(shares[near - inner], shares[near + inner]), shares[near])
         # The next profile leaves an excess beside a tightened limit; some more saves rounds.
-        worst = np.where(worst > 1.0, 1.0 + TIGHTER * (worst - 1.0), worst)
-        self.tight = self.tight / np.where(
-            worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
+        more = np.where(worst > 1.0, 1.0 + TIGHTER * (worst - 1.0), worst)
+        self.tight[near] /= np.where(worst > ACTIVE, more / (1.0 - MARGIN), 1.0)
+        self._tight_speed[near] = self.tight[near, 1].min(axis=1)
+        self.tightened = near
 
     def at(self, x: Array | None, calm: bool = False) -> Limits:
         """
@@ -124,20 +150,17 @@ class PathLimits:
         steady motion there. The limits are valid until the next call, since they may share its
         memory.
         """
+        if self.linear and self._latest is not None:
+            return self._updated(self._latest)
         torque = self._torque_lines(x)
         rows: list[Array] = []
         middles: list[Array] = []
         steady = np.full(len(self.most), np.inf)
         for name in ('effort', 'power', 'acceleration'):
-            limit = getattr(self.bounds, name)
-            used = np.isfinite(limit)
-            if name != 'acceleration':
-                used &= self.acts
-            elif used.any():
-                used &= self.first.any(axis=0)
-            if not used.any():
+            used = self._used[name]
+            if used is None:
                 continue
-            width = self.tight[Bounds._fields.index(name)] * limit
+            width = self.tight[:, Bounds._fields.index(name)] * getattr(self.bounds, name)
             if name == 'power':
                 *lines, steady = self._power_lines(torque, width, x, used)
                 for found, blocks in zip((rows, middles), lines):
@@ -147,14 +170,40 @@ class PathLimits:
                 self.first, self.second, 0.0, 0.0), axis=1)
             block[:, 3] = width
             rows.append(block if used.all() else block[:, :, used])
-        tight = self.tight[1].min(axis=1)
-        most = np.minimum(self.most * tight**2, self.free)
+        most = np.minimum(self.most * self._tight_speed**2, self.free)
         if calm:
             most = np.minimum(most, steady)
         if not rows:
             rows = [np.zeros((len(most), 4, 1)) + [[0.0], [0.0], [0.0], [1.0]]]
-        return Limits(_side_by_side(rows), _side_by_side(
+        limits = Limits(_side_by_side(rows), _side_by_side(
             middles or [np.zeros((len(most) - 1, 4, 0))]), most)
+        if self.linear:
+            self._latest = limits
+        return limits
+
+    def _updated(self, limits: Limits) -> Limits:
+        """Return linear limits after those at some vertices were tightened."""
+        near = self.tightened
+        begin = 0
+        for name in ('effort', 'acceleration'):
+            used = self._used[name]
+            if used is None:
+                continue
+            width = self.tight[near, Bounds._fields.index(name)] * getattr(self.bounds, name)
+            end = begin + np.count_nonzero(used)
+            limits.rows[near, 3, begin:end] = width[:, used]
+            begin = end
+        limits.most[near] = np.minimum(self.most[near] * self._tight_speed[near]**2, self.free)
+        return limits
+
+    def _used_joints(self, name: str) -> Flags | None:
+        """Return the joints for which a limit counts; None for no joint."""
+        used = np.isfinite(getattr(self.bounds, name))
+        if name != 'acceleration':
+            used &= self.acts
+        elif used.any():
+            used &= self.first.any(axis=0)
+        return used if used.any() else None
 
     def _from_rest(self, x: Array) -> Array:
         """Return a profile as a column, with a least value at which friction has a tangent."""

@@ -6,8 +6,9 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.path_geometry import path_of, Section, sections
 from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
-from kane_dynamics.feasibility.path_timing import Checked, checked
+from kane_dynamics.feasibility.path_timing import SectionMotion
 from kane_dynamics.feasibility.samples import ROUNDING
+from kane_dynamics.feasibility.segment_peaks import SegmentPeaks
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.points import point_times
@@ -35,7 +36,8 @@ class PathRobot:
     """
 
     def __init__(self, robot: Robot, path: Motion | ArrayLike) -> None:
-        self.robot, self.motion = robot, path_of(path, robot.joint_names)
+        self.names = robot.joint_names
+        self.robot, self.motion = robot, path_of(path, self.names)
 
     def sections(self, points: int, ends: tuple[bool, bool]) -> list[Section]:
         """Return the sections of the path, of all joints; arguments as of the function."""
@@ -43,23 +45,23 @@ class PathRobot:
 
     def check(self, bounds: Bounds, section: Section) -> None:
         """Raise InputError if a path exceeds a position limit, or a limit of 0 forbids it."""
-        _check_positions(self.robot, section)
-        _check_motion(bounds, section, self.robot.joint_names)
+        _check_positions(self.robot, self.names, section)
+        _check_motion(bounds, section, self.names)
 
     def limits(self, section: Section, bounds: Bounds) -> PathLimits:
         """Return the limits at the vertices of a section."""
         return PathLimits(self.robot, section, bounds)
 
-    def checked(self, points: ControllerPoints, bounds: Bounds) -> Checked:
-        """Return the uses of the limits along the motion between points."""
-        return checked(self.robot, points, bounds)
+    def motion_along(self, section: Section, bounds: Bounds) -> SectionMotion:
+        """Return the motion along a section, for profiles to follow."""
+        return SectionMotion(self.robot, section, SegmentPeaks(self.robot, np.array(bounds)))
 
     def motion_of(self, points: ControllerPoints, coefficients: Callable[[], Array]) -> Motion:
         """Return the motion of the path's joints; arguments as from `joined`."""
-        return Motion(self.robot.joint_names, point_times(points.t), points.q, coefficients)
+        return Motion(self.names, point_times(points.t), points.q, coefficients)
 
 
-def _check_positions(robot: Robot, section: Section) -> None:
+def _check_positions(robot: Robot, names: Sequence[str], section: Section) -> None:
     """Raise InputError if a path exceeds a position limit."""
     for what, bound, sign in (('lower', robot.limits.lower, -1.0),
                               ('upper', robot.limits.upper, 1.0)):
@@ -69,7 +71,7 @@ def _check_positions(robot: Robot, section: Section) -> None:
         excess = sign * (section.q - bound) - ROUNDING * np.maximum(1.0, np.abs(bound))
         k, j = np.unravel_index(int(excess.argmax()), excess.shape)
         if excess[k, j] > 0.0:
-            raise InputError(f"path: joint '{robot.joint_names[int(j)]}': position "
+            raise InputError(f"path: joint '{names[int(j)]}': position "
                              f'{section.q[k, j]:.6g}; expected within its {what} limit '
                              f'{bound[j]:.6g}')
 

@@ -8,9 +8,11 @@ from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.feasibility.path_geometry import kernels as path_kernels, Section
 from kane_dynamics.feasibility.path_limits import Bounds, bounds_kernel, torque_kernel
 from kane_dynamics.feasibility.reachability import compile_passes
-from kane_dynamics.feasibility.segment_peaks import peaks_kernel, SegmentPeaks
+from kane_dynamics.feasibility.segment_peaks import (MotionStates, peaks_kernel, QUANTITIES,
+                                                     SegmentPeaks)
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.motion.controller_points import ControllerPoints
+from kane_dynamics.model.model import Joint
+from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 from kane_dynamics.motion.uniform_spline import kernels as compile_spline
 from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -23,6 +25,7 @@ PAUSE = 1e-6  # s of rest between two sections
 DENSE, SMOOTH = 200, 60.0
 STEP = 0.5  # of s between vertices
 FLAT, TERMS = 0.1, 8  # largest argument of the series, exact to rounding, and its terms
+SPARSE = 0.5  # share of the vertices with a new x from which all points are computed again
 TURNING = 4.0  # speeds of friction, below which friction changes
 
 
@@ -46,29 +49,117 @@ class Checked(NamedTuple):
     tau: Array
 
 
-def timed(section: Section, x: Array) -> ControllerPoints:
+class SectionMotion:
     """
-    Return points of the motion along a section with squared path velocities x at its vertices.
+    The motion along a section with squared path velocities x at its vertices.
 
-    The points are both ends and the middles between vertices. There x and its slope are those of
+    Its points are both ends and the middles between vertices. There x and its slope are those of
     the polygon through the vertices, so x(s) is a quadratic spline, which rounds the corners of
-    the polygon, and the acceleration is continuous.
+    the polygon, and the acceleration is continuous. Between the points the motion is a quintic.
+
+    A new profile often differs from the one before at a few vertices only. Just the points and
+    segments that this concerns are computed again.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    section : Section
+        The path.
+    peaks : SegmentPeaks
+        Computes torques and shares of limits.
+
+    Attributes
+    ----------
+    shares : (N + 1, 4, n) array
+        The largest shares of the limits in the segments.
+    largest : (N + 1,) array
+        The largest of them in each segment.
+
     """
-    count, n = len(x) + 1, section.q.shape[1]
-    profile = np.empty((count + 1, 3))  # x, s'' and the step to the next point, one in addition
-    profile[1:-2, 0], profile[1:-2, 1], profile[:, 2] = 0.5 * (x[1:] + x[:-1]), (
-        x[1:] - x[:-1]), STEP
-    profile[0] = x[0], profile[1, 1], 0.5 * STEP
-    profile[-2:] = x[-1], profile[-3, 1], 0.0
-    profile[-3, 2] = 0.5 * STEP
-    places = np.arange(-1, len(section.q) + 1, 2)
-    places[0], places[-1] = 0, len(section.q) - 1
-    out = np.empty((count, 3 * n + 1))
-    point_kernel(n).run([*section[:3], profile, profile[1:]], out, count,
-                        dict.fromkeys(Section._fields[:3], places))
-    t = np.zeros(count)
-    np.cumsum(out[:-1, -1], out=t[1:])
-    return ControllerPoints(t, *(out[:, k * n:(k + 1) * n] for k in range(3)))
+
+    def __init__(self, robot: Robot, section: Section, peaks: SegmentPeaks) -> None:
+        self._section, self._peaks = section, peaks
+        self._coulomb = coulomb_joints(robot)
+        samples, n = section.q.shape
+        count = (samples + 3) // 2
+        self._n = n
+        # The numbers of the samples at the points: the first one, those between vertices, the last.
+        self._places = np.arange(-1, samples + 1, 2)
+        self._places[0], self._places[-1] = 0, samples - 1
+        # x, s'' and the step to the next point; one row in addition.
+        self._profile = np.empty((count + 1, 3))
+        self._profile[:, 2] = STEP
+        self._profile[[0, -3], 2] = 0.5 * STEP
+        self._profile[-2:, 2] = 0.0
+        self._rows = np.empty((count, 3 * n + 1))
+        self._tau = np.empty((count, n))
+        self._x: Array | None = None
+        self.shares = np.empty((count - 1, len(QUANTITIES), n))
+        self.largest = np.empty(count - 1)
+
+    @property
+    def duration(self) -> float:
+        """Return the duration, s."""
+        return float(self._rows[:-1, -1].sum())
+
+    @property
+    def states(self) -> MotionStates:
+        """Return the states at the points."""
+        q, u, udot = (self._rows[:, k * self._n:(k + 1) * self._n] for k in range(3))
+        return MotionStates(q, u, udot, self._tau, self._rows[:-1, -1])
+
+    def checked(self) -> Checked:
+        """Return the points with the shares of the limits between them."""
+        states = self.states
+        t = np.zeros(len(states.q))
+        np.cumsum(states.h, out=t[1:])
+        return Checked(ControllerPoints(t, *states[:3]), self.shares.swapaxes(0, 1), states.tau)
+
+    def follow(self, x: Array) -> None:
+        """Compute the motion with a profile x, (N + 1,), and its shares of the limits."""
+        points, segments = self._changed(x)
+        self._x = x
+        profile = self._profile
+        profile[1:-2, 0] = 0.5 * (x[1:] + x[:-1])
+        profile[1:-2, 1] = x[1:] - x[:-1]
+        profile[0, :2] = x[0], profile[1, 1]
+        profile[-2:, :2] = x[-1], profile[-3, 1]
+        if points is None:
+            self._compute(self._rows, self._tau, np.arange(len(self._rows)))
+        else:
+            rows, tau = np.empty((len(points), 3 * self._n + 1)), np.empty((len(points), self._n))
+            self._compute(rows, tau, points)
+            self._rows[points], self._tau[points] = rows, tau
+        shares, largest = largest_shares(self._coulomb, self._peaks, self.states, segments)
+        if segments is None:
+            self.shares, self.largest = shares, largest
+        else:
+            self.shares[segments], self.largest[segments] = shares, largest
+
+    def _changed(self, x: Array) -> tuple[Segments | None, Segments | None]:
+        """Return the points and segments that a new profile changes; None for all of them."""
+        if self._x is None:
+            return None, None
+        changed = x != self._x
+        if np.count_nonzero(changed) > SPARSE * len(x):
+            return None, None
+        # Point k lies between the vertices k - 1 and k. The time to the next point depends on the
+        # vertex k + 1 too, and the last point on the last two vertices.
+        points = np.zeros(len(x) + 1, dtype=bool)
+        points[:-1] = changed
+        points[1:] |= changed
+        points[:-2] |= changed[1:]
+        points[-1] |= changed[-2]
+        return np.flatnonzero(points), np.flatnonzero(points[1:] | points[:-1])
+
+    def _compute(self, rows: Array, tau: Array, points: Segments) -> None:
+        """Write the states at some points and the times to the next ones, and the torques."""
+        n, path = self._n, self._section[:3]
+        numbers = dict.fromkeys(Section._fields[:3], self._places[points])
+        numbers |= {'here': points, 'following': points}
+        point_kernel(n).run([*path, self._profile, self._profile[1:]], rows, len(rows), numbers)
+        tau[:] = self._peaks.torques(*(rows[:, k * n:(k + 1) * n] for k in range(3)))
 
 
 @cache
@@ -105,34 +196,62 @@ def duration(x: Array) -> float:
     return float((2.0 / (root[1:] + root[:-1])).sum())
 
 
-def checked(robot: Robot, points: ControllerPoints, bounds: Bounds,
-            peaks_of: Callable[..., SegmentPeaks] = SegmentPeaks) -> Checked:
+def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
     """Return the uses of the limits along the quintics between points."""
-    peaks = peaks_of(robot, np.array(bounds), points)
-    found, turning = peaks.middles(), _turning(robot, points.u)
-    segments = np.flatnonzero((found.estimate > 1.0) | turning)
-    if not segments.size:
-        return Checked(points, found.shares.swapaxes(0, 1), peaks.tau)
-    places = np.where(turning[segments], DENSE, np.minimum(
-        1.0 + SMOOTH * np.sqrt(found.change[segments]), DENSE)).astype(np.intp)
-    found.shares[segments] = np.maximum(found.shares[segments], peaks.inside(segments, places))
-    return Checked(points, found.shares.swapaxes(0, 1), peaks.tau)
+    peaks = SegmentPeaks(robot, np.array(bounds))
+    t, *state = points
+    tau = peaks.torques(*state)
+    shares, _ = largest_shares(coulomb_joints(robot), peaks, MotionStates(*state, tau, t[1:] - t[:-1]))
+    return Checked(points, shares.swapaxes(0, 1), tau)
 
 
-def _turning(robot: Robot, u: Array) -> Flags:
-    """Return whether the Coulomb friction of a joint changes much within each segment."""
-    found = np.zeros(len(u) - 1, dtype=bool)
-    for body in robot.model.bodies if robot.friction else ():
-        joint = body.joint
-        if joint.friction:
-            rate = joint.multiplier * u[:, joint.coordinate]
-            slow = np.abs(rate) < TURNING * joint.friction_speed
-            found |= (rate[1:] * rate[:-1] <= 0.0) | slow[1:] | slow[:-1]
-    return found
+def largest_shares(coulomb: Sequence[Joint], peaks: SegmentPeaks, states: MotionStates,
+                   segments: Segments | None = None) -> tuple[Array, Array]:
+    """
+    Return the largest shares of the limits in all segments, or in some, and the largest of each.
+
+    They are (S, 4, n) and (S,) arrays. Each segment is examined at its ends and its middle, and at
+    more places where a share may exceed its limit between these, or the Coulomb friction of a
+    joint changes.
+    """
+    shares, largest, change, estimate = peaks.middles(states, segments)
+    examined = estimate > 1.0
+    turning = _turning(coulomb, states.u, segments) if coulomb else None
+    if turning is not None:
+        examined |= turning
+    closer = examined.nonzero()[0]
+    if not closer.size:
+        return shares, largest
+    places = np.minimum(1.0 + SMOOTH * np.sqrt(change[closer]), DENSE).astype(np.intp)
+    if turning is not None:
+        places[turning[closer]] = DENSE
+    inside = peaks.inside(states, closer if segments is None else segments[closer], places)
+    shares[closer] = np.maximum(shares[closer], inside)
+    largest[closer] = np.maximum(largest[closer], inside.reshape(len(closer), -1).max(axis=1))
+    return shares, largest
+
+
+def coulomb_joints(robot: Robot) -> list[Joint]:
+    """Return the joints with Coulomb friction."""
+    return [body.joint for body in robot.model.bodies if robot.friction and body.joint.friction]
+
+
+def _turning(coulomb: Sequence[Joint], u: Array, segments: Segments | None) -> Flags:
+    """Return whether the Coulomb friction of a joint changes much in each of the segments."""
+    begin, end = (u[:-1], u[1:]) if segments is None else (u[segments], u[segments + 1])
+    turning = np.zeros(len(begin), dtype=bool)
+    for joint in coulomb:
+        slow = TURNING * joint.friction_speed
+        first = joint.multiplier * begin[:, joint.coordinate]
+        last = joint.multiplier * end[:, joint.coordinate]
+        turning |= (first * last <= 0.0) | (np.abs(first) < slow) | (np.abs(last) < slow)
+    return turning
 
 
 def joined(parts: Sequence[ControllerPoints]) -> tuple[ControllerPoints, Callable[[], Array]]:
     """Return the points of all sections, and a function that returns the coefficients between."""
+    if len(parts) == 1:
+        return parts[0], partial(_coefficients, parts)
     begin, times = 0.0, []
     for part in parts:
         times.append(begin + part.t)

@@ -26,9 +26,9 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.interval_limits import allowed, extreme, NEWTON_STEPS, steady
 from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.motion.controller_points import Segments
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.batch_kernel import batch_kernel
-from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loop_support import address, repeat
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
@@ -151,7 +151,8 @@ class Infeasible(Exception):  # noqa: N818 - raised only inside this package
         self.vertex = vertex
 
 
-def controllable_sets(limits: Limits, last: tuple[float, float]) -> Array:
+def controllable_sets(limits: Limits, last: tuple[float, float],
+                      known: tuple[Array, Segments] | None = None) -> Array:
     """
     Return the controllable sets of all vertices: least and largest x, and its error.
 
@@ -163,6 +164,9 @@ def controllable_sets(limits: Limits, last: tuple[float, float]) -> Array:
         Limits of the path.
     last : (float, float)
         Least and largest x at the end of the path.
+    known : (N + 1, w) array and array of int, optional
+        The sets for limits that differ at some vertices only, where they were wider, and these
+        vertices. The array is written to.
 
     Raises
     ------
@@ -172,25 +176,45 @@ def controllable_sets(limits: Limits, last: tuple[float, float]) -> Array:
     """
     rows, middles, most = limits
     count = len(rows) - 1
-    for steps in NEWTON_STEPS:
-        kernel = _allowed_kernel(rows.shape[2], middles.shape[2], steps)
-        sets = np.empty((count + 1, *kernel.shape))
-        place = [Strided(address(each), each.strides[0]) for each in (
-            rows, rows[1:], *([middles] if middles.size else []), most, sets)]
-        run_batch(kernel.lane_address, [*place[:-1], place[-1], place[-1]], count)
+    inputs = [rows, rows[1:], *([middles] if middles.size else []), most]
+
+    def passed(sets: Array) -> int:
+        """Run the pass, and return the last vertex with an empty set, -1 for none."""
         sets[-1, :RANGE] = *last, 0.0
         stride = sets.strides[0]
         before = address(sets) + (count - 1) * stride
-        repeat(_pass_kernels(*kernel.shape)[0].address, [before + stride, before, before],
+        repeat(_pass_kernels(sets.shape[1])[0].address, [before + stride, before, before],
                [-stride] * 3, count)
-        low, high, error = sets[:, :RANGE].T.copy()
+        low, high, error = sets[:, :RANGE].T
         slack = ROUNDING * high
         bad = np.flatnonzero(~((error <= slack) & (low <= high + slack)))
-        if not bad.size:
+        return int(bad[-1]) if bad.size else -1
+    if known is not None:
+        # A set shrinks with the limits and with the set after it, so that in the intervals
+        # without other limits the pass may begin with the set of the pass before.
+        sets, changed = known
+        kernel = _allowed_kernel(rows.shape[2], middles.shape[2], NEWTON_STEPS[0])
+        near = np.zeros(count + 1, dtype=bool)
+        near[changed] = True
+        near[:-1] |= near[1:].copy()
+        intervals = np.flatnonzero(near[:-1])
+        allowed_rows = np.empty((len(intervals), *kernel.shape))
+        kernel.run(inputs, allowed_rows, len(intervals), dict.fromkeys(
+            (argument.name for argument in kernel.arguments), intervals))
+        sets[intervals] = allowed_rows
+        if passed(sets) < 0:
             return sets
-        if not slack[bad[-1]] < error[bad[-1]] < EMPTY:
+    for steps in NEWTON_STEPS:
+        kernel = _allowed_kernel(rows.shape[2], middles.shape[2], steps)
+        sets = np.empty((count + 1, *kernel.shape))
+        kernel.run(inputs, sets, count)
+        vertex = passed(sets)
+        if vertex < 0:
+            return sets
+        error, slack = sets[vertex, 2], ROUNDING * sets[vertex, 1]
+        if not slack < error < EMPTY:
             break
-    raise Infeasible(int(bad[-1]))
+    raise Infeasible(vertex)
 
 
 def fastest_profile(sets: Array, first: float) -> Array:

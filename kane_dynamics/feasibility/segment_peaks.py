@@ -12,10 +12,13 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np
-from numpy.typing import NDArray
 
 SMALLEST = 1e-300  # limit
 QUANTITIES = ('effort', 'velocity', 'power', 'acceleration')
+# A share between its values at both ends and in the middle of a segment exceeds the largest of them
+# by at most these parts of their range and of their second difference, about. That of a parabola
+# does by an eighth of the second difference.
+RANGE, BEND = 0.15, 0.2
 CHANGING = 0.005  # range of a share within a segment from which it counts between points, too
 
 
@@ -65,7 +68,9 @@ def peaks_kernel(robot: Robot) -> Kernel:
         for row in zip(*shares):
             high, low = largest(row), -largest([-share for share in row])
             peak, change = largest([high, -low]), high - low
-            estimate = peak + select(change > CHANGING, change, 0.0)
+            bend = row[0] + row[1] - 2.0 * row[2]
+            beyond = RANGE * change + BEND * select(bend < 0.0, -bend, bend)
+            estimate = peak + select(change > CHANGING, beyond, 0.0)
             peaks.append(peak)
             changes.append(select(estimate > 1.0, change, 0.0))
             estimates.append(estimate)
@@ -99,9 +104,19 @@ def quintic(begin: Sequence[Any], end: Sequence[Any], h: Any, x: Any) -> tuple[A
     return q, rate * r, change * (r * r)
 
 
+class MotionStates(NamedTuple):
+    """States of a motion at P points, and the times between them, which delimit segments."""
+
+    q: Array  # (P, n)
+    u: Array
+    udot: Array
+    tau: Array
+    h: Array  # (P - 1,), s
+
+
 class SegmentPeaks:
     """
-    Shares of limits in the segments between points.
+    Shares of limits in the segments between points, where the motion is a quintic.
 
     Parameters
     ----------
@@ -109,53 +124,59 @@ class SegmentPeaks:
         A robot in joint rates.
     limits : (4, n) array
         Limits of `QUANTITIES`; 0 belongs to a joint that does not move.
-    points : ControllerPoints
-        The points.
 
     """
 
-    def __init__(self, robot: Robot, limits: Array, points: ControllerPoints) -> None:
-        """Compute the torques at the points."""
-        self.n, self.kernel = robot.n, peaks_kernel(robot)
+    def __init__(self, robot: Robot, limits: Array) -> None:
+        self.n = robot.n
+        self._kernel, self._torque = peaks_kernel(robot), robot.kernels.quantity('inverse_dynamics')
         self.factors = 1.0 / np.maximum(limits, SMALLEST)
-        torque = robot.kernels.quantity('inverse_dynamics')
-        states = [points.q, points.u, points.udot]
-        self.tau = np.empty(points.q.shape)
-        _require_finite(torque.run([*states, *torque.defaults], self.tau, len(self.tau)))
-        rows = [*states, self.tau]
-        self.ends = [*rows, *(each[1:] for each in rows), points.t[1:] - points.t[:-1]]
 
-    def middles(self) -> Peaks:
-        """Return the shares at both ends and the middle of all segments."""
-        return self._peaks(np.array(0.5))
+    def torques(self, q: Array, u: Array, udot: Array) -> Array:
+        """Return the torques at points, (P, n)."""
+        kernel = self._torque
+        tau = np.empty((len(q), self.n))
+        _require_finite(kernel.run([q, u, udot, *kernel.defaults], tau, len(q)))
+        return tau
 
-    def inside(self, segments: Segments, places: NDArray[np.intp]) -> Array:
+    def middles(self, states: MotionStates, segments: Segments | None = None) -> Peaks:
+        """Return the shares at both ends and in the middle of all segments, or of some."""
+        return self._peaks(states, np.array(0.5), segments)
+
+    def inside(self, states: MotionStates, segments: Segments, places: Segments) -> Array:
         """
         Return the largest shares in some segments, (S, 4, n).
 
         Parameters
         ----------
+        states : MotionStates
+            The points.
         segments : (S,) array of int
             Numbers of the segments.
         places : (S,) array of int
             Numbers of places between the ends of each segment, at least 1.
 
         """
-        begins = np.cumsum(places) - places
-        own = np.repeat(np.arange(len(segments)), places)
-        x = (1.0 + np.arange(len(own)) - begins[own]) / (1.0 + places[own])
-        found = self._peaks(x, segments[own])
-        return np.asarray(np.maximum.reduceat(found.shares, begins))
+        ends = places.cumsum()
+        begins = ends - places
+        first, step = np.repeat([begins - 1.0, 1.0 / (1.0 + places)], places, axis=1)
+        x = (np.arange(ends[-1]) - first) * step
+        peaks = self._peaks(states, x, segments.repeat(places))
+        return np.asarray(np.maximum.reduceat(peaks.shares, begins))
 
-    def _peaks(self, x: Array, segments: Segments | None = None) -> Peaks:
+    def _peaks(self, states: MotionStates, x: Array, segments: Segments | None) -> Peaks:
         """Return the shares at one place in all segments, or at a place in each of some."""
-        count, numbers = len(self.tau) - 1, {}
-        if segments is not None:
-            count, numbers = len(segments), dict.fromkeys(
-                (each.name for each in self.kernel.arguments[:len(self.ends)]), segments)
-        rows = np.empty((count, *self.kernel.shape))
-        _require_finite(self.kernel.run([*self.ends, x, self.factors], rows, count, numbers))
-        return Peaks(rows[:, :-3].reshape(len(rows), -1, self.n), *rows[:, -3:].T)
+        kernel = self._kernel
+        *rows, h = states
+        ends = [*rows, *(row[1:] for row in rows), h]
+        if segments is None:
+            count, numbers = len(h), {}
+        else:
+            count = len(segments)
+            numbers = {argument.name: segments for argument in kernel.arguments[:len(ends)]}
+        table = np.empty((count, *kernel.shape))
+        _require_finite(kernel.run([*ends, x, self.factors], table, count, numbers))
+        return Peaks(table[:, :-3].reshape(count, -1, self.n), *table[:, -3:].T)
 
 
 def _require_finite(flags: int) -> None:

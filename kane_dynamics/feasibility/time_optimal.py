@@ -22,7 +22,7 @@ from kane_dynamics.feasibility.mechanism_path.path_mechanism import PathMechanis
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
 from kane_dynamics.feasibility.path_robot import PathRobot
-from kane_dynamics.feasibility.path_timing import Checked, duration, joined, timed
+from kane_dynamics.feasibility.path_timing import Checked, duration, joined
 from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit,
                                                     fastest_profile, Infeasible, Limits)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
@@ -179,22 +179,22 @@ def _solve(along: PathRobot, section: Section, bounds: Bounds, start: float, end
 
     The limits are exceeded at most by `most`.
     """
-    limits, x, first = along.limits(section, bounds), None, math.inf
+    limits, motion = along.limits(section, bounds), along.motion_along(section, bounds)
+    x, first = None, math.inf
     rounds = FINEST_ROUNDS if most == LARGEST else ROUNDS
     for done in range(rounds):
         x = _profile(limits, start, end, x)
-        found = along.checked(timed(section, x), bounds)
-        first = min(first, found.points.t[-1])
-        excess = found.largest.max() - 1.0
+        motion.follow(x)
+        first = min(first, motion.duration)
+        excess = motion.largest.max() - 1.0
         if excess <= 0.0 or (done >= ROUNDS - 1 and excess <= most):
-            return found, first
-        worst = found.largest.copy()
-        worst[:, 1:-1] = np.maximum(worst[:, 1:-1], np.maximum(worst[:, :-2], worst[:, 2:]))
-        limits.tighten(worst)
+            return motion.checked(), first
+        limits.tighten(motion.shares, motion.largest)
+    found = motion.checked()
     limit, k, j = np.unravel_index(int(found.largest.argmax()), found.largest.shape)
     raise _Coarse(
         f"path: joint '{along.robot.joint_names[int(j)]}': {found.largest.max():.6g} times its "
-        f'{Bounds._fields[int(limit)]} limit at {k / (len(worst[0]) - 1):.3g} of the path, '
+        f'{Bounds._fields[int(limit)]} limit at {k / (len(limits.most) - 1):.3g} of the path, '
         f'{found.points.q[k].round(4).tolist()}, on a grid of {len(limits.most) - 1} intervals; '
         'expected a path without sharp corners', FINEST)
 
@@ -208,8 +208,13 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
         limited = limits.at(x, calm)
         try:
             last = (0.0, end_limit(limited)) if ends[1] is None else (ends[1], ends[1])
-            sets = controllable_sets(limited, last)
+            known = None
+            if limits.linear and limits.sets is not None:
+                known = limits.sets, limits.tightened
+            sets = controllable_sets(limited, last, known)
+            limits.sets = sets
         except Infeasible as error:
+            limits.sets = None
             if limits.powered and not calm:
                 break  # by rounding, since x is a solution
             slower += 1
@@ -285,9 +290,10 @@ def _largest_end(limits: PathLimits, limited: Limits, start: float) -> float:
 def _result(along: PathRobot, bounds: Bounds, rates: RateBounds, parts: Sequence[Checked]
             ) -> TimeOptimal:
     """Return the motion along all sections."""
-    points, coefficients = joined([part.points for part in parts])
-    tau, motion = np.concatenate([part.tau for part in parts]), along.motion_of(
-        points, coefficients)
-    uses = rate_uses_at_points(along.robot, [part.points for part in parts], rates)
+    sections = [part.points for part in parts]
+    points, coefficients = joined(sections)
+    motion = along.motion_of(points, coefficients)
+    tau = parts[0].tau if len(parts) == 1 else np.concatenate([part.tau for part in parts])
+    uses = rate_uses_at_points(along.robot, sections, rates) if rates.given else {}
     robot = along.robot.copy()  # has its own payload
     return TimeOptimal(motion, points, tau, robot, bounds, uses)

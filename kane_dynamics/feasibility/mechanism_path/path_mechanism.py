@@ -21,7 +21,7 @@ from kane_dynamics.feasibility.mechanism_path.mechanism_peaks import MechanismPe
 from kane_dynamics.feasibility.path_geometry import kernels as path_kernels, path_of, Section
 from kane_dynamics.feasibility.path_limits import Bounds, bounds_kernel, PathLimits
 from kane_dynamics.feasibility.path_robot import PathRobot
-from kane_dynamics.feasibility.path_timing import Checked, checked, point_kernel
+from kane_dynamics.feasibility.path_timing import point_kernel, SectionMotion
 from kane_dynamics.feasibility.reachability import compile_passes
 from kane_dynamics.feasibility.torque_demand import require_scalable, unit_torques
 from kane_dynamics.loop_tracking.driven_mechanism import DrivenLoops, motion_of_closed
@@ -67,6 +67,7 @@ class PathMechanism(PathRobot):
         if not set(names) <= set(every) or len(names) != robot.n:
             raise InputError(f'path: joints {list(names)}; expected {robot.n} of '
                              f'{", ".join(every)}, as many as independent speeds')
+        self.names = robot.joint_names
         self.robot, self.motion = robot, path_of(path, names)
         self.driving = [every.index(name) for name in names]
         self._rest = None if rest is None else finite_row(rest, 'rest', every)
@@ -151,10 +152,10 @@ class PathMechanism(PathRobot):
         """Return the limits at the vertices of a section."""
         return MechanismLimits(self.robot, section, bounds, self.driving)
 
-    def checked(self, points: ControllerPoints, bounds: Bounds) -> Checked:
-        """Return the uses of the limits along the motion between points."""
-        return checked(self.robot, points, bounds, partial(
-            MechanismPeaks, self.states, self.driving))
+    def motion_along(self, section: Section, bounds: Bounds) -> SectionMotion:
+        """Return the motion along a section, for profiles to follow."""
+        peaks = MechanismPeaks(self.states, self.driving, self.robot, np.array(bounds))
+        return SectionMotion(self.robot, section, peaks)
 
     def motion_of(self, points: ControllerPoints, coefficients: Callable[[], Array]) -> Motion:
         """Return the motion of the driving joints; arguments as from `joined`."""

@@ -200,8 +200,9 @@ def _driver_function(width: int) -> Callable[..., None]:
     return function
 
 
-def run_batch(kernel: llvm.Address, rows: Sequence[Strided], count: int, *, steps: int = 1,
-              extremes: tuple[Array, Array] | None = None, width: int | None = None) -> int:
+def run_batch(kernel: llvm.Address, rows: Sequence[tuple[int, int, int, int]], count: int, *,
+              steps: int = 1, extremes: tuple[Array, Array] | None = None,
+              width: int | None = None) -> int:
     """
     Call a lane kernel for `count` states and one or more steps, without the GIL.
 
@@ -209,7 +210,7 @@ def run_batch(kernel: llvm.Address, rows: Sequence[Strided], count: int, *, step
     ----------
     kernel : address
         Address of the lane kernel.
-    rows : sequence of Strided
+    rows : sequence of Strided, or of tuples like it
         The kernel's arguments in order, then its result. If the result of a step is the
         argument of the next, this integrates over time.
     count, steps : int

@@ -15,7 +15,7 @@ from kane_dynamics.native.machine_code.compile_log import logged
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry_table import bound_table, EntryTable
 from kane_dynamics.native.runtime.argument import Argument, converted, require_finite
-from kane_dynamics.native.runtime.batch_loop import BAD_INPUT, driver, run_batch, Strided
+from kane_dynamics.native.runtime.batch_loop import BAD_INPUT, driver, run_batch
 from kane_dynamics.native.runtime.gc_pause import gc_paused
 from kane_dynamics.native.runtime.loop_support import address, repeat
 from kane_dynamics.native.tracing.program import Program, Shape, size_of
@@ -76,6 +76,7 @@ class Kernel:
         self.arguments = tuple(arguments)
         self.defaults = [a.default for a in self.arguments if a.default is not None]
         self._given = [size_of(a.shape) for a in self.arguments if a.default is None]
+        self._ranks = [len(a.shape) for a in self.arguments]
         self.parameters = parameters
         self._program = program
         signature = [(a.name, a.shape) for a in self.arguments]
@@ -237,11 +238,14 @@ class Kernel:
 
         """
         parameters = self.parameters.copy()  # other threads may change them meanwhile
-        rows = [Strided(address(array), array.strides[0] if array.ndim > len(a.shape) else 0, 0,
-                        address(numbers[a.name]) if a.name in numbers else 0)
-                for array, a in zip(arrays, self.arguments)]
-        rows += [Strided(address(parameters)),
-                 Strided(address(result), result.strides[0])]
+        rows = []
+        for array, argument, rank in zip(arrays, self.arguments, self._ranks):
+            stride = array.strides[0] if array.ndim > rank else 0
+            row_numbers = numbers.get(argument.name)
+            rows.append((address(array), stride, 0,
+                         0 if row_numbers is None else address(row_numbers)))
+        rows.append((address(parameters), 0, 0, 0))
+        rows.append((address(result), result.strides[0], 0, 0))
         return run_batch(self.lane_address, rows, count)
 
     def _check(self, result: Array, arrays: Sequence[Array], count: int | None) -> None:
