@@ -190,7 +190,7 @@ class PathLimits:
             if used is None:
                 continue
             width = self.tight[near, Bounds._fields.index(name)] * getattr(self.bounds, name)
-            end = begin + np.count_nonzero(used)
+            end = begin + int(used.sum())
             limits.rows[near, 3, begin:end] = width[:, used]
             begin = end
         limits.most[near] = np.minimum(self.most[near] * self._tight_speed[near]**2, self.free)

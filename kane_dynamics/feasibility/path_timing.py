@@ -84,7 +84,7 @@ class SectionMotion:
         samples, n = section.q.shape
         count = (samples + 3) // 2
         self._n = n
-        # The numbers of the samples at the points: the first one, those between vertices, the last.
+        # The samples at the points: the first one, those between vertices, and the last.
         self._places = np.arange(-1, samples + 1, 2)
         self._places[0], self._places[-1] = 0, samples - 1
         # x, s'' and the step to the next point; one row in addition.
@@ -199,10 +199,10 @@ def duration(x: Array) -> float:
 def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
     """Return the uses of the limits along the quintics between points."""
     peaks = SegmentPeaks(robot, np.array(bounds))
-    t, *state = points
-    tau = peaks.torques(*state)
-    shares, _ = largest_shares(coulomb_joints(robot), peaks, MotionStates(*state, tau, t[1:] - t[:-1]))
-    return Checked(points, shares.swapaxes(0, 1), tau)
+    t, q, u, udot = points
+    states = MotionStates(q, u, udot, peaks.torques(q, u, udot), t[1:] - t[:-1])
+    shares, _ = largest_shares(coulomb_joints(robot), peaks, states)
+    return Checked(points, shares.swapaxes(0, 1), states.tau)
 
 
 def largest_shares(coulomb: Sequence[Joint], peaks: SegmentPeaks, states: MotionStates,

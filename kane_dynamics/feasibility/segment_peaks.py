@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.motion.controller_points import ControllerPoints, Segments
+from kane_dynamics.motion.controller_points import Segments
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
@@ -15,9 +15,9 @@ import numpy as np
 
 SMALLEST = 1e-300  # limit
 QUANTITIES = ('effort', 'velocity', 'power', 'acceleration')
-# A share between its values at both ends and in the middle of a segment exceeds the largest of them
-# by at most these parts of their range and of their second difference, about. That of a parabola
-# does by an eighth of the second difference.
+# Within a segment a share exceeds the largest of its values at both ends and in the middle by at
+# most these parts of their range and of their second difference, about. A parabola does so by at
+# most an eighth of the second difference.
 RANGE, BEND = 0.15, 0.2
 CHANGING = 0.005  # range of a share within a segment from which it counts between points, too
 
@@ -129,7 +129,8 @@ class SegmentPeaks:
 
     def __init__(self, robot: Robot, limits: Array) -> None:
         self.n = robot.n
-        self._kernel, self._torque = peaks_kernel(robot), robot.kernels.quantity('inverse_dynamics')
+        self._kernel = peaks_kernel(robot)
+        self._torque = robot.kernels.quantity('inverse_dynamics')
         self.factors = 1.0 / np.maximum(limits, SMALLEST)
 
     def torques(self, q: Array, u: Array, udot: Array) -> Array:

@@ -719,7 +719,7 @@ def test_no_share_of_a_limit_exceeds_its_estimate_from_three_places(seed):
     states = MotionStates(*state, peaks.torques(*state), np.diff(points.t))
     segments = np.arange(len(states.h))
     exact = peaks.inside(states, segments, np.full(len(segments), 63)).max(axis=(1, 2))
-    # A share that changes less than `CHANGING` is not examined: it exceeds the places as a parabola.
+    # A share that changes by less than `CHANGING` may exceed the three as a parabola does.
     assert (exact - peaks.middles(states).estimate).max() < CHANGING / 8.0
 
 
