@@ -9,10 +9,11 @@ is halved as well if the outcome of a comparison (numpy.where, abs, minimum) cha
 jumps which cancel each other within a step are found.
 """
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from operator import attrgetter
+from typing import Any, NamedTuple
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import moving, rates, select, values
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
@@ -20,7 +21,7 @@ from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import Program, trace_program
+from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.observers import Chunk, Observer
 import numpy as np
@@ -75,17 +76,29 @@ class JumpWatch(Observer):
         end = start + count * step
         self._range = start, end + 0.5 * EPS * count * max(abs(start), abs(end))
         equations = robot.equations
-        self._mechanism = equations.mechanism if isinstance(
-            equations, ConstrainedEquations) and equations.timed and len(starts) else None
-        self._names = {of_state: [] if self._mechanism is None else [
-            name for name, x in _functions(self._mechanism, starts[0, :robot.n_q],
-                                           np.zeros(robot.n_q), start, of_state).items()
-            for _ in np.ravel(x)] for of_state in (False, True)}
+        self._mechanism: Mechanism | None = None
+        if isinstance(equations, ConstrainedEquations) and equations.timed and len(starts):
+            self._mechanism = equations.mechanism
+        # Names and units of all entries of the functions: of time alone (False), of state (True).
+        self._names = {of_state: self._functions_at_start(starts, of_state)
+                       for of_state in (False, True)}
+
+    def _functions_at_start(self, starts: Array, of_state: bool) -> list[tuple[str, str]]:
+        """Return name and unit of every entry of the functions, which are finite at the start."""
+        if self._mechanism is None:
+            return []
+        n_q = self._robot.n_q
+        functions = _functions(self._mechanism, starts[0, :n_q], np.zeros(n_q), self._start,
+                               of_state)
+        names: list[tuple[str, str]] = []
+        for name, x in functions.items():
+            names += [name] * np.size(x)
+        return names
 
     def look_ahead(self, done: int, steps: int) -> None:
         """Raise ConstraintError for a jump of a function of time within the next steps."""
         if self._names[False]:
-            times = self._times(done, steps)
+            times = self._start + (done + np.arange(steps + 1)) * np.float64(self._step)
             if done + steps == self._count:
                 times[-1] = self._range[1]
             self._search(None, times, 'simulation')
@@ -97,38 +110,38 @@ class JumpWatch(Observer):
                 which = 'simulation' if self._single else f'simulation {i}'
                 self._search(rows, chunk.times, which)
 
-    def _times(self, done: int, steps: int) -> Array:
-        times: Array = self._start + (done + np.arange(steps + 1)) * np.float64(self._step)
-        return times
-
     def _search(self, q: Array | None, times: Array, which: str) -> None:
         """Raise ConstraintError for the first jump; q, (K + 1, n_q), moves linearly in a step."""
-        kernel, names = self._kernel(q is not None), self._names[q is not None]
-        along = None if q is None else np.diff(q, axis=0) / np.diff(times)[:, None]
+        of_state = q is not None
+        kernel = self._kernel(of_state)
+        slopes = None if q is None else np.diff(q, axis=0) / np.diff(times)[:, None]
 
         def screen(begin: Array, end: Array, step: Array) -> tuple[Array, Array]:
-            moved = [] if q is None or along is None else [
-                q[step] + (begin - times[step])[:, None] * along[step], along[step]]
-            found = _run(kernel, [*moved, begin, end])
-            bad = np.flatnonzero(~np.isfinite(found[:, 0]))
-            if len(bad):
-                k = int(bad[0])
-                at = [x[k] for x in moved] or [np.zeros(self._robot.n_q)] * 2
-                self._refuse(at[0], at[1], float(begin[k]), float(end[k]), q is not None)
-            return found[:, 0], found[:, 1:]
-        jump = first_jump(screen, times, self._range, SHORT if q is None else SHORT_OF_STATE)
+            motion = []
+            if q is not None and slopes is not None:
+                q_begin = q[step] + (begin - times[step])[:, None] * slopes[step]
+                motion = [q_begin, slopes[step]]
+            results = _run(kernel, [*motion, begin, end])
+            differences = results[:, 0]
+            refused = np.flatnonzero(~np.isfinite(differences))
+            if len(refused):
+                k = int(refused[0])
+                at = [x[k] for x in motion] or [np.zeros(self._robot.n_q)] * 2
+                self._refuse(at[0], at[1], float(begin[k]), float(end[k]), of_state)
+            return differences, results[:, 1:]
+        jump = first_jump(screen, times, self._range, SHORT_OF_STATE if of_state else SHORT)
         if jump is not None:
-            t, channel, size = jump
-            name, unit = names[channel]
+            name, unit = self._names[of_state][jump.channel]
             raise ConstraintError(
-                f'{which}, t = {t:.9g} s: {name} jumps by {size:.3g}{unit}; expected a continuous '
-                'function, because a jump needs an impulse, which the equations do not include')
+                f'{which}, t = {jump.t:.9g} s: {name} jumps by {jump.size:.3g}{unit}; expected a '
+                'continuous function, because a jump needs an impulse, which the equations do '
+                'not include')
 
-    def _refuse(self, q: Array, along: Array, begin: float, end: float, of_state: bool) -> None:
+    def _refuse(self, q: Array, slope: Array, begin: float, end: float, of_state: bool) -> None:
         """Raise ConstraintError that names the function that is not finite in an interval."""
         assert self._mechanism is not None
         for t in (begin, 0.5 * (begin + end), end):
-            _functions(self._mechanism, q + (t - begin) * along, along, t, of_state)
+            _functions(self._mechanism, q + (t - begin) * slope, slope, t, of_state)
         names = ', '.join(dict.fromkeys(name for name, _ in self._names[of_state]))
         raise ConstraintError(f'{names}: one of these or its derivative is too large between t = '
                               f'{begin:.9g} and {end:.9g} s; expected numbers below 1e100')
@@ -138,16 +151,22 @@ class JumpWatch(Observer):
         robot, mechanism = self._robot, self._mechanism
         assert mechanism is not None
         shape = (robot.n_q,)
-        inputs: Any = [('q', shape), ('along', shape)] if of_state else []
-        inputs = [*inputs, ('begin', ()), ('end', ())]
-        name = 'functions_of_state' if of_state else 'functions_of_time'
+        inputs: list[tuple[str, Shape]] = [('begin', ()), ('end', ())]
+        name = 'functions_of_time'
+        if of_state:
+            inputs = [('q', shape), ('along', shape), *inputs]
+            name = 'functions_of_state'
 
-        def traced(*given: Any) -> Any:
-            q, along = given[:2] if of_state else (np.zeros(shape), np.zeros(shape))
-            begin, end = (x[()] for x in given[-3:-1])
-            return _difference(begin, end, [_parts(_functions(
-                mechanism, q + (t - begin) * along, along, t, of_state))
-                for t in (begin, 0.5 * (begin + end), end)])
+        def traced(*arguments: Any) -> Any:
+            q = slope = np.zeros(shape)
+            if of_state:
+                q, slope = arguments[:2]
+            begin, end = (x[()] for x in arguments[-3:-1])
+            parts = []
+            for t in (begin, 0.5 * (begin + end), end):
+                q_t = q + (t - begin) * slope
+                parts.append(_parts(_functions(mechanism, q_t, slope, t, of_state)))
+            return _difference(begin, end, parts)
         block = robot.parameters.block
         return robot.kernels.extra(
             name, lambda: trace_program(name, traced, [*inputs, ('parameters', block.shape)]),
@@ -160,31 +179,44 @@ def _functions(mechanism: Mechanism, q: Any, qdot: Any, t: Any,
     return mechanism.functions(mechanism.state(moving(q, qdot), moving(t, 1.0)), of_state)
 
 
-def _parts(found: dict[tuple[str, str], Any]) -> tuple[Any, Any, Any]:
-    """Return functions and derivatives, (C,) each, and a number for the comparisons' outcomes."""
-    flat = np.concatenate([np.ravel(np.asarray(x, dtype=object)) for x in found.values()])
+class _Parts(NamedTuple):
+    """Functions and derivatives, (C,) each, and a number for the comparisons' outcomes."""
+
+    values: Vector
+    rates: Vector
+    branch: Scalar
+
+
+def _parts(functions: dict[tuple[str, str], Any]) -> _Parts:
+    """Return the parts of functions that are dual numbers."""
+    flat = np.concatenate([np.ravel(np.asarray(x, dtype=object)) for x in functions.values()])
     f, r = values(flat), rates(flat)
+    # Every comparison has a weight of its own, so that no two outcomes cancel.
     decisions = [node for node in Program('', (), (*f, *r), ()).schedule()
                  if node.op in ('less', 'floor')]
-    return f, r, sum((1.0 + GOLDEN * k % 1.0) * node for k, node in enumerate(decisions))
+    branch = sum((1.0 + GOLDEN * k % 1.0) * node for k, node in enumerate(decisions))
+    return _Parts(f, r, branch)
 
 
-def _difference(begin: Any, end: Any, parts: Any) -> Any:
+def _difference(begin: Scalar, end: Scalar, parts: Sequence[_Parts]) -> Vector:
     """Return the difference of `Screen`, then f, for `_parts` at begin, middle and end; traced."""
     (f_0, r_0, branch_0), (_, r_1, branch_1), (f_2, r_2, branch_2) = parts
+    # Outcomes of comparisons that change in the interval.
     total = (branch_1 - branch_0) * (branch_1 - branch_0) + (branch_2 - branch_0) * (
         branch_2 - branch_0)
     total = total / SMALL
+    # Changes that Simpson's rule does not confirm, relative to the rounding of f and of t.
     late = _size(begin) + _size(end)
     for a, r_a, r_m, b, r_b in zip(f_0, r_0, r_1, f_2, r_2):
-        missed = b - a - (end - begin) * (r_a + 4.0 * r_m + r_b) * (1.0 / 6.0)
+        error = b - a - (end - begin) * (r_a + 4.0 * r_m + r_b) * (1.0 / 6.0)
         allowed = SMALL + ROUNDING * (_size(a) + _size(b) + late * (
             _size(r_a) + _size(r_m) + _size(r_b)))
-        total = total + missed * missed / (allowed * allowed)
+        total = total + error * error / (allowed * allowed)
     return np.array([total, *f_0], dtype=object)
 
 
-def _size(x: Any) -> Any:
+def _size(x: Scalar) -> Scalar:
+    """Return the magnitude of a number."""
     return select(x < 0.0, -x, x)
 
 
@@ -199,10 +231,18 @@ def _run(kernel: Kernel, arguments: list[Array]) -> Array:
     return result
 
 
+class Jump(NamedTuple):
+    """A jump: its time, s, the number of the function, and its size."""
+
+    t: float
+    channel: int
+    size: float
+
+
 def first_jump(screen: Screen, times: Array, within: tuple[float, float],
-               short: float) -> tuple[float, int, float] | None:
+               short: float) -> Jump | None:
     """
-    Return time, number and size of the first jump of functions between times, or None.
+    Return the first jump of functions between times, or None.
 
     Parameters
     ----------
@@ -218,35 +258,41 @@ def first_jump(screen: Screen, times: Array, within: tuple[float, float],
     """
     begin, end, step = times[:-1], times[1:], np.arange(len(times) - 1)
     span = float(np.diff(times).max())
-    found: list[tuple[float, int, float]] = []
+    jumps: list[Jump] = []
     while len(begin):
         difference, _ = screen(begin, end, step)
         suspect = np.flatnonzero(difference > 1.0)
         if len(suspect) > MOST:
-            suspect = np.sort(suspect[np.argsort(-difference[suspect], kind='stable')[:MOST]])
+            largest = np.argsort(-difference[suspect], kind='stable')[:MOST]
+            suspect = np.sort(suspect[largest])
         begin, end, step = begin[suspect], end[suspect], step[suspect]
-        last = end - begin <= short * np.maximum(np.maximum(np.abs(begin), np.abs(end)), span)
+        # Intervals as short as the resolution of time hold a jump, or do not; others are halved.
+        latest = np.maximum(np.abs(begin), np.abs(end))
+        last = end - begin <= short * np.maximum(latest, span)
         for k in np.flatnonzero(last).tolist():
-            found += _jumps(screen, float(begin[k]), float(end[k]), int(step[k]), within)
+            jumps += _jumps(screen, float(begin[k]), float(end[k]), int(step[k]), within)
         begin, end, step = begin[~last], end[~last], step[~last]
         middle = 0.5 * (begin + end)
-        begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
+        begin = np.concatenate([begin, middle])
+        end = np.concatenate([middle, end])
         step = np.tile(step, 2)
-    if not found:
+    if not jumps:
         return None
-    near = min(found)[0] + SAME * (abs(min(found)[0]) + span)
-    return min((jump for jump in found if jump[0] <= near), key=lambda jump: jump[1])
+    earliest = min(jumps).t
+    latest_same = earliest + SAME * (abs(earliest) + span)
+    return min((jump for jump in jumps if jump.t <= latest_same), key=attrgetter('channel'))
 
 
 def _jumps(screen: Screen, begin: float, end: float, step: int,
-           within: tuple[float, float]) -> list[tuple[float, int, float]]:
+           within: tuple[float, float]) -> list[Jump]:
     """Return the jumps in an interval: there the points on either side are apart."""
-    away = np.arange(1, SIDE + 1) * (end - begin)
-    sides = np.concatenate([np.maximum(begin - away, within[0]),
-                            np.minimum(end + away, within[1])])
-    before, after = np.split(screen(sides, sides, np.full(2 * SIDE, step))[1], 2)
-    size = after.mean(axis=0) - before.mean(axis=0)
-    scatter = np.ptp(before, axis=0) + np.ptp(after, axis=0)
-    largest = np.abs(before).max(axis=0) + np.abs(after).max(axis=0)
+    distances = np.arange(1, SIDE + 1) * (end - begin)
+    sides = np.concatenate([np.maximum(begin - distances, within[0]),
+                            np.minimum(end + distances, within[1])])
+    early, late = np.split(screen(sides, sides, np.full(2 * SIDE, step))[1], 2)
+    size = late.mean(axis=0) - early.mean(axis=0)
+    scatter = np.ptp(early, axis=0) + np.ptp(late, axis=0)
+    largest = np.abs(early).max(axis=0) + np.abs(late).max(axis=0)
     apart = np.abs(size) > NOISE * scatter + SMALL + ROUNDING * largest
-    return [(begin, channel, float(size[channel])) for channel in np.flatnonzero(apart).tolist()]
+    return [Jump(begin, channel, float(size[channel]))
+            for channel in np.flatnonzero(apart).tolist()]

@@ -68,28 +68,40 @@ def longest_step(robot: Robot, q: Any, u: Any = None, *, t: float = 0.0) -> Long
 
     """
     q, n = constant(q, (robot.n_q,), 'q', InputError), robot.n
-    rest, turned = np.zeros(n), DIFFERENCE * np.eye(n)
-    u = rest if u is None else constant(u, (n,), 'u', InputError)
+    u = np.zeros(n) if u is None else constant(u, (n,), 'u', InputError)
     if not (n and _may_limit_step(robot.model, robot.friction)):
         return LongestStep(math.inf)
-    # Joints move along their partial rates: loops stay closed to first order, and the residual of
-    # second order is equal on both sides.
-    along = np.array([robot.joint_rates(q, v, t=t) for v in (rest, *turned)]).reshape(n + 1, -1)
-    along = along[1:] - along[0]
-    dq, du = (np.concatenate(parts) for parts in (
-        [np.zeros((n, robot.n_q)), along], [turned, np.zeros((n, n))]))
-    udot = robot.forward_dynamics(np.concatenate([q + dq, q - dq]),
-                                  np.concatenate([u + du, u - du]), np.zeros((4 * n, n)), t=t)
-    by_u, by_z = np.split((udot[:2 * n] - udot[2 * n:]).T / (2.0 * DIFFERENCE), 2, axis=1)
-    J = np.block([[np.zeros((n, n)), np.eye(n)], [by_z, by_u]])
-    values, vectors = np.linalg.eig(J)
-    # An unstable equilibrium (an inverted arm) does not limit the step.
+    values, vectors = np.linalg.eig(_state_matrix(robot, q, u, t))
+    # The step limit of an eigenvalue depends on its angle. An unstable equilibrium (an inverted
+    # arm) does not limit the step.
     angles = np.angle(np.minimum(values.real, 0.0) + 1j * np.abs(values.imag))
     with np.errstate(divide='ignore'):
         steps = np.interp(angles, ANGLES, _radii()) / np.abs(values)
     worst = int(np.argmin(steps))
-    place = int(np.argmax(np.abs(vectors[-n:, worst])))
-    return LongestStep(float(steps[worst]), robot.speed_names[place])
+    speed = int(np.argmax(np.abs(vectors[n:, worst])))
+    return LongestStep(float(steps[worst]), robot.speed_names[speed])
+
+
+def _state_matrix(robot: Robot, q: Array, u: Array, t: float) -> Array:
+    """
+    Return J, (2 n, 2 n), of the equations linearised about a state, by central differences.
+
+    Its coordinates are changes of q along the partial rates of the joints, and changes of u. Along
+    these rates loops stay closed to first order, and the residual of second order is equal on both
+    sides of a difference.
+    """
+    n = robot.n
+    units = DIFFERENCE * np.eye(n)
+    rates = robot.joint_rates(np.tile(q, (n + 1, 1)), np.concatenate([np.zeros((1, n)), units]),
+                              t=t)
+    partial_rates = rates[1:] - rates[0]
+    dq = np.concatenate([np.zeros((n, robot.n_q)), partial_rates])
+    du = np.concatenate([units, np.zeros((n, n))])
+    udot = robot.forward_dynamics(np.concatenate([q + dq, q - dq]),
+                                  np.concatenate([u + du, u - du]), np.zeros((4 * n, n)), t=t)
+    slopes = (udot[:2 * n] - udot[2 * n:]).T / (2.0 * DIFFERENCE)
+    by_u, by_q = np.split(slopes, 2, axis=1)
+    return np.block([[np.zeros((n, n)), np.eye(n)], [by_q, by_u]])
 
 
 def step_warning(robot: Robot, q: Any, step: float, integrator: str = 'rk4',
@@ -127,18 +139,25 @@ def stable_integrator(robot: Robot, q: Array, step: float, integrator: str | Non
 
 def _may_limit_step(model: Model, friction: bool) -> bool:
     """Return whether friction, springs or beams may limit the step."""
-    return any(body.beam is not None or body.joint.stiffness
-               or (friction and (body.joint.damping or body.joint.friction))
-               for body in model.bodies)
+    for body in model.bodies:
+        joint = body.joint
+        if body.beam is not None or joint.stiffness:
+            return True
+        if friction and (joint.damping or joint.friction):
+            return True
+    return False
 
 
 @cache
 def _radii() -> Array:
     """Return the radius of the region ``|R(z)| <= 1`` at each of `ANGLES`."""
-    low, high = np.zeros(len(ANGLES)), np.full(len(ANGLES), 4.0)
-    for _ in range(50):
+    low = np.zeros(len(ANGLES))
+    high = np.full(len(ANGLES), 4.0)
+    for _ in range(50):  # bisections
         middle = 0.5 * (low + high)
         z = middle * np.exp(1j * ANGLES)
-        inside = np.abs(1.0 + z * (1.0 + z * (1.0 + z * (1.0 + z / 4.0) / 3.0) / 2.0)) <= 1.0
-        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+        R = 1.0 + z * (1.0 + z * (1.0 + z * (1.0 + z / 4.0) / 3.0) / 2.0)
+        inside = np.abs(R) <= 1.0
+        low = np.where(inside, middle, low)
+        high = np.where(inside, high, middle)
     return low

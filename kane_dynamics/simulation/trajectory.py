@@ -20,12 +20,13 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.user_speeds import constraint_rows
+from kane_dynamics.simulation.user_speeds import constraint_residuals
 import numpy as np
 
 Path = str | os.PathLike[str]
 OF_CONSTRAINTS = ('constraint_forces', 'constraint_residual', 'constraint_velocity_residual')
 ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'stop_forces', *OF_CONSTRAINTS)
+LATER = ('stop_forces', 'constraint_velocity_residual')  # arrays that older files lack
 FORMER = {'constraint_residual': 'constraint_gap'}  # names of arrays in older files
 NAMES = ('joint_names', 'speed_names', 'constraint_names', 'coordinate_names')
 
@@ -42,10 +43,10 @@ class LimitEvent(NamedTuple):
 
     def __str__(self) -> str:
         """Return the event as text."""
-        what = 'speed' if self.limit == 'velocity' else 'position'
+        quantity = 'speed' if self.limit == 'velocity' else 'position'
         which = '' if self.state is None else f'simulation {self.state}: '
         return (f"{which}at {self.t:.4g} s joint '{self.joint}' passes its {self.limit} limit: "
-                f'{what} {self.value:.4g}, limit {self.bound:.4g}')
+                f'{quantity} {self.value:.4g}, limit {self.bound:.4g}')
 
 
 class StopEvent(NamedTuple):
@@ -86,6 +87,10 @@ class SpeedChange(NamedTuple):
         which = '' if self.state is None else f'simulation {self.state}: '
         return (f'{which}at {self.t:.4g} s the independent speeds {", ".join(self.before)} change '
                 f'to {", ".join(self.after)}')
+
+
+EVENTS: dict[str, Any] = {'limit_events': LimitEvent, 'speed_changes': SpeedChange,
+                          'stop_events': StopEvent}
 
 
 @fixed
@@ -163,30 +168,26 @@ class Trajectory:
 
     def __repr__(self) -> str:
         """Return size and joints on one line."""
-        many = f'{len(self.q)} motions, ' if self.q.ndim == 3 else ''
+        motions = f'{len(self.q)} motions, ' if self.q.ndim == 3 else ''
         span = f'{self.t[0]:g} to {self.t[-1]:g} s' if len(self.t) else 'empty'
-        return (f'<Trajectory: {many}{len(self.t)} samples, {span}, of '
+        return (f'<Trajectory: {motions}{len(self.t)} samples, {span}, of '
                 f'{short(self.joint_names)}>')
 
     def _repr_html_(self) -> str:
         """Return the ranges of positions, speeds and torques as a table for notebooks."""
-        names = dict.fromkeys((*self.coordinate_names, *self.speed_names))
-        columns: dict[str, list[str]] = {}
-        for of, values in ((self.coordinate_names, self.q), (self.speed_names, self.u),
-                           (self.speed_names, self.tau)):
-            flat = values.reshape(-1, values.shape[-1])
-            for k, name in enumerate(of):
-                columns.setdefault(name, []).append(
-                    f'{flat[:, k].min():.4g} to {flat[:, k].max():.4g}' if len(flat) else '')
-        rows = []
-        for name in names:
-            cells = columns[name]
-            if name not in self.speed_names:
-                cells = [*cells, '', '']
-            elif name not in self.coordinate_names:
-                cells = ['', *cells]
-            rows.append([name, *cells])
-        return html_table(repr(self)[1:-1], ['joint', 'q', 'u', 'tau'], rows)
+        ranges: dict[str, dict[str, str]] = {}
+        for quantity, names, values in (('q', self.coordinate_names, self.q),
+                                        ('u', self.speed_names, self.u),
+                                        ('tau', self.speed_names, self.tau)):
+            rows = values.reshape(-1, values.shape[-1])
+            for k, name in enumerate(names):
+                text = ''
+                if len(rows):
+                    text = f'{rows[:, k].min():.4g} to {rows[:, k].max():.4g}'
+                ranges.setdefault(name, {})[quantity] = text
+        table = [[name, *(texts.get(quantity, '') for quantity in ('q', 'u', 'tau'))]
+                 for name, texts in ranges.items()]
+        return html_table(repr(self)[1:-1], ['joint', 'q', 'u', 'tau'], table)
 
     @classmethod
     def along(cls, robot: Robot, t: Array, q: Array, u: Array, udot: Array) -> Trajectory:
@@ -208,20 +209,19 @@ class Trajectory:
             Names the argument, what was given and what is expected.
 
         """
-        if (q := np.asarray(q)).ndim != 2:
+        q = np.asarray(q)
+        if q.ndim != 2:
             raise InputError(f'q: shape {q.shape}; expected (K, {robot.n_q})')
         t = increasing(t, len(q), 't')
         tau = robot.inverse_dynamics(q, u, udot, t=t)
         energy = np.stack([robot.kinetic_energy(q, u, t=t), robot.potential_energy(q)], axis=-1)
-        rows: Any = constraint_rows(robot, q, u, tau, t=t) if robot.constraint_names else {}
+        rows: dict[str, Any] = {}
+        if robot.constraint_names:
+            rows = constraint_residuals(robot, q, u, t=t)
+            rows['constraint_forces'] = robot.constraint_forces(q, u, tau, t=t)
         return cls(t, q, u, udot, tau, energy, robot.joint_names, speed_names=robot.speed_names,
                    constraint_names=robot.constraint_names, **rows,
                    coordinate_names=robot.coordinate_names)
-
-    @property
-    def constraint_gap(self) -> Array:
-        """Return `constraint_residual`; the former name of that attribute."""
-        return self.constraint_residual
 
     @property
     def drift(self) -> float:
@@ -230,67 +230,59 @@ class Trajectory:
 
         Over all rows, of positions, m or rad, and of velocities, m/s or rad/s.
         """
-        return max(float(np.abs(residual).max(initial=0.0)) for residual in (
-            self.constraint_residual, self.constraint_velocity_residual))
+        largest = [np.abs(self.constraint_residual).max(initial=0.0),
+                   np.abs(self.constraint_velocity_residual).max(initial=0.0)]
+        return float(max(largest))
 
     def state(self, k: int) -> Trajectory:
         """Return the motion from initial state k of N; InputError if k is out of range."""
         if self.q.ndim != 3 or not -len(self.q) <= k < len(self.q):
             count = f'{len(self.q)} motions' if self.q.ndim == 3 else 'a single motion'
             raise InputError(f'state: {k}, of {count}; expected the number of a motion, from 0')
-        events = (e._replace(state=None) for e in self.limit_events if e.state == k % len(self.q))
-        changes = (c._replace(state=None) for c in self.speed_changes
-                   if c.state == k % len(self.q))
-        stops = (s._replace(state=None) for s in self.stop_events if s.state == k % len(self.q))
+        number = k % len(self.q)
+
+        def of_state(events: Any) -> tuple[Any, ...]:
+            return tuple(event._replace(state=None) for event in events if event.state == number)
         rows = {name: getattr(self, name)[k] for name in ARRAYS if name != 't'}
-        return replace(self, **rows, limit_events=tuple(events), speed_changes=tuple(changes),
-                       stop_events=tuple(stops))
+        return replace(self, **rows, limit_events=of_state(self.limit_events),
+                       speed_changes=of_state(self.speed_changes),
+                       stop_events=of_state(self.stop_events))
 
     def save_npz(self, path: Path) -> None:
         """Write all arrays and the joint names to a compressed npz file."""
-        events = [(e.t, e.joint, e.limit, e.value, e.bound, '' if e.state is None else e.state)
-                  for e in self.limit_events]
-        arrays: dict[str, Any] = {
-            **{name: getattr(self, name) for name in ARRAYS},
-            **{name: np.array(getattr(self, name), dtype=str) for name in (*NAMES, 'warnings')}}
-        changes = [(c.t, '\n'.join(c.before), '\n'.join(c.after),
-                    '' if c.state is None else c.state) for c in self.speed_changes]
-        stops = [(*s[:5], '' if s.state is None else s.state) for s in self.stop_events]
-        name = os.fspath(path)
-        with whole_file(name if name.endswith('.npz') else f'{name}.npz', binary=True) as file:
-            np.savez_compressed(file, stop_events=np.array(stops, dtype=str).reshape(-1, 6),
-                                limit_events=np.array(events, dtype=str).reshape(-1, 6),
-                                speed_changes=np.array(changes, dtype=str).reshape(-1, 4),
-                                **arrays)
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in ARRAYS}
+        for name in (*NAMES, 'warnings'):
+            arrays[name] = np.array(getattr(self, name), dtype=str)
+        for name in EVENTS:
+            arrays[name] = _event_table(name, getattr(self, name))
+        file_name = os.fspath(path)
+        if not file_name.endswith('.npz'):
+            file_name += '.npz'
+        with whole_file(file_name, binary=True) as file:
+            np.savez_compressed(file, **arrays)
 
     @classmethod
     def load_npz(cls, path: Path) -> Trajectory:
         """Read a file of `save_npz`; InputError for any other file."""
         file = npz_arrays(path)
+        for name, former in FORMER.items():
+            if name not in file and former in file:
+                file[name] = file[former]
         try:
-            events = tuple(LimitEvent(float(t), str(joint), str(limit), float(v), float(b),
-                                      int(state) if state else None)
-                           for t, joint, limit, v, b, state in file['limit_events'])
-            changes = tuple(SpeedChange(float(t), tuple(str(a).split('\n')),
-                                        tuple(str(b).split('\n')), int(state) if state else None)
-                            for t, a, b, state in file.get('speed_changes', ()))
-            stops = tuple(StopEvent(float(t), str(joint), str(limit), float(v), float(loss),
-                                    int(state) if state else None)
-                          for t, joint, limit, v, loss, state in file.get('stop_events', ()))
-            content: dict[str, Any] = {
-                **{name: file[name] for name in ARRAYS
-                   if name not in (*OF_CONSTRAINTS, 'stop_forces')},
-                **{name: file[key] for name in OF_CONSTRAINTS
-                   if (key := name if name in file else FORMER.get(name)) in file},
-                **{name: tuple(map(str, file[name])) for name in NAMES[:3]},
-                'coordinate_names': tuple(map(str, file.get('coordinate_names', ()))),
-                'warnings': tuple(map(str, file.get('warnings', ())))}
-            if 'stop_forces' in file:  # files of earlier versions have none
-                content['stop_forces'] = file['stop_forces']
-            content.setdefault('constraint_velocity_residual',
-                               np.zeros_like(content['constraint_residual']))
-            return cls(**content, limit_events=events, speed_changes=changes,
-                       stop_events=stops)
+            content: dict[str, Any] = {name: file[name] for name in ARRAYS if name not in LATER}
+            for name in NAMES[:3]:
+                content[name] = tuple(map(str, file[name]))
+            # Files of earlier versions lack what was added later.
+            content['constraint_velocity_residual'] = np.zeros_like(
+                content['constraint_residual'])
+            for name in LATER:
+                if name in file:
+                    content[name] = file[name]
+            for name in ('coordinate_names', 'warnings'):
+                content[name] = tuple(map(str, file.get(name, ())))
+            for name in EVENTS:
+                content[name] = _events(name, file.get(name, ()))
+            return cls(**content)
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f'{os.fspath(path)}: {error}; expected a file of save_npz') from None
 
@@ -315,24 +307,52 @@ class Trajectory:
     def require(self, robot: Robot, what: str) -> None:
         """Raise InputError unless this is one motion of a robot; `what` names the caller."""
         self._require_single(what)
-        names = (robot.joint_names, robot.speed_names)
-        if (self.joint_names, self.speed_names) != names:
+        if (self.joint_names, self.speed_names) != (robot.joint_names, robot.speed_names):
             raise InputError(f'{what}: trajectory of the joints {list(self.joint_names)} and '
-                             f'speeds {list(self.speed_names)}; expected {list(names[0])} and '
-                             f'{list(names[1])}')
+                             f'speeds {list(self.speed_names)}; expected '
+                             f'{list(robot.joint_names)} and {list(robot.speed_names)}')
 
     def _require_single(self, what: str) -> None:
+        """Raise InputError for several motions; `what` names the caller."""
         if self.q.ndim == 3:
             raise InputError(f'{what}: trajectory of {len(self.q)} motions; expected one, as from '
                              'trajectory.state(k)')
 
     def _columns(self) -> list[str]:
-        of_speeds = [f'{what}.{speed}' for what in ('u', 'udot', 'tau')
-                     for speed in self.speed_names]
-        of_constraints = [f'{what}.{row}' for what in ('constraint_force', 'constraint_residual',
-                                                       'constraint_velocity_residual')
-                          for row in self.constraint_names]
-        of_q = (f'q.{name}' for name in self.coordinate_names)
-        of_stops = (f'stop_force.{name}' for name in self.joint_names)
-        return ['t', *of_q, *of_speeds, 'kinetic_energy', 'potential_energy', *of_stops,
-                *of_constraints]
+        """Return the header of a table of all arrays."""
+        columns = ['t', *(f'q.{name}' for name in self.coordinate_names)]
+        for quantity in ('u', 'udot', 'tau'):
+            columns += [f'{quantity}.{speed}' for speed in self.speed_names]
+        columns += ['kinetic_energy', 'potential_energy']
+        columns += [f'stop_force.{name}' for name in self.joint_names]
+        for quantity in ('constraint_force', 'constraint_residual',
+                         'constraint_velocity_residual'):
+            columns += [f'{quantity}.{row}' for row in self.constraint_names]
+        return columns
+
+
+def _event_table(name: str, events: Sequence[Any]) -> Array:
+    """Return events as text, one row each, for a file."""
+    rows = []
+    for event in events:
+        *fields, state = event
+        cells = ['\n'.join(x) if isinstance(x, tuple) else x for x in fields]
+        rows.append([*cells, '' if state is None else state])
+    return np.array(rows, dtype=str).reshape(-1, len(EVENTS[name]._fields))
+
+
+def _events(name: str, table: Any) -> tuple[Any, ...]:
+    """Return the events of a table of `_event_table`."""
+    kind = EVENTS[name]
+    events = []
+    for *cells, state in table:
+        fields: list[Any] = []
+        for field_name, cell in zip(kind._fields, cells):
+            if field_name in ('joint', 'limit'):
+                fields.append(str(cell))
+            elif field_name in ('before', 'after'):
+                fields.append(tuple(str(cell).split('\n')))
+            else:
+                fields.append(float(cell))
+        events.append(kind(*fields, int(state) if state else None))
+    return tuple(events)

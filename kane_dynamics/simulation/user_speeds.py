@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import moving, rates, values
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
@@ -14,6 +14,17 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.stops.contact_forces import with_stop_forces
 import numpy as np
 
+# For each simulation, the numbers of steps after which its choices of speeds begin, and the
+# robots in these choices.
+History = Sequence[Sequence[tuple[int, Robot]]]
+
+
+class _Part(NamedTuple):
+    """The samples of a simulation that are in one choice of speeds."""
+
+    simulation: int
+    samples: slice
+
 
 class UserSpeeds:
     """
@@ -21,78 +32,91 @@ class UserSpeeds:
 
     Parameters
     ----------
-    asked : Robot
+    user_robot : Robot
         The user's robot. Its speeds u = Y_I q' + Z_I are defined also where they are singular and
         do not determine q'.
+    stops : bool
+        Whether stops hold its joints.
 
     """
 
-    def __init__(self, asked: Robot, stops: bool = False) -> None:
-        """Store the robot, and whether stops hold its joints; kernels compile on first use."""
-        self._asked, self._stops = asked, stops
+    def __init__(self, user_robot: Robot, stops: bool = False) -> None:
+        """Store the robot; kernels compile on first use."""
+        self._user_robot, self._stops = user_robot, stops
 
     def speeds(self, robot: Robot, q: Array, u: Array, udot: Array, t: Any) -> Array:
         """Return the user's speeds and their rates, (2, n) or (K, 2, n)."""
-        names, equations = self._asked.speed_names, _equations(robot)
+        names, equations = self._user_robot.speed_names, _equations(robot)
+
+        def speeds(q: Vector, u: Vector, udot: Vector, t: Scalar) -> Any:
+            return other_speeds(equations, names, q, u, udot, t)
         arguments = [Argument('q', (robot.n_q,)), Argument('u', (robot.n,)),
                      Argument('udot', (robot.n,))]
-        return self._called(robot, 'other_speeds', arguments, (2, len(names)), lambda *x:
-                            other_speeds(equations, names, *x), (q, u, udot), t)
+        return self._called(robot, 'other_speeds', arguments, (2, len(names)), speeds,
+                            (q, u, udot), t)
 
     def torques(self, robot: Robot, q: Array, tau: Array, t: Any) -> Array:
         """Convert forces dual to the user's speeds to generalized forces, (n,) or (K, n)."""
-        names, equations = self._asked.speed_names, _equations(robot)
+        names, equations = self._user_robot.speed_names, _equations(robot)
+
+        def torques(q: Vector, tau: Vector, t: Scalar) -> Any:
+            return tau_from(equations, names, q, tau, t)
         arguments = [Argument('q', (robot.n_q,)), Argument('tau', (len(names),))]
-        return self._called(robot, 'tau_from', arguments, (robot.n,), lambda *x:
-                            tau_from(equations, names, *x), (q, tau), t)
+        return self._called(robot, 'tau_from', arguments, (robot.n,), torques, (q, tau), t)
 
     def _called(self, robot: Robot, name: str, arguments: list[Argument], shape: Any,
-                function: Any, given: tuple[Array, ...], t: Any, physical: bool = False
+                function: Any, inputs: tuple[Array, ...], t: Any, physical: bool = False
                 ) -> Array:
-        """Call the kernel of a function of given arrays, of gravity and payload, and the time."""
+        """Call the kernel of a function of arrays, of gravity and payload, and of the time."""
         timed = robot.equations.timed
-        arguments = [*arguments, *([Argument('t', ())] if timed else [])]
-        block, count = robot.parameters.block, len(given)
-        places = '_'.join(map(str, self._asked.mechanism.free))
+        if timed:
+            arguments = [*arguments, Argument('t', ())]
+            inputs = (*inputs, t)
+        block, count = robot.parameters.block, len(arguments)
+        places = '_'.join(map(str, self._user_robot.mechanism.free))
 
         def traced(*x: Any) -> Any:
             parameters = [x[-1][:robot.parameters.physical]] if physical else []
-            return function(*x[:count], *parameters, x[count][()] if timed else 0.0)
+            if timed:
+                return function(*x[:count - 1], *parameters, x[count - 1][()])
+            return function(*x[:count], *parameters, 0.0)
         kernel = robot.kernels.extra(f'{name}_{places}', lambda: trace_program(
             name, traced, [*((a.name, a.shape) for a in arguments), ('parameters', block.shape)]),
             arguments, block, shape)
-        result: Array = kernel(*given, *([t] if timed else []))
+        result: Array = kernel(*inputs)
         return result
 
-    def states(self, history: Sequence[Sequence[tuple[int, Robot]]], buffer: Array, start: float,
-               step: float, done: int) -> Array:
+    def states(self, history: History, buffer: Array, start: float, step: float,
+               done: int) -> Array:
         """Return a buffer of states after `done` steps, converted to the user's speeds."""
-        result, n_q, n = buffer, self._asked.n_q, self._asked.n
+        result, n_q, n = buffer, self._user_robot.n_q, self._user_robot.n
         for i, changes in enumerate(history):
             if len(changes) == 1:
                 continue
-            ends = [*(after for after, _ in changes[1:]), done + buffer.shape[1] - 1]
-            for (after, robot), end in zip(changes, ends):
-                rows = np.arange(max(after + 1 - done, 0), end + 1 - done)
-                if len(rows) and robot.speed_names != self._asked.speed_names:
-                    result = buffer.copy() if result is buffer else result
-                    q, u = (np.ascontiguousarray(buffer[i, rows, part])
-                            for part in (slice(n_q), slice(n_q, n_q + n)))
+            begins = [after + 1 for after, _ in changes]
+            ends = [*begins[1:], done + buffer.shape[1]]
+            for begin, end, (_, robot) in zip(begins, ends, changes):
+                rows = np.arange(max(begin - done, 0), end - done)
+                if len(rows) and robot.speed_names != self._user_robot.speed_names:
+                    if result is buffer:
+                        result = buffer.copy()
+                    q = np.ascontiguousarray(buffer[i, rows, :n_q])
+                    u = np.ascontiguousarray(buffer[i, rows, n_q:n_q + n])
                     times = start + (done + rows) * np.float64(step)
-                    result[i, rows, n_q:n_q + n] = self.speeds(robot, q, u, np.zeros_like(u),
-                                                               times)[:, 0]
+                    converted = self.speeds(robot, q, u, np.zeros_like(u), times)
+                    result[i, rows, n_q:n_q + n] = converted[:, 0]
         return result
 
-    def results(self, history: Sequence[Sequence[tuple[int, Robot]]], kept: Array, times: Array,
-                states: Array, tau: Array) -> dict[str, Array]:
+    def results(self, history: History, sampled: Array, times: Array, states: Array,
+                tau: Array) -> dict[str, Array]:
         """
-        Return derived quantities of kept states, in the user's speeds.
+        Return derived quantities of sampled states, in the user's speeds.
 
         Parameters
         ----------
         history : sequences of (int, Robot)
             For each simulation, the step after which each choice begins.
-        kept, times : (K,) arrays
+        sampled, times : (K,) arrays
             Numbers of steps and times of the states, s.
         states, tau : (N, K, size), (N, K, n) arrays
             Simulated states, and torques dual to the user's speeds.
@@ -103,56 +127,54 @@ class UserSpeeds:
             u, udot, energy, forces of stops, forces and residuals of constraints.
 
         """
-        groups: dict[int, tuple[Robot, list[tuple[int, slice]]]] = {}
-        for i, changes in enumerate(history):
-            begins = np.searchsorted(kept, [step for step, _ in changes], side='right')
-            for (_, robot), first, last in zip(changes, begins, [*begins[1:], len(kept)]):
-                if last > first:
-                    groups.setdefault(id(robot), (robot, []))[1].append((i, slice(first, last)))
-        result: dict[str, Array] = {}
-        for robot, places in groups.values():
-            rows, forces = (np.concatenate([x[i, part] for i, part in places])
-                            for x in (states, tau))
-            moments = np.concatenate([times[part] for _, part in places])
-            for name, found in self._derived(robot, rows, forces, moments).items():
-                if name not in result:
-                    result[name] = np.empty((*states.shape[:2], *found.shape[1:]))
+        results: dict[str, Array] = {}
+        for robot, parts in _parts_by_robot(history, sampled):
+            rows = np.concatenate([states[part] for part in parts])
+            forces = np.concatenate([tau[part] for part in parts])
+            row_times = np.concatenate([times[part.samples] for part in parts])
+            for name, quantity in self._derived(robot, rows, forces, row_times).items():
+                if name not in results:
+                    results[name] = np.empty((*states.shape[:2], *quantity.shape[1:]))
                 begin = 0
-                for i, part in places:
-                    count = part.stop - part.start
-                    result[name][i, part] = found[begin:begin + count]
+                for part in parts:
+                    count = part.samples.stop - part.samples.start
+                    results[name][part] = quantity[begin:begin + count]
                     begin += count
-        return result
+        return results
 
     def _derived(self, robot: Robot, rows: Array, tau: Array, times: Array) -> dict[str, Array]:
+        """Return the quantities of `results` for states, (K, size), in one choice of speeds."""
         at: dict[str, Any] = {'t': times} if robot.equations.timed else {}
-        q, u = (np.ascontiguousarray(rows[:, part]) for part in (
-            slice(robot.n_q), slice(robot.n_q, robot.n_q + robot.n)))
-        same = robot.speed_names == self._asked.speed_names
-        own = tau if same else self.torques(robot, q, tau, times)
-        udot, stop_forces = actual_accelerations(robot, q, u, own, self._stops, **at)
-        applied = stop_forces + self._actuator_torques(robot, q, own, tau, times)
-        pair = np.stack([u, udot], axis=1) if same else self.speeds(robot, q, u, udot, times)
-        return {'u': pair[:, 0], 'udot': pair[:, 1],
-                'energy': np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)],
-                                   axis=1),
-                'stop_forces': stop_forces,
-                'constraint_forces': self._constraint_forces(robot, q, u, udot, applied, times),
-                **constraint_residuals(robot, q, u, **at)}
+        q = np.ascontiguousarray(rows[:, :robot.n_q])
+        u = np.ascontiguousarray(rows[:, robot.n_q:robot.n_q + robot.n])
+        in_user_speeds = robot.speed_names == self._user_robot.speed_names
+        generalized = tau if in_user_speeds else self.torques(robot, q, tau, times)
+        udot, stop_forces = actual_accelerations(robot, q, u, generalized, self._stops, **at)
+        applied = stop_forces + self._actuator_torques(robot, q, generalized, tau, times)
+        energy = np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)], axis=1)
+        forces = self._constraint_forces(robot, q, u, udot, applied, times)
+        residuals = constraint_residuals(robot, q, u, **at)
+        if not in_user_speeds:
+            converted = self.speeds(robot, q, u, udot, times)
+            u, udot = converted[:, 0], converted[:, 1]
+        return {'u': u, 'udot': udot, 'energy': energy, 'stop_forces': stop_forces,
+                'constraint_forces': forces, **residuals}
 
-    def _actuator_torques(self, robot: Robot, q: Array, own: Array, tau: Array,
+    def _actuator_torques(self, robot: Robot, q: Array, generalized: Array, tau: Array,
                           times: Array) -> Array:
         """
         Return the torques that the actuators exert on the joints, (K, n_j).
 
         By default each acts on its own speed: of the user's robot, also in other speeds.
         """
-        names, equations = self._asked.speed_names, _equations(robot)
-        dual_to = robot if equations.actuated is not None else self._asked
-        force = own if dual_to is robot else tau
-        arguments = [Argument('q', (robot.n_q,)), Argument('tau', (dual_to.n,))]
-        return self._called(robot, 'actuator_torques', arguments, (robot.model.n,), lambda *x:
-                            actuator_torques(equations, names, *x), (q, force), times)
+        names, equations = self._user_robot.speed_names, _equations(robot)
+
+        def torques(q: Vector, tau: Vector, t: Scalar) -> Any:
+            return actuator_torques(equations, names, q, tau, t)
+        force = tau if equations.actuated is None else generalized
+        arguments = [Argument('q', (robot.n_q,)), Argument('tau', force.shape[1:])]
+        return self._called(robot, 'actuator_torques', arguments, (robot.model.n,), torques,
+                            (q, force), times)
 
     def _constraint_forces(self, robot: Robot, q: Array, u: Array, udot: Array, applied: Array,
                            times: Array) -> Array:
@@ -165,6 +187,19 @@ class UserSpeeds:
                             (q, u, udot, applied), times, physical=True)
 
 
+def _parts_by_robot(history: History, sampled: Array) -> list[tuple[Robot, list[_Part]]]:
+    """Return the samples of each choice of speeds, in all simulations."""
+    groups: dict[int, tuple[Robot, list[_Part]]] = {}
+    for i, changes in enumerate(history):
+        begins = np.searchsorted(sampled, [step for step, _ in changes], side='right').tolist()
+        ends = [*begins[1:], len(sampled)]
+        for begin, end, (_, robot) in zip(begins, ends, changes):
+            if end > begin:
+                _, parts = groups.setdefault(id(robot), (robot, []))
+                parts.append(_Part(i, slice(begin, end)))
+    return list(groups.values())
+
+
 def actual_accelerations(robot: Robot, q: Array, u: Array, tau: Array, stops: bool,
                          **at: Any) -> tuple[Array, Array]:
     """Return udot, (K, n), and the forces of the stops on the joints, (K, n_j), at K states."""
@@ -172,13 +207,6 @@ def actual_accelerations(robot: Robot, q: Array, u: Array, tau: Array, stops: bo
     if not stops:
         return udot, np.zeros((len(q), robot.model.n))
     return with_stop_forces(robot, q, u, udot, robot.limits.lower, robot.limits.upper, **at)
-
-
-def constraint_rows(robot: Robot, q: Array, u: Array, tau: Array, **at: Array
-                    ) -> dict[str, Array]:
-    """Return forces and residuals of the constraints along a motion, (K, m) arrays."""
-    return {'constraint_forces': robot.constraint_forces(q, u, tau, **at),
-            **constraint_residuals(robot, q, u, **at)}
 
 
 def constraint_residuals(robot: Robot, q: Array, u: Array, **at: Array) -> dict[str, Array]:
@@ -197,8 +225,8 @@ def actuator_torques(equations: ConstrainedEquations, names: Sequence[str], q: A
     """
     if equations.actuated is not None:
         return equations.shared_torques(q, tau, t)
-    here = equations.mechanism.state(q, t, equations.tree.geometry)
-    return here.speed_rows(names)[0].T @ tau
+    state = equations.mechanism.state(q, t, equations.tree.geometry)
+    return state.speed_rows(names)[0].T @ tau
 
 
 def tau_from(equations: ConstrainedEquations, names: Sequence[str], q: Any, tau: Any,
@@ -206,8 +234,8 @@ def tau_from(equations: ConstrainedEquations, names: Sequence[str], q: Any, tau:
     """Convert forces dual to the named speeds to generalized forces, (n,)."""
     if tuple(names) == equations.speed_names:
         return tau
-    here = equations.mechanism.state(q, t, equations.tree.geometry)
-    return equations.at_rest(q, t).T.T @ (here.speed_rows(names)[0].T @ tau)
+    state = equations.mechanism.state(q, t, equations.tree.geometry)
+    return equations.at_rest(q, t).T.T @ (state.speed_rows(names)[0].T @ tau)
 
 
 def other_speeds(equations: ConstrainedEquations, names: Sequence[str], q: Any, u: Any,
@@ -215,14 +243,13 @@ def other_speeds(equations: ConstrainedEquations, names: Sequence[str], q: Any, 
     """Return the named speeds and their rates in a motion, (2, k)."""
     motion = equations.joint_motion(q, u, udot, t)
     q_moving = moving(q, coordinate_rates(equations.model, q, motion.qdot))
-    Y, Z = equations.mechanism.state(q_moving, moving(t, 1.0),
-                                     equations.tree.geometry).speed_rows(names)
+    state = equations.mechanism.state(q_moving, moving(t, 1.0), equations.tree.geometry)
+    Y, Z = state.speed_rows(names)
     return np.array([values(Y) @ motion.qdot + values(Z),
                      values(Y) @ motion.qddot + rates(Y) @ motion.qdot + rates(Z)])
 
 
-def law_power(history: Sequence[Sequence[tuple[int, Robot]]], source: Any, buffer: Array,
-              done: int, rows: Array) -> Array:
+def law_power(history: History, source: Any, buffer: Array, done: int, rows: Array) -> Array:
     """
     Return the power of computed torque in the speeds of each state, (N, rows), W.
 
@@ -240,17 +267,18 @@ def law_power(history: Sequence[Sequence[tuple[int, Robot]]], source: Any, buffe
         Row numbers of the buffer.
 
     """
-    plain = [i for i, changes in enumerate(history) if len(changes) == 1]
-    found = np.empty((len(buffer), len(rows)))
-    if plain:
-        found[plain] = source.acting(buffer[plain], done)(rows)
+    power = np.empty((len(buffer), len(rows)))
+    unchanged = [i for i, changes in enumerate(history) if len(changes) == 1]
+    if unchanged:
+        power[unchanged] = source.acting(buffer[unchanged], done)(rows)
     for i, changes in enumerate(history):
         if len(changes) > 1:
             phase = np.searchsorted([after for after, _ in changes], done + rows) - 1
             for k in np.unique(phase):
-                own = replace(source, robot=changes[k][1])
-                found[i, phase == k] = own.acting(buffer[i:i + 1], done)(rows[phase == k])[0]
-    return found
+                in_phase = phase == k
+                of_phase = replace(source, robot=changes[k][1]).acting(buffer[i:i + 1], done)
+                power[i, in_phase] = of_phase(rows[in_phase])[0]
+    return power
 
 
 def _equations(robot: Robot) -> ConstrainedEquations:
