@@ -1,21 +1,22 @@
 """
 Inverse kinematics: the configuration at which a frame has a desired pose or position.
 
-Damped least squares (Levenberg-Marquardt) whose damping falls with the error, by T. Sugihara,
-"Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method", IEEE Trans.
-Robotics 27(5), 2011: regular at singular configurations, quadratic near a solution. Limits of the
-coordinates are an active set: a coordinate that would move beyond its limit is fixed.
+Damped least squares (Levenberg-Marquardt) whose damping falls with the error, by T.
+Sugihara, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method",
+IEEE Trans. Robotics 27(5), 2011: regular at singular configurations, quadratic near a
+solution. Limits of the coordinates are an active set: a coordinate that would move
+beyond its limit is fixed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import finite_row, instance, integer, number
 from kane_dynamics._util.text import SHORT
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.kinematics.poses import checked_pose, pose_error
 from kane_dynamics.mechanics.ball_joints import (angle_places, angles, balls,
@@ -25,13 +26,15 @@ from kane_dynamics.mechanics.constraints.constrained_equations import Constraine
 from kane_dynamics.robot.methods.configuration_methods import random_generator
 from kane_dynamics.robot.robot import Robot
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 LONGEST = 0.5  # longest step, rad or m
-MOST = 1e-2  # largest squared damping, so that unreachable targets do not slow the search
+LARGEST_DAMPING = 1e-2  # squared, so that unreachable targets do not slow the search
 BIAS = 1e-12  # squared damping at zero error
 PATIENCE = 15  # iterations without progress before the next start
+PROGRESS = 0.99  # ratio of two errors, below which an iteration has made progress
 AT_LIMIT = 1e-9  # rad or m
+SHORTENINGS = 12  # halvings of a step that leaves the loops open or the limits
 FARTHEST = 1e12  # m
 
 
@@ -39,9 +42,10 @@ class InverseKinematics(NamedTuple):
     """
     The result of `inverse_kinematics`.
 
-    `q`, (n_q,), rad or m, is the configuration with the smallest error found, within the limits.
-    `error`, (6,) or (3,), is what remains there, as `pose_error`: m, then rad. `converged` tells
-    whether it is below the tolerance; `iterations` counts those of all starts.
+    `q`, (n_q,), rad or m, is the configuration with the smallest error found, within the
+    limits. `error`, (6,) or (3,), is what remains there, as `pose_error`: m, then rad.
+    `converged` tells whether it is below the tolerance; `iterations` counts those of all
+    starts.
     """
 
     q: Array
@@ -51,12 +55,13 @@ class InverseKinematics(NamedTuple):
 
 
 @hinting
-def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike, q0: ArrayLike | None = None,
-                       *, joints: Sequence[str] | None = None, tolerance: float = 1e-8,
-                       iterations: int = 100, starts: int = 20, seed: int = 0
-                       ) -> InverseKinematics:
+def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike,
+                       q0: ArrayLike | None = None, *,
+                       joints: Sequence[str] | None = None, tolerance: float = 1e-8,
+                       iterations: int = 100, starts: int = 20,
+                       seed: int = 0) -> InverseKinematics:
     """
-    Return a configuration within the limits at which a frame has a desired pose or position.
+    Return a configuration within the limits at which a frame has a desired pose.
 
     Parameters
     ----------
@@ -70,8 +75,8 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike, q0: ArrayLik
         Initial guess, rad or m; a solution near it is preferred. Default:
         `Robot.feasible_configuration`.
     joints : sequence of str, optional
-        The joints that may move, such as those of a leg; the others stay as in q0. By default
-        all, also those of a floating base. Not with closed loops.
+        The joints that may move, such as those of a leg; the others stay as in q0. By
+        default all, also those of a floating base. Not with closed loops.
     tolerance : float
         Largest remaining distance, m, and angle, rad.
     iterations : int
@@ -84,27 +89,29 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike, q0: ArrayLik
     Raises
     ------
     InputError
-        Names the argument, what was given and what is expected. A target that cannot be reached
-        is no error: `converged` is False.
+        Names the argument, what was given and what is expected. A target that cannot be
+        reached is no error: `converged` is False.
     ConstraintError
         No configuration near the starts meets the robot's constraints.
 
     """
     instance(robot, Robot, 'robot')
     goal = _checked_target(target)
-    iterations, starts = integer(iterations, 'iterations', 1), integer(starts, 'starts', 1)
-    tolerance = number(tolerance, 'tolerance', 'a positive number, m and rad', lambda x: x > 0.0)
+    iterations = integer(iterations, 'iterations', 1)
+    starts = integer(starts, 'starts', 1)
+    tolerance = number(tolerance, 'tolerance', 'a positive number, m and rad',
+                       lambda x: x > 0.0)
     rng = random_generator(seed)
     search = _Search(robot, frame, goal, tolerance, joints)
     best: InverseKinematics | None = None
     count = 0
     for start in range(starts):
-        q = search.first(q0) if start == 0 else search.another(rng)
-        found = search.run(q, iterations)
-        count += found.iterations
-        if best is None or np.abs(found.error).max() < np.abs(best.error).max():
-            best = found
-        if found.converged:
+        q = search.first_start(q0) if start == 0 else search.random_start(rng)
+        result = search.run(q, iterations)
+        count += result.iterations
+        if best is None or np.abs(result.error).max() < np.abs(best.error).max():
+            best = result
+        if result.converged:
             break
     assert best is not None
     return best._replace(iterations=count)
@@ -116,14 +123,17 @@ def _checked_target(target: ArrayLike) -> Array:
         numbers = np.array(target, dtype=np.float64)
     except (TypeError, ValueError):
         numbers = np.empty(0)
-    goal = numbers if numbers.shape == (3,) else checked_pose(target, 'target')
-    if goal.ndim > 2:
-        raise InputError(f'target: shape {goal.shape}; expected one pose (4, 4) or one position '
-                         '(3,)')
-    origin = goal if goal.ndim == 1 else goal[:3, 3]
+    if numbers.shape == (3,):
+        goal = origin = numbers
+    else:
+        goal = checked_pose(target, 'target')
+        if goal.ndim > 2:
+            raise InputError(f'target: shape {goal.shape}; expected one pose (4, 4) or '
+                             'one position (3,)')
+        origin = goal[:3, 3]
     if not (np.abs(origin) <= FARTHEST).all():
-        raise InputError(f'target: position {origin.tolist()}; expected finite numbers of at most '
-                         f'{FARTHEST:g} m')
+        raise InputError(f'target: position {origin.tolist()}; expected finite numbers '
+                         f'of at most {FARTHEST:g} m')
     return goal
 
 
@@ -131,151 +141,179 @@ class _Search:
     """
     Iterations towards one target from several initial configurations.
 
-    Steps are rates of the joints, (n_j,), over unit time: ball joints turn about an axis of their
-    body. Limits are those of the joints; a ball joint has none.
+    Steps are rates of the joints, (n_j,), over unit time: ball joints turn about an axis
+    of their body. Limits are those of the joints; a ball joint has none.
     """
 
     def __init__(self, robot: Robot, frame: str, goal: Array, tolerance: float,
                  joints: Sequence[str] | None) -> None:
-        self.robot, self.frame, self.goal, self.tolerance = robot, frame, goal, tolerance
+        self.robot = robot
+        self.frame = frame
+        self.goal = goal
+        self.tolerance = tolerance
         self.rows = 3 if goal.ndim == 1 else 6
         self.constrained = isinstance(robot.equations, ConstrainedEquations)
         self.looped = bool(robot.constraint_names)
         model = robot.model
-        self.lower, self.upper = np.full(model.n, -np.inf), np.full(model.n, np.inf)
+        self.lower = np.full(model.n, -np.inf)
+        self.upper = np.full(model.n, np.inf)
         self.lower[angles(model)] = robot.limits.lower[angle_places(model)]
         self.upper[angles(model)] = robot.limits.upper[angle_places(model)]
         self.start = np.zeros(robot.n_q)
-        self.still = self._still(joints)
+        self.fixed = self._fixed(joints)
 
-    def _still(self, joints: Sequence[str] | None) -> NDArray[np.bool_]:
+    def _fixed(self, joints: Sequence[str] | None) -> Flags:
         """Return which joints may not move, (n_j,)."""
         names = self.robot.joint_names
         if joints is None:
             return np.zeros(len(names), dtype=bool)
-        try:
-            chosen = set() if isinstance(joints, str) else set(joints)
-        except TypeError:
-            chosen = set()
+        chosen: set[str] = set()
+        if isinstance(joints, Collection) and not isinstance(joints, str):
+            chosen = set(joints)
         if not chosen or not chosen <= set(names):
-            raise InputError(f'joints: {SHORT.repr(joints)}; expected some of {", ".join(names)}')
+            raise InputError(f'joints: {SHORT.repr(joints)}; expected some of '
+                             f'{", ".join(names)}')
         if self.looped:
-            raise InputError(f'joints: {list(joints)}, of a robot with closed loops; expected '
-                             'None: the loops determine which joints move together')
+            raise InputError(f'joints: {list(joints)}, of a robot with closed loops; '
+                             'expected None: the loops determine which joints move '
+                             'together')
         for ball in balls(self.robot.model):
             parts = set(names[ball.speed:ball.speed + 3])
-            if 0 < len(parts & chosen) < len(parts):
-                raise InputError(f'joints: {", ".join(sorted(parts & chosen))} of the ball joint '
-                                 f"'{ball.name}'; expected {', '.join(sorted(parts))} together")
+            some = parts & chosen
+            if some and some != parts:
+                stated = ', '.join(sorted(some))
+                expected = ', '.join(sorted(parts))
+                raise InputError(f"joints: {stated} of the ball joint '{ball.name}'; "
+                                 f'expected {expected} together')
         return np.array([name not in chosen for name in names])
 
-    def first(self, q0: ArrayLike | None) -> Array:
+    def first_start(self, q0: ArrayLike | None) -> Array:
         """Return q0 clipped to the limits and closed."""
-        given = self.robot.feasible_configuration() if q0 is None else finite_row(
-            q0, 'q0', self.robot.model.coordinate_names)
-        self.robot.frame_pose(self.frame, given)  # raises InputError
-        given = require_unit(self.robot.model, given, 'q0')
-        q = np.clip(given, self.robot.limits.lower, self.robot.limits.upper)
-        self.start = self.robot.closed_posture(q) if self.looped else q
+        robot = self.robot
+        if q0 is None:
+            guess = robot.feasible_configuration()
+        else:
+            guess = finite_row(q0, 'q0', robot.model.coordinate_names)
+        robot.frame_pose(self.frame, guess)  # raises InputError for an unknown frame
+        guess = require_unit(robot.model, guess, 'q0')
+        self.start = np.clip(guess, robot.limits.lower, robot.limits.upper)
+        if self.looped:
+            self.start = robot.closed_posture(self.start)
         return self.start
 
-    def another(self, rng: np.random.Generator) -> Array:
-        """Return a random configuration in which the joints that do not move are as at first."""
+    def random_start(self, rng: np.random.Generator) -> Array:
+        """Return a random configuration; joints that may not move are as at first."""
         q = self.robot.random_configuration(rng)
         for joint, place in enumerate(self.robot.model.places):
-            if place is not None and self.still[joint]:
+            if place is not None and self.fixed[joint]:
                 q[place] = self.start[place]
         for ball in balls(self.robot.model):
-            if self.still[ball.speed]:
+            if self.fixed[ball.speed]:
                 ball.quaternion(q)[...] = ball.quaternion(self.start)
         return q
 
     def run(self, q: Array, iterations: int) -> InverseKinematics:
         """Return the best configuration of a search from q."""
         best = InverseKinematics(q, self.error(q), False, 0)
-        since = 0
+        without_progress = 0
         for k in range(iterations + 1):
             error = self.error(q)
-            if np.abs(error).max() < 0.99 * np.abs(best.error).max():
-                since = 0
-            if np.abs(error).max() <= np.abs(best.error).max():
+            size = np.abs(error).max()
+            smallest = np.abs(best.error).max()
+            if size < PROGRESS * smallest:
+                without_progress = 0
+            if size <= smallest:
                 best = InverseKinematics(q, error, False, k)
-            since += 1
-            if self.within(best.error) or since > PATIENCE or k == iterations:
+            without_progress += 1
+            if self.within(best.error) or without_progress > PATIENCE or k == iterations:
                 break
-            following = self.step(q, error)
-            if following is None:
+            next_q = self.step(q, error)
+            if next_q is None:
                 break
-            q = following
+            q = next_q
         return best._replace(converged=self.within(best.error), iterations=k)
 
     def within(self, error: Array) -> bool:
         """Return whether distance and angle are below the tolerance."""
-        return all(float(np.linalg.norm(part)) <= self.tolerance
-                   for part in (error[:3], error[3:]))
+        distance = float(np.linalg.norm(error[:3]))
+        angle = float(np.linalg.norm(error[3:]))
+        return distance <= self.tolerance and angle <= self.tolerance
 
     def error(self, q: Array) -> Array:
         """Return the error at q, (6,) or (3,)."""
         pose = self.robot.frame_pose(self.frame, q)
-        return self.goal - pose[:3, 3] if self.rows == 3 else pose_error(pose, self.goal)
+        if self.rows == 3:
+            return self.goal - pose[:3, 3]
+        return pose_error(pose, self.goal)
 
     def step(self, q: Array, error: Array) -> Array | None:
-        """Return the configuration after one damped step, or None if none is possible."""
+        """Return the configuration after a damped step; None if none is possible."""
         J = self.robot.jacobian(self.frame, q)[:self.rows]
-        rates = self._rates(q)  # of the joints by the speeds
+        rates = self._rates(q)
         positions = joint_positions(self.robot.model, q)
-        low, high = positions <= self.lower + AT_LIMIT, positions >= self.upper - AT_LIMIT
-        held = self.still.copy()
+        at_lower = positions <= self.lower + AT_LIMIT
+        at_upper = positions >= self.upper - AT_LIMIT
+        damping = min(float(error @ error), LARGEST_DAMPING) + BIAS
+        # The active set: joints that would leave their limits are held, until none does.
+        held = self.fixed.copy()
         while True:
             free = _motions_without(rates, held)
             if not free.shape[1]:
                 return None
             A = J @ free
-            square = min(float(error @ error), MOST) + BIAS
-            step = rates @ (free @ np.linalg.solve(A.T @ A + square * np.eye(A.shape[1]),
-                                                   A.T @ error))
-            beyond = ((low & (step < -1e-14)) | (high & (step > 1e-14))) & ~held
+            normal = A.T @ A + damping * np.eye(A.shape[1])
+            step = rates @ (free @ np.linalg.solve(normal, A.T @ error))
+            beyond = (at_lower & (step < -1e-14)) | (at_upper & (step > 1e-14))
+            beyond &= ~held
             if not beyond.any():
                 break
             held |= beyond
         longest = float(np.abs(step).max(initial=0.0))
         if longest == 0.0:
             return None
+        # The part of the step that reaches a limit, and the longest step.
         with np.errstate(divide='ignore', invalid='ignore'):
-            room = np.where(step < 0.0, (self.lower - positions) / step,
-                            (self.upper - positions) / step)
-        room = np.where(held | (step == 0.0), np.inf, room)
-        return self._moved(q, step * min(1.0, LONGEST / longest, max(float(room.min()), 0.0)))
+            to_limit = np.where(step < 0.0, (self.lower - positions) / step,
+                                (self.upper - positions) / step)
+        to_limit = np.where(held | (step == 0.0), np.inf, to_limit)
+        part = min(1.0, LONGEST / longest, max(float(to_limit.min()), 0.0))
+        return self._moved(q, step * part)
 
     def _moved(self, q: Array, step: Array) -> Array | None:
-        """Return q after a step within limits and constraints, shortened if necessary."""
-        model, limits = self.robot.model, self.robot.limits
+        """Return q after a step within limits and constraints, shortened if needed."""
+        model = self.robot.model
+        limits = self.robot.limits
         if not self.looped:
             return np.clip(moved(model, q, step), limits.lower, limits.upper)
-        for _ in range(12):
+        for _ in range(SHORTENINGS):
             try:
                 closed = self.robot.closed_posture(moved(model, q, step))
             except ConstraintError:
                 closed = np.full(len(q), np.inf)
-            if (closed >= limits.lower - AT_LIMIT).all() and (
-                    closed <= limits.upper + AT_LIMIT).all():
+            above = (closed >= limits.lower - AT_LIMIT).all()
+            below = (closed <= limits.upper + AT_LIMIT).all()
+            if above and below:
                 return closed
             step = 0.5 * step
         return None
 
     def _rates(self, q: Array) -> Array:
-        """Return the rates of the joints per unit of each independent speed, (n_j, n)."""
+        """Return the rates of the joints per unit of the independent speeds, (n_j, n)."""
         n = self.robot.n
         if not self.constrained:
             return np.eye(n)
         drift = self.robot.joint_rates(q, np.zeros(n))
-        return np.stack([joint_speeds(self.robot.model, q, self.robot.joint_rates(q, unit) - drift)
-                         for unit in np.eye(n)], axis=1)
+        columns = []
+        for unit in np.eye(n):
+            q_rate = self.robot.joint_rates(q, unit) - drift
+            columns.append(joint_speeds(self.robot.model, q, q_rate))
+        return np.stack(columns, axis=1)
 
 
-def _motions_without(rates: Array, held: NDArray[np.bool_]) -> Array:
+def _motions_without(rates: Array, held: Flags) -> Array:
     """Return a basis, (n, k), of the speeds at which the held joints do not move."""
     if not held.any():
         return np.eye(rates.shape[1])
-    _, size, right = np.linalg.svd(rates[held])
-    return np.asarray(right[int((size > 1e-10).sum()):].T)
+    _, singular_values, right = np.linalg.svd(rates[held])
+    rank = int((singular_values > 1e-10).sum())
+    return np.asarray(right[rank:].T)

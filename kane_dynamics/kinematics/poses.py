@@ -1,23 +1,23 @@
 """
-Logarithm and exponential of rotations (SO(3)) and poses (SE(3)), and the error between two poses.
+Logarithm and exponential of rotations (SO(3)) and poses (SE(3)); errors of poses.
 
-Every function takes one value or a batch of them along leading axes. A rotation is a (3, 3)
-matrix, a pose a (4, 4) one; twists are linear then angular, as the rows of `Robot.jacobian`.
-Source: K. M. Lynch, F. C. Park, "Modern Robotics", 2017, sections 3.2 and 3.3.
+Every function takes one value or a batch of them along leading axes. A rotation is a (3,
+3) matrix, a pose a (4, 4) one; twists are linear then angular, as the rows of
+`Robot.jacobian`. Source: K. M. Lynch, F. C. Park, "Modern Robotics", 2017, sections 3.2
+and 3.3.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from kane_dynamics._util.checks import warn_of_turns
+from kane_dynamics._util.orientation import skew, stated_rotation
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 import numpy as np
 from numpy.typing import ArrayLike
 
 ORTHONORMAL = 1e-6  # largest difference of R R^T of a rotation from the identity
-UNIT = 1e-3  # largest difference of a quaternion's length from 1, as of rounded messages
 UPRIGHT = 1e-9  # cosine of the pitch at which roll and yaw are one rotation
 LARGEST = 1e12  # rad, the limit of joint positions too
 
@@ -48,26 +48,25 @@ def pose_from(position: ArrayLike = (0.0, 0.0, 0.0), *, rpy: ArrayLike | None = 
     Raises
     ------
     InputError
-        Both orientations are given, a shape is wrong, a number is not finite, or the length of a
-        quaternion is far from 1.
+        Both orientations are given, a shape is wrong, a number is not finite, or the
+        length of a quaternion is far from 1.
 
     """
     p = _numbers(position, (3,), 'position')
-    if rpy is not None and quaternion is not None:
-        raise InputError('rpy: given with quaternion; expected one of them')
+    angles: Array | None = None
+    parts: Array | None = None
+    if rpy is not None:
+        angles = _numbers(rpy, (3,), 'rpy')
     if quaternion is not None:
-        R = _quaternion_rotation(_numbers(quaternion, (4,), 'quaternion'))
-    else:
-        angles = _numbers(np.zeros(3) if rpy is None else rpy, (3,), 'rpy')
-        warn_of_turns(angles, 'rpy', stacklevel=2)
-        x, y, z = (rotation_exp(angles[..., k, None] * axis) for k, axis in enumerate(np.eye(3)))
-        R = z @ y @ x
+        parts = _numbers(quaternion, (4,), 'quaternion')
+    R = stated_rotation(angles, parts, '', InputError, stacklevel=2)
     try:
         shape = np.broadcast_shapes(p.shape[:-1], R.shape[:-2])
     except ValueError:
-        raise InputError(f'position: {p.shape[:-1]} positions, and {R.shape[:-2]} orientations; '
-                         'expected as many, or one') from None
-    return _homogeneous(np.broadcast_to(R, (*shape, 3, 3)), np.broadcast_to(p, (*shape, 3)))
+        raise InputError(f'position: {p.shape[:-1]} positions, and {R.shape[:-2]} '
+                         'orientations; expected as many, or one') from None
+    return _homogeneous(np.broadcast_to(R, (*shape, 3, 3)),
+                        np.broadcast_to(p, (*shape, 3)))
 
 
 def rotation_rpy(rotation: ArrayLike) -> Array:
@@ -93,12 +92,14 @@ def rotation_rpy(rotation: ArrayLike) -> Array:
 
     """
     R = _rotation(_numbers(rotation, (3, 3), 'rotation'), 'rotation')
-    level = np.hypot(R[..., 0, 0], R[..., 1, 0])  # cosine of the pitch
-    upright = level < UPRIGHT
-    roll = np.where(upright, np.arctan2(-R[..., 1, 2], R[..., 1, 1]),
-                    np.arctan2(R[..., 2, 1], R[..., 2, 2]))
+    cosine = np.hypot(R[..., 0, 0], R[..., 1, 0])  # of the pitch
+    pitch = np.arctan2(-R[..., 2, 0], cosine)
+    # Where the pitch is a quarter turn, roll and yaw are one rotation, which roll takes.
+    upright = cosine < UPRIGHT
+    roll_alone = np.arctan2(-R[..., 1, 2], R[..., 1, 1])
+    roll = np.where(upright, roll_alone, np.arctan2(R[..., 2, 1], R[..., 2, 2]))
     yaw = np.where(upright, 0.0, np.arctan2(R[..., 1, 0], R[..., 0, 0]))
-    return np.stack([roll, np.arctan2(-R[..., 2, 0], level), yaw], axis=-1)
+    return np.stack([roll, pitch, yaw], axis=-1)
 
 
 def rotation_quaternion(rotation: ArrayLike) -> Array:
@@ -145,16 +146,19 @@ def rotation_exp(vector: ArrayLike) -> Array:
     """
     w = _numbers(vector, (3,), 'vector')
     angle = _angle(w, 'vector')
-    W = _skew(w)
-    return np.asarray(np.eye(3) + _sinc(angle) * W + 0.5 * _sinc(0.5 * angle)**2 * (W @ W))
+    W = skew(w)
+    # (1 - cos) / angle^2 by the half angle, which does not cancel near 0.
+    second = 0.5 * _sinc(0.5 * angle)**2
+    return np.asarray(np.eye(3) + _sinc(angle) * W + second * (W @ W))
 
 
 def rotation_log(rotation: ArrayLike) -> Array:
     """
     Return the rotation vector of a rotation, its length at most pi.
 
-    By the quaternion, computed from the largest of its four products (S. W. Shepperd, "Quaternion
-    from rotation matrix", 1978): accurate at every angle, those near 0 and pi included.
+    By the quaternion, computed from the largest of its four products (S. W. Shepperd,
+    "Quaternion from rotation matrix", 1978): accurate at every angle, those near 0 and
+    pi included.
 
     Parameters
     ----------
@@ -195,20 +199,23 @@ def pose_exp(twist: ArrayLike) -> Array:
 
     """
     xi = _numbers(twist, (6,), 'twist')
-    v, w = xi[..., :3], xi[..., 3:]
+    v = xi[..., :3]
+    w = xi[..., 3:]
     angle = _angle(w, 'twist')
-    W = _skew(w)
-    small = angle < 1e-2  # a series there: its first omitted term is below 1e-15
+    W = skew(w)
+    # The integral V of the rotation, which moves the origin. Near 0 a series takes the
+    # place of (angle - sin) / angle^3; its first omitted term is below 1e-15.
+    small = angle < 1e-2
     safe = np.where(small, 1.0, angle)
-    third = np.where(small, 1.0 / 6.0 - angle**2 / 120.0 + angle**4 / 5040.0,
-                     (safe - np.sin(safe)) / safe**3)
+    series = 1.0 / 6.0 - angle**2 / 120.0 + angle**4 / 5040.0
+    third = np.where(small, series, (safe - np.sin(safe)) / safe**3)
     V = np.eye(3) + 0.5 * _sinc(0.5 * angle)**2 * W + third * (W @ W)
     return _homogeneous(rotation_exp(w), (V @ v[..., None])[..., 0])
 
 
 def pose_log(pose: ArrayLike) -> Array:
     """
-    Return the constant twist that reaches a pose in unit time; the inverse of `pose_exp`.
+    Return the constant twist that reaches a pose in unit time: inverse of `pose_exp`.
 
     Parameters
     ----------
@@ -229,11 +236,13 @@ def pose_log(pose: ArrayLike) -> Array:
     T = checked_pose(pose, 'pose')
     w = _logarithm(T[..., :3, :3])
     angle = np.linalg.norm(w, axis=-1)[..., None, None]
-    W = _skew(w)
+    W = skew(w)
+    # The inverse of V in `pose_exp`, with a series near 0.
     small = angle < 1e-2
     half = np.where(small, 1.0, 0.5 * angle)
-    second = np.where(small, 1.0 / 12.0 + angle**2 / 720.0 + angle**4 / 30240.0,
-                      (1.0 - half * np.cos(half) / np.sin(half)) / (4.0 * half**2))
+    series = 1.0 / 12.0 + angle**2 / 720.0 + angle**4 / 30240.0
+    closed_form = (1.0 - half * np.cos(half) / np.sin(half)) / (4.0 * half**2)
+    second = np.where(small, series, closed_form)
     inverse_V = np.eye(3) - 0.5 * W + second * (W @ W)
     return np.concatenate([(inverse_V @ T[..., :3, 3:])[..., 0], w], axis=-1)
 
@@ -242,8 +251,8 @@ def pose_error(actual: ArrayLike, desired: ArrayLike) -> Array:
     """
     Return the displacement from one pose to another, linear then angular, in world axes.
 
-    Linear is ``p_d - p``, angular the rotation vector of ``R_d R^T``: to first order what
-    ``robot.jacobian(frame, q) @ dq`` must be to go there.
+    Linear is ``p_d - p``, angular the rotation vector of ``R_d R^T``: to first order
+    what ``robot.jacobian(frame, q) @ dq`` must be to go there.
 
     Parameters
     ----------
@@ -261,9 +270,10 @@ def pose_error(actual: ArrayLike, desired: ArrayLike) -> Array:
         One of them is not a pose.
 
     """
-    a, d = checked_pose(actual, 'actual'), checked_pose(desired, 'desired')
-    turn = d[..., :3, :3] @ np.swapaxes(a[..., :3, :3], -1, -2)
-    return np.concatenate([d[..., :3, 3] - a[..., :3, 3], _logarithm(turn)], axis=-1)
+    A = checked_pose(actual, 'actual')
+    D = checked_pose(desired, 'desired')
+    turn = D[..., :3, :3] @ np.swapaxes(A[..., :3, :3], -1, -2)
+    return np.concatenate([D[..., :3, 3] - A[..., :3, 3], _logarithm(turn)], axis=-1)
 
 
 def checked_pose(pose: ArrayLike, what: str) -> Array:
@@ -271,42 +281,35 @@ def checked_pose(pose: ArrayLike, what: str) -> Array:
     T = _numbers(pose, (4, 4), what)
     _rotation(T[..., :3, :3], what)
     if (T[..., 3, :] != [0.0, 0.0, 0.0, 1.0]).any():
-        raise InputError(f'{what}: the last row is {T.reshape(-1, 4, 4)[0, 3].tolist()}; expected '
-                         '[0, 0, 0, 1]')
+        raise InputError(f'{what}: the last row is '
+                         f'{T.reshape(-1, 4, 4)[0, 3].tolist()}; expected [0, 0, 0, 1]')
     return T
 
 
 def _angle(w: Array, what: str) -> Array:
-    """Return the angles of rotation vectors, (..., 1, 1); InputError if one is too large."""
-    most = float(np.abs(w).max(initial=0.0))
-    if most > LARGEST:
-        raise InputError(f'{what}: rotation of {most:g} rad; expected at most {LARGEST:g} rad')
+    """Return the angles of rotation vectors, (..., 1, 1); InputError for large ones."""
+    largest = float(np.abs(w).max(initial=0.0))
+    if largest > LARGEST:
+        raise InputError(f'{what}: rotation of {largest:g} rad; expected at most '
+                         f'{LARGEST:g} rad')
     return np.asarray(np.linalg.norm(w, axis=-1)[..., None, None])
-
-
-def _quaternion_rotation(q: Array) -> Array:
-    """Return the rotation matrices of quaternions x, y, z, w."""
-    length = np.linalg.norm(q, axis=-1)
-    off = np.abs(length - 1.0)
-    if (off > UNIT).any():
-        worst = float(length.ravel()[np.argmax(off)])
-        raise InputError(f'quaternion: length {worst:.6g}; expected 1, in the order x, y, z, w')
-    v, w = q[..., :3] / length[..., None], (q[..., 3] / length)[..., None, None]
-    V = _skew(v)
-    return np.asarray(np.eye(3) + 2.0 * w * V + 2.0 * (V @ V))
 
 
 def _scalar_first(R: Array) -> Array:
     """Return the unit quaternions w, x, y, z of checked rotations, with w >= 0."""
+    # The matrix 4 q q^T of the quaternion q = (w, x, y, z) is linear in R.
     trace = np.trace(R, axis1=-2, axis2=-1)
-    products = np.empty((*R.shape[:-2], 4, 4))  # 4 q q^T of the quaternion q = (w, x, y, z)
+    products = np.empty((*R.shape[:-2], 4, 4))
     products[..., 0, 0] = 1.0 + trace
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         products[..., 1 + i, 1 + i] = 1.0 + 2.0 * R[..., i, i] - trace
-        both = R[..., i, j] + R[..., j, i]
-        products[..., 1 + i, 1 + j] = products[..., 1 + j, 1 + i] = both
-        turn = R[..., k, j] - R[..., j, k]
-        products[..., 0, 1 + i] = products[..., 1 + i, 0] = turn
+        mixed = R[..., i, j] + R[..., j, i]
+        products[..., 1 + i, 1 + j] = mixed
+        products[..., 1 + j, 1 + i] = mixed
+        with_w = R[..., k, j] - R[..., j, k]
+        products[..., 0, 1 + i] = with_w
+        products[..., 1 + i, 0] = with_w
+    # Its row with the largest diagonal entry is q times the largest of q's entries.
     largest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
     q = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
@@ -316,21 +319,23 @@ def _scalar_first(R: Array) -> Array:
 def _logarithm(R: Array) -> Array:
     """Return the rotation vectors of checked rotations."""
     q = _scalar_first(R)
-    size = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(size, q[..., :1])
-    return np.asarray(q[..., 1:] * np.where(size > 0.0, angle / np.where(size > 0.0, size, 1.0),
-                                            2.0))
+    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)  # of half the angle
+    angle = 2.0 * np.arctan2(sine, q[..., :1])
+    turns = sine > 0.0
+    factor = np.where(turns, angle / np.where(turns, sine, 1.0), 2.0)
+    return np.asarray(q[..., 1:] * factor)
 
 
 def _rotation(R: Array, what: str) -> Array:
     """Return checked rotations; InputError names the first invalid one."""
-    with np.errstate(over='ignore', invalid='ignore'):  # of huge entries, which are refused
-        off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(-1, -2))
-        bad = ~(off <= ORTHONORMAL) | (np.linalg.det(R) < 0.0)
-    if bad.any():
-        first = R.reshape(-1, 3, 3)[int(np.argmax(np.ravel(bad)))]
-        raise InputError(f'{what}: {np.round(first, 6).tolist()}; expected a rotation matrix '
-                         '(orthonormal, determinant 1)')
+    # Huge entries may overflow; they are refused.
+    with np.errstate(over='ignore', invalid='ignore'):
+        deviation = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(-1, -2))
+        invalid = ~(deviation <= ORTHONORMAL) | (np.linalg.det(R) < 0.0)
+    if invalid.any():
+        first = R.reshape(-1, 3, 3)[int(np.argmax(np.ravel(invalid)))]
+        raise InputError(f'{what}: {np.round(first, 6).tolist()}; expected a rotation '
+                         'matrix (orthonormal, determinant 1)')
     return R
 
 
@@ -339,7 +344,8 @@ def _numbers(value: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f'{what}: {value!r}; expected numbers of shape {shape}') from None
+        raise InputError(f'{what}: {value!r}; expected numbers of shape {shape}'
+                         ) from None
     if array.shape[-len(shape):] != shape:
         raise InputError(f'{what}: shape {array.shape}; expected {shape} or (N, '
                          f'{", ".join(map(str, shape))})')
@@ -353,16 +359,10 @@ def _sinc(x: Any) -> Any:
     return np.sinc(x / np.pi)
 
 
-def _skew(w: Array) -> Array:
-    """Return the skew-symmetric matrices [w]x."""
-    W = np.zeros((*w.shape, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        W[..., k, j], W[..., j, k] = w[..., i], -w[..., i]
-    return W
-
-
 def _homogeneous(R: Array, p: Array) -> Array:
     """Return (..., 4, 4) poses."""
     T = np.zeros((*p.shape[:-1], 4, 4))
-    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, p, 1.0
+    T[..., :3, :3] = R
+    T[..., :3, 3] = p
+    T[..., 3, 3] = 1.0
     return T

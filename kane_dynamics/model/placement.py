@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 import math
 
-from kane_dynamics._util.checks import constant, warn_of_turns
+from kane_dynamics._util.checks import constant
+from kane_dynamics._util.orientation import stated_rotation
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
 import numpy as np
@@ -15,7 +16,6 @@ EYE = np.eye(3)
 EYE.flags.writeable = False
 ORIGIN = (0.0, 0.0, 0.0)
 SNAP = 1e-14
-UNIT_LENGTH = 1e-3  # largest deviation of a quaternion's length from 1, as of rounded files
 
 
 def snapped(values: ArrayLike) -> Array:
@@ -91,28 +91,12 @@ def stated_pose(at: ArrayLike, rpy: ArrayLike, what: str,
         If a number is not finite, both orientations are given, or the quaternion is no unit one.
 
     """
+    translation = constant(at, (3,), f'{what}: at')
+    angles: Array | None = constant(rpy, (3,), f'{what}: rpy')
+    parts: Array | None = None
     if quaternion is not None:
-        if np.any(rpy):
-            raise ModelError(f'{what}: rpy and quaternion; expected one of them')
-        return _rotation_of(quaternion, what), constant(at, (3,), f'{what}: at')
-    R: Array = np.eye(3)
-    angles = constant(rpy, (3,), f'{what}: rpy')
-    warn_of_turns(angles, f'{what}: rpy', stacklevel=4)
-    # About fixed axes, so that a later rotation multiplies from the left.
-    for axis, angle in zip(np.eye(3), angles):
-        R = rotation_about(axis, float(angle)) @ R
-    return snapped(R), constant(at, (3,), f'{what}: at')
-
-
-def _rotation_of(quaternion: ArrayLike, what: str) -> Array:
-    """Return the rotation matrix of a quaternion x, y, z, w, (3, 3)."""
-    parts = constant(quaternion, (4,), f'{what}: quaternion')
-    length = float(np.linalg.norm(parts))
-    if abs(length - 1.0) > UNIT_LENGTH:
-        raise ModelError(f'{what}: quaternion of length {length:g}; expected a unit quaternion '
-                         'x, y, z, w')
-    sine = float(np.linalg.norm(parts[:3]))
-    if sine == 0.0:
-        return np.eye(3)
-    angle = 2.0 * math.atan2(sine, float(parts[3]))
-    return snapped(rotation_about(parts[:3] / sine, angle))
+        parts = constant(quaternion, (4,), f'{what}: quaternion')
+    if not np.any(rpy):
+        angles = None
+    R = stated_rotation(angles, parts, f'{what}: ', ModelError, stacklevel=4)
+    return snapped(R), translation
