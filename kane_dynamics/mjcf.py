@@ -10,6 +10,7 @@ pose of the body in the world. Quaternions are w, x, y, z.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 import math
 import os
 from pathlib import Path
@@ -207,25 +208,35 @@ class _Reader:
         parent = self.bodies[compiled.body_parentid[body]]
         first = int(compiled.body_jntadr[body])
         joints = range(first, first + int(compiled.body_jntnum[body]))
-        on, at = parent, np.array(compiled.body_pos[body])
+        # The pose of the body's frame, moved by -anchor, on the last of the chain.
+        on = parent
+        at = np.array(compiled.body_pos[body])
         quaternion = _scalar_last(compiled.body_quat[body])
         anchor = np.zeros(3)  # of the last joint, in the body's frame
         for joint in joints:
             kind = int(compiled.jnt_type[joint])
             position = np.array(compiled.jnt_pos[joint])
             if kind == self.mujoco.mjtJoint.mjJNT_FREE:
-                on, at, quaternion, position = 'world', np.zeros(3), IDENTITY, np.zeros(3)
+                # Its coordinates are the pose in the world, wherever the XML puts the body.
+                on = 'world'
+                at = np.zeros(3)
+                quaternion = IDENTITY
+                position = np.zeros(3)
             offset = _rotated(quaternion, position - anchor)
             name = f'{self.bodies[body]}/{self.joints[joint]}'
             self._add_joint(name, joint, on, at + offset, quaternion)
-            on, at, quaternion, anchor = name, np.zeros(3), IDENTITY, position
+            on = name
+            at = np.zeros(3)
+            quaternion = IDENTITY
+            anchor = position
         # The body's frame, carried by the last joint, or fixed to its parent without joints.
-        self.builder.body(self.bodies[body], on, 'fixed', at=at - anchor if len(joints) else at,
-                          quaternion=quaternion, inertial=self._inertial(body))
+        self.builder.body(self.bodies[body], on, 'fixed', at=at - anchor, quaternion=quaternion,
+                          inertial=self._inertial(body))
 
     def _add_joint(self, body: str, joint: int, on: str, at: Array, quaternion: Array) -> None:
         """Add one joint of MuJoCo and the body that it moves."""
-        compiled, types = self.compiled, self.mujoco.mjtJoint
+        compiled = self.compiled
+        types = self.mujoco.mjtJoint
         kind = int(compiled.jnt_type[joint])
         name = self.joints[joint]
         place: dict[str, Any] = {'at': at, 'quaternion': quaternion, 'joint': name}
@@ -250,12 +261,12 @@ class _Reader:
         """Return limits, springs and dissipation of a joint of one degree of freedom."""
         compiled = self.compiled
         dof = int(compiled.jnt_dofadr[joint])
-        lower, upper = -math.inf, math.inf
+        limits = Limits(effort=self._effort_limit(joint))
         if compiled.jnt_limited[joint]:
-            lower, upper = (float(limit) for limit in compiled.jnt_range[joint])
-        effort = self._effort_limit(joint)
+            lower, upper = compiled.jnt_range[joint]
+            limits = replace(limits, lower=float(lower), upper=float(upper))
         properties: dict[str, Any] = {
-            'limits': Limits(lower, upper, effort=effort),
+            'limits': limits,
             'damping': _first(compiled.dof_damping[dof]),
             'friction': float(compiled.dof_frictionloss[dof]),
             'armature': float(compiled.dof_armature[dof])}
@@ -285,16 +296,17 @@ class _Reader:
         limits = []
         if compiled.jnt_actfrclimited[joint]:
             limits.append(float(np.abs(compiled.jnt_actfrcrange[joint]).max()))
-        motors = [float(np.abs(compiled.actuator_forcerange[k]).max()
-                        * abs(compiled.actuator_gear[k, 0]))
-                  for k in self._actuators_on(joint) if compiled.actuator_forcelimited[k]]
+        motors = [k for k in self._actuators_on(joint) if compiled.actuator_forcelimited[k]]
         if motors:
-            limits.append(sum(motors))
+            forces = np.abs(compiled.actuator_forcerange[motors]).max(axis=1)
+            gears = np.abs(compiled.actuator_gear[motors, 0])
+            limits.append(float(forces @ gears))
         return min(limits, default=math.inf)
 
     def _actuators_on(self, joint: int) -> list[int]:
         """Return the actuators whose transmission is a joint."""
-        compiled, transmissions = self.compiled, self.mujoco.mjtTrn
+        compiled = self.compiled
+        transmissions = self.mujoco.mjtTrn
         on_joints = (transmissions.mjTRN_JOINT, transmissions.mjTRN_JOINTINPARENT)
         return [k for k in range(compiled.nu)
                 if int(compiled.actuator_trntype[k]) in on_joints
@@ -329,14 +341,16 @@ class _Reader:
         """Return the active equality constraints that have a counterpart."""
         constraints = []
         for k in range(self.compiled.neq):
-            constraint = self._constraint(k) if self.compiled.eq_active0[k] else None
-            if constraint is not None:
-                constraints.append(constraint)
+            if self.compiled.eq_active0[k]:
+                constraint = self._constraint(k)
+                if constraint is not None:
+                    constraints.append(constraint)
         return constraints
 
     def _constraint(self, k: int) -> Closure | Coupling | None:
         """Return an equality constraint, or None without a counterpart."""
-        compiled, types = self.compiled, self.mujoco.mjtEq
+        compiled = self.compiled
+        types = self.mujoco.mjtEq
         kind = int(compiled.eq_type[k])
         name = self.mujoco.mj_id2name(compiled, self.mujoco.mjtObj.mjOBJ_EQUALITY, k)
         name = name or f'equality_{k}'
@@ -352,7 +366,8 @@ class _Reader:
         a = np.array(compiled.eq_data[k, :5])
         if a[2:].any():
             return None
-        first, second = int(compiled.eq_obj1id[k]), int(compiled.eq_obj2id[k])
+        first = int(compiled.eq_obj1id[k])
+        second = int(compiled.eq_obj2id[k])
         y0 = float(compiled.qpos0[compiled.jnt_qposadr[first]])
         if second < 0:
             return Coupling(self.joints[first], {}, y0 + float(a[0]), name)
@@ -363,7 +378,8 @@ class _Reader:
     def _closure(self, k: int, name: str, weld: bool) -> Closure:
         """Return a connect or a weld, between frames that are added here."""
         compiled = self.compiled
-        first, second = int(compiled.eq_obj1id[k]), int(compiled.eq_obj2id[k])
+        first = int(compiled.eq_obj1id[k])
+        second = int(compiled.eq_obj2id[k])
         frames = (f'{name}/first', f'{name}/second')
         if int(compiled.eq_objtype[k]) == self.mujoco.mjtObj.mjOBJ_SITE:
             bodies = (compiled.site_bodyid[first], compiled.site_bodyid[second])
@@ -378,7 +394,9 @@ class _Reader:
                 points = [data[3:6], data[:3]]
                 turns = [_scalar_last(data[6:10]), IDENTITY]
             else:
-                points, turns = [data[:3], data[3:6]], [IDENTITY, IDENTITY]
+                # data: the point in the first body (3), then in the second (3).
+                points = [data[:3], data[3:6]]
+                turns = [IDENTITY, IDENTITY]
         for frame, body, point, turn in zip(frames, bodies, points, turns):
             self.builder.frame(frame, self.bodies[body], at=point, quaternion=turn)
         return Closure(*frames, 'weld' if weld else 'spherical', name=name)
@@ -406,11 +424,12 @@ class _Reader:
 
     def _unused(self) -> list[str]:
         """Return what the file states and the model lacks, each with its names."""
-        compiled, mujoco = self.compiled, self.mujoco
+        compiled = self.compiled
+        mujoco = self.mujoco
         unused = []
-        contacts = np.flatnonzero(np.logical_or(compiled.geom_contype, compiled.geom_conaffinity))
-        if contacts.size and not self._disabled('mjDSBL_CONTACT'):
-            unused.append(f'contacts of {contacts.size} geoms')
+        contacts = np.count_nonzero(compiled.geom_contype | compiled.geom_conaffinity)
+        if contacts and not self._disabled('mjDSBL_CONTACT'):
+            unused.append(f'contacts of {contacts} geoms')
         if compiled.ntendon:
             tendons = self._names(mujoco.mjtObj.mjOBJ_TENDON, compiled.ntendon, 'tendon')
             unused.append(f'tendons: {listing(tendons)}')
@@ -434,7 +453,7 @@ class _Reader:
         if balls:
             unused.append(f'springs, armature and limits of ball and free joints: '
                           f'{listing(balls)}')
-        unused += self._further()
+        unused += self._unused_forces()
         for count, what in (('nflex', 'flexes'), ('nplugin', 'plugins'), ('nmocap', 'mocap')):
             if getattr(compiled, count, 0):
                 unused.append(what)
@@ -451,7 +470,9 @@ class _Reader:
     def _actuators_elsewhere(self) -> list[str]:
         """Return the actuators on tendons, sites or bodies."""
         names = self._names(self.mujoco.mjtObj.mjOBJ_ACTUATOR, self.compiled.nu, 'actuator')
-        on_joints = {k for joint in range(self.compiled.njnt) for k in self._actuators_on(joint)}
+        on_joints: set[int] = set()
+        for joint in range(self.compiled.njnt):
+            on_joints.update(self._actuators_on(joint))
         return [name for k, name in enumerate(names) if k not in on_joints]
 
     def _servos(self) -> list[str]:
@@ -463,20 +484,22 @@ class _Reader:
 
     def _springs_of_balls(self) -> list[str]:
         """Return the ball and free joints with springs, armature or limits."""
-        compiled, types = self.compiled, self.mujoco.mjtJoint
+        compiled = self.compiled
+        types = self.mujoco.mjtJoint
         names = []
         for joint, name in enumerate(self.joints):
             kind = int(compiled.jnt_type[joint])
             if kind not in (types.mjJNT_FREE, types.mjJNT_BALL):
                 continue
             start = int(compiled.jnt_dofadr[joint])
-            dofs = slice(start, start + (6 if kind == types.mjJNT_FREE else 3))
+            count = 6 if kind == types.mjJNT_FREE else 3
+            dofs = slice(start, start + count)
             if (_first(compiled.jnt_stiffness[joint]) or compiled.jnt_limited[joint]
                     or compiled.dof_armature[dofs].any()):
                 names.append(name)
         return names
 
-    def _further(self) -> Iterable[str]:
+    def _unused_forces(self) -> Iterable[str]:
         """Return disabled passive forces, and nonlinear ones, which newer MuJoCo has."""
         compiled = self.compiled
         for flag, what in (('mjDSBL_SPRING', 'springs'), ('mjDSBL_DAMPER', 'damping'),

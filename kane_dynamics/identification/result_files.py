@@ -8,7 +8,7 @@ import warnings
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.model.model import Inertial, Model, WORLD
 from kane_dynamics.urdf import load_urdf
-from kane_dynamics.urdf.rewrite import rewritten
+from kane_dynamics.urdf.rewritten_urdf import rewritten
 from kane_dynamics.urdf.supplement import INERTIA_KEYS, read_supplement
 import numpy as np
 import yaml

@@ -6,11 +6,14 @@ points with all three define the motion that it executes. Here missing ones are 
 the motion is smooth: the acceleration is continuous from rest to rest.
 """
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.mechanics.algebra.spline import (inside_segments, segment_coefficients,
-                                                    segment_ends, spline_velocities)
+from kane_dynamics.mechanics.algebra.spline import (inside_segments,
+                                                    segment_coefficients, segment_ends,
+                                                    spline_velocities)
 from kane_dynamics.motion.points import State
 import numpy as np
 from numpy.typing import NDArray
@@ -42,16 +45,18 @@ class ControllerPoints(NamedTuple):
         ends = segment_ends(self.t, self.q, self.u, self.udot)
         return inside_segments(ends[:, segments], np.diff(self.t)[segments], x)
 
-    def halved(self, segments: Segments) -> 'ControllerPoints':
+    def halved(self, segments: Segments) -> ControllerPoints:
         """
         Return the points with one more in the middle of each of some segments, (S,).
 
         The motion is the same: a part of a quintic is the quintic between its ends.
         """
-        middle = (self.t[segments] + 0.5 * np.diff(self.t)[segments],
-                  *(values[0] for values in self.inside(segments, np.array([0.5]))))
-        return ControllerPoints(*(np.insert(old, segments + 1, new, axis=0)
-                                  for old, new in zip(self, middle)))
+        t = self.t[segments] + 0.5 * np.diff(self.t)[segments]
+        q, u, udot = self.inside(segments, np.array([0.5]))
+        places = segments + 1
+        return ControllerPoints(np.insert(self.t, places, t), np.insert(self.q, places, q[0], 0),
+                                np.insert(self.u, places, u[0], 0),
+                                np.insert(self.udot, places, udot[0], 0))
 
 
 def completed(t: Array, q: Array, u: Array | None, udot: Array | None,
@@ -75,14 +80,17 @@ def completed(t: Array, q: Array, u: Array | None, udot: Array | None,
         begins at the first point.
 
     """
-    first = np.zeros(q.shape[1])
+    first_velocity = np.zeros(q.shape[1])
     if start is not None and t[0] > 0.0:
-        first = start[1]
+        q0, first_velocity, udot0 = start
         t = np.concatenate([[0.0], t])
-        q, u, udot = (None if old is None else np.vstack([new, old])  # type: ignore[assignment]
-                      for new, old in zip(start, (q, u, udot)))
+        q = np.vstack([q0, q])
+        if u is not None:
+            u = np.vstack([first_velocity, u])
+        if udot is not None:
+            udot = np.vstack([udot0, udot])
     if u is None:
-        u = spline_velocities(t, q, first)
+        u = spline_velocities(t, q, first_velocity)
     if udot is None:
         udot = _mean_accelerations(t, q, u)
         udot[0, np.abs(u[0]) <= AT_REST] = 0.0
@@ -92,13 +100,15 @@ def completed(t: Array, q: Array, u: Array | None, udot: Array | None,
 
 def _mean_accelerations(t: Array, q: Array, u: Array) -> Array:
     """Return the mean of the accelerations of the cubics at both sides of each point, (K, n)."""
-    out = np.zeros_like(q)
+    accelerations = np.zeros_like(q)
     if len(t) < 2:
-        return out
+        return accelerations
+    # Accelerations of the cubic Hermite segments at their begins and ends.
     h = np.diff(t)[:, None]
     slope = 3.0 * np.diff(q, axis=0) / h
     begin = 2.0 * (slope - 2.0 * u[:-1] - u[1:]) / h
     end = 2.0 * (u[:-1] + 2.0 * u[1:] - slope) / h
-    out[0], out[-1] = begin[0], end[-1]
-    out[1:-1] = 0.5 * (end[:-1] + begin[1:])
-    return out
+    accelerations[0] = begin[0]
+    accelerations[-1] = end[-1]
+    accelerations[1:-1] = 0.5 * (end[:-1] + begin[1:])
+    return accelerations

@@ -20,9 +20,10 @@ from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.spline import (MOST_PIECES, PiecewisePolynomial,
-                                                    segment_coefficients, spline_velocities)
-from kane_dynamics.motion.points import (checked_joint_names, point_times, Start, start_state,
-                                         State, trajectory_points)
+                                                    segment_coefficients,
+                                                    spline_velocities)
+from kane_dynamics.motion.points import (checked_joint_names, point_times, Start,
+                                         start_state, State, trajectory_points)
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -65,17 +66,21 @@ class Motion:
         self.duration = float(times[-1])
         self._n = len(joint_names)
         self._coefficients = coefficients
-        for array in (times, positions, *([] if callable(coefficients) else [coefficients])):
-            array.flags.writeable = False
+        times.flags.writeable = False
+        positions.flags.writeable = False
+        if not callable(coefficients):
+            coefficients.flags.writeable = False
 
     @cached_property
     def _table(self) -> Array:
         """One (6, 3 n) matrix per segment for q, u and udot, which is fast for a single time."""
         coefficients = self.coefficients
-        n, rate = self._n, (1.0 / np.diff(self.times))[:, None, None]
+        n = self._n
+        rate = (1.0 / np.diff(self.times))[:, None, None]  # dx/dt of each segment
         power = np.arange(1.0, 6.0)[:, None]
         table = np.zeros((len(rate), 6, 3 * n))
         table[:, :, :n] = coefficients
+        # d/dt (c_k x^k) = k c_k x^(k-1) dx/dt, twice.
         np.multiply(coefficients[:, 1:], power * rate, out=table[:, :5, n:2 * n])
         np.multiply(table[:, 1:5, n:2 * n], power[:4] * rate, out=table[:, :4, 2 * n:])
         table.flags.writeable = False
@@ -85,19 +90,20 @@ class Motion:
     @property
     def coefficients(self) -> Array:
         """Return the coefficients of q in x from 0 to 1 of all segments, (K - 1, 6, n)."""
-        given = self._coefficients  # read once, since another thread may replace it
-        if callable(given):
-            given = given()
-            given.flags.writeable = False
-            self._coefficients = given
-        return given
+        coefficients = self._coefficients  # read once, since another thread may replace it
+        if callable(coefficients):
+            coefficients = coefficients()
+            coefficients.flags.writeable = False
+            self._coefficients = coefficients
+        return coefficients
 
+    # Lists: their numbers are read faster than those of arrays.
     @cached_property
     def _knots(self) -> list[float]:
         return self.times.tolist()  # type: ignore[no-any-return]
 
     @cached_property
-    def _inverse_h(self) -> list[float]:
+    def _rates(self) -> list[float]:
         return (1.0 / np.diff(self.times)).tolist()  # type: ignore[no-any-return]
 
     def __repr__(self) -> str:
@@ -107,11 +113,12 @@ class Motion:
 
     def _repr_html_(self) -> str:
         """Return start, end and largest speed of each joint as a table for notebooks."""
-        t = np.linspace(self.times[0], self.times[-1], SAMPLES)
-        fastest = np.abs(self.velocities_at(t)).max(axis=0) if len(self.times) > 1 else (
-            np.zeros(self._n))
-        rows = [[name, first, last, speed] for name, first, last, speed in zip(
-            self.joint_names, self.positions[0], self.positions[-1], fastest)]
+        largest_speeds = np.zeros(self._n)
+        if len(self.times) > 1:
+            t = np.linspace(self.times[0], self.times[-1], SAMPLES)
+            largest_speeds = np.abs(self.velocities_at(t)).max(axis=0)
+        rows = [list(row) for row in zip(self.joint_names, self.positions[0],
+                                         self.positions[-1], largest_speeds)]
         return html_table(repr(self)[1:-1], ['joint', 'start', 'end', 'largest speed'], rows)
 
     @property
@@ -156,31 +163,40 @@ class Motion:
             If an argument is invalid; the message names the point, the joint and the value.
 
         """
-        given = checked_joint_names(joint_names, 'joint_names')
-        names = given if order is None else checked_joint_names(order, 'order')
-        lacking = [name for name in names if name not in given]
+        stated_names = checked_joint_names(joint_names, 'joint_names')
+        names = stated_names if order is None else checked_joint_names(order, 'order')
+        lacking = [name for name in names if name not in stated_names]
         if lacking:
-            raise InputError(f'motion: joints {list(given)}; expected {lacking} too')
-        columns = [given.index(name) for name in names]
-        t, q, *derivatives = trajectory_points(times, positions, velocities, accelerations, given)
+            raise InputError(f'motion: joints {list(stated_names)}; expected {lacking} too')
+        columns = [stated_names.index(name) for name in names]
+        t, q, u, udot = trajectory_points(times, positions, velocities, accelerations,
+                                          stated_names)
         q = q[:, columns]
-        u, udot = (None if table is None else table[:, columns] for table in derivatives)
-        rest = np.zeros(len(names))
+        if u is not None:
+            u = u[:, columns]
+        if udot is not None:
+            udot = udot[:, columns]
+
+        # A start before the first point is one more point.
+        first_velocity = np.zeros(len(names))
         if start is not None and t[0] > 0.0:
-            first = start_state(start, names)
+            q0, u0, udot0 = start_state(start, names)
             t = np.concatenate([[0.0], t])
-            q = np.vstack([first[0], q])
-            u = None if u is None else np.vstack([first[1], u])
-            udot = None if udot is None else np.vstack([first[2], udot])
-            rest = first[1]
+            q = np.vstack([q0, q])
+            if u is not None:
+                u = np.vstack([u0, u])
+            if udot is not None:
+                udot = np.vstack([udot0, udot])
+            first_velocity = u0
         with np.errstate(over='ignore', invalid='ignore'):
-            u = spline_velocities(t, q, rest) if u is None else u
+            if u is None:
+                u = spline_velocities(t, q, first_velocity)
             motion = cls(names, t, q, segment_coefficients(t, q, u, udot))
             finite = np.isfinite(motion._table).all()
-        if finite:
-            return motion
-        raise InputError(f'motion: positions up to {np.abs(q).max():g} overflow; expected a '
-                         'finite motion')
+        if not finite:
+            raise InputError(f'motion: positions up to {np.abs(q).max():g} overflow; expected a '
+                             'finite motion')
+        return motion
 
     def scaled(self, speed: float) -> Motion:
         """
@@ -237,9 +253,10 @@ class Motion:
         if not knots[0] <= t < knots[-1]:
             if not math.isfinite(t):
                 raise InputError(f't: {t}; expected a finite time in s')
-            return self.positions[0 if t < knots[0] else -1].copy(), np.zeros(n), np.zeros(n)
+            end = 0 if t < knots[0] else -1
+            return self.positions[end].copy(), np.zeros(n), np.zeros(n)
         k = bisect_right(knots, t) - 1
-        x = (t - knots[k]) * self._inverse_h[k]
+        x = (t - knots[k]) * self._rates[k]
         x2 = x * x
         x3 = x2 * x
         state = np.array((1.0, x, x2, x3, x2 * x2, x2 * x3)).dot(self._table[k])
@@ -263,25 +280,28 @@ class Motion:
         """Return (K, n) arrays for a (K,) array of times."""
         if t.ndim != 1 or not np.isfinite(t).all():
             raise InputError(f't: shape {t.shape}; expected one axis of finite times in s')
-        out = self._values(t, 0, 3 * self._n)
-        q, u, udot = (np.ascontiguousarray(part) for part in np.split(out, 3, axis=1))
+        states = self._values(t, 0, 3 * self._n)
+        q, u, udot = (np.ascontiguousarray(part) for part in np.split(states, 3, axis=1))
         return q, u, udot
 
     def _values(self, t: Array, begin: int, end: int) -> Array:
         """Return some columns of q, u and udot, (K, end - begin)."""
         inside = (t >= self.times[0]) & (t < self.times[-1])
         if not inside.all():
-            out = np.zeros((len(t), 3 * self._n))
-            out[:, :self._n] = self.positions[np.where(t < self.times[0], 0, -1)]
-            out = out[:, begin:end]
+            # Outside it rests at its first or last point.
+            states = np.zeros((len(t), 3 * self._n))
+            states[:, :self._n] = self.positions[np.where(t < self.times[0], 0, -1)]
+            columns = states[:, begin:end]
             if inside.any():
-                out[inside] = self._values(t[inside], begin, end)
-            return out
+                columns[inside] = self._values(t[inside], begin, end)
+            return columns
         k = np.searchsorted(self.times, t, side='right') - 1
-        x = (t - self.times[k]) * np.take(self._inverse_h, k)
+        x = (t - self.times[k]) * np.take(self._rates, k)
         table = self._table[:, :, begin:end]
         if len(t) > MANY * len(table) and (k[1:] >= k[:-1]).all():
-            return self._of_segments(x, np.searchsorted(k, np.arange(len(table) + 1)), table)
+            ends = np.searchsorted(k, np.arange(len(table) + 1))
+            return self._segment_by_segment(x, ends, table)
+        # Horner's rule, with the coefficients of each time's segment.
         x = x[:, None]
         value = table[:, 5].take(k, axis=0)
         for power in (4, 3, 2, 1, 0):
@@ -290,13 +310,12 @@ class Motion:
         return value
 
     @staticmethod
-    def _of_segments(x: Array, ends: NDArray[np.intp], table: Array) -> Array:
+    def _segment_by_segment(x: Array, ends: NDArray[np.intp], table: Array) -> Array:
         """Return the polynomials of a table at many fractions x, segment by segment."""
-        powers = np.empty((len(x), 6))
-        powers[:, 0], powers[:, 1] = 1.0, x
-        for k in range(2, 6):
+        powers = np.ones((len(x), 6))
+        for k in range(1, 6):
             np.multiply(powers[:, k - 1], x, out=powers[:, k])
-        out = np.empty((len(x), table.shape[2]))
-        for rows, begin, end in zip(table, ends, ends[1:]):
-            np.matmul(powers[begin:end], rows, out=out[begin:end])
-        return out
+        values = np.empty((len(x), table.shape[2]))
+        for coefficients, begin, end in zip(table, ends, ends[1:]):
+            np.matmul(powers[begin:end], coefficients, out=values[begin:end])
+        return values

@@ -34,8 +34,9 @@ def trajectory_points(times: ArrayLike, positions: Rows, velocities: Rows | None
 
     """
     t = point_times(times)
-    q, u, udot = (_rows(values, what, len(t), names) for values, what in (
-        (positions, 'positions'), (velocities, 'velocities'), (accelerations, 'accelerations')))
+    q = _rows(positions, 'positions', len(t), names)
+    u = _rows(velocities, 'velocities', len(t), names)
+    udot = _rows(accelerations, 'accelerations', len(t), names)
     if q is None:
         raise InputError(f'positions: none; expected one row per point for {list(names)}')
     if udot is not None and u is None:
@@ -48,8 +49,8 @@ def checked_joint_names(names: Sequence[str], what: str) -> tuple[str, ...]:
     if isinstance(names, str) or not isinstance(names, Iterable):
         raise InputError(f'{what}: {names!r}; expected a list of joint names')
     names = tuple(names)
-    if not names or not all(isinstance(name, str) for name in names) or (
-            len(set(names)) != len(names)):
+    are_text = all(isinstance(name, str) for name in names)
+    if not names or not are_text or len(set(names)) != len(names):
         raise InputError(f'{what}: {list(names)}; expected one or more different joint names')
     return names
 
@@ -63,7 +64,8 @@ def point_times(times: ArrayLike) -> Array:
     if t.ndim != 1 or not len(t):
         raise InputError(f'times: shape {t.shape}; expected one number per point, and at least '
                          'one point')
-    if not (np.isfinite(t).all() and t[0] >= 0.0 and (t[1:] > t[:-1]).all()):
+    valid = np.isfinite(t).all() and t[0] >= 0.0 and (t[1:] > t[:-1]).all()
+    if not valid:
         for i, value in enumerate(t.tolist()):
             if not math.isfinite(value) or value < 0.0:
                 raise InputError(f'point {i}: time {value} s; expected a finite time >= 0 s')
@@ -78,19 +80,20 @@ def _rows(values: Rows | None, what: str, count: int,
     """Return one row per point as a (K, n) array, or None if there are no values."""
     if values is None:
         return None
-    if isinstance(values, np.ndarray) and values.dtype == np.float64 and (
-            values.shape == (count, len(names)) and np.isfinite(values).all()):
+    if (isinstance(values, np.ndarray) and values.dtype == np.float64
+            and values.shape == (count, len(names)) and np.isfinite(values).all()):
         return values.copy()  # thousands of rows would take milliseconds one by one
     try:
-        listed = [np.array(row, dtype=np.float64) for row in values]  # type: ignore[union-attr]
+        rows = [np.array(row, dtype=np.float64) for row in values]  # type: ignore[union-attr]
     except (TypeError, ValueError):
         raise InputError(f'{what}: {values!r}; expected one row of {len(names)} numbers per point '
                          f'({", ".join(names)})') from None
-    if all(row.size == 0 for row in listed):
+    if all(row.size == 0 for row in rows):
         return None
-    if len(listed) != count:
-        raise InputError(f'{what}: {len(listed)} rows; expected {count}, one per time')
-    return np.array([finite_row(row, f'point {i}: {what}', names) for i, row in enumerate(listed)])
+    if len(rows) != count:
+        raise InputError(f'{what}: {len(rows)} rows; expected {count}, one per time')
+    checked = [finite_row(row, f'point {i}: {what}', names) for i, row in enumerate(rows)]
+    return np.array(checked)
 
 
 def start_state(start: Start, names: tuple[str, ...]) -> State:
@@ -100,7 +103,9 @@ def start_state(start: Start, names: tuple[str, ...]) -> State:
     except (TypeError, ValueError):
         raise InputError(f'start: {SHORT.repr(start)}; expected positions, velocities and '
                          'accelerations') from None
-    rest = np.zeros(len(names))
-    return (finite_row(q, 'start: positions', names),
-            finite_row(rest if u is None else u, 'start: velocities', names),
-            finite_row(rest if udot is None else udot, 'start: accelerations', names))
+    if u is None:
+        u = np.zeros(len(names))
+    if udot is None:
+        udot = np.zeros(len(names))
+    return (finite_row(q, 'start: positions', names), finite_row(u, 'start: velocities', names),
+            finite_row(udot, 'start: accelerations', names))

@@ -20,36 +20,48 @@ def rests(motion: Motion) -> Array:
     knots = motion.times
     if len(knots) < 2:
         return knots
+
+    # Velocities at the points and at some places of each segment.
     u = np.zeros(((len(knots) - 1) * len(INSIDE) + 1, motion.n))
     u[:-1] = motion.velocities_inside(INSIDE).reshape(-1, motion.n)
     speed = np.sqrt(np.einsum('ij,ij->i', u, u))
-    points = speed[::len(INSIDE)]
-    still = points <= AT_REST * np.abs(motion.positions[1:] - motion.positions[:-1]).sum() / (
-        knots[-1] - knots[0])
+    speed_at_knots = speed[::len(INSIDE)]
+    distance = np.abs(motion.positions[1:] - motion.positions[:-1]).sum()
+    still = speed_at_knots <= AT_REST * distance / (knots[-1] - knots[0])
     still[[0, -1]] = True
     speed[::len(INSIDE)][still] = 0.0
-    least = np.minimum(speed[:-2], speed[2:])
-    k = 1 + np.flatnonzero((speed[1:-1] <= least) & (speed[1:-1] > 0.0) & (least > 0.0)
-                           & (np.einsum('ij,ij->i', u[:-2], u[2:]) < 0.0))
+
+    # Samples k with the least speed around, between which the velocity changes its direction.
+    slower_neighbor = np.minimum(speed[:-2], speed[2:])
+    is_least = (speed[1:-1] <= slower_neighbor) & (speed[1:-1] > 0.0) & (slower_neighbor > 0.0)
+    turns_back = np.einsum('ij,ij->i', u[:-2], u[2:]) < 0.0
+    k = 1 + np.flatnonzero(is_least & turns_back)
     if not k.size:
         return np.asarray(knots[still])
-    # The speed between two samples is at least that along the chord between their velocities, less
-    # the sagitta of the curve: an eighth of the second difference where u is quadratic in t. With
-    # twice that, for knots between, most turns are no reversals and need no bisection.
+
+    # The speed between two samples is at least that along the chord between their velocities,
+    # less the sagitta of the curve: an eighth of the second difference where u is quadratic in
+    # t. With twice that, for knots between, most turns are no reversals and need no bisection.
     sagitta = 0.25 * np.linalg.norm(u[k - 1] - 2.0 * u[k] + u[k + 1], axis=1)
-    nearest = np.minimum(_nearest(u[k - 1], u[k]), _nearest(u[k], u[k + 1]))
-    k = k[nearest - sagitta <= REVERSAL * least[k - 1]]
+    least_on_chords = np.minimum(_nearest(u[k - 1], u[k]), _nearest(u[k], u[k + 1]))
+    k = k[least_on_chords - sagitta <= REVERSAL * slower_neighbor[k - 1]]
     if not k.size:
         return np.asarray(knots[still])
-    t = np.append((knots[:-1, None] + np.diff(knots)[:, None] * INSIDE).ravel(), knots[-1])
-    low, high = t[k - 1], t[k + 1]
+
+    # Bisect for the time of least speed, where u . udot changes its sign.
+    samples_of_segments = knots[:-1, None] + np.diff(knots)[:, None] * INSIDE
+    t = np.append(samples_of_segments.ravel(), knots[-1])
+    low = t[k - 1]
+    high = t[k + 1]
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        _, rates, slopes = motion.sample(middle)
-        slower = np.einsum('ij,ij->i', rates, slopes) < 0.0
-        low, high = np.where(slower, middle, low), np.where(slower, high, middle)
-    turned = np.linalg.norm(motion.sample(low)[1], axis=1) <= REVERSAL * least[k - 1]
-    return np.unique(np.concatenate([knots[still], low[turned]]))
+        _, rates, accelerations = motion.sample(middle)
+        slows_down = np.einsum('ij,ij->i', rates, accelerations) < 0.0
+        low = np.where(slows_down, middle, low)
+        high = np.where(slows_down, high, middle)
+    least_speed = np.linalg.norm(motion.sample(low)[1], axis=1)
+    reverses = least_speed <= REVERSAL * slower_neighbor[k - 1]
+    return np.unique(np.concatenate([knots[still], low[reverses]]))
 
 
 def _nearest(begin: Array, end: Array) -> Array:
@@ -57,6 +69,7 @@ def _nearest(begin: Array, end: Array) -> Array:
     chord = end - begin
     square = np.einsum('ij,ij->i', chord, chord)
     along = -np.einsum('ij,ij->i', begin, chord)
-    place = np.clip(along / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
-    nearest: Array = np.linalg.norm(begin + place[:, None] * chord, axis=1)
-    return nearest
+    # A chord between equal rows has no length; its distance is that of the row.
+    fraction = np.clip(along / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+    distance: Array = np.linalg.norm(begin + fraction[:, None] * chord, axis=1)
+    return distance

@@ -56,13 +56,17 @@ def plot_bending(model: Model, q: Any, t: Sequence[float] | None = None,
     if t is not None and len(t) != len(shapes):
         raise InputError(f't: {len(t)} times; expected {len(shapes)}, one per configuration')
     drawn = [_lines(model, shape, exaggeration) for shape in shapes]
+    labels: list[str | None] = [None] * len(drawn)
+    if t is not None:
+        labels = [f'{time:.3g} s' for time in t]
     view = _View(plane, drawn)
     colors = _AGES(np.linspace(0.0, 1.0, len(drawn)))
-    times = '' if exaggeration == 1.0 else f', deflections drawn {exaggeration:g} times'
-    with styled(8.0, 6.0, title + times, path) as figure:
+    if exaggeration != 1.0:
+        title = f'{title}, deflections drawn {exaggeration:g} times'
+    with styled(8.0, 6.0, title, path) as figure:
         axes = view.panel(figure, 1, 1, 0)
-        for k, lines in enumerate(drawn):
-            view.draw(axes, lines, colors[k], None if t is None else f'{t[k]:.3g} s')
+        for lines, color, label in zip(drawn, colors, labels, strict=True):
+            view.draw(axes, lines, color, label)
         if t is not None:
             figure.legend(loc='outside right upper', title='Time', alignment='left')
     return figure
@@ -92,29 +96,41 @@ def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *, held: Seq
         As of `natural_vibration` and `plot_bending`; or if no mode vibrates.
 
     """
-    rest = _checked(robot.model, q)[0]
-    found = natural_vibration(robot, rest, held)
-    scale = float(np.abs(found.frequencies).max(initial=0.0))
-    shown = [k for k, w in enumerate(found.frequencies) if w > 1e-6 * scale][:max(count, 0)]
-    if not shown:
+    resting_q = _checked(robot.model, q)[0]
+    vibration = natural_vibration(robot, resting_q, held)
+    fastest = float(np.abs(vibration.frequencies).max(initial=0.0))
+    modes = [k for k, frequency in enumerate(vibration.frequencies)
+             if frequency > 1e-6 * fastest][:max(count, 0)]
+    if not modes:
         raise InputError(f'count: {count}, no vibration to plot; expected at least one')
-    still = _lines(robot.model, rest)
-    extent = float(np.ptp(np.concatenate([places for _, places in still]), axis=0).max())
-    swings = [_swing(still, robot.model, rest, found.shapes[:, k], SWING * extent) for k in shown]
-    view = _View(plane, [still, *(lines for swing in swings for lines in swing)])
-    columns = min(len(shown), 4)
-    rows = -(-len(shown) // columns)
-    with styled(3.6 * columns, 0.6 + 3.6 * rows, f'{title}, amplitudes not to scale',
-                path) as figure:
-        for place, (k, swing) in enumerate(zip(shown, swings)):
+    still = _lines(robot.model, resting_q)
+    points = np.concatenate([points for _, points in still])
+    extent = float(np.ptp(points, axis=0).max())
+    swings = [_swing(still, robot.model, resting_q, vibration.shapes[:, k], SWING * extent)
+              for k in modes]
+    drawn = [still]
+    for ends in swings:
+        drawn += ends
+    view = _View(plane, drawn)
+    columns = min(len(modes), 4)
+    rows = -(-len(modes) // columns)
+    title = f'{title}, amplitudes not to scale'
+    with styled(3.6 * columns, 0.6 + 3.6 * rows, title, path) as figure:
+        for place, (k, ends) in enumerate(zip(modes, swings)):
             axes = view.panel(figure, rows, columns, place)
-            for lines, color in zip((still, *swing), (GREY, BLUE, ORANGE)):
+            for lines, color in zip((still, *ends), (GREY, BLUE, ORANGE)):
                 view.draw(axes, lines, color)
-            moves = any(np.abs(a - b).max() > 1e-3 * extent
-                        for (_, a), (_, b) in zip(still, swing[0]))
-            axes.set_title(f'{found.frequencies[k] / (2.0 * np.pi):.4g} Hz'
-                           f'{"" if moves else ", twist"}')
+            name = f'{vibration.frequencies[k] / (2.0 * np.pi):.4g} Hz'
+            if _largest_distance(still, ends[0]) <= 1e-3 * extent:
+                name += ', twist'
+            axes.set_title(name)
     return figure
+
+
+def _largest_distance(lines: Lines, moved: Lines) -> float:
+    """Return the largest distance along an axis between the points of lines, m."""
+    return max(float(np.abs(moved_points - points).max())
+               for (_, points), (_, moved_points) in zip(lines, moved))
 
 
 def _checked(model: Model, q: Any) -> Array:
@@ -134,35 +150,53 @@ def _lines(model: Model, q: Array, exaggeration: float = 1.0) -> Lines:
     A body without joints or frames has no line.
     """
     q = q.copy()
-    beams = {i: body.beam for i, body in enumerate(model.bodies) if body.beam}
     q[list(model.modal_coordinates)] *= exaggeration
-    here = configurations(model, q)
-    lines = []
-    for i, beam in beams.items():
-        across, along = beam.displacement(q[list(beam.coordinates)])
-        local = np.concatenate([np.zeros((1, 3)), beam.points + across + along])
-        tips = [here[frame.body].p_wb[None] for frame in model.frames
-                if frame.name == f'{model.bodies[i].name}/tip']
-        lines.append((True, np.concatenate([here[i].p_wb + local @ here[i].R_wb.T, *tips])))
+    placed = configurations(model, q)
+    frames = {frame.name: frame for frame in model.frames}
+    lines: Lines = []
+
+    # Beams, from the root through the quadrature points to the tip.
+    for index, body in enumerate(model.bodies):
+        if body.beam is None:
+            continue
+        across, along = body.beam.displacement(q[list(body.beam.coordinates)])
+        local = np.concatenate([np.zeros((1, 3)), body.beam.points + across + along])
+        points = placed[index].p_wb + local @ placed[index].R_wb.T
+        tip = frames.get(f'{body.name}/tip')
+        if tip is not None:
+            points = np.vstack([points, placed[tip.body].p_wb])
+        lines.append((True, points))
+
+    # Rigid bodies, from their origin to the joints that they carry, or else to their frames.
     ends = [(body.parent, body.joint.translation) for body in model.bodies
             if body.parent != WORLD and body.joint.deflection is None]
-    carriers = {body.parent for body in model.bodies}
+    carriers = {WORLD, *(body.parent for body in model.bodies)}
     ends += [(frame.body, frame.translation) for frame in model.frames
-             if frame.body not in (WORLD, *carriers)]
-    lines += [(False, np.array([here[i].p_wb, here[i].p_wb + here[i].R_wb @ r]))
-              for i, r in ends if r.any()]
+             if frame.body not in carriers]
+    for index, end in ends:
+        if end.any():
+            start = placed[index].p_wb
+            lines.append((False, np.array([start, start + placed[index].R_wb @ end])))
     return lines
 
 
-def _swing(still: Lines, model: Model, rest: Array, shape: Array, size: float) -> list[Lines]:
-    """Return the lines at both ends of a small swing, scaled to the amplitude `size`."""
+def _swing(still: Lines, model: Model, resting_q: Array, shape: Array,
+           amplitude: float) -> list[Lines]:
+    """Return the lines at both ends of a small swing, scaled to an amplitude, m."""
+    # The directions of the motion, from a step that is small enough to be linear.
     small = 1e-6 / np.abs(shape).max()
-    moves = [moved - places for (_, moved), (_, places) in zip(
-        _lines(model, rest + small * shape), still)]
-    far = max(np.abs(move).max() for move in moves)
-    scale = size / far if far > 1e-9 * size else 0.0  # pure twist moves no line
-    return [[(beam, places + sign * scale * move) for (beam, places), move in zip(still, moves)]
-            for sign in (1.0, -1.0)]
+    moved = _lines(model, resting_q + small * shape)
+    moves = [moved_points - points
+             for (_, moved_points), (_, points) in zip(moved, still, strict=True)]
+    largest = max(np.abs(move).max() for move in moves)
+    scale = 0.0  # pure twist moves no line
+    if largest > 1e-9 * amplitude:
+        scale = amplitude / largest
+    ends = []
+    for sign in (1.0, -1.0):
+        ends.append([(beam, points + sign * scale * move)
+                     for (beam, points), move in zip(still, moves)])
+    return ends
 
 
 class _View:
@@ -174,11 +208,17 @@ class _View:
             raise InputError(f"plane: '{plane}'; expected one of {', '.join(PLANES)}")
         if not any(drawn):
             raise InputError('model: no body has a length; expected at least one')
-        places = np.concatenate([places for lines in drawn for _, places in lines])
-        low, size = places.min(axis=0), np.ptp(places, axis=0)
+        clouds = []
+        for lines in drawn:
+            clouds += [points for _, points in lines]
+        cloud = np.concatenate(clouds)
+        low = cloud.min(axis=0)
+        size = np.ptp(cloud, axis=0)
         if plane is None:
+            plane = 'xyz'
             flat = [k for k in range(3) if size[k] <= FLAT * size.max()]
-            plane = 'xyz' if not flat else 'xyz'.replace('xyz'[flat[-1]], '')
+            if flat:
+                plane = plane.replace('xyz'[flat[-1]], '')
         self.names = plane
         self._axes = ['xyz'.index(name) for name in plane]
         margin = 0.06 * float(size.max())
@@ -187,14 +227,15 @@ class _View:
 
     def panel(self, figure: Figure, rows: int, columns: int, k: int) -> Any:
         """Return panel k (from 0) of a figure."""
+        in_space = len(self.names) == 3
         axes: Any = figure.add_subplot(rows, columns, k + 1,
-                                       projection='3d' if len(self.names) == 3 else None)
+                                       projection='3d' if in_space else None)
         for which, name, low, size in zip('xyz', self.names, self._low, self._size):
             axes.set(**{f'{which}label': f'{name} [m]', f'{which}lim': (low, low + size)})
             ticks = max(2, round(6 * size / self._size.max()))
             getattr(axes, f'{which}axis').set_major_locator(MaxNLocator(ticks))
         axes.set_aspect('equal')
-        if len(self.names) == 3:
+        if in_space:
             axes.set_box_aspect(self._size.copy(), zoom=0.7)  # room for the labels
             axes.patch.set_visible(False)  # a patch would cover the labels of the previous panel
             axes.tick_params(labelsize=7.0, pad=0.0)
@@ -203,8 +244,9 @@ class _View:
 
     def draw(self, axes: Any, lines: Lines, color: Any, label: str | None = None) -> None:
         """Plot a robot with thick beams and a dot at the start of each line."""
-        for beam, places in lines:
-            places = places[:, self._axes].T
-            axes.plot(*places, color=color, label=label, linewidth=2.4 if beam else 1.2)
-            axes.plot(*places[:, :1], 'o', color=INK, markersize=3.0)
-            label = None
+        for is_beam, points in lines:
+            coordinates = points[:, self._axes].T
+            width = 2.4 if is_beam else 1.2
+            axes.plot(*coordinates, color=color, label=label, linewidth=width)
+            axes.plot(*coordinates[:, :1], 'o', color=INK, markersize=3.0)
+            label = None  # one entry of the legend for all lines

@@ -4,8 +4,9 @@ import copy
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis.power_balance import power_balance, unaccounted_energy
-from kane_dynamics.plot.style import (above, BLUE, draw, GREEN, INK, ORANGE, Path, RED,
-                                      show_at_least, SKY, styled, time_axis, titled, zero_line)
+from kane_dynamics.plot.style import (above, BLUE, GREEN, INK, ORANGE, Path, plot_lines,
+                                      RED, show_at_least, SKY, styled, time_axis, titled,
+                                      zero_line)
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.trajectory import Trajectory
 from matplotlib.figure import Figure
@@ -37,33 +38,40 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
     """
     trajectory.require(robot, 'plot_energy')
     title = titled(title, 'energy and power', robot.model.name)
-    t, energy = trajectory.t, trajectory.energy.sum(axis=1)
-    power = power_balance(robot, trajectory.q, trajectory.u, trajectory.udot, t=t)
+    t = trajectory.t
+    kinetic = trajectory.energy[:, 0]
+    total = trajectory.energy.sum(axis=1)
     strain = strain_energy(robot, trajectory.q)
-    springs = {'springs': (strain, GREEN, '-')} if strain.any() else {}
-    drives = ({'prescribed motion': (power.constraints, GREEN, '-')}
-              if np.any(power.constraints) else {})
+    power = power_balance(robot, trajectory.q, trajectory.u, trajectory.udot, t=t)
+    supplied = power.joints + power.constraints - power.friction
+    unaccounted = unaccounted_energy(t, total, supplied)
+
+    energies = {'kinetic': (kinetic, ORANGE, '-'),
+                'gravity': (trajectory.energy[:, 1] - strain, SKY, '-')}
+    if strain.any():
+        energies['springs'] = (strain, GREEN, '-')
+    energies['total'] = (total, INK, '--')
+    powers = {'motors': (power.joints, BLUE, '-'), 'friction': (-power.friction, RED, '-'),
+              'rate of energy': (power.energy_rate, INK, '--')}
+    if np.any(power.constraints):
+        powers['prescribed motion'] = (power.constraints, GREEN, '-')
+    largest_residual = f'largest {np.abs(power.residual).max():.2g} W'
+    largest_unaccounted = f'largest {np.abs(unaccounted).max():.2g} J'
     with styled(10.0, 9.0, title, path) as figure:
         panels = figure.subplots(4, 1, sharex=True, height_ratios=(3, 3, 1.4, 1.4))
-        draw(panels[0], t, {
-            'kinetic': (trajectory.energy[:, 0], ORANGE, '-'),
-            'gravity': (trajectory.energy[:, 1] - strain, SKY, '-'), **springs,
-            'total': (energy, INK, '--')})
-        draw(panels[1], t, {
-            'motors': (power.joints, BLUE, '-'), 'friction': (-power.friction, RED, '-'),
-            'rate of energy': (power.energy_rate, INK, '--'), **drives})
-        lost = unaccounted_energy(t, energy, power.joints + power.constraints - power.friction)
-        draw(panels[2], t, {f'largest {np.abs(power.residual).max():.2g} W':
-                            (power.residual, INK, '-')})
-        draw(panels[3], t, {f'largest {np.abs(lost).max():.2g} J': (lost, INK, '-')})
-        for axes, text in zip(panels, ('Energy\n[J]', 'Power\n[W]', 'Residual\n[W]',
-                                       'Unaccounted\n[J]'), strict=True):
+        plot_lines(panels[0], t, energies)
+        plot_lines(panels[1], t, powers)
+        plot_lines(panels[2], t, {largest_residual: (power.residual, INK, '-')})
+        plot_lines(panels[3], t, {largest_unaccounted: (unaccounted, INK, '-')})
+        labels = ('Energy\n[J]', 'Power\n[W]', 'Residual\n[W]', 'Unaccounted\n[J]')
+        for axes, text in zip(panels, labels, strict=True):
             axes.set_ylabel(text)
             above(axes, 4)
         for axes in panels[1:]:
             zero_line(axes)
-        swing = np.ptp(trajectory.energy[:, 0]) / max(np.ptp(t), np.finfo(float).tiny)
-        show_at_least(panels[1], 1e-3 * swing)
+        # Powers that are small beside the mean rate of kinetic energy are rounding.
+        duration = max(np.ptp(t), np.finfo(float).tiny)
+        show_at_least(panels[1], 1e-3 * np.ptp(kinetic) / duration)
         time_axis(panels)
     return figure
 

@@ -17,8 +17,14 @@ import numpy as np
 Path = str | os.PathLike[str]
 
 # Palette of Okabe & Ito, which is safe for color blindness, without its pale yellow.
-BLUE, ORANGE, GREEN, RED = '#0072B2', '#E69F00', '#009E73', '#D55E00'
-PINK, SKY, GREY, INK = '#CC79A7', '#56B4E9', '#8A8F98', '#22262B'
+BLUE = '#0072B2'
+ORANGE = '#E69F00'
+GREEN = '#009E73'
+RED = '#D55E00'
+PINK = '#CC79A7'
+SKY = '#56B4E9'
+GREY = '#8A8F98'
+INK = '#22262B'
 LINES = (BLUE, ORANGE, GREEN, RED, PINK, SKY, GREY)
 NEAR = 2.0  # limits within this multiple of the values are drawn
 MARGIN = 0.06  # of a panel's height, beyond a limit
@@ -68,13 +74,14 @@ def styled(width: float, height: float, title: str, path: Path | None) -> Iterat
 
 def grid(figure: Figure, count: int, columns: int, *, share_x: bool) -> list[Axes]:
     """Return `count` panels in rows of as many columns."""
-    panels = figure.subplots(-(-count // columns), columns, sharex=share_x, squeeze=False)
+    rows = -(-count // columns)
+    panels = figure.subplots(rows, columns, sharex=share_x, squeeze=False)
     for axes in panels.flat[count:]:
         axes.remove()
-    left: list[Axes] = list(panels.flat[:count])
-    for axes in left[-columns:]:
+    used: list[Axes] = list(panels.flat[:count])
+    for axes in used[-columns:]:  # below some of them there was a panel
         axes.tick_params(labelbottom=True)
-    return left
+    return used
 
 
 def lowest(panels: Sequence[Axes]) -> list[Axes]:
@@ -93,7 +100,7 @@ def time_axis(panels: Any) -> None:
         axes.set_xlabel('Time [s]')
 
 
-def draw(axes: Axes, t: Array, lines: Mapping[str, tuple[Array, str, Any]]) -> None:
+def plot_lines(axes: Axes, t: Array, lines: Mapping[str, tuple[Array, str, Any]]) -> None:
     """Plot lines by label: values, color, dash."""
     for label, (values, color, dash) in lines.items():
         axes.plot(t, values, color=color, linestyle=dash, label=label)
@@ -115,30 +122,38 @@ def limit_lines(axes: Axes, values: Array, bound: float) -> None:
     if not np.isfinite(bound):
         return
     low, high = axes.get_ylim()
-    near = [sign for sign in (-1.0, 1.0) if bound < NEAR * float((sign * values).max(initial=0.0))]
-    for sign in near:
-        axes.axhline(sign * bound, color=RED, linestyle='--', linewidth=1.0, label='limit')
-    reach = [sign * (1.0 + MARGIN) * bound for sign in near]
-    axes.set_ylim(min([low, *reach]), max([high, *reach]))
-    if not near:
+    is_near = False
+    for sign in (-1.0, 1.0):
+        if bound < NEAR * float((sign * values).max(initial=0.0)):
+            axes.axhline(sign * bound, color=RED, linestyle='--', linewidth=1.0, label='limit')
+            reach = sign * (1.0 + MARGIN) * bound
+            low = min(low, reach)
+            high = max(high, reach)
+            is_near = True
+    axes.set_ylim(low, high)
+    if not is_near:  # the text is above the panel, where no curve is
         axes.set_title(f'limit ±{bound:g}', loc='right', fontsize=8.0, fontweight='normal',
-                       color=RED)  # above the panel, where no curve is
+                       color=RED)
 
 
 def hide_rounding(axes: Axes, noise: float, span: float) -> None:
     """Extend the height of a panel with only rounding errors until they are a line."""
     low, high = axes.get_ylim()
     lines = [np.asarray(line.get_ydata(), dtype=np.float64) for line in axes.lines]
-    if max((float(np.ptp(values)) for values in lines if len(values)), default=0.0) > noise:
+    ranges = [float(np.ptp(values)) for values in lines if len(values)]
+    if max(ranges, default=0.0) > noise:
         return
-    middle = float(np.mean([np.mean(values) for values in lines])) if lines else 0.0
-    middle = 0.0 if abs(middle) <= noise else middle
+    middle = 0.0
+    if lines:
+        middle = float(np.mean([np.mean(values) for values in lines]))
+    if abs(middle) <= noise:
+        middle = 0.0
     axes.set_ylim(min(low, middle - span), max(high, middle + span))
 
 
-def titled(given: str | None, what: str, name: str) -> str:
-    """Return the given title, else one with the name of the robot."""
-    return f'{name}: {what}' if given is None else given
+def titled(title: str | None, what: str, name: str) -> str:
+    """Return the title, if there is one, else one with the name of the robot."""
+    return f'{name}: {what}' if title is None else title
 
 
 def above(axes: Axes, columns: int) -> None:
@@ -148,9 +163,11 @@ def above(axes: Axes, columns: int) -> None:
 
 def beside(axes: Axes, *words: tuple[str, str]) -> None:
     """Write (text, color) pairs beside a panel, top down, all but the first in bold."""
+    weight = 'normal'
     for k, (text, color) in enumerate(words):
         axes.text(1.02, 0.98 - 0.18 * k, text, transform=axes.transAxes, va='top', fontsize=9.0,
-                  color=color, fontweight='bold' if k else 'normal')
+                  color=color, fontweight=weight)
+        weight = 'bold'
 
 
 def legend_below(figure: Figure, panels: Any, last: Sequence[str] = ()) -> None:
@@ -159,17 +176,20 @@ def legend_below(figure: Figure, panels: Any, last: Sequence[str] = ()) -> None:
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             shown.setdefault(label, handle)
-    order = sorted(shown, key=lambda label: last.index(label) if label in last else -1)
-    figure.legend([shown[label] for label in order], order, loc='outside lower center',
-                  ncols=min(len(order), 5 if figure.get_figwidth() < 12.0 else 9),
-                  columnspacing=1.6)
+    labels = [label for label in shown if label not in last]
+    labels += [label for label in last if label in shown]
+    room = 5 if figure.get_figwidth() < 12.0 else 9
+    figure.legend([shown[label] for label in labels], labels, loc='outside lower center',
+                  ncols=min(len(labels), room), columnspacing=1.6)
 
 
-def unit(what: str, names: Sequence[str], prismatic: Collection[str]) -> str:
+def panel_unit(what: str, names: Sequence[str], prismatic: Collection[str]) -> str:
     """Return the unit of a panel, or both units if it shows both kinds of joints."""
     turning, sliding = _UNITS[what]
     slides = [name in prismatic for name in names]
-    return sliding if all(slides) else f'{turning}, {sliding}' if any(slides) else turning
+    if all(slides):
+        return sliding
+    return f'{turning}, {sliding}' if any(slides) else turning
 
 
 def rms(values: Array) -> float:

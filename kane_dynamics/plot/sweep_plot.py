@@ -35,37 +35,46 @@ def plot_sweep(table: Mapping[str, Sequence[Any]], path: Path | None = None, *,
         No value varies.
 
     """
-    columns = list(table)
-    inputs = columns[columns.index('seed') + 1:columns.index('ok')]
-    values = {name: np.array(table[name], dtype=np.float64) for name in inputs
-              if all(isinstance(value, int | float) for value in table[name])}
-    varied = [name for name, column in values.items() if len(column) and np.ptp(column) > 0.0]
+    varied = _varied(table)
     if not varied:
         raise InputError('sweep: the same values in all trials; expected one that varies')
     ok = np.array(table['ok'], dtype=bool)
     results = {prefix: _largest(table, prefix) for prefix in RESULTS
-               if any(name.startswith(prefix) for name in columns)}
-    shown = varied[:MOST]
-    with styled(1.0 + 3.2 * len(shown), 1.0 + 3.0 * len(results), title, path) as figure:
-        panels = figure.subplots(len(results), len(shown), sharex='col', sharey='row',
+               if any(name.startswith(prefix) for name in table)}
+    names = list(varied)[:MOST]
+    with styled(1.0 + 3.2 * len(names), 1.0 + 3.0 * len(results), title, path) as figure:
+        panels = figure.subplots(len(results), len(names), sharex='col', sharey='row',
                                  squeeze=False)
         for row, (prefix, result) in zip(panels, results.items(), strict=True):
-            for axes, name in zip(row, shown, strict=True):
-                axes.plot(values[name][ok], result[ok], '.', color=BLUE, markersize=4.0,
+            for axes, name in zip(row, names, strict=True):
+                values = varied[name]
+                axes.plot(values[ok], result[ok], '.', color=BLUE, markersize=4.0,
                           label='completed')
                 if not ok.all():
-                    axes.plot(values[name][~ok], np.zeros((~ok).sum()), 'x', color=RED,
+                    axes.plot(values[~ok], np.zeros((~ok).sum()), 'x', color=RED,
                               label='failed', transform=axes.get_xaxis_transform())
             row[0].set_ylabel(RESULTS[prefix])
-        for axes, name in zip(panels[-1], shown, strict=True):
+        for axes, name in zip(panels[-1], names, strict=True):
             axes.set_xlabel(name)
             axes.margins(x=0.03)
     return figure
 
 
+def _varied(table: Mapping[str, Sequence[Any]]) -> dict[str, Array]:
+    """Return the columns of numbers that vary, by name: those between the seed and the result."""
+    columns = list(table)
+    varied = {}
+    for name in columns[columns.index('seed') + 1:columns.index('ok')]:
+        if all(isinstance(value, int | float) for value in table[name]):
+            values = np.array(table[name], dtype=np.float64)
+            if len(values) and np.ptp(values) > 0.0:
+                varied[name] = values
+    return varied
+
+
 def _largest(table: Mapping[str, Sequence[Any]], prefix: str) -> Array:
     """Return the largest of the columns with a prefix in each row; NaN where a trial failed."""
-    columns = [table[name] for name in table if name.startswith(prefix)]
-    rows = np.array([[np.nan if value is None else value for value in column]
-                     for column in columns], dtype=np.float64)
-    return np.asarray(np.abs(rows).max(axis=0))
+    # As floats, None is NaN.
+    columns = [np.array(table[name], dtype=np.float64) for name in table
+               if name.startswith(prefix)]
+    return np.asarray(np.abs(columns).max(axis=0))

@@ -1,5 +1,7 @@
 """Plot of a time-optimal timing: the use of the limits over time, and the active limit."""
 
+from __future__ import annotations
+
 from typing import TYPE_CHECKING
 
 from kane_dynamics.plot.style import BLUE, Path, RED, styled, time_axis
@@ -9,7 +11,7 @@ if TYPE_CHECKING:
     from kane_dynamics.feasibility import TimeOptimal
 
 
-def plot_timing(timing: 'TimeOptimal', path: Path | None = None, *,
+def plot_timing(timing: TimeOptimal, path: Path | None = None, *,
                 title: str = 'Use of the limits by the fastest timing') -> Figure:
     """
     Plot the use of each limit of each joint over time; red where it is the active limit.
@@ -22,20 +24,21 @@ def plot_timing(timing: 'TimeOptimal', path: Path | None = None, *,
         See `kane_dynamics.plot`.
 
     """
-    motion = timing.motion
-    names, limits = timing.joint_names, list(timing.uses)
+    t = timing.motion.times
+    names = timing.joint_names
+    limits = list(timing.uses)
     with styled(12.0, 1.3 + 1.2 * len(names), title, path) as figure:
         panels = figure.subplots(len(names), len(limits), sharex=True, sharey=True, squeeze=False)
-        for row, j in zip(panels, range(len(names)), strict=True):
+        for j, (name, row) in enumerate(zip(names, panels, strict=True)):
             for axes, limit in zip(row, limits, strict=True):
                 use = 100.0 * timing.uses[limit][:, j]
-                axes.plot(motion.times, use, color=BLUE)
+                axes.plot(t, use, color=BLUE)
                 for active in timing.active:
-                    if (active.joint, active.limit) == (names[j], limit):
-                        inside = (motion.times >= active.start) & (motion.times <= active.end)
-                        axes.plot(motion.times[inside], use[inside], color=RED, linewidth=2.0)
+                    if (active.joint, active.limit) == (name, limit):
+                        inside = (t >= active.start) & (t <= active.end)
+                        axes.plot(t[inside], use[inside], color=RED, linewidth=2.0)
                 axes.set_ylim(0.0, 110.0)
-            row[0].set_ylabel(f'{names[j]}\n[%]')
+            row[0].set_ylabel(f'{name}\n[%]')
         for axes, limit in zip(panels[0], limits, strict=True):
             axes.set_title(f'{limit} limit')
         time_axis(panels)

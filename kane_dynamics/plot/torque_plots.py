@@ -3,9 +3,10 @@
 from collections.abc import Collection, Sequence
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.plot.style import (beside, BLUE, GREEN, grid, hide_rounding, INK, legend_below,
-                                      limit_lines, NOISE, ORANGE, Path, RED, rms, SKY, styled,
-                                      THIN, time_axis, titled, unit, zero_line)
+from kane_dynamics.plot.style import (beside, BLUE, GREEN, grid, hide_rounding, INK,
+                                      legend_below, limit_lines, NOISE, ORANGE,
+                                      panel_unit, Path, RED, rms, SKY, styled, THIN,
+                                      time_axis, titled, zero_line)
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.trajectory import Trajectory
 from matplotlib.axes import Axes
@@ -28,17 +29,18 @@ def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | Non
     terms = robot.torque_terms(trajectory.q, trajectory.u, trajectory.udot, t=trajectory.t)
     names = trajectory.speed_names
     columns = 1 if len(names) < 4 else 2
+    rows = -(-len(names) // columns)
     title = titled(title, 'torque by source', robot.model.name)
     limits = effort_limits(robot, names)
-    with styled(10.0, 1.3 + 2.0 * -(-len(names) // columns), title, path) as figure:
+    largest = float(np.abs(terms).max(initial=0.0))
+    with styled(10.0, 1.3 + 2.0 * rows, title, path) as figure:
         panels = grid(figure, len(names), columns, share_x=True)
         for i, (name, axes) in enumerate(zip(names, panels, strict=True)):
-            stack(axes, trajectory.t, without_rounding(terms[:, :, i], terms))
-            largest = float(np.abs(terms).max(initial=0.0))
+            stack(axes, trajectory.t, _without_rounding(terms[:, :, i], largest))
             hide_rounding(axes, NOISE * largest, 0.01 * largest or 1.0)
             limit_lines(axes, terms[:, :, i].sum(axis=1), limits[i])
             axes.set_title(name)
-            axes.set_ylabel(f'[{unit("Torque", [name], robot.model.sliding)}]')
+            axes.set_ylabel(f'[{panel_unit("Torque", [name], robot.model.sliding)}]')
         legend_below(figure, panels, LABELS)
         time_axis(panels)
     return figure
@@ -69,19 +71,22 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
     largest = float(np.abs(measured).max(initial=0.0))
     with styled(10.0, 1.3 + 1.55 * len(names), title, path) as figure:
         panels = figure.subplots(len(names), 2, sharex=True, squeeze=False)
-        for name, (whole, rest), a, b in zip(names, panels, measured.T, computed.T, strict=True):
-            newton = unit('Torque', [name], prismatic)
-            whole.plot(t, a, color=ORANGE, linewidth=THIN, label='measured')
-            whole.plot(t, b, color=INK, linewidth=1.0, label='computed')
-            hide_rounding(whole, NOISE * largest, 0.01 * largest or 1.0)
+        for j, (name, row) in enumerate(zip(names, panels, strict=True)):
+            torque_panel, difference_panel = row
+            unit = panel_unit('Torque', [name], prismatic)
+            torque_panel.plot(t, measured[:, j], color=ORANGE, linewidth=THIN, label='measured')
+            torque_panel.plot(t, computed[:, j], color=INK, linewidth=1.0, label='computed')
+            hide_rounding(torque_panel, NOISE * largest, 0.01 * largest or 1.0)
             if limits is not None:
-                limit_lines(whole, np.concatenate([a, b]), limits[names.index(name)])
-            whole.set_ylabel(f'{name}\n[{newton}]')
-            rest.plot(t, a - b, color=SKY, linewidth=THIN)
-            hide_rounding(rest, NOISE * largest, 0.01 * largest or 1.0)
-            rest.set_ylabel(f'[{newton}]')
-            zero_line(rest)
-            beside(rest, ('RMS', INK), (f'{rms(a - b):.3g} {newton}', INK))
+                both = np.concatenate([measured[:, j], computed[:, j]])
+                limit_lines(torque_panel, both, limits[j])
+            torque_panel.set_ylabel(f'{name}\n[{unit}]')
+            difference = measured[:, j] - computed[:, j]
+            difference_panel.plot(t, difference, color=SKY, linewidth=THIN)
+            hide_rounding(difference_panel, NOISE * largest, 0.01 * largest or 1.0)
+            difference_panel.set_ylabel(f'[{unit}]')
+            zero_line(difference_panel)
+            beside(difference_panel, ('RMS', INK), (f'{rms(difference):.3g} {unit}', INK))
         for axes, text in zip(panels[0], ('Torque', 'Measured less computed'), strict=True):
             axes.set_title(text)
         legend_below(figure, panels[0, :1])
@@ -95,20 +100,20 @@ def effort_limits(robot: Robot, speed_names: Sequence[str]) -> list[float]:
     return [limits.get(name, np.inf) for name in speed_names]
 
 
-def without_rounding(values: Array, beside: Array) -> Array:
-    """Return values with 0 in place of rounding errors, relative to all values."""
-    return np.where(np.abs(values) < 1e-12 * np.abs(beside).max(initial=0.0), 0.0, values)
+def _without_rounding(values: Array, largest: float) -> Array:
+    """Return values with 0 in place of rounding errors, relative to the largest of all."""
+    return np.where(np.abs(values) < 1e-12 * largest, 0.0, values)
 
 
 def stack(axes: Axes, t: Array, terms: Array) -> None:
     """Plot (K, 5) terms as areas, stacked from zero: positive parts up, negative ones down."""
-    for sign in (np.maximum, np.minimum):
+    for part_of in (np.maximum, np.minimum):  # the positive, then the negative part
         level = np.zeros(len(t))
-        for (label, color), row in zip(_SOURCES.items(), terms.T, strict=True):
-            top = level + sign(row, 0.0)
-            if row.any():
-                axes.fill_between(t, level, top, color=color, alpha=0.85, linewidth=0.0,
+        for (label, color), term in zip(_SOURCES.items(), terms.T, strict=True):
+            next_level = level + part_of(term, 0.0)
+            if term.any():
+                axes.fill_between(t, level, next_level, color=color, alpha=0.85, linewidth=0.0,
                                   label=label)
-            level = top
+            level = next_level
     axes.plot(t, terms.sum(axis=1), color=INK, linewidth=1.3, label='sum')
     axes.axhline(0.0, color=INK, linewidth=0.6)

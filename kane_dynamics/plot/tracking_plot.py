@@ -1,12 +1,13 @@
 """Plot of tracking errors."""
 
 from collections.abc import Collection, Mapping, Sequence
-from itertools import chain
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.plot.style import (beside, BLUE, GREEN, hide_rounding, INK, legend_below, NOISE,
-                                      Path, PINK, RED, rms, styled, time_axis, unit, zero_line)
+from kane_dynamics.plot.style import (beside, BLUE, GREEN, hide_rounding, INK,
+                                      legend_below, NOISE, panel_unit, Path, PINK, RED,
+                                      rms, styled, time_axis, zero_line)
 from kane_dynamics.plot.torque_plots import LABELS, stack
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -34,35 +35,53 @@ def plot_tracking(runs: Mapping[str, Run], joint_names: Sequence[str],
 
     """
     names = list(joint_names)
-    columns = 2 if sources is None else 3
+    headings = ['Position', 'Error']
+    if sources is not None:
+        headings.append('Torque by source')
+    columns = len(headings)
     with styled(5.2 * columns, 1.3 + 1.55 * len(names), title, path) as figure:
         panels = figure.subplots(len(names), columns, sharex='col', squeeze=False)
-        for i, name in enumerate(names):
-            position, error = panels[i, :2]
-            milli = 'mm' if name in prismatic else 'mrad'
-            notes = [('RMS', INK)]
-            for k, (label, (t, desired, actual)) in enumerate(runs.items()):
-                color = _RUNS[k % len(_RUNS)]
-                e = 1e3 * (np.asarray(actual)[:, i] - np.asarray(desired)[:, i])
-                position.plot(t, np.asarray(actual)[:, i], color=color, label=label)
-                error.plot(t, e, color=color)
-                size = rms(e)
-                notes.append((f'{size if size > 1e3 * NOISE else 0.0:.3g} {milli}', color))
-            beside(error, *notes)
-            t, desired, _ = next(iter(runs.values()))
-            position.plot(t, np.asarray(desired)[:, i], color=INK, linestyle=(0, (4, 3)),
-                          linewidth=1.2, label='desired')
-            position.set_ylabel(f'{name}\n[{unit("Position", [name], prismatic)}]')
-            hide_rounding(error, 1e3 * NOISE, 1e-3)
-            hide_rounding(position, NOISE, 0.1)
-            error.set_ylabel(f'[{milli}]')
-            zero_line(error)
+        for i, (name, row) in enumerate(zip(names, panels, strict=True)):
+            _plot_positions(row[0], runs, i)
+            row[0].set_ylabel(f'{name}\n[{panel_unit("Position", [name], prismatic)}]')
+            unit = 'mm' if name in prismatic else 'mrad'
+            _plot_errors(row[1], runs, i, unit)
+            row[1].set_ylabel(f'[{unit}]')
             if sources is not None:
-                stack(panels[i, 2], sources[0], np.asarray(sources[1])[:, :, i])
-                panels[i, 2].set_ylabel(f'[{unit("Torque", [name], prismatic)}]')
-        for axes, text in zip(panels[0], ('Position', 'Error', 'Torque by source'),
-                              strict=False):
+                t, terms = sources
+                stack(row[2], t, np.asarray(terms)[:, :, i])
+                row[2].set_ylabel(f'[{panel_unit("Torque", [name], prismatic)}]')
+        for axes, text in zip(panels[0], headings, strict=True):
             axes.set_title(text)
-        legend_below(figure, chain(panels[0, :1], panels[:, 2] if columns == 3 else ()), LABELS)
+        described = [panels[0, 0]]
+        if sources is not None:
+            described += list(panels[:, 2])
+        legend_below(figure, described, LABELS)
         time_axis(panels)
     return figure
+
+
+def _plot_positions(axes: Axes, runs: Mapping[str, Run], i: int) -> None:
+    """Plot the positions of joint i in all runs, and the desired one of the first run."""
+    for k, (label, (t, _, actual)) in enumerate(runs.items()):
+        axes.plot(t, np.asarray(actual)[:, i], color=_RUNS[k % len(_RUNS)], label=label)
+    t, desired, _ = next(iter(runs.values()))
+    axes.plot(t, np.asarray(desired)[:, i], color=INK, linestyle=(0, (4, 3)), linewidth=1.2,
+              label='desired')
+    hide_rounding(axes, NOISE, 0.1)
+
+
+def _plot_errors(axes: Axes, runs: Mapping[str, Run], i: int, unit: str) -> None:
+    """Plot the tracking errors of joint i in thousandths, with their root mean squares."""
+    notes = [('RMS', INK)]
+    for k, (t, desired, actual) in enumerate(runs.values()):
+        color = _RUNS[k % len(_RUNS)]
+        error = 1e3 * (np.asarray(actual)[:, i] - np.asarray(desired)[:, i])
+        axes.plot(t, error, color=color)
+        size = rms(error)
+        if size <= 1e3 * NOISE:
+            size = 0.0
+        notes.append((f'{size:.3g} {unit}', color))
+    beside(axes, *notes)
+    hide_rounding(axes, 1e3 * NOISE, 1e-3)
+    zero_line(axes)

@@ -1,5 +1,7 @@
-"""Merge the links of a URDF into the moving bodies of a Model."""
+"""Merge the links of a URDF into the moving bodies of a Model, with the limits of its joints."""
 
+from collections.abc import Iterable
+from dataclasses import replace
 import heapq
 import math
 from typing import Any
@@ -10,10 +12,9 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model.ball_coordinates import quaternion_names
 from kane_dynamics.model.inertial import principal_moments
-from kane_dynamics.model.joint_expansion import StatedJoint
+from kane_dynamics.model.joint_expansion import Mimic, StatedJoint, StatedLimits
 from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model, WORLD
 from kane_dynamics.model.placement import EYE, Placement, rotation_about, snapped
-from kane_dynamics.urdf.limits import coordinate_limits, UNLIMITED
 from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.selection import Selection
 from kane_dynamics.urdf.supplement import Supplement
@@ -21,44 +22,44 @@ from kane_dynamics.urdf.tree import UrdfTree
 import numpy as np
 from numpy.typing import ArrayLike
 
-
 Moving = list[tuple[StatedJoint, Placement]]  # the joint of each moving body, and where it is
 
+UNLIMITED = Limits()
+DEGREES = 12.6  # rad, two turns: a bound beyond it, up to 720, looks like degrees
 
-def assemble(tree: UrdfTree, selection: Selection, supplement: Supplement, gravity: ArrayLike,
-             notices: Notices, *, strict: bool) -> Model:
+
+def assemble_model(tree: UrdfTree, selection: Selection, supplement: Supplement,
+                   gravity: ArrayLike, notices: Notices, *, strict: bool) -> Model:
     """Assemble the Model of the selected part of a URDF; ModelError names an impossible body."""
     placements, moving = _placements(selection)
     links = [name for name in placements if name in tree.links]
-    parts: list[list[Inertial]] = [[] for _ in (*moving, 'base')]  # of each body, then of WORLD
-    for name in links:
-        inertial = tree.links[name]
-        if inertial is not None and name not in selection.drop:
-            check_inertial(name, inertial, notices, strict)
-            _load(inertial, placements[name], parts)
-    if supplement.payload is not None:
-        name, inertial = supplement.payload
-        if name not in placements or name not in tree.links:
-            raise UrdfError(f"supplement: payload: link '{name}' is not part of the model; "
-                            f'expected one of {listing(links)}')
-        _load(inertial, placements[name], parts)
-    _note_masses(tree, moving, parts, notices)
-    names = [single.name for single, _ in moving if single.name in selection.free]
-    names = list(selection.order) if selection.order is not None else names
-    index = {name: k for k, name in enumerate(names)}
-    limits = coordinate_limits([single for single, _ in moving], selection, notices)
-    bodies = [Body(single.child, placement.body,
-                   _joint(single, placement, selection, index, supplement, limits), _sum(riders))
-              for (single, placement), riders in zip(moving, parts)]
-    frames = [Frame(name, at.body, at.rotation, at.translation)
-              for name, at in ((name, placements[name]) for name in links)]
-    turning = {f'{joint.name}/wx' for joint in tree.joints if joint.kind == 'free'}
-    balls = tuple(k for k, body in enumerate(bodies) if body.joint.name in turning)
-    return Model(tree.name, tuple(bodies),
-                 quaternion_names(names, [bodies[k].joint.coordinate for k in balls]),
-                 tuple(frames), constant(gravity, (3,), 'gravity'), selection.base,
-                 _sum(parts[WORLD]), balls)
+    riders = _riders(tree, selection, supplement, placements, len(moving), notices, strict)
+    _note_masses(tree, moving, riders, notices)
 
+    # The coordinates: the free joints, outward from the base or in the order that is asked for.
+    singles = [single for single, _ in moving]
+    names = [single.name for single in singles if single.name in selection.free]
+    if selection.order is not None:
+        names = list(selection.order)
+    coordinates = {name: k for k, name in enumerate(names)}
+    limits = _coordinate_limits(singles, selection, notices)
+
+    bodies = []
+    for (single, placement), inertials in zip(moving, riders):
+        joint = _joint(single, placement, selection, coordinates, supplement, limits)
+        bodies.append(Body(single.child, placement.body, joint, _sum(inertials)))
+    frames = []
+    for name in links:
+        placement = placements[name]
+        frames.append(Frame(name, placement.body, placement.rotation, placement.translation))
+    first_of_balls = {f'{joint.name}/wx' for joint in tree.joints if joint.kind == 'free'}
+    balls = tuple(k for k, body in enumerate(bodies) if body.joint.name in first_of_balls)
+    names_of_q = quaternion_names(names, [bodies[k].joint.coordinate for k in balls])
+    return Model(tree.name, tuple(bodies), names_of_q, tuple(frames),
+                 constant(gravity, (3,), 'gravity'), selection.base, _sum(riders[WORLD]), balls)
+
+
+# ---------------------------------------------------------------------- placements of links
 
 def _placements(selection: Selection) -> tuple[dict[str, Placement], Moving]:
     """
@@ -70,10 +71,10 @@ def _placements(selection: Selection) -> tuple[dict[str, Placement], Moving]:
     placements = {selection.base: Placement(WORLD)}
     moving: Moving = []
     order = {name: k for k, name in enumerate(selection.singles)}
-    ready: list[tuple[bool, int, StatedJoint]] = []
+    ready: list[tuple[bool, int, StatedJoint]] = []  # a heap: locked joints first
 
-    def reach(name: str) -> None:
-        for single in selection.behind[name]:
+    def reach(link: str) -> None:
+        for single in selection.behind[link]:
             moves = single.name in selection.free or single.name in selection.followers
             heapq.heappush(ready, (moves, order[single.name], single))
 
@@ -86,12 +87,13 @@ def _placements(selection: Selection) -> tuple[dict[str, Placement], Moving]:
             placements[single.child] = Placement(len(moving) - 1)
         else:
             position = selection.positions.get(single.name, 0.0)
-            placements[single.child] = placement.frame(*_motion(single, position))
+            displacement = _displacement(single, position)
+            placements[single.child] = placement.frame(*displacement)
         reach(single.child)
     return placements, moving
 
 
-def _motion(single: StatedJoint, position: float) -> tuple[Array, Array]:
+def _displacement(single: StatedJoint, position: float) -> tuple[Array, Array]:
     """Return the pose of a joint's child in the joint's frame at a position."""
     if position == 0.0 or single.kind == 'fixed':
         return EYE, np.zeros(3)
@@ -101,58 +103,160 @@ def _motion(single: StatedJoint, position: float) -> tuple[Array, Array]:
     return snapped(rotation_about(axis, position)), np.zeros(3)
 
 
-def _load(inertial: Inertial, placement: Placement, parts: list[list[Inertial]]) -> None:
-    """Add the inertial of a link to the parts of the body that carries it."""
-    if placement.rotation is not EYE or placement.translation.any():
-        inertial = inertial.moved(placement.rotation, placement.translation)
-    parts[placement.body].append(inertial)
+# ---------------------------------------------------------------------- inertias
+
+def _riders(tree: UrdfTree, selection: Selection, supplement: Supplement,
+            placements: dict[str, Placement], moving: int, notices: Notices,
+            strict: bool) -> list[list[Inertial]]:
+    """Return the inertials that ride on each moving body, in its axes; last, on the base."""
+    riders: list[list[Inertial]] = [[] for _ in range(moving + 1)]
+
+    def load(inertial: Inertial, placement: Placement) -> None:
+        if placement.rotation is not EYE or placement.translation.any():
+            inertial = inertial.moved(placement.rotation, placement.translation)
+        riders[placement.body].append(inertial)  # the index of WORLD is -1
+
+    links = [name for name in placements if name in tree.links]
+    for name in links:
+        inertial = tree.links[name]
+        if inertial is not None and name not in selection.drop:
+            _check_inertia(name, inertial, notices, strict)
+            load(inertial, placements[name])
+    if supplement.payload is not None:
+        name, inertial = supplement.payload
+        if name not in links:
+            raise UrdfError(f"supplement: payload: link '{name}' is not part of the model; "
+                            f'expected one of {listing(links)}')
+        load(inertial, placements[name])
+    return riders
 
 
-def _sum(parts: list[Inertial]) -> Inertial:
-    """Return the combined inertial of rigidly connected parts."""
-    total = Inertial()
-    for part in parts:
-        total = total + part
-    return total
+def _check_inertia(link: str, inertial: Inertial, notices: Notices, strict: bool) -> None:
+    """Note an impossible or singular inertia; ModelError if it is indefinite and `strict`."""
+    moments = principal_moments(inertial.inertia, mass=inertial.mass)
+    if moments.indefinite:
+        if strict:
+            raise ModelError(f"link '{link}': <inertia> has principal moments {moments}; "
+                             'expected no negative moment, or strict=False to load it')
+        notices.indefinite.append(link)
+        return
+    if inertial.mass > 0.0 and moments.singular:
+        notices.singular.append(link)
+    if moments.triangle:
+        notices.triangle.append(link)
 
 
-def _joint(single: StatedJoint, placement: Placement, selection: Selection, index: dict[str, int],
-           supplement: Supplement, limits: dict[str, Limits]) -> Joint:
-    """Return the joint of a moving body."""
-    mimic = selection.followers.get(single.name)
-    own: dict[str, Any] = {'damping': single.damping, 'friction': single.friction,
-                           **supplement.joints.get(single.name, {})}
-    return Joint(
-        single.name, 'prismatic' if single.kind == 'prismatic' else 'revolute', single.axis,
-        placement.rotation, placement.translation,
-        index[single.name if mimic is None else mimic.master],
-        1.0 if mimic is None else mimic.multiplier, 0.0 if mimic is None else mimic.offset,
-        limits.get(single.name, UNLIMITED), **own)
-
-
-def _note_masses(tree: UrdfTree, moving: Moving, parts: list[list[Inertial]],
+def _note_masses(tree: UrdfTree, moving: Moving, riders: list[list[Inertial]],
                  notices: Notices) -> None:
     """Note moving links without <inertial> and moving bodies without mass."""
-    for (single, _), riders in zip(moving, parts):
+    for (single, _), inertials in zip(moving, riders):
         link = single.child
         if link not in tree.links:
             continue  # intermediate body of an expanded joint: massless by design
         if tree.links[link] is None:
             notices.no_inertial.append(link)
-        elif not any(inertial.mass > 0.0 for inertial in riders):
+        elif not any(inertial.mass > 0.0 for inertial in inertials):
             notices.massless.append(link)
 
 
-def check_inertial(link: str, inertial: Inertial, notices: Notices, strict: bool) -> None:
-    """Note an impossible or singular inertia; ModelError if it is indefinite and `strict`."""
-    found = principal_moments(inertial.inertia, mass=inertial.mass)
-    if found.indefinite:
-        if strict:
-            raise ModelError(f"link '{link}': <inertia> has principal moments {found}; expected "
-                             'no negative moment, or strict=False to load it')
-        notices.indefinite.append(link)
-        return
-    if inertial.mass > 0.0 and found.singular:
-        notices.singular.append(link)
-    if found.triangle:
-        notices.triangle.append(link)
+def _sum(inertials: list[Inertial]) -> Inertial:
+    """Return the combined inertial of rigidly connected parts."""
+    total = Inertial()
+    for inertial in inertials:
+        total = total + inertial
+    return total
+
+
+# ---------------------------------------------------------------------- joints and limits
+
+def _joint(single: StatedJoint, placement: Placement, selection: Selection,
+           coordinates: dict[str, int], supplement: Supplement,
+           limits: dict[str, Limits]) -> Joint:
+    """Return the joint of a moving body."""
+    # A joint that mimics none has itself as its master.
+    mimic = selection.followers.get(single.name, Mimic(single.name))
+    properties: dict[str, Any] = {'damping': single.damping, 'friction': single.friction}
+    properties |= supplement.joints.get(single.name, {})
+    return Joint(
+        single.name, 'prismatic' if single.kind == 'prismatic' else 'revolute', single.axis,
+        placement.rotation, placement.translation, coordinates[mimic.master], mimic.multiplier,
+        mimic.offset, limits.get(single.name, UNLIMITED), **properties)
+
+
+def _coordinate_limits(singles: Iterable[StatedJoint], selection: Selection,
+                       notices: Notices) -> dict[str, Limits]:
+    """
+    Return the limits of the coordinates by name.
+
+    A mimic joint is at ``multiplier * q + offset``, so its position and velocity limits bound q
+    too. Its effort limit is not used: the master's limit bounds the torque of both.
+    """
+    limits = {}
+    followers = []
+    for single in singles:
+        mimic = selection.followers.get(single.name)
+        if mimic is not None:
+            followers.append((single, mimic))
+        else:
+            limits[single.name] = _limits(single, notices)
+    for single, mimic in followers:
+        limits[mimic.master] = _narrowed(limits[mimic.master], single, mimic, notices)
+    return limits
+
+
+def _limits(single: StatedJoint, notices: Notices) -> Limits:
+    """Return a joint's limits, infinite where missing or invalid, with notices."""
+    name = single.name
+    stated = single.limits
+    continuous = single.kind == 'continuous'
+    if stated is None:
+        if not continuous:
+            notices.no_limit.append(name)
+        return UNLIMITED
+    missing = [key for key in ('velocity', 'effort') if getattr(stated, key) is None]
+    if stated.lower is None and stated.upper is None and not continuous:
+        missing = ['lower', 'upper', *missing]
+    if missing:
+        notices.no_limit.append(f'{name} ({", ".join(missing)})')
+    return _sensible(single, stated, notices)
+
+
+def _sensible(single: StatedJoint, stated: StatedLimits, notices: Notices) -> Limits:
+    """Return the stated limits, infinite where invalid, with notices."""
+    name = single.name
+    zero = [key for key in ('velocity', 'effort') if getattr(stated, key) == 0.0]
+    if zero:
+        notices.zero_limit.append(f'{name} ({", ".join(zero)})')
+    lower = -math.inf
+    upper = math.inf
+    if stated.lower is not None or stated.upper is not None:
+        if single.kind == 'continuous':
+            notices.not_used('<limit> lower and upper of a continuous joint', name)
+        else:
+            # URDF: the default is 0 if only the other one is stated.
+            lower = stated.lower or 0.0
+            upper = stated.upper or 0.0
+            largest = max(abs(lower), abs(upper))
+            if single.kind == 'revolute' and DEGREES < largest <= 720.0:
+                notices.degrees.append(f'{name} ({lower:g} to {upper:g})')
+            if lower >= upper:
+                notices.bad_limit.append(f'{name} ({lower:g} to {upper:g})')
+                lower = -math.inf
+                upper = math.inf
+    return Limits(lower, upper, stated.velocity or math.inf, stated.effort or math.inf)
+
+
+def _narrowed(master: Limits, single: StatedJoint, mimic: Mimic, notices: Notices) -> Limits:
+    """Return the limits of a master combined with those of its mimic joint."""
+    if single.limits is None:
+        return master
+    limits = _sensible(single, single.limits, notices)
+    if limits.effort not in (math.inf, master.effort):
+        notices.not_used("<limit> effort of a mimic joint, whose torque is its master's",
+                         single.name)
+    common = master.with_follower(limits, mimic.multiplier, mimic.offset)
+    if common is None:
+        notices.no_room.append(f'{single.name} ({limits.lower:g} to {limits.upper:g})')
+        speed_alone = replace(limits, lower=-math.inf, upper=math.inf)
+        common = master.with_follower(speed_alone, mimic.multiplier, mimic.offset)
+    return common or master

@@ -4,6 +4,8 @@ Read and decode the text of a URDF, and parse it to plain elements.
 Unsafe XML (document type and entity declarations) is rejected before parsing.
 """
 
+from __future__ import annotations
+
 import codecs
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -33,13 +35,13 @@ class Element:
     tag: str
     attributes: dict[str, str]
     line: int
-    children: list['Element'] = field(default_factory=list)
+    children: list[Element] = field(default_factory=list)
 
-    def find_all(self, tag: str) -> Iterator['Element']:
+    def find_all(self, tag: str) -> Iterator[Element]:
         """Yield the children with this tag."""
         return (child for child in self.children if child.tag == tag)
 
-    def first(self, tag: str) -> 'Element | None':
+    def first(self, tag: str) -> Element | None:
         """Return the first child with this tag, or None."""
         return next(self.find_all(tag), None)
 
@@ -91,7 +93,9 @@ def parse(text: str, *, depth: int = DEPTH, unread: Sequence[str] = UNREAD) -> E
                         'Unicode text') from None
     parser = expat.ParserCreate('utf-8')
     top = Element('', {}, 0)
-    path, level, skipped = [top], 0, 0
+    path = [top]  # the open elements that are kept, outermost first
+    level = 0
+    skipped = 0  # open elements below the depth, or in one that is not read
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal level, skipped
@@ -111,7 +115,8 @@ def parse(text: str, *, depth: int = DEPTH, unread: Sequence[str] = UNREAD) -> E
         if not skipped and level + 1 < len(path):
             path.pop()
 
-    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:
@@ -127,23 +132,22 @@ def rebuilt(root: Element, tags: dict[str, tuple[str, ...]]) -> bytes:
     Prefixes and namespaces are removed: yourdfpy finds no elements in a default namespace.
     """
     def copy(element: Element) -> ElementTree.Element:
-        made = ElementTree.Element(element.tag, {
-            name: value for name, value in element.attributes.items()
-            if ':' not in name and name != 'xmlns'})
-        made.extend(copy(child) for child in element.children
-                    if child.tag in tags.get(element.tag, ()))
-        return made
+        attributes = {name: value for name, value in element.attributes.items()
+                      if ':' not in name and name != 'xmlns'}
+        duplicate = ElementTree.Element(element.tag, attributes)
+        for child in element.children:
+            if child.tag in tags.get(element.tag, ()):
+                duplicate.append(copy(child))
+        return duplicate
     text: bytes = ElementTree.tostring(copy(root), encoding='utf-8', xml_declaration=True)
     return text
 
 
 def _decode(data: bytes) -> str:
     """Decode XML bytes by byte order mark, declared encoding, or UTF-8."""
-    declared = ENCODING.match(data)
-    name = next((name for mark, name in BOMS if data.startswith(mark)),
-                declared[1].decode() if declared else 'utf-8')
-    if name != 'utf-8-sig' and not re.fullmatch(r'utf-(16|32)-[bl]e', name) and (
-            not ENCODINGS.fullmatch(name)):
+    name = _encoding(data)
+    of_a_mark = name == 'utf-8-sig' or re.fullmatch(r'utf-(16|32)-[bl]e', name)
+    if not of_a_mark and not ENCODINGS.fullmatch(name):
         raise UrdfError(f"XML: encoding '{name}'; expected UTF-8, UTF-16, UTF-32, "
                         'US-ASCII, ISO-8859-x or windows-125x')
     try:
@@ -153,30 +157,49 @@ def _decode(data: bytes) -> str:
                         'encoding, or UTF-8') from None
 
 
+def _encoding(data: bytes) -> str:
+    """Return the encoding of XML by its byte order mark or its declaration."""
+    for mark, name in BOMS:
+        if data.startswith(mark):
+            return name
+    declared = ENCODING.match(data)
+    return declared[1].decode() if declared else 'utf-8'
+
+
 def _refuse_declarations(text: str) -> None:
     """Raise UrdfError for DOCTYPE, ENTITY and similar declarations outside comments."""
     at = text.find('<!')
     while at >= 0:
-        closing = ('-->' if text.startswith('<!--', at)
-                   else ']]>' if text.startswith('<![CDATA[', at) else None)
-        if closing is None:
+        # Only comments and character data may begin with <!; what they hold is skipped.
+        if text.startswith('<!--', at):
+            closing = '-->'
+        elif text.startswith('<![CDATA[', at):
+            closing = ']]>'
+        else:
             raise UrdfError(f'XML: declaration {_short(text[at:at + 60])}; expected no document '
                             'type or entity declarations')
-        at = text.find(closing, at + 4)
-        at = text.find('<!', at) if at >= 0 else -1
+        end = text.find(closing, at + 4)
+        if end < 0:
+            return  # the parser refuses it
+        at = text.find('<!', end)
 
 
 def _short(text: object) -> str:
     """Return the quoted text, shortened if long."""
     text = str(text)
-    return repr(text if len(text) <= 80 else f'{text[:60]}...')
+    if len(text) > 80:
+        text = f'{text[:60]}...'
+    return repr(text)
 
 
 def _short_path(path: str) -> str:
     """Return the quoted path; only the end of a long one, which includes the file name."""
-    return repr(path if len(path) <= 120 else f'...{path[-100:]}')
+    if len(path) > 120:
+        path = f'...{path[-100:]}'
+    return repr(path)
 
 
 def _near(data: bytes, at: int) -> str:
     """Return the quoted bytes around an index."""
-    return repr(data[max(at - 20, 0):max(at, 0) + 20].decode('utf-8', 'replace'))
+    excerpt = data[max(at - 20, 0):max(at, 0) + 20]
+    return repr(excerpt.decode('utf-8', 'replace'))

@@ -98,13 +98,15 @@ def load_urdf(source: str | bytes | os.PathLike[str], *, base: str | None = None
                                'drop': drop, 'gravity': gravity, 'strict': strict,
                                'floating': floating, 'root_joint': root_joint}
     name = model_cache.key(text, supplement, options)
-    found = None if name is None else model_cache.load(name)
-    if found is None:
+    cached = None if name is None else model_cache.load(name)
+    if cached is not None:
+        model, messages = cached
+    else:
         from kane_dynamics.urdf.model_reader import read_model  # slow imports
-        found = read_model(text, supplement, **options)
+        model, messages = read_model(text, supplement, **options)
+        # The supplement's file may have changed since its content was put into the key.
         if name is not None and name == model_cache.key(text, supplement, options):
-            model_cache.store(name, *found)  # unless the supplement's file has just changed
-    model, messages = found
+            model_cache.store(name, model, messages)
     for message in messages:
         category = UnusedWarning if message.startswith(NOT_OURS) else ModelWarning
         warnings.warn(message, category, stacklevel=3)

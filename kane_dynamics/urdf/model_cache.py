@@ -48,10 +48,10 @@ def key(text: str, supplement: Any, options: Mapping[str, Any]) -> str | None:
             content = 'file ' + hashlib.sha256(Path(supplement).read_bytes()).hexdigest()
         else:
             content = repr(_comparable(supplement))
-        given = repr(_comparable(options))
+        arguments = repr(_comparable(options))
     except (OSError, TypeError, ValueError):
         return None
-    return disk_cache.key('model', text, content, given, _reader_version())
+    return disk_cache.key('model', text, content, arguments, _reader_version())
 
 
 @cache
@@ -65,8 +65,9 @@ def _reader_version() -> str:
 def _comparable(value: Any) -> Any:
     """Return plain data whose repr identifies values and types; raise TypeError otherwise."""
     if isinstance(value, np.ndarray):
-        return ('array', value.dtype.str, value.tolist()) if value.dtype.kind in 'biufU' else (
-            _comparable(value.tolist()))
+        if value.dtype.kind not in 'biufU':
+            return _comparable(value.tolist())
+        return 'array', value.dtype.str, value.tolist()
     if isinstance(value, np.generic):
         return value.dtype.str, value.item()
     if isinstance(value, Mapping):
@@ -87,14 +88,16 @@ def load(name: str) -> tuple[Model, list[str]] | None:
         model, warnings = json.loads(content, object_hook=_record)
     except (ArithmeticError, LookupError, ModelError, RecursionError, TypeError, ValueError):
         return None
-    return (model, warnings) if isinstance(model, Model) else None
+    if not isinstance(model, Model):
+        return None
+    return model, warnings
 
 
 def store(name: str, model: Model, warnings: list[str]) -> None:
     """Store a model and its warnings, if reading them back gives the same model."""
     content = json.dumps([model, warnings], default=_plain)
-    back, _ = json.loads(content, object_hook=_record)
-    if back.digest() == model.digest():
+    model_read_back, _ = json.loads(content, object_hook=_record)
+    if model_read_back.digest() == model.digest():
         disk_cache.store(name, content.encode())
 
 
@@ -113,5 +116,6 @@ def _record(data: dict[str, Any]) -> Any:
         array = np.array(numbers, dtype=np.float64).reshape(shape)
         array.flags.writeable = False
         return array
-    return RECORDS[name](*(tuple(value) if isinstance(value, list) else value
-                           for value in content))
+    # JSON has lists only; the records have tuples.
+    values = [tuple(value) if isinstance(value, list) else value for value in content]
+    return RECORDS[name](*values)

@@ -12,11 +12,11 @@ from kane_dynamics.model.flexible_model import with_beam
 from kane_dynamics.model.joint_expansion import Mimic, StatedJoint, StatedLimits
 from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.model.placement import snapped
-from kane_dynamics.urdf.assembly import assemble
+from kane_dynamics.urdf.assembly import assemble_model
 from kane_dynamics.urdf.document import Element, parse, rebuilt
 from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.schema import check_schema, CHILDREN
-from kane_dynamics.urdf.selection import select, Selection
+from kane_dynamics.urdf.selection import select_joints, Selection
 from kane_dynamics.urdf.supplement import check_joints, read_supplement, Supplement
 from kane_dynamics.urdf.tree import build_tree, ROOT_PARENT, UrdfTree, with_root_joint
 import numpy as np
@@ -38,33 +38,45 @@ def read_model(text: str, supplement: Any, *, base: str | None, tip: str | None,
         if not any(joint.kind == 'floating' for joint in tree.joints):
             raise InputError("floating: 'quaternion', and the URDF has no floating joint; "
                              "expected root_joint='free' for a base that moves freely")
-        tree = replace(tree, joints=tuple(
-            replace(joint, kind='free') if joint.kind == 'floating' else joint
-            for joint in tree.joints))
+        tree = _with_quaternions(tree)
     if root_joint != 'fixed':
         tree = with_root_joint(tree, root_joint, base, joints)
         base = ROOT_PARENT
-    selection = select(tree, base=base, tip=tip, joints=joints, locked=locked, drop=drop)
+    selection = select_joints(tree, base=base, tip=tip, joints=joints, locked=locked, drop=drop)
     extra = read_supplement(supplement)
-    check_joints(extra, [x.name for x in selection.singles.values() if x.kind != 'fixed'])
-    model = assemble(tree, selection, extra, gravity, notices, strict=strict)
+    singles = selection.singles.values()
+    check_joints(extra, [single.name for single in singles if single.kind != 'fixed'])
+    model = assemble_model(tree, selection, extra, gravity, notices, strict=strict)
     for link, beam in extra.beams.items():
         model = with_beam(model, link, beam, _riders(model, link, tree, selection, extra))
     return model, notices.messages()
 
 
+def _with_quaternions(tree: UrdfTree) -> UrdfTree:
+    """Return the tree with a quaternion for the three angles of each floating joint."""
+    joints = []
+    for joint in tree.joints:
+        if joint.kind == 'floating':
+            joint = replace(joint, kind='free')
+        joints.append(joint)
+    return replace(tree, joints=tuple(joints))
+
+
 def _riders(model: Model, link: str, tree: UrdfTree, selection: Selection,
             extra: Supplement) -> list[tuple[str, Inertial]]:
     """Return the inertials attached to a link: of links on locked joints, and the payload."""
-    body = next((k for k, body in enumerate(model.bodies) if body.name == link), None)
-    riders = []
+    names = [body.name for body in model.bodies]
+    riders: list[tuple[str, Inertial]] = []
+    if link not in names:
+        return riders  # `with_beam` refuses it
     for frame in model.frames:
-        if frame.body == body and frame.name in tree.links:
-            inertial = tree.links[frame.name]
-            if frame.name not in (link, *selection.drop) and inertial is not None:
-                riders.append((frame.name, inertial))
-            if extra.payload is not None and extra.payload[0] == frame.name:
-                riders.append(extra.payload)
+        if frame.body != names.index(link) or frame.name not in tree.links:
+            continue
+        inertial = tree.links[frame.name]
+        if frame.name not in (link, *selection.drop) and inertial is not None:
+            riders.append((frame.name, inertial))
+        if extra.payload is not None and extra.payload[0] == frame.name:
+            riders.append(extra.payload)
     return riders
 
 
@@ -126,21 +138,37 @@ def _joint(joint: Any, stated: Element, notices: Notices) -> StatedJoint:
             notices.long_axis.append(f'{joint.name} ({length:g})')
     R, p = _pose(joint.origin)
     if not single:
-        for tag in ('mimic',) if joint.type == 'fixed' else ('limit', 'dynamics'):
+        unused_tags = ('mimic',) if joint.type == 'fixed' else ('limit', 'dynamics')
+        for tag in unused_tags:
             if stated.first(tag) is not None:
                 notices.not_used(f'<{tag}> of a {joint.type} joint', joint.name)
         return StatedJoint(joint.name, joint.type, joint.parent, joint.child, R, p, axis)
-    friction = {name: float(getattr(joint.dynamics, name, None) or 0.0)
-                for name in ('damping', 'friction')}
-    limit, mimic = joint.limit, joint.mimic
-    limits = StatedLimits(limit.lower, limit.upper, limit.velocity, limit.effort) if (
-        limit is not None) else None
-    bounds = {name: getattr(limits, name, None) for name in ('velocity', 'effort')}
-    for tag, values in (('dynamics', friction), ('limit', bounds)):
-        for name, value in values.items():
-            if value is not None and value < 0.0:
-                raise ModelError(f'{what}: <{tag}> {name} {value}; expected a nonnegative number')
-    return StatedJoint(
-        joint.name, joint.type, joint.parent, joint.child, R, p, axis, limits,
-        friction['damping'], friction['friction'],
-        None if mimic is None else Mimic(mimic.joint, mimic.multiplier, mimic.offset))
+    damping = _nonnegative(joint.dynamics, 'damping', f'{what}: <dynamics>') or 0.0
+    friction = _nonnegative(joint.dynamics, 'friction', f'{what}: <dynamics>') or 0.0
+    limits = _limits(joint, what)
+    mimic = joint.mimic
+    if mimic is not None:
+        mimic = Mimic(mimic.joint, mimic.multiplier, mimic.offset)
+    return StatedJoint(joint.name, joint.type, joint.parent, joint.child, R, p, axis, limits,
+                       damping, friction, mimic)
+
+
+def _limits(joint: Any, what: str) -> StatedLimits | None:
+    """Return the stated limits of a joint, or None without <limit>."""
+    limit = joint.limit
+    if limit is None:
+        return None
+    velocity = _nonnegative(limit, 'velocity', f'{what}: <limit>')
+    effort = _nonnegative(limit, 'effort', f'{what}: <limit>')
+    return StatedLimits(limit.lower, limit.upper, velocity, effort)
+
+
+def _nonnegative(record: Any, name: str, what: str) -> float | None:
+    """Return a number of yourdfpy's record, or None; raise ModelError for a negative one."""
+    stated = getattr(record, name, None)
+    if stated is None:
+        return None
+    value = float(stated)
+    if value < 0.0:
+        raise ModelError(f'{what} {name} {value}; expected a nonnegative number')
+    return value

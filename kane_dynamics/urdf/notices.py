@@ -47,15 +47,21 @@ class Notices:
 
     def messages(self) -> list[str]:
         """Return one warning text for each kind with names."""
-        found = []
-        for text, others in ((NOT_USED, False), (NOT_OURS, True)):
-            listed = '; '.join(f'{what}: {", ".join(dict.fromkeys(names))}'
-                               for what, names in self.unused.items()
-                               if what.startswith(OTHERS) == others)
-            if listed:
-                found.append(f'{text}: {listed}')
+        of_mechanism = []
+        of_actuators = []
+        for what, names in self.unused.items():
+            text = f'{what}: {", ".join(dict.fromkeys(names))}'
+            if what.startswith(OTHERS):
+                of_actuators.append(text)
+            else:
+                of_mechanism.append(text)
+        messages = []
+        if of_mechanism:
+            messages.append(f'{NOT_USED}: {"; ".join(of_mechanism)}')
+        if of_actuators:
+            messages.append(f'{NOT_OURS}: {"; ".join(of_actuators)}')
         for kind in fields(self)[1:]:
             names = getattr(self, kind.name)
             if names:
-                found.append(f'{kind.metadata["text"]}: {", ".join(names)}')
-        return found
+                messages.append(f'{kind.metadata["text"]}: {", ".join(names)}')
+        return messages

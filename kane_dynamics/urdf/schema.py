@@ -95,11 +95,11 @@ def _check(element: Element, owner: str, notices: Notices) -> None:
         what = f'{owner}: <{element.tag}>'
     _check_attributes(element, owner, what, notices)
     if element.tag == 'origin':
-        angles = [abs(float(angle)) for angle in element.attributes.get('rpy', '').split()]
-        if max(angles, default=0.0) > FULL_TURN:
+        angles = element.attributes.get('rpy', '').split()
+        if any(abs(float(angle)) > FULL_TURN for angle in angles):
             notices.degree_rpy.append(f"{owner} ({element.attributes['rpy']})")
     for tag in rule.children:
-        if tag not in MANY and sum(1 for _ in element.find_all(tag)) > 1:
+        if tag not in MANY and len(list(element.find_all(tag))) > 1:
             raise UrdfError(f'{what}: more than one <{tag}> (line {element.line}); expected one')
     for tag in NEEDED.get(element.tag, ()):
         if element.first(tag) is None:
@@ -124,8 +124,7 @@ def _check_attributes(element: Element, owner: str, what: str, notices: Notices)
                             f"characters, '{text[:40]}...'; expected at most {LONGEST}")
         if name in rule.numbers:
             _check_numbers(element, text, rule.numbers[name], f'{what} {name}')
-        elif name not in rule.required + rule.optional and ':' not in name and (
-                name not in HARMLESS):
+        elif name not in (*rule.required, *rule.optional, *HARMLESS) and ':' not in name:
             notices.not_used(f"<{element.tag}> attribute '{name}'", owner)
 
 
@@ -133,17 +132,19 @@ def _check_numbers(element: Element, text: str, count: int, what: str) -> None:
     """Raise UrdfError if a text is not `count` finite decimal numbers separated by spaces."""
     largest = sys.float_info.max if element.tag == 'limit' else LARGEST
     parts = text.split()
-    if len(parts) != count or not all(
-            NUMBER.fullmatch(part) and abs(float(part)) <= largest for part in parts):
-        expected = ('one finite number, like 0.5 or 1e-3' if count == 1
-                    else f'{count} finite numbers separated by spaces, like "0 0.5 1e-3"')
+    valid = all(NUMBER.fullmatch(part) and abs(float(part)) <= largest for part in parts)
+    if len(parts) != count or not valid:
+        expected = 'one finite number, like 0.5 or 1e-3'
+        if count > 1:
+            expected = f'{count} finite numbers separated by spaces, like "0 0.5 1e-3"'
         hint = f'; expand it with xacro first: {XACRO}' if '${' in text else ''
         raise UrdfError(f"{what}: '{text}' (line {element.line}); expected {expected}{hint}")
 
 
 def _check_joint(joint: Element) -> None:
     """Raise UrdfError for an unknown joint type, or one that cannot have <mimic>."""
-    what, kind = f"joint '{joint.attributes['name']}'", joint.attributes.get('type')
+    what = f"joint '{joint.attributes['name']}'"
+    kind = joint.attributes.get('type')
     if kind not in TYPES:
         raise UrdfError(f'{what}: type {kind!r} (line {joint.line}); expected one of '
                         f'{", ".join(TYPES)}')
@@ -159,8 +160,10 @@ def _note_element(element: Element, owner: str, notices: Notices) -> None:
         raise UrdfError(f'{owner}: <{tag}> (line {element.line}); expected the output of xacro, '
                         f'which replaces this element: {XACRO}')
     if tag == 'transmission':
-        names = [x.attributes.get('name', '?') for x in element.find_all('joint')]
-        for name in names or [element.attributes.get('name', '?')]:
+        names = [joint.attributes.get('name', '?') for joint in element.find_all('joint')]
+        if not names:
+            names = [element.attributes.get('name', '?')]
+        for name in names:
             notices.not_used('<transmission>', name)
     elif tag == 'gazebo':
         for child in element.children:

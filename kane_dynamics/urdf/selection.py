@@ -15,7 +15,7 @@ from kane_dynamics.urdf.tree import check_mimics, UrdfTree
 @dataclass(frozen=True)
 class Selection:
     """
-    Result of `select`, in terms of joints of one degree of freedom.
+    Result of `select_joints`, in terms of joints of one degree of freedom.
 
     Attributes
     ----------
@@ -48,9 +48,10 @@ class Selection:
     singles: dict[str, StatedJoint]
 
 
-def select(tree: UrdfTree, *, base: str | None = None, tip: str | None = None,
-           joints: Sequence[str] | None = None, locked: Mapping[str, float] | None = None,
-           drop: Sequence[str] = ()) -> Selection:
+def select_joints(tree: UrdfTree, *, base: str | None = None, tip: str | None = None,
+                  joints: Sequence[str] | None = None,
+                  locked: Mapping[str, float] | None = None,
+                  drop: Sequence[str] = ()) -> Selection:
     """
     Return the moving joints and the positions of the others; arguments as in `load_urdf`.
 
@@ -64,24 +65,33 @@ def select(tree: UrdfTree, *, base: str | None = None, tip: str | None = None,
     mimics = check_mimics(tree.joints)
     singles = _singles(tree)
     start = tree.root if base is None else _link(tree, base, 'base')
-    behind = _kept(singles.values(), start)
-    candidates = [name for name, s in singles.items()
-                  if s.parent in behind and s.kind != 'fixed' and name not in mimics]
+    behind = _behind(singles.values(), start)
+
+    # Which may move: those behind the base and, with a tip, on the path to it.
+    candidates = [name for name, single in singles.items()
+                  if single.parent in behind and single.kind != 'fixed' and name not in mimics]
     if tip is not None:
         path = _path(singles.values(), start, _link(tree, tip, 'tip'))
         candidates = [name for name in candidates if name in path]
-    order = None if joints is None else _joints(joints, candidates, singles, mimics)
-    free = frozenset(candidates if order is None else order)
-    positions = _locked(locked or {}, singles, mimics, free if joints is not None else ())
-    free -= positions.keys()
+
+    # Which do: those that are asked for, or all but the locked ones.
+    order = None
+    requested: Collection[str] = ()
+    if joints is not None:
+        order = _joints(joints, candidates, singles, mimics)
+        requested = order
+    positions = _locked(locked or {}, singles, mimics, requested)
+    free = frozenset(candidates if order is None else order) - positions.keys()
     _check_balls(tree, free, positions)
+
+    # A mimic joint moves with its master, or is locked where a locked master has it.
     followers = {}
     for name, mimic in mimics.items():
         if mimic.master in free and mimic.multiplier != 0.0:
             followers[name] = mimic
         else:
-            positions[name] = (mimic.multiplier * positions.get(mimic.master, 0.0)
-                               + mimic.offset)
+            master_position = positions.get(mimic.master, 0.0)
+            positions[name] = mimic.multiplier * master_position + mimic.offset
     dropped = frozenset(_link(tree, name, 'drop') for name in _names(drop, 'drop'))
     return Selection(start, behind, free, followers, positions, order, dropped, singles)
 
@@ -89,12 +99,15 @@ def select(tree: UrdfTree, *, base: str | None = None, tip: str | None = None,
 def _check_balls(tree: UrdfTree, free: frozenset[str], positions: dict[str, float]) -> None:
     """Raise InputError for a joint with a quaternion that is locked in part, or at an angle."""
     for joint in tree.joints:
-        turns = [f'{joint.name}/w{s}' for s in 'xyz'] if joint.kind == 'free' else []
+        if joint.kind != 'free':
+            continue
+        turns = [f'{joint.name}/w{letter}' for letter in 'xyz']
         locked = [name for name in turns if name not in free]
-        if 0 < len(locked) < 3 or any(positions.get(name, 0.0) for name in locked):
+        in_part = 0 < len(locked) < 3
+        if in_part or any(positions.get(name, 0.0) for name in locked):
             at = ', '.join(f'{name} {positions.get(name, 0.0):g}' for name in locked)
-            raise InputError(f"joint '{joint.name}': locked: {at}; expected {', '.join(turns)} to "
-                             "move together, or locked at 0, or floating='angles'")
+            raise InputError(f"joint '{joint.name}': locked: {at}; expected {', '.join(turns)} "
+                             "to move together, or locked at 0, or floating='angles'")
 
 
 def _singles(tree: UrdfTree) -> dict[str, StatedJoint]:
@@ -112,24 +125,25 @@ def _singles(tree: UrdfTree) -> dict[str, StatedJoint]:
     return singles
 
 
-def _kept(singles: Iterable[StatedJoint], base: str) -> dict[str, list[StatedJoint]]:
+def _behind(singles: Iterable[StatedJoint], base: str) -> dict[str, list[StatedJoint]]:
     """Return the outward joints of the base and of every link and body beyond it."""
     outward: dict[str, list[StatedJoint]] = {}
     for single in singles:
         outward.setdefault(single.parent, []).append(single)
-    kept: dict[str, list[StatedJoint]] = {}
+    behind: dict[str, list[StatedJoint]] = {}
     waiting = [base]
     while waiting:
         name = waiting.pop()
-        kept[name] = outward.get(name, [])
-        waiting.extend(single.child for single in kept[name])
-    return kept
+        behind[name] = outward.get(name, [])
+        waiting.extend(single.child for single in behind[name])
+    return behind
 
 
 def _path(singles: Iterable[StatedJoint], base: str, tip: str) -> set[str]:
     """Return the names of the joints between two links."""
     above = {single.child: single for single in singles}
-    path, link = set(), tip
+    path = set()
+    link = tip
     while link != base:
         if link not in above:
             raise InputError(f"tip: '{tip}', which is not behind base '{base}'; expected a link "
@@ -147,11 +161,11 @@ def _link(tree: UrdfTree, name: Any, argument: str) -> str:
     return name
 
 
-def _names(given: Any, argument: str) -> list[Any]:
+def _names(value: Any, argument: str) -> list[Any]:
     """Return a collection of names as a list; raise InputError for a single string."""
-    if isinstance(given, (str, bytes, Mapping)) or not isinstance(given, Collection):
-        raise InputError(f'{argument}: {given!r}; expected a list of names of type str')
-    return list(given)
+    if isinstance(value, (str, bytes, Mapping)) or not isinstance(value, Collection):
+        raise InputError(f'{argument}: {value!r}; expected a list of names of type str')
+    return list(value)
 
 
 def _joints(joints: Any, candidates: list[str], singles: Mapping[str, StatedJoint],
@@ -166,9 +180,9 @@ def _joints(joints: Any, candidates: list[str], singles: Mapping[str, StatedJoin
         if not isinstance(name, str) or name not in valid:
             raise InputError(f'joints: {_fault(name, singles, mimics)}; expected some of '
                              f'{listing(candidates)}')
-    twice = [name for name, count in Counter(names).items() if count > 1]
-    if twice:
-        raise InputError(f'joints: {listing(twice)} more than once; expected each once')
+    repeated = [name for name, count in Counter(names).items() if count > 1]
+    if repeated:
+        raise InputError(f'joints: {listing(repeated)} more than once; expected each once')
     return tuple(names)
 
 
@@ -177,10 +191,11 @@ def _locked(locked: Any, singles: Mapping[str, StatedJoint], mimics: Mapping[str
     """Check the argument `locked` and return its positions by joint."""
     if not isinstance(locked, Mapping):
         raise InputError(f'locked: {locked!r}; expected a mapping of joint names to positions')
+    valid = [name for name, single in singles.items()
+             if single.kind != 'fixed' and name not in mimics]
     positions = {}
     for name, value in locked.items():
-        if name not in singles or singles[name].kind == 'fixed' or name in mimics:
-            valid = [x for x, s in singles.items() if s.kind != 'fixed' and x not in mimics]
+        if name not in valid:
             raise InputError(f'locked: {_fault(name, singles, mimics)}; expected some of '
                              f'{listing(valid)}')
         if name in free:
@@ -203,5 +218,6 @@ def _fault(name: Any, singles: Mapping[str, StatedJoint], mimics: Mapping[str, M
         return f'{name!r} is no joint of one degree of freedom'
     if name in mimics:
         return f"joint '{name}' mimics '{mimics[name].master}' and has no coordinate"
-    fixed = singles[name].kind == 'fixed'
-    return f"joint '{name}' is fixed" if fixed else f"joint '{name}' is not between base and tip"
+    if singles[name].kind == 'fixed':
+        return f"joint '{name}' is fixed"
+    return f"joint '{name}' is not between base and tip"

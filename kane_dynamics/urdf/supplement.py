@@ -87,17 +87,14 @@ def read_supplement(source: str | os.PathLike[str] | Mapping[str, Any] | None) -
         return Supplement()
     data = source if isinstance(source, Mapping) else read_yaml(source, 'supplement')
     top = mapping(data, 'supplement', ('joints', 'payload', 'beams'))
-    joints = mapping(top.get('joints', {}), 'supplement: joints')
-    values = {}
-    for name, entry in joints.items():
-        what = f"supplement: joint '{name}'"
-        values[name] = {key: _number(value, f'{what}: {key}', signed=key in SIGNED_KEYS,
-                                     positive=key == 'friction_speed')
-                        for key, value in mapping(entry, what, JOINT_KEYS).items()}
-    payload = top.get('payload')
-    beams = mapping(top.get('beams', {}), 'supplement: beams')
-    return Supplement(values, None if payload is None else _payload(payload),
-                      {name: _beam(name, entry) for name, entry in beams.items()})
+    joints = {name: _joint(name, entry) for name, entry
+              in mapping(top.get('joints', {}), 'supplement: joints').items()}
+    payload = None
+    if top.get('payload') is not None:
+        payload = _payload(top['payload'])
+    beams = {name: _beam(name, entry) for name, entry
+             in mapping(top.get('beams', {}), 'supplement: beams').items()}
+    return Supplement(joints, payload, beams)
 
 
 def check_joints(supplement: Supplement, valid: Collection[str]) -> None:
@@ -111,19 +108,36 @@ def check_joints(supplement: Supplement, valid: Collection[str]) -> None:
 def _number(value: Any, what: str, *, signed: bool = False, positive: bool = False) -> float:
     """Return a finite number within bounds; text is accepted: YAML reads 1e-3 as text."""
     number = math.nan
-    if isinstance(value, (int, float, str, np.floating, np.integer)) and (
-            not isinstance(value, bool)):
+    types = (int, float, str, np.floating, np.integer)
+    if isinstance(value, types) and not isinstance(value, bool):
         with contextlib.suppress(ValueError, OverflowError):
             number = float(value)
-    if not abs(number) < 1e60 or (not signed and number < 0.0) or (positive and number == 0.0):
-        expected = 'finite number' if signed else (
-            'positive number' if positive else 'finite number that is not negative')
+    if signed:
+        expected = 'finite number'
+        valid = True
+    elif positive:
+        expected = 'positive number'
+        valid = number > 0.0
+    else:
+        expected = 'finite number that is not negative'
+        valid = number >= 0.0
+    if not abs(number) < 1e60 or not valid:
         raise UrdfError(f'{what}: {SHORT.repr(value)}; expected a {expected}')
     return number
 
 
+def _joint(name: str, data: Any) -> dict[str, float]:
+    """Return the properties of a joint."""
+    what = f"supplement: joint '{name}'"
+    properties = {}
+    for key, value in mapping(data, what, JOINT_KEYS).items():
+        properties[key] = _number(value, f'{what}: {key}', signed=key in SIGNED_KEYS,
+                                  positive=key == 'friction_speed')
+    return properties
+
+
 def _beam(name: str, data: Any) -> FlexibleLink:
-    """Return the beam of a link; `FlexibleLink.checked` checks the numbers."""
+    """Return the beam of a link; `FlexibleLink.assumed_modes` checks the numbers."""
     what = f"supplement: beam '{name}'"
     entry = dict(mapping(data, what, BEAM_KEYS))
     for key in BEAM_KEYS[:3]:
@@ -134,9 +148,10 @@ def _beam(name: str, data: Any) -> FlexibleLink:
         if key in entry:
             entry[key] = _number(entry[key], f'{what}: {key}')
     stiffness = entry['stiffness']
-    entry['stiffness'] = ([_number(x, f'{what}: stiffness') for x in stiffness]
-                          if isinstance(stiffness, list) else
-                          _number(stiffness, f'{what}: stiffness'))
+    if isinstance(stiffness, list):
+        entry['stiffness'] = [_number(value, f'{what}: stiffness') for value in stiffness]
+    else:
+        entry['stiffness'] = _number(stiffness, f'{what}: stiffness')
     if 'torsion' in entry:
         entry['torsion'] = _torsion(entry['torsion'], f'{what}: torsion')
     return FlexibleLink(**entry, bending=Bending.clamped_free(tip_mass))
@@ -168,15 +183,15 @@ def _payload(data: Any) -> tuple[str, Inertial]:
     if isinstance(com, (str, Mapping)) or not hasattr(com, '__len__') or len(com) != 3:
         raise UrdfError(f'{what}: com {SHORT.repr(com)}; expected three numbers, m')
     moments = dict.fromkeys(INERTIA_KEYS, 0.0)
-    for key, value in mapping(entry.get('inertia', {}), f'{what}: inertia',
-                              INERTIA_KEYS).items():
+    stated = mapping(entry.get('inertia', {}), f'{what}: inertia', INERTIA_KEYS)
+    for key, value in stated.items():
         moments[key] = _number(value, f'{what}: inertia: {key}', signed=True)
     xx, xy, xz, yy, yz, zz = moments.values()
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    found = principal_moments(inertia)
-    if found.indefinite:
-        raise ModelError(f'{what}: inertia has the principal moment {found.moments[0]:g} kg m^2; '
-                         'expected no negative one')
-    return entry['link'], Inertial(
-        _number(entry['mass'], f'{what}: mass'),
-        np.array([_number(x, f'{what}: com', signed=True) for x in com]), inertia)
+    principal = principal_moments(inertia)
+    if principal.indefinite:
+        raise ModelError(f'{what}: inertia has the principal moment {principal.moments[0]:g} '
+                         'kg m^2; expected no negative one')
+    mass = _number(entry['mass'], f'{what}: mass')
+    center = [_number(coordinate, f'{what}: com', signed=True) for coordinate in com]
+    return entry['link'], Inertial(mass, np.array(center), inertia)

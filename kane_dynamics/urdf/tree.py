@@ -18,10 +18,10 @@ import numpy as np
 
 MOVING = ('revolute', 'continuous', 'prismatic')
 TYPES = (*MOVING, 'fixed', 'floating', 'planar')
-
-
 ROOT_KINDS = ('free', 'floating', 'planar')
-ROOT_JOINT, ROOT_PARENT = 'root_joint', 'world'
+ROOT_JOINT = 'root_joint'
+ROOT_PARENT = 'world'
+LARGEST = 1e60  # larger numbers overflow in products
 
 
 @dataclass(frozen=True)
@@ -47,11 +47,8 @@ def build_tree(name: str, links: Sequence[tuple[str, Inertial | None]],
         If the links do not form a tree; the message names them.
 
     """
-    for what, names in (('link', [x for x, _ in links]), ('joint', [x.name for x in joints])):
-        twice = [repr(x) for x, count in Counter(names).items() if count > 1]
-        if twice:
-            raise UrdfError(f'{what} names: {listing(twice)} more than once; expected unique '
-                            'names')
+    _check_unique('link', [link for link, _ in links])
+    _check_unique('joint', [joint.name for joint in joints])
     by_name = dict(links)
     above: dict[str, StatedJoint] = {}
     for joint in joints:
@@ -71,17 +68,25 @@ def build_tree(name: str, links: Sequence[tuple[str, Inertial | None]],
     return UrdfTree(name, by_name, tuple(joints), roots[0])
 
 
+def _check_unique(what: str, names: Iterable[str]) -> None:
+    """Raise UrdfError for names that are there more than once."""
+    repeated = [repr(name) for name, count in Counter(names).items() if count > 1]
+    if repeated:
+        raise UrdfError(f'{what} names: {listing(repeated)} more than once; expected unique '
+                        'names')
+
+
 def _check_connected(links: Iterable[str], above: dict[str, StatedJoint]) -> None:
     """Raise ModelError if links form a loop."""
-    sound: set[str] = set()
+    sound: set[str] = set()  # links whose parents lead to the root
     for link in links:
-        trail: dict[str, None] = {}
+        trail: dict[str, None] = {}  # an ordered set
         while link not in sound and link not in trail:
             trail[link] = None
             if link not in above:
                 break
             link = above[link].parent
-        if link in trail and link in above:
+        if link in trail and link in above:  # back at a link of the trail
             names = list(trail)
             loop = names[names.index(link):]
             raise ModelError(f'links {listing([*loop, link])}: a loop, each the child of the '
@@ -104,32 +109,41 @@ def check_mimics(joints: Sequence[StatedJoint]) -> dict[str, Mimic]:
     by_name = {joint.name: joint for joint in joints}
     resolved: dict[str, Mimic] = {}
     for joint in joints:
-        trail: dict[str, None] = {}
+        # Inwards along the masters, up to a joint that mimics none or is resolved already.
+        trail: dict[str, None] = {}  # an ordered set
         name = joint.name
         while name not in resolved and (mimic := by_name[name].mimic) is not None:
-            master = by_name.get(mimic.master)
-            if master is None or master.kind not in MOVING:
-                fault = 'is no joint' if master is None else f'is {master.kind}'
-                valid = listing(x.name for x in joints if x.kind in MOVING and x.name != name)
+            stated = by_name.get(mimic.master)
+            if stated is None or stated.kind not in MOVING:
+                fault = 'is no joint' if stated is None else f'is {stated.kind}'
+                valid = [candidate.name for candidate in joints
+                         if candidate.kind in MOVING and candidate.name != name]
                 raise UrdfError(f"joint '{name}': <mimic> joint '{mimic.master}' {fault}; "
-                                f'expected a joint that moves: {valid}')
+                                f'expected a joint that moves: {listing(valid)}')
             if name in trail:
                 raise ModelError(f'joints {listing([*trail, name])}: mimic one another in a '
                                  'circle; expected a chain that ends at a joint without <mimic>')
             trail[name] = None
             name = mimic.master
+        # Outwards again: q_follower = m (m' q + o') + o, with m' and o' of its master.
         for follower in reversed(trail):
             mimic = by_name[follower].mimic
             assert mimic is not None  # the trail contains only mimic joints
-            onward = resolved.get(mimic.master, Mimic(mimic.master))
-            resolved[follower] = Mimic(onward.master, mimic.multiplier * onward.multiplier,
-                                       mimic.multiplier * onward.offset + mimic.offset)
-            for key in ('multiplier', 'offset'):
-                if not abs(getattr(resolved[follower], key)) < 1e60:
-                    raise ModelError(f"joint '{follower}': <mimic> {key} is "
-                                     f'{getattr(resolved[follower], key):g} through its chain of '
-                                     'masters; expected less than 1e60')
+            master = resolved.get(mimic.master, Mimic(mimic.master))
+            composed = Mimic(master.master, mimic.multiplier * master.multiplier,
+                             mimic.multiplier * master.offset + mimic.offset)
+            _check_mimic_numbers(follower, composed)
+            resolved[follower] = composed
     return resolved
+
+
+def _check_mimic_numbers(follower: str, mimic: Mimic) -> None:
+    """Raise ModelError for a multiplier or an offset that overflows in products."""
+    for key in ('multiplier', 'offset'):
+        number = getattr(mimic, key)
+        if not abs(number) < LARGEST:
+            raise ModelError(f"joint '{follower}': <mimic> {key} is {number:g} through its "
+                             'chain of masters; expected less than 1e60')
 
 
 def with_root_joint(tree: UrdfTree, kind: str, base: Any = None,
@@ -164,8 +178,8 @@ def with_root_joint(tree: UrdfTree, kind: str, base: Any = None,
         children = [joint.child for joint in tree.joints if joint.parent == base]
         raise InputError(f"root_joint: '{kind}', and the base link is '{ROOT_PARENT}'; expected "
                          f'base= one of {listing(children)}')
-    kept, joints = _behind(tree, base)
-    if ROOT_PARENT in kept:
+    links, joints = _carried_by(tree, base)
+    if ROOT_PARENT in links:
         raise InputError(f"root_joint: '{kind}', and a link behind '{base}' is "
                          f"'{ROOT_PARENT}'; expected another name of that link")
     if any(joint.name == ROOT_JOINT for joint in joints):
@@ -175,18 +189,19 @@ def with_root_joint(tree: UrdfTree, kind: str, base: Any = None,
                         np.array([0.0, 0.0, 1.0]))
     parts = [single.name for single in expand_joint(added)]
     if moving is not None and not isinstance(moving, str) and not set(parts) & set(moving):
-        raise InputError(f"root_joint: '{kind}', and joints: without {', '.join(parts)}; expected "
-                         'them among the joints that move')
-    return UrdfTree(tree.name, {ROOT_PARENT: None, **kept}, (*joints, added), ROOT_PARENT)
+        raise InputError(f"root_joint: '{kind}', and joints: without {', '.join(parts)}; "
+                         'expected them among the joints that move')
+    return UrdfTree(tree.name, {ROOT_PARENT: None, **links}, (*joints, added), ROOT_PARENT)
 
 
-def _behind(tree: UrdfTree, base: str
-            ) -> tuple[dict[str, Inertial | None], tuple[StatedJoint, ...]]:
+def _carried_by(tree: UrdfTree, base: str
+                ) -> tuple[dict[str, Inertial | None], tuple[StatedJoint, ...]]:
     """Return the links that a base carries, itself included, and the joints between them."""
-    carried, grows = {base}, True
-    while grows:
-        children = {joint.child for joint in tree.joints if joint.parent in carried}
-        grows = not children <= carried
-        carried |= children
+    carried: set[str] = set()
+    reached = {base}
+    while reached:
+        carried |= reached
+        reached = {joint.child for joint in tree.joints if joint.parent in reached}
     joints = tuple(joint for joint in tree.joints if joint.parent in carried)
-    return {name: tree.links[name] for name in tree.links if name in carried}, joints
+    links = {name: inertial for name, inertial in tree.links.items() if name in carried}
+    return links, joints

@@ -50,7 +50,9 @@ def expand_xacro(path: str | os.PathLike[str],
     file = Path(path)
     if not file.is_file():
         raise UrdfError(f"no such file: '{file}'; expected the path of a xacro file")
-    mappings = {name: argument_text(name, value) for name, value in (arguments or {}).items()}
+    mappings = {}
+    if arguments is not None:
+        mappings = {name: argument_text(name, value) for name, value in arguments.items()}
     try:
         with _lock, _packages_found_beside(file, substitution):
             document = xacro.process_file(str(file), mappings=mappings)

@@ -5,7 +5,7 @@ import json
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.view.joint_table import html_table, joint_rows
+from kane_dynamics.view.joint_table import html_load_table, load_rows
 
 _STYLE = """<style>
 #loads { position: fixed; top: 3.8em; right: 1em; z-index: 1; max-height: calc(100vh - 8em);
@@ -71,18 +71,22 @@ def add_panel(page: str, robot: Robot, legend: str, t: Array | None, q: Array,
 
     """
     name = escape(robot.model.name)
-    when = (f'<p>Time <span id="time">{t[0]:.2f}</span> s of {t[-1]:.2f} s; τ: torques of the '
-            'motion</p>' if t is not None else
-            '<p>At rest; τ: torques that hold the robot against gravity</p>')
-    panel = [_STYLE, f'<details id="loads" open><summary>{name}</summary>', f'<p>{legend}</p>',
-             when, html_table(robot, q[0], tau[0]), '</details>']
+    when = '<p>At rest; τ: torques that hold the robot against gravity</p>'
     if t is not None:
-        rows = [[row[1:] for row in joint_rows(robot, *state)] for state in zip(q, tau)]
+        when = (f'<p>Time <span id="time">{t[0]:.2f}</span> s of {t[-1]:.2f} s; τ: torques of '
+                'the motion</p>')
+    panel = [_STYLE, f'<details id="loads" open><summary>{name}</summary>', f'<p>{legend}</p>',
+             when, html_load_table(robot, q[0], tau[0]), '</details>']
+    if t is not None:
+        # The texts that the script puts into the table, but for the names, at each time.
+        rows_by_time = []
+        for state in zip(q, tau):
+            rows_by_time.append([row[1:] for row in load_rows(robot, *state)])
         motion = {'period': period, 'duration': (len(t) - 1) * period,
-                  'times': [f'{moment:.2f}' for moment in t], 'rows': rows}
+                  'times': [f'{time:.2f}' for time in t], 'rows': rows_by_time}
         # Only numbers and percentages: no text can end the element.
         panel += [f'<script id="motion" type="application/json">{json.dumps(motion)}</script>',
                   _SCRIPT]
-    head, body, rest = page.rpartition('</body>')
-    return (head + '\n'.join(panel) + body + rest).replace(
-        '<title>Viser</title>', f'<title>{name}</title>', 1)
+    content, closing_tag, end = page.rpartition('</body>')
+    described = content + '\n'.join(panel) + closing_tag + end
+    return described.replace('<title>Viser</title>', f'<title>{name}</title>', 1)

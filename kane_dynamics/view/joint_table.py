@@ -22,7 +22,7 @@ class JointRow(NamedTuple):
     tau_over: bool
 
 
-def joint_rows(robot: Robot, q: Array, tau: Array) -> Iterator[JointRow]:
+def load_rows(robot: Robot, q: Array, tau: Array) -> Iterator[JointRow]:
     """
     Yield the row of every joint.
 
@@ -40,37 +40,51 @@ def joint_rows(robot: Robot, q: Array, tau: Array) -> Iterator[JointRow]:
     """
     limits = robot.limits
     for i, (name, place) in enumerate(zip(robot.joint_names, robot.model.places)):
-        share = abs(tau[i]) / limits.effort[i] if limits.effort[i] > 0.0 else 0.0
-        yield JointRow(name, '' if place is None else f'{q[place].round(3) + 0.0:.3f}',
-                       f'{tau[i].round(6) + 0.0:.3g}',
-                       f'{share:.0%}' if np.isfinite(limits.effort[i]) else '',
-                       place is not None and bool(
-                           q[place] < limits.lower[place] or q[place] > limits.upper[place]),
-                       bool(abs(tau[i]) > limits.effort[i]))
+        position = ''
+        beyond_range = False
+        if place is not None:
+            position = f'{q[place].round(3) + 0.0:.3f}'  # + 0.0 turns -0.0 into 0.0
+            beyond_range = bool(q[place] < limits.lower[place] or q[place] > limits.upper[place])
+        effort = limits.effort[i]
+        share = ''
+        if np.isfinite(effort):
+            fraction = abs(tau[i]) / effort if effort > 0.0 else 0.0
+            share = f'{fraction:.0%}'
+        yield JointRow(name, position, f'{tau[i].round(6) + 0.0:.3g}', share, beyond_range,
+                       bool(abs(tau[i]) > effort))
 
 
 def markdown_table(robot: Robot, q: Array, tau: Array) -> str:
-    """Return positions and torques as a table in Markdown; see `joint_rows`."""
-    place, load = ('rad, m', 'N m, N') if robot.model.sliding else ('rad', 'N m')
-    rows = [f'| joint | q [{place}] | τ [{load}] | of limit |', '|:--|--:|--:|--:|']
-    rows += [f'| {row.name} | {row.q} | {row.tau} | {row.share} |'
-             for row in joint_rows(robot, q, tau)]
-    return '\n'.join(rows)
+    """Return positions and torques as a table in Markdown; see `load_rows`."""
+    position_unit = 'rad'
+    load_unit = 'N m'
+    if robot.model.sliding:
+        position_unit = 'rad, m'
+        load_unit = 'N m, N'
+    lines = [f'| joint | q [{position_unit}] | τ [{load_unit}] | of limit |', '|:--|--:|--:|--:|']
+    for row in load_rows(robot, q, tau):
+        lines.append(f'| {row.name} | {row.q} | {row.tau} | {row.share} |')
+    return '\n'.join(lines)
 
 
-def html_table(robot: Robot, q: Array, tau: Array) -> str:
-    """Return positions, torques and limits as a table in HTML; see `joint_rows`."""
-    limits, sliding = robot.limits, robot.model.sliding
+def html_load_table(robot: Robot, q: Array, tau: Array) -> str:
+    """Return positions, torques and limits as a table in HTML; see `load_rows`."""
+    limits = robot.limits
+    sliding = robot.model.sliding
     # Units are in the header if all joints share them, else after the name of each joint.
-    place, load = ('', '') if sliding else (' [rad]', ' [N m]')
-    head = ''.join(f'<th>{column}</th>' for column in (
-        'joint', f'q{place}', 'range', f'τ{load}', 'limit', 'share'))
+    columns = ['joint', 'q', 'range', 'τ', 'limit', 'share']
+    if not sliding:
+        columns = ['joint', 'q [rad]', 'range', 'τ [N m]', 'limit', 'share']
+    head = ''.join(f'<th>{column}</th>' for column in columns)
     lines = [f'<table id="joints"><tr>{head}</tr>']
-    for i, row in enumerate(joint_rows(robot, q, tau)):
-        units = '' if not sliding else ' [m, N]' if row.name in sliding else ' [rad, N m]'
-        at = robot.model.places[i]
-        ends = [] if at is None else [limits.lower[at], limits.upper[at]]
-        bounds = ' … '.join(map(_number, ends)) if np.isfinite(ends).any() else _NONE
+    for i, row in enumerate(load_rows(robot, q, tau)):
+        units = ''
+        if sliding:
+            units = ' [m, N]' if row.name in sliding else ' [rad, N m]'
+        place = robot.model.places[i]
+        bounds = _NONE
+        if place is not None:
+            bounds = _range_text(limits.lower[place], limits.upper[place])
         effort = f'±{limits.effort[i]:.4g}' if np.isfinite(limits.effort[i]) else _NONE
         lines.append(
             f'<tr><td>{escape(row.name)}{units}</td>'
@@ -78,6 +92,13 @@ def html_table(robot: Robot, q: Array, tau: Array) -> str:
             f'<td><span{_over(row.tau_over)}>{row.tau}</span></td><td>{effort}</td>'
             f'<td><span{_over(row.tau_over)}>{row.share}</span></td></tr>')
     return '\n'.join([*lines, '</table>'])
+
+
+def _range_text(lower: float, upper: float) -> str:
+    """Return a range as a text; a dash for no bound, and one dash for none at all."""
+    if not (np.isfinite(lower) or np.isfinite(upper)):
+        return _NONE
+    return f'{_number(lower)} … {_number(upper)}'
 
 
 def _over(over: bool) -> str:

@@ -1,5 +1,7 @@
 """Arrows of joint torques and joint reactions."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from kane_dynamics._util.fork_safety import lazy_property
@@ -40,7 +42,7 @@ class LoadArrows:
 
     @classmethod
     def along(cls, robot: Robot, q: Array, u: Array, udot: Array, tau: Array,
-              t: Array) -> 'LoadArrows':
+              t: Array) -> LoadArrows:
         """Return the loads of a motion, (K, ...) arrays, tau dual to u."""
         # One state at a time: compiling the kernels of batches would take seconds.
         shared = [robot.joint_torques(tau[k], q[k], t=t[k]) for k in range(len(q))]
@@ -48,7 +50,7 @@ class LoadArrows:
         return cls(robot, q, np.array(shared), np.array(reactions))
 
     @classmethod
-    def at_rest(cls, robot: Robot, q: Array) -> 'LoadArrows':
+    def at_rest(cls, robot: Robot, q: Array) -> LoadArrows:
         """Return the loads at rest under gravity of configurations, (K, n_q)."""
         still = np.zeros((len(q), robot.n))
         tau = np.array([robot.gravity_force(row) for row in q])
@@ -61,15 +63,21 @@ class LoadArrows:
 
         Zero for a kind that is only rounding error, relative to the others.
         """
-        sliding = [name in self.robot.model.sliding for name in self.robot.joint_names]
-        turning = np.logical_not(sliding)
-        force, moment = (np.linalg.norm(self.reactions[..., part], axis=-1).max(initial=0.0)
-                         for part in (slice(0, 3), slice(3, 6)))
-        found = {'torques': float(np.abs(self.tau[:, turning]).max(initial=0.0)),
-                 'forces': float(max(force, np.abs(self.tau[:, sliding]).max(initial=0.0))),
-                 'moments': float(moment)}
-        least = _ROUNDING * max(found.values())
-        return {kind: size if size > least else 0.0 for kind, size in found.items()}
+        names = self.robot.joint_names
+        sliding = np.array([name in self.robot.model.sliding for name in names])
+        forces = np.linalg.norm(self.reactions[..., :3], axis=-1)
+        moments = np.linalg.norm(self.reactions[..., 3:], axis=-1)
+        # The actuator of a prismatic joint exerts a force.
+        actuator_torque = np.abs(self.tau[:, ~sliding]).max(initial=0.0)
+        actuator_force = np.abs(self.tau[:, sliding]).max(initial=0.0)
+        largest = {'torques': float(actuator_torque),
+                   'forces': float(max(forces.max(initial=0.0), actuator_force)),
+                   'moments': float(moments.max(initial=0.0))}
+        rounding = _ROUNDING * max(largest.values())
+        for kind, magnitude in largest.items():
+            if magnitude <= rounding:
+                largest[kind] = 0.0
+        return largest
 
     def arrows(self, k: int, length: float, largest: dict[str, float]) -> dict[str, Array]:
         """
@@ -86,16 +94,18 @@ class LoadArrows:
 
         """
         robot = self.robot
-        place = {name: i for i, name in enumerate(robot.joint_names)}
+        tau = dict(zip(robot.joint_names, self.tau[k]))
+        placed_bodies = configurations(robot.model, self.q[k])
         drawn: dict[str, list[Array]] = {kind: [] for kind in KINDS}
-        for body, placed, reaction in zip(robot.model.bodies, configurations(
-                robot.model, self.q[k]), self.reactions[k], strict=True):
+        for body, placed, reaction in zip(robot.model.bodies, placed_bodies, self.reactions[k],
+                                          strict=True):
             joint = body.joint
             vectors = {'forces': reaction[:3] / (largest['forces'] or 1.0),
                        'moments': reaction[3:] / (largest['moments'] or 1.0)}
-            if joint.name in place:
-                scale = largest['forces' if joint.kind == 'prismatic' else 'torques'] or 1.0
-                vectors['torques'] = self.tau[k, place[joint.name]] / scale * placed.axis
+            if joint.name in tau:
+                unit = 'forces' if joint.kind == 'prismatic' else 'torques'
+                scale = largest[unit] or 1.0
+                vectors['torques'] = tau[joint.name] / scale * placed.axis
             for kind, vector in vectors.items():
                 if np.linalg.norm(vector) > _LEAST:
                     drawn[kind].append(np.stack([placed.p_wb, placed.p_wb + length * vector]))
@@ -106,7 +116,9 @@ def sampled_configurations(robot: Robot) -> Array:
     """Return configurations in the whole range of the joints, (K, n_q), rad or m; closed ones."""
     if robot.constraint_names:
         return robot.random_configuration(0, _CLOSED_SAMPLES)
-    lower, upper = (np.where(np.isfinite(bound), bound, end) for bound, end in (
-        (robot.limits.lower, -np.pi), (robot.limits.upper, np.pi)))
-    return np.asarray(np.random.default_rng(0).uniform(lower, np.maximum(lower, upper),
-                                                       (_SAMPLES, robot.n_q)))
+    limits = robot.limits
+    lower = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
+    upper = np.where(np.isfinite(limits.upper), limits.upper, np.pi)
+    random = np.random.default_rng(0)
+    q = random.uniform(lower, np.maximum(lower, upper), (_SAMPLES, robot.n_q))
+    return np.asarray(q)

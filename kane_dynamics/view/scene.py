@@ -40,7 +40,9 @@ class Scene:
     def __init__(self, server: ViserServer, model: Model, visuals: Sequence[LinkShape],
                  extent: float) -> None:
         """Draw floor, light and shapes, with all bodies at the world's origin."""
-        self.server, self.model, self.extent = server, model, extent
+        self.server = server
+        self.model = model
+        self.extent = extent
         scene = server.scene
         scene.set_up_direction('+z')
         scene.configure_environment_map('studio', environment_intensity=0.12)
@@ -54,9 +56,12 @@ class Scene:
         for i, (body, visual) in enumerate(shapes_of_bodies(model, visuals, extent)):
             # Body -1 is the world: the last frame, which never moves.
             self._draw(f'{self._frames[body].name}/{i}', visual)
-        self._arrows = {kind: scene.add_arrows(
-            f'/{kind}', np.zeros((0, 2, 3)), _linear(COLORS[kind]), shaft_radius=0.008 * extent,
-            head_radius=0.02 * extent, head_length=0.05 * extent) for kind in KINDS}
+        self._arrows = {}
+        for kind in KINDS:
+            self._arrows[kind] = scene.add_arrows(
+                f'/{kind}', np.zeros((0, 2, 3)), _linear(COLORS[kind]),
+                shaft_radius=0.008 * extent, head_radius=0.02 * extent,
+                head_length=0.05 * extent)
         self._names = [scene.add_label(f'/names/{i}', body.joint.name, visible=False)
                        for i, body in enumerate(model.bodies)]
 
@@ -86,7 +91,8 @@ class Scene:
         poses = body_poses(self.model, q)
         with self.server.atomic():
             for frame, pose in zip(self._frames, poses):
-                frame.wxyz, frame.position = SO3.from_matrix(pose[:3, :3]).wxyz, pose[:3, 3]
+                frame.wxyz = SO3.from_matrix(pose[:3, :3]).wxyz
+                frame.position = pose[:3, 3]
             for label, pose in zip(self._names, poses):
                 label.position = pose[:3, 3]
             for kind, points in arrows.items():
@@ -94,7 +100,8 @@ class Scene:
 
     def show(self, kind: str, visible: bool) -> None:
         """Show or hide arrows of a kind, or 'names'."""
-        for handle in self._names if kind == 'names' else [self._arrows[kind]]:
+        handles = self._names if kind == 'names' else [self._arrows[kind]]
+        for handle in handles:
             handle.visible = visible
 
     def set_opacity(self, opacity: float) -> None:
@@ -102,51 +109,64 @@ class Scene:
         for shape in self._shapes:
             shape.opacity = None if opacity >= 1.0 else opacity
 
-    def _draw(self, name: str, visual: LinkShape) -> None:
+    def _draw(self, name: str, shape: LinkShape) -> None:
         """Add the shape of a body to the scene, in the body's axes."""
-        pose, scene = visual.pose, self.server.scene
-        color = LINK_COLOR if visual.color is None else visual.color
-        place: dict[str, Any] = {'wxyz': SO3.from_matrix(pose[:3, :3]).wxyz,
-                                 'position': pose[:3, 3]}
-        if visual.kind == 'mesh':
-            for k, (mesh, own) in enumerate(_meshes(visual)):
-                self._shapes.append(scene.add_mesh_simple(
-                    f'{name}/{k}', mesh.vertices, mesh.faces, side='double',
-                    color=_rgb(color if own is None else own), **place))
-        elif visual.kind == 'box':
-            self._shapes.append(scene.add_box(name, dimensions=tuple(visual.size),
-                                              color=_rgb(color), **place))
-        elif visual.kind == 'cylinder':
-            radius, height = visual.size
-            self._shapes.append(scene.add_cylinder(name, radius, height, color=_rgb(color),
-                                                   **place))
+        if shape.kind == 'mesh':
+            self._draw_mesh(name, shape)
+            return
+        scene = self.server.scene
+        color = _rgb(LINK_COLOR if shape.color is None else shape.color)
+        place = _place(shape)
+        if shape.kind == 'box':
+            handle: Any = scene.add_box(name, dimensions=tuple(shape.size), color=color, **place)
+        elif shape.kind == 'cylinder':
+            radius, height = shape.size
+            handle = scene.add_cylinder(name, radius, height, color=color, **place)
         else:
-            self._shapes.append(scene.add_icosphere(name, float(visual.size[0]), subdivisions=3,
-                                                    color=_rgb(color), **place))
+            radius = float(shape.size[0])
+            handle = scene.add_icosphere(name, radius, subdivisions=3, color=color, **place)
+        self._shapes.append(handle)
+
+    def _draw_mesh(self, name: str, shape: LinkShape) -> None:
+        """Add the parts of a mesh, in the color of the URDF, else in that of the file."""
+        for k, mesh in enumerate(_meshes(shape)):
+            color = shape.color
+            if color is None:
+                color = _file_color(mesh)
+            self._shapes.append(self.server.scene.add_mesh_simple(
+                f'{name}/{k}', mesh.vertices, mesh.faces, side='double', color=_rgb(color),
+                **_place(shape)))
 
 
-def _meshes(visual: LinkShape) -> list[tuple[Any, Array | None]]:
-    """Return the scaled parts of a mesh file with their own colors."""
+def _place(shape: LinkShape) -> dict[str, Any]:
+    """Return the pose of a shape as viser takes it."""
+    return {'wxyz': SO3.from_matrix(shape.pose[:3, :3]).wxyz, 'position': shape.pose[:3, 3]}
+
+
+def _meshes(shape: LinkShape) -> list[Any]:
+    """Return the scaled parts of a mesh file."""
     try:
-        parts = trimesh.load_scene(visual.file, ignore_broken=True).dump()
+        parts = trimesh.load_scene(shape.file, ignore_broken=True).dump()
     except Exception as error:  # every format raises other errors
-        raise InputError(f'{visual.file}: {error}; expected a readable mesh') from error
+        raise InputError(f'{shape.file}: {error}; expected a readable mesh') from error
     meshes = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     if not meshes:
-        raise InputError(f'{visual.file}: no triangles; expected a mesh')
+        raise InputError(f'{shape.file}: no triangles; expected a mesh')
     for mesh in meshes:
-        mesh.apply_scale(visual.size)
-    return [(mesh, _own_color(mesh) if visual.color is None else None) for mesh in meshes]
+        mesh.apply_scale(shape.size)
+    return meshes
 
 
-def _own_color(part: Any) -> Array | None:
-    """Return the color of a part of a mesh in its file, from 0 to 1."""
+def _file_color(part: Any) -> Array:
+    """Return the color of a part of a mesh in its file, from 0 to 1, or that of links."""
     color = getattr(getattr(part.visual, 'material', None), 'main_color', None)
-    return None if color is None else np.asarray(color[:3]) / 255.0
+    if color is None:
+        return LINK_COLOR
+    return np.asarray(color[:3]) / 255.0
 
 
 def _rgb(color: Array) -> tuple[int, int, int]:
-    red, green, blue = (round(255.0 * float(x)) for x in color)
+    red, green, blue = (round(255.0 * float(part)) for part in color)
     return red, green, blue
 
 
@@ -158,4 +178,5 @@ def _linear(color: tuple[int, int, int]) -> tuple[int, int, int]:
 def _nice(length: float) -> float:
     """Return the number nearest to a length among 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(length))
-    return float(power * min((1.0, 2.0, 5.0, 10.0), key=lambda x: abs(x * power - length)))
+    candidates = power * np.array([1.0, 2.0, 5.0, 10.0])
+    return float(candidates[np.argmin(np.abs(candidates - length))])

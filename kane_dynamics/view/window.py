@@ -20,7 +20,8 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.trajectory import Path, Trajectory
 from kane_dynamics.view.exported_page import add_panel
 from kane_dynamics.view.joint_table import markdown_table
-from kane_dynamics.view.load_arrows import KINDS, LoadArrows, LONGEST, sampled_configurations
+from kane_dynamics.view.load_arrows import (KINDS, LoadArrows, LONGEST,
+                                            sampled_configurations)
 from kane_dynamics.view.scene import COLORS, Scene
 import numpy as np
 from viser import ViserServer
@@ -31,6 +32,7 @@ _SPEEDS = ('0.1', '0.25', '0.5', '1', '2')
 _CAPTIONS = {'torques': 'joint torques', 'forces': 'reaction forces',
              'moments': 'reaction moments'}
 _ASIDE = 0.2  # the table of an exported page is wider than the controls
+_STEP = 1e-3  # of a slider, rad or m
 _MOST = 2000  # states of a trajectory
 
 
@@ -66,7 +68,8 @@ class Window:
                  visuals: Sequence[LinkShape] = (), host: str = '127.0.0.1', port: int = 8080
                  ) -> None:
         """Build the scene and start the server."""
-        self.robot, self.trajectory = robot, trajectory
+        self.robot = robot
+        self.trajectory = trajectory
         if trajectory is None:
             require_angles(robot.model, 'view')
             self._turned = _turned_joints(robot)
@@ -79,10 +82,12 @@ class Window:
             K = len(trajectory.t)
             rows = np.linspace(0, K - 1, min(K, _MOST)).astype(int)
             self._t = trajectory.t[rows]
-            self._loads = LoadArrows.along(robot, *(part[rows] for part in (
-                trajectory.q, trajectory.u, trajectory.udot, trajectory.tau, trajectory.t)))
+            self._loads = LoadArrows.along(robot, trajectory.q[rows], trajectory.u[rows],
+                                           trajectory.udot[rows], trajectory.tau[rows], self._t)
             self._largest = self._loads.largest
-        self._lock, self._playing, self._time = threading.Lock(), False, 0.0
+        self._lock = threading.Lock()
+        self._playing = False
+        self._time = 0.0
         _check_address(host, port)
         with _quietly():
             self.server = ViserServer(host=host, port=port, verbose=False, label='kane_dynamics')
@@ -104,17 +109,17 @@ class Window:
 
     def run(self) -> None:
         """Play the motion while the page is in play mode, until interrupted."""
-        before = time.monotonic()
+        last = time.monotonic()
         while True:
             time.sleep(1.0 / _RATE)
             now = time.monotonic()
             if self._playing and self.trajectory is not None:
                 begin, end = self.trajectory.t[[0, -1]]
-                self._time += (now - before) * float(self._speed.value)
+                self._time += (now - last) * float(self._speed.value)
                 if self._time > end:
                     self._time = begin
                 self._slider.value = self._time
-            before = now
+            last = now
 
     def close(self) -> None:
         """Stop the server."""
@@ -125,28 +130,36 @@ class Window:
         """Write a page that needs no server, with the panel of `add_panel`."""
         self._stage.look(*self._box(), aside=_ASIDE)
         serializer = self.server.get_scene_serializer()
-        loads, rows, t = LoadArrows.at_rest(self.robot, self._q[None]), [0], None
-        if self.trajectory is not None:
+        if self.trajectory is None:
+            loads = LoadArrows.at_rest(self.robot, self._q[None])
+            rows = [0]
+            t = None
+        else:
             begin, end = self.trajectory.t[[0, -1]]
             times = [*np.arange(begin, end, 1.0 / _RATE), end]
-            loads, rows = self._loads, [self._row(moment) for moment in times]
+            loads = self._loads
+            rows = [self._row(moment) for moment in times]
             t = self._t[rows]
             for moment in times[:-1]:
                 self._show_at(moment)
                 serializer.insert_sleep(1.0 / _RATE)
             self._show_at(end)
-        page = add_panel(serializer.as_html(), self.robot, self._legend(_SHOWN), t, loads.q[rows],
-                         loads.tau[rows], 1.0 / _RATE)
+        page = add_panel(serializer.as_html(), self.robot, self._legend(_SHOWN), t,
+                         loads.q[rows], loads.tau[rows], 1.0 / _RATE)
         with whole_file(path) as file:
             file.write(page)
 
     def _box(self) -> tuple[Array, Array]:
         """Return the corners of the visible box, (3,) each, m."""
-        some = [self._q] if self.trajectory is None else self.trajectory.q[
-            ::max(1, len(self.trajectory.q) // 10)]
-        corners = [model_bounds(self.robot.model, q) for q in some]
-        return (np.min([low for low, _ in corners], axis=0),
-                np.max([high for _, high in corners], axis=0))
+        configurations = self._q[None]
+        if self.trajectory is not None:  # about ten of them
+            configurations = self.trajectory.q[::max(1, len(self.trajectory.q) // 10)]
+        low, high = model_bounds(self.robot.model, configurations[0])
+        for q in configurations[1:]:
+            next_low, next_high = model_bounds(self.robot.model, q)
+            low = np.minimum(low, next_low)
+            high = np.maximum(high, next_high)
+        return low, high
 
     def _add_controls(self) -> None:
         """Add the controls to the page."""
@@ -176,9 +189,11 @@ class Window:
 
     def _legend(self, kinds: Sequence[str]) -> str:
         """Return the colors, meanings and scale of some kinds of arrows as HTML."""
-        rows = [f'<span style="color: rgb{COLORS[kind]}">&#9632;</span> {_CAPTIONS[kind]}, the '
-                f'longest {self._largest[kind]:.3g} {"N" if kind == "forces" else "N m"}'
-                for kind in kinds]
+        rows = []
+        for kind in kinds:
+            unit = 'N' if kind == 'forces' else 'N m'
+            rows.append(f'<span style="color: rgb{COLORS[kind]}">&#9632;</span> '
+                        f'{_CAPTIONS[kind]}, the longest {self._largest[kind]:.3g} {unit}')
         return '<br>'.join(rows)
 
     def _add_time(self, gui: Any) -> None:
@@ -194,24 +209,31 @@ class Window:
     def _add_joints(self, gui: Any) -> None:
         """Add a slider to the page for every joint that is turned by hand."""
         limits = self.robot.limits
-        for i, name in [(i, self.robot.joint_names[i]) for i in self._turned]:
-            lower = np.ceil(1e3 * limits.lower[i]) / 1e3 if np.isfinite(limits.lower[i]) else -3.14
-            upper = np.floor(1e3 * limits.upper[i]) / 1e3 if np.isfinite(limits.upper[i]) else 3.14
-            slider = gui.add_slider(name, lower, max(upper, lower + 1e-3), 1e-3,
-                                    float(np.clip(self._q[i], lower, upper)))
+        for i in self._turned:
+            # Within the limits, by whole steps of the slider.
+            lower = -3.14
+            upper = 3.14
+            if np.isfinite(limits.lower[i]):
+                lower = np.ceil(1e3 * limits.lower[i]) / 1e3
+            if np.isfinite(limits.upper[i]):
+                upper = np.floor(1e3 * limits.upper[i]) / 1e3
+            position = float(np.clip(self._q[i], lower, upper))
+            slider = gui.add_slider(self.robot.joint_names[i], lower,
+                                    max(upper, lower + _STEP), _STEP, position)
             slider.on_update(lambda event, i=i: self._turn(i, event.target.value))
 
     def _play(self, button: Any) -> None:
-        self._time, self._playing = self._slider.value, not self._playing
+        self._time = self._slider.value
+        self._playing = not self._playing
         button.label = 'Pause' if self._playing else 'Play'
 
     def _turn(self, i: int, value: float) -> None:
         with self._lock:
             q = np.where(np.arange(len(self._q)) == i, value, self._q)
             if self.robot.constraint_names:
+                turned_names = [self.robot.joint_names[k] for k in self._turned]
                 try:
-                    q = self.robot.closed_posture(q, fixed=[
-                        self.robot.joint_names[k] for k in self._turned])
+                    q = self.robot.closed_posture(q, fixed=turned_names)
                 except ConstraintError:
                     return  # beyond the reach of the mechanism: the picture stays
             self._q = q
@@ -229,9 +251,11 @@ class Window:
         """Draw the current state; called from several threads."""
         with self._lock:
             if self.trajectory is None:
-                loads, k = LoadArrows.at_rest(self.robot, self._q[None]), 0
+                loads = LoadArrows.at_rest(self.robot, self._q[None])
+                k = 0
             else:
-                loads, k = self._loads, self._row(self._time)
+                loads = self._loads
+                k = self._row(self._time)
             self._stage.place(loads.q[k], loads.arrows(k, self._length, self._largest))
             self._table.content = markdown_table(self.robot, loads.q[k], loads.tau[k])
 
@@ -242,8 +266,12 @@ class Window:
 
 def _turned_joints(robot: Robot) -> tuple[int, ...]:
     """Return the indices of the joints with sliders: all, or those that determine the others."""
-    names, speeds = robot.joint_names, robot.speed_names
-    if len(velocity_rows(robot) if robot.constraint_names else ()) == len(robot.constraint_names):
+    names = robot.joint_names
+    speeds = robot.speed_names
+    only_velocities = True
+    if robot.constraint_names:
+        only_velocities = len(velocity_rows(robot)) == len(robot.constraint_names)
+    if only_velocities:  # no constraint on positions
         return tuple(range(len(names)))
     if set(speeds) <= set(names):
         return tuple(names.index(name) for name in speeds)

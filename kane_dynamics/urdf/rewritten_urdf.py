@@ -1,7 +1,8 @@
 """Rewrite inertials and friction of a URDF; keep everything else unchanged."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 import os
+from typing import Any
 from xml.etree import ElementTree
 
 from kane_dynamics._util.text import listing
@@ -42,14 +43,11 @@ def rewritten(source: str | bytes | os.PathLike[str], inertials: Mapping[str, In
         raise UrdfError(f'URDF: {error}; expected well-formed XML') from None
     links = {link.get('name'): link for link in root.findall('link')}
     joints = {joint.get('name'): joint for joint in root.findall('joint')}
-    for kind, wanted, there in (('link', [*inertials, *emptied], links),
-                                ('joint', [*friction], joints)):
-        lacking = [name for name in wanted if name not in there]
-        if lacking:
-            raise UrdfError(f'URDF: no {kind} {listing(lacking)}; expected those of the model')
+    _check_existence('link', [*inertials, *emptied], links)
+    _check_existence('joint', friction, joints)
     for name in [*inertials, *emptied]:
-        for old in links[name].findall('inertial'):
-            links[name].remove(old)
+        for element in links[name].findall('inertial'):
+            links[name].remove(element)
     for name, inertial in inertials.items():
         links[name].insert(0, _inertial(inertial))
     for name, (damping, coulomb) in friction.items():
@@ -61,13 +59,23 @@ def rewritten(source: str | bytes | os.PathLike[str], inertials: Mapping[str, In
     return ElementTree.tostring(root, encoding='unicode') + '\n'
 
 
+def _check_existence(kind: str, names: Iterable[str], elements: Mapping[Any, Any]) -> None:
+    """Raise UrdfError for names of links or joints that are not in the URDF."""
+    lacking = [name for name in names if name not in elements]
+    if lacking:
+        raise UrdfError(f'URDF: no {kind} {listing(lacking)}; expected those of the model')
+
+
 def _inertial(inertial: Inertial) -> ElementTree.Element:
     """Return an <inertial> element in the link's axes, with all digits."""
     element = ElementTree.Element('inertial')
-    ElementTree.SubElement(element, 'origin', xyz=' '.join(map(repr, inertial.com.tolist())),
-                           rpy='0 0 0')
+    center = ' '.join(repr(number) for number in inertial.com.tolist())
+    ElementTree.SubElement(element, 'origin', xyz=center, rpy='0 0 0')
     ElementTree.SubElement(element, 'mass', value=repr(inertial.mass))
-    ElementTree.SubElement(element, 'inertia', {
-        key: repr(float(inertial.inertia['xyz'.index(key[1]), 'xyz'.index(key[2])]))
-        for key in INERTIA_KEYS})
+    moments = {}
+    for key in INERTIA_KEYS:  # ixx, ixy and so on
+        row = 'xyz'.index(key[1])
+        column = 'xyz'.index(key[2])
+        moments[key] = repr(float(inertial.inertia[row, column]))
+    ElementTree.SubElement(element, 'inertia', moments)
     return element
