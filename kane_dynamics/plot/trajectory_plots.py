@@ -77,7 +77,7 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
     return figure
 
 
-class _Quantity(NamedTuple):
+class _Panel(NamedTuple):
     """A quantity of a motion over time: what it is, its values by name, and its label."""
 
     what: str
@@ -103,7 +103,7 @@ class _Quantity(NamedTuple):
         return dict(zip(joint_names, values.tolist()))
 
 
-def _quantities(trajectory: Trajectory, prismatic: Collection[str]) -> list[_Quantity]:
+def _quantities(trajectory: Trajectory, prismatic: Collection[str]) -> list[_Panel]:
     """Return positions, speeds and torques of a motion."""
     joints = list(trajectory.joint_names)
     speeds = list(trajectory.speed_names)
@@ -115,11 +115,11 @@ def _quantities(trajectory: Trajectory, prismatic: Collection[str]) -> list[_Qua
                                ('Torque', trajectory.tau, speeds)):
         columns = dict(zip(names, np.asarray(table).T, strict=True))
         label = f'{what}\n[{panel_unit(what, names, prismatic)}]'
-        quantities.append(_Quantity(what, columns, label))
+        quantities.append(_Panel(what, columns, label))
     return quantities
 
 
-def _side_by_side(trajectory: Trajectory, path: Path | None, quantities: Sequence[_Quantity],
+def _side_by_side(trajectory: Trajectory, path: Path | None, quantities: Sequence[_Panel],
                   limits: JointLimits | None, title: str) -> Figure:
     """Plot many joints in columns of `len(LINES)`, each with its own legend."""
     per_panel = len(LINES)

@@ -11,7 +11,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[2] / 'kane_dynamics'
 
 # A package may import, while it is being imported, only packages in a line above its own.
-TABLE = """
+CORE = """
 errors
 _util
 model
@@ -24,11 +24,16 @@ kinematics loop_tracking
 control
 simulation
 analysis
+"""
+APPLICATIONS = """
 feasibility gpu identification optimal_control sweep
 plot view
+"""
+PROGRAMS = """
 ros cli
 demo
 """
+TABLE = CORE + APPLICATIONS + PROGRAMS
 # The parts of a package that is large enough to need an order of its own.
 PARTS = {
     'mechanics': """
@@ -173,6 +178,25 @@ def test_imports_point_up_inside_a_package(package):
     def unit_of(parts):
         return parts[1] if parts[0] == package and len(parts) > 1 else None
     assert upward(ranks(PARTS[package]), unit_of) == []
+
+
+@pytest.mark.parametrize('layer, outer', [
+    (CORE, APPLICATIONS + PROGRAMS), (APPLICATIONS, PROGRAMS)], ids=['core', 'applications'])
+def test_inner_layer_knows_no_outer_one(layer, outer):
+    """The core imports no application of it, an application no program, even when called."""
+    outward = [found for found in IMPORTS if found.unit in layer.split()
+               and found.target.startswith('kane_dynamics.')
+               and found.target.split('.')[1] in outer.split()]
+    assert outward == []
+
+
+def test_contributing_lists_the_packages_in_this_order():
+    """The list has a heading per layer, and the parts of a package behind its name."""
+    text = (PACKAGE.parent / 'CONTRIBUTING.md').read_text('utf-8')
+    block = text.partition('above its own in this list:\n\n')[2].partition('\n\n')[0]
+    lines = [line.partition(':')[0].replace(',', ' ').split() for line in block.split('\n')
+             if line.startswith(6 * ' ')]
+    assert lines == [line.split() for line in TABLE.split('\n') if line]
 
 
 def test_packages_do_not_import_each_other_in_a_circle():

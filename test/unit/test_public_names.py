@@ -11,6 +11,9 @@ import kane_dynamics
 import pytest
 
 SOURCE = Path(kane_dynamics.__file__).read_text('utf-8')
+# Classes whose names are still those of others. The list may only become shorter.
+SHARED_NAMES = {'Excess', 'JointMotion', 'Limits', 'Operation', 'Parameters', 'Parts', 'Program',
+                'Rows', 'Timing'}
 
 
 def fresh(program):
@@ -77,3 +80,24 @@ print(*(set(sys.modules) & {'yourdfpy', 'trimesh', 'scipy', 'networkx', 'lxml', 
                            env={**os.environ, 'KANE_DYNAMICS_CACHE': str(tmp_path / 'kept')})
             for _ in range(2)]
     assert 'lxml' in done[0].stdout and done[1].stdout.split() == []
+
+
+def classes_by_name():
+    """Return the modules of the library that define a class, by the name of the class."""
+    modules = {}
+    folder = Path(kane_dynamics.__file__).parent
+    for path in sorted(folder.rglob('*.py')):
+        for node in ast.parse(path.read_text('utf-8')).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith('_'):
+                modules.setdefault(node.name, []).append(str(path.relative_to(folder)))
+    return modules
+
+
+def test_no_class_has_the_name_of_another():
+    shared = {name: modules for name, modules in classes_by_name().items() if len(modules) > 1}
+    assert {name: modules for name, modules in shared.items() if name not in SHARED_NAMES} == {}
+
+
+def test_list_of_shared_names_has_only_names_that_are_still_shared():
+    classes = classes_by_name()
+    assert [name for name in sorted(SHARED_NAMES) if len(classes.get(name, ())) < 2] == []
