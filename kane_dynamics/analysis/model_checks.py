@@ -6,7 +6,6 @@ from typing import Literal
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf.notices import DEGREES, NO_INERTIAL
@@ -63,7 +62,7 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[F
                              'contacts, which a URDF does not state, determine the torques that '
                              'hold the robot; expected a check of your own with wrenches at the '
                              'contacts'))
-    elif isinstance(robot.equations, ConstrainedEquations):
+    elif not robot.equations.in_joint_rates:
         found += _weight_of_mechanism(robot)
     else:
         found += _weight(robot)
@@ -153,7 +152,7 @@ def examine_masses(robot: Robot) -> list[Finding]:
     """Return a problem for joints that move no mass, where M is singular."""
     equations = robot.equations
     q = np.random.default_rng(0).uniform(-1.0, 1.0, equations.n_q)
-    if isinstance(equations, ConstrainedEquations):
+    if not equations.in_joint_rates:
         return []  # what a mass is missing from, constraints may hold
     M = np.array(equations.mass_matrix(q, robot.parameters.block), dtype=np.float64)
     without = [name for name, moved in zip(robot.joint_names, np.abs(M).max(axis=1, initial=0.0))

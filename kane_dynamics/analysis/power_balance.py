@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import joint_speeds, moved
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
 
@@ -66,7 +65,7 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
     """
     tau = robot.inverse_dynamics(q, u, udot, wrench=wrench, t=t)
     with np.errstate(over='ignore', invalid='ignore'):  # an error below
-        if isinstance(robot.equations, ConstrainedEquations):
+        if not robot.equations.in_joint_rates:
             powers = _constrained_powers(robot, q, u, tau, wrench, t)
         else:
             external = robot.external_force(q, wrench=wrench)
@@ -130,7 +129,7 @@ def unaccounted_energy(t: Array, energy: Array, power: Array) -> Array:
 
 
 def _energy_rate(robot: Robot, q: Any, u: Any, udot: Any, t: Any) -> Any:
-    constrained = isinstance(robot.equations, ConstrainedEquations)
+    constrained = not robot.equations.in_joint_rates
     rates = joint_speeds(robot.model, np.asarray(q), robot.joint_rates(q, u, t=t))
     # With the accelerations of all joints, loops stay closed to second order.
     bend = robot.joint_accelerations(q, u, udot, t=t) if constrained else np.zeros_like(rates)

@@ -12,7 +12,6 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.hyperdual import lifted, seeded
 from kane_dynamics.mechanics.ball_joints import balls, coordinate_rates, require_unit
 from kane_dynamics.mechanics.constraints.conditioning import RANK
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.model.model import with_payload
 from kane_dynamics.robot.robot import Robot
@@ -113,7 +112,7 @@ def _admitted(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
     """Return T, (n_j, n), the stiffness of the admissible motions, (n, n), and its terms' size."""
     slope, K, size = potential_derivatives(robot, q)
     equations = robot.equations
-    if not isinstance(equations, ConstrainedEquations):
+    if equations.in_joint_rates:
         return np.eye(robot.n), K, size
     motions = [equations.mechanism.joint_motion(q, unit, 0.0 * unit) for unit in np.eye(robot.n)]
     T = motions[0].T.astype(np.float64)

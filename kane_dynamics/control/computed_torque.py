@@ -15,7 +15,6 @@ from kane_dynamics.control.constrained_law import (followed_joints, motion_colum
                                                    require_closed, require_rigid)
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot
@@ -110,7 +109,7 @@ def _followed(robot: Robot, motion: Motion, followed: Sequence[str] | None
               ) -> tuple[list[int], list[int]]:
     """Return the indices of the followed joints, and their columns of the motion."""
     require_rigid(robot)
-    constrained = isinstance(robot.equations, ConstrainedEquations)
+    constrained = not robot.equations.in_joint_rates
     if not constrained and motion.joint_names != robot.joint_names:
         raise InputError(f'motion: of the joints {list(motion.joint_names)}; expected '
                          f'{list(robot.joint_names)}')

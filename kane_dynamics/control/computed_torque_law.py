@@ -11,7 +11,6 @@ an arm at rest.
 from typing import Any
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
@@ -39,7 +38,7 @@ def law_program(robot: Robot) -> Program:
 
     """
     equations = robot.equations
-    if not isinstance(equations, TreeEquations):
+    if not equations.in_joint_rates:
         raise InputError('computed torque: a robot with chosen speeds or constraints; expected '
                          'one in joint rates without constraints')
     n, loaded = equations.n, len(robot.kernels.no_wrench) > 0

@@ -16,10 +16,10 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque_law import corrected_acceleration
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.mechanics.constraints.transmission import (require_transmission,
                                                               transmission_margin)
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, trace_program
@@ -53,7 +53,7 @@ def followed_joints(robot: Robot, followed: Sequence[str] | None = None) -> tupl
     require_rigid(robot)
     if followed is None:
         speeds = robot.speed_names
-        actuated = equations.actuated if isinstance(equations, ConstrainedEquations) else None
+        actuated = equations.actuated
         if n == robot.n_q:
             followed = names
         elif robot.mechanism.speeds.key and set(speeds) <= set(names):
@@ -73,7 +73,7 @@ def followed_joints(robot: Robot, followed: Sequence[str] | None = None) -> tupl
 
 def joints_that_follow(robot: Robot) -> tuple[int, ...]:
     """Return the indices of the joints that follow motions: all, or those of closed loops."""
-    return followed_joints(robot) if isinstance(robot.equations, ConstrainedEquations) else tuple(
+    return followed_joints(robot) if not robot.equations.in_joint_rates else tuple(
         range(robot.n_q))
 
 
@@ -122,7 +122,7 @@ def require_closed(robot: Robot, positions: Array, times: Array) -> None:
 class FollowingMotion:
     """Rates of a mechanism whose given joints follow; traced or numeric."""
 
-    def __init__(self, equations: ConstrainedEquations, followed: Sequence[int], q: Any, u: Any,
+    def __init__(self, equations: Equations, followed: Sequence[int], q: Any, u: Any,
                  t: Any) -> None:
         """Compute the motion at udot = 0."""
         self.equations, self.places = equations, list(followed)
@@ -144,6 +144,7 @@ def constrained_law_program(robot: Robot, followed: Sequence[int],
     """
     equations: Any = robot.equations
     n, loaded = equations.n, len(robot.kernels.no_wrench) > 0
+    physical = robot.parameters.physical
 
     def law(q: Any, u: Any, q_d: Any, u_d: Any, udot_d: Any, gains: Any, *rest: Any) -> Any:
         *time, parameters = rest[loaded:]
@@ -156,13 +157,13 @@ def constrained_law_program(robot: Robot, followed: Sequence[int],
         qdot_d = motion.qdot + motion.T @ here.speeds(u_d - motion.qdot[places])
         tree = equations.tree
         rigid = tree.rigid_dynamics(q, motion.qdot, qddot, rest[0] if loaded else None,
-                                    parameters[:-LIMITS])
+                                    parameters[:physical])
         tau = motion.T.T @ (np.array(rigid) + tree.friction_force(qdot_d))
         if not commanded:
             return tau
         tau = equations.joint_torques(tau, q, t)
         if equations.watched:
-            tau = guarded(tau, equations.margin(q, t, parameters[-LIMITS:]))
+            tau = guarded(tau, equations.margin(q, t, parameters[physical:]))
         return guarded(tau, transmission_margin(equations.mechanism, motion.T, places))
     return trace_program(NAME, law, [*((a.name, a.shape) for a in _arguments(robot)),
                                      ('parameters', robot.parameters.block.shape)])
@@ -178,10 +179,9 @@ def constrained_law_kernel(robot: Robot, followed: Sequence[int],
     """
     def reason(state: dict[str, Array]) -> Kernel | None:
         sets = robot.speed_sets
-        assert sets is not None
         other = sets.instead(robot.mechanism, state)
         require_following(robot, followed, state['q'], float(state.get('t', np.zeros(()))))
-        if other is None or not isinstance(other.equations, ConstrainedEquations):
+        if other is None or other.equations.in_joint_rates:
             return None
         mechanism = other.equations.mechanism
         return constrained_law_kernel(robot.in_choice(mechanism.free, mechanism.kept), followed,

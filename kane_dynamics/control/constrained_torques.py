@@ -20,7 +20,6 @@ from kane_dynamics.control.terms import Terms
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -50,7 +49,6 @@ class ConstrainedTorques:
     def __init__(self, robot: Robot, followed: Sequence[str] | None,
                  preload: ArrayLike | None, bending: QuasiStatic | None = None) -> None:
         """Find the joints that follow; kernels compile on first use."""
-        assert isinstance(robot.equations, ConstrainedEquations)
         self._robot, self._equations = robot, robot.equations
         self._bending, self._source = bending, bending or robot
         self.places = list(followed_joints(robot, followed))

@@ -19,7 +19,6 @@ from kane_dynamics.control.terms import EVERY_TERM, Mode, Terms
 from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot
@@ -92,7 +91,7 @@ class Controller(ControllerSettings):
         self.robot, self.bending = robot, bending
         self._names = self._speeds = self._follow = tuple(robot.joint_names)
         self._constrained: ConstrainedTorques | None = None
-        if isinstance(robot.equations, ConstrainedEquations):
+        if not robot.equations.in_joint_rates:
             require_angles(robot.model, 'Controller')
             self._constrained = ConstrainedTorques(robot, followed, preload, bending)
             self._speeds, self._follow = robot.speed_names, self._constrained.followed

@@ -8,7 +8,6 @@ from kane_dynamics.control.momentum_observer import residual_step
 from kane_dynamics.control.torque_limiter import clipped, within_rate
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Shape, trace_program
@@ -43,7 +42,7 @@ def controller_kernels(robot: Robot) -> tuple[Kernel, Kernel, Kernel]:
 
     """
     instance(robot, Robot, 'robot')
-    if not isinstance(robot.equations, TreeEquations):
+    if not robot.equations.in_joint_rates:
         raise InputError('controller_kernels: a robot with chosen speeds or constraints; expected '
                          'one in joint rates without constraints')
     return law_kernel(robot), _limiter(robot), _observer(robot)

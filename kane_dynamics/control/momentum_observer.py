@@ -7,7 +7,7 @@ the external torque behind a first-order low-pass, ``r' = K (external - r)``. So
 R. Mattone, "Sensorless robot collision detection and hybrid force/motion control", ICRA 2005.
 
 With chosen speeds or constraints p are the momenta of the independent speeds, T^T M_q q' with
-q' = T u + X, and beta includes the rate of T (`ConstrainedEquations.momentum_terms`). Constraint
+q' = T u + X, and beta includes the rate of T (`Equations.momentum_terms`). Constraint
 forces do no work in an admissible motion and drop out.
 """
 
@@ -23,8 +23,7 @@ from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.friction_error import FrictionError
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless, LIMITS
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
@@ -96,7 +95,7 @@ class MomentumObserver:
         self.robot, self.held, self.friction_error = robot, held, friction_error
         self._workspace = robot.bind()
         self._momentum_terms: Callable[..., Array] | None = None
-        if isinstance(robot.equations, ConstrainedEquations):
+        if not robot.equations.in_joint_rates:
             self._momentum_terms = _momentum_kernel(robot)
         else:
             self._mass_matrix, self._bias, self._coriolis = (
@@ -218,11 +217,10 @@ class MomentumObserver:
 
 
 def _momentum_kernel(robot: Robot) -> Kernel:
-    """Return the kernel of `ConstrainedEquations.momentum_terms`."""
+    """Return the kernel of `Equations.momentum_terms`."""
     equations, sets, block = robot.equations, robot.speed_sets, robot.parameters.block
-    assert isinstance(equations, ConstrainedEquations)
-    assert sets is not None
     mechanism, name = equations.mechanism, 'momentum_terms'
+    physical = robot.parameters.physical
     arguments = [Argument('q', (robot.n_q,), robot.coordinate_names),
                  Argument('u', (robot.n,), robot.speed_names)]
     arguments += [Argument('t', ())] if equations.timed else []
@@ -230,14 +228,14 @@ def _momentum_kernel(robot: Robot) -> Kernel:
     def terms(q: Any, u: Any, *rest: Any) -> Any:
         *time, parameters = rest
         t = time[0][()] if time else 0.0
-        found = equations.momentum_terms(q, u, parameters[:-LIMITS], t)
+        found = equations.momentum_terms(q, u, parameters[:physical], t)
         if not equations.watched:
             return found
-        return nan_unless(found, equations.margin(q, t, parameters[-LIMITS:]))
+        return nan_unless(found, equations.margin(q, t, parameters[physical:]))
 
     def reason(state: dict[str, Array]) -> Kernel | None:
         other = sets.instead(mechanism, state)
-        if other is None or not isinstance(other.equations, ConstrainedEquations):
+        if other is None or other.equations.in_joint_rates:
             return None
         choice = other.equations.mechanism
         return _momentum_kernel(robot.in_choice(choice.free, choice.kept))

@@ -10,7 +10,6 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.model.flexible_model import stiffened
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
@@ -231,7 +230,7 @@ def _check(robot: Robot) -> None:
     if len(model.modal_coordinates) == model.n:
         raise InputError('quasi-static deflections: a robot whose only motions are those of '
                          'beams; expected joints too')
-    if not isinstance(equations, ConstrainedEquations):
+    if equations.in_joint_rates:
         return
     modes = {model.coordinate_names[k] for k in model.modal_coordinates}
     speeds = set(robot.speed_names)

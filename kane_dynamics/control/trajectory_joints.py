@@ -13,7 +13,6 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.closed_path import ClosedPath
 from kane_dynamics.loop_tracking.driven_mechanism import motion_of_closed
 from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 from kane_dynamics.motion.points import checked_joint_names, State
 from kane_dynamics.robot.parameters import JointLimits
@@ -70,7 +69,7 @@ class TrajectoryJoints:
         self._compensate = compensate
         self._tolerance = loop_tolerance
         # Without constraints and in joint rates, q, u and udot are those of the joints.
-        self._plain = not isinstance(robot.equations, ConstrainedEquations)
+        self._plain = robot.equations.in_joint_rates
         if not self._plain:
             _require_rigid_and_timeless(robot)
         if names is None and self._plain:
@@ -290,7 +289,6 @@ def _require_rigid_and_timeless(robot: Robot) -> None:
 def _stated_actuators(robot: Robot) -> tuple[str, ...] | None:
     """Return the joints that have actuators; None if that is not stated."""
     equations = robot.equations
-    assert isinstance(equations, ConstrainedEquations)
     return None if equations.actuated is None else robot.actuated_names
 
 
@@ -310,7 +308,7 @@ def driving_joints(robot: Robot) -> tuple[str, ...]:
 
     These are the joints with actuators, or the joints that follow motions if more have actuators.
     """
-    if not isinstance(robot.equations, ConstrainedEquations):
+    if robot.equations.in_joint_rates:
         return robot.joint_names
     stated = _stated_actuators(robot)
     if stated is not None and len(stated) == robot.n:

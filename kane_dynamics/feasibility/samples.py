@@ -5,7 +5,6 @@ import math
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -42,8 +41,7 @@ def sampled(robot: Robot, motion: Motion, step: float, more: Array = NONE
 
     """
     require_angles(robot.model, 'motion')
-    if motion.joint_names != robot.joint_names and not isinstance(robot.equations,
-                                                                  ConstrainedEquations):
+    if motion.joint_names != robot.joint_names and robot.equations.in_joint_rates:
         raise InputError(f'motion: joints {list(motion.joint_names)}; expected '
                          f'{list(robot.joint_names)}')
     if not 0.0 < step < math.inf:

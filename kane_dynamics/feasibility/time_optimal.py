@@ -29,7 +29,6 @@ from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.mechanics.ball_joints import require_angles
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -108,7 +107,7 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
         (jerk, 'jerk'), (torque_rate, 'torque_rate'))))
     speeds = [_speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')]
     points = integer(points, 'points', 10, MOST_SAMPLES)
-    tree = not isinstance(robot.equations, ConstrainedEquations)
+    tree = robot.equations.in_joint_rates
     if rest is not None and not robot.constraint_names:
         raise InputError('rest: given for a robot without constraints; expected None')
     along = PathRobot(robot, path) if tree else PathMechanism(robot, path, rest)

@@ -36,7 +36,6 @@ from kane_dynamics.loop_tracking.driven_mechanism import MechanismMotion
 from kane_dynamics.mechanics.algebra.fixed_point import upper_fixed_point
 from kane_dynamics.mechanics.algebra.intervals import highest_free, positive_intervals
 from kane_dynamics.mechanics.ball_joints import require_angles
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -163,7 +162,7 @@ class SampledPath:
         t, q, self.u, udot = sampled(robot, motion, step, more)
         self.friction, limits = robot.friction_force, robot.limits
         self.shared: Array | None = None  # torques of actuators by unit forces of `rough`
-        if isinstance(robot.equations, ConstrainedEquations):
+        if not robot.equations.in_joint_rates:
             whole = self._of_mechanism(robot, motion, t, q, udot)
             q, terms = whole.q, robot.torque_terms(*whole)
             terms = np.stack([robot.joint_torques(np.ascontiguousarray(term), q)

@@ -12,7 +12,6 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import (NONE, ROUNDING, ROUNDS, sampled, STEP,
                                                times_to_refine)
 from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion, MechanismMotion
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
@@ -186,7 +185,7 @@ def demand_at(robot: Robot, motion: Motion, speed: float, step: float, power: Ar
     t, u, udot = t / speed, speed * u, speed**2 * udot
     if bending is not None:
         _require_rigid_model(robot, bending)
-    if isinstance(robot.equations, ConstrainedEquations):
+    if not robot.equations.in_joint_rates:
         q, u, udot, tau = _of_mechanism(robot, motion, t, q, u, udot, bending)
     else:
         tau = (bending or robot).inverse_dynamics(q, u, udot)
@@ -203,7 +202,7 @@ def _require_rigid_model(robot: Robot, bending: QuasiStatic) -> None:
     instance(bending, QuasiStatic, 'bending')
     bending.require_rigid_model(robot)
     equations = robot.equations
-    if isinstance(equations, ConstrainedEquations) and equations.actuated is not None:
+    if equations.actuated is not None:
         bending.require_drives('robot: actuated', robot.actuated_names)
 
 
@@ -245,7 +244,7 @@ def unit_torques(robot: Robot, q: Array, joints: Sequence[int]) -> Array:
 
 def at_actuators(robot: Robot, q: Array, forces: Array) -> Array:
     """Return the torques of actuators that balance forces of joints, (N, n) each."""
-    if isinstance(robot.equations, ConstrainedEquations):
+    if not robot.equations.in_joint_rates:
         return robot.joint_torques(robot.generalized_force(np.ascontiguousarray(forces), q), q)
     return forces
 

@@ -22,7 +22,6 @@ from kane_dynamics.kinematics.poses import checked_pose, pose_error
 from kane_dynamics.mechanics.ball_joints import (angle_places, angles, balls,
                                                  joint_positions, joint_speeds, moved,
                                                  require_unit)
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.methods.configuration_methods import random_generator
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -152,7 +151,7 @@ class _Search:
         self.goal = goal
         self.tolerance = tolerance
         self.rows = 3 if goal.ndim == 1 else 6
-        self.constrained = isinstance(robot.equations, ConstrainedEquations)
+        self.constrained = not robot.equations.in_joint_rates
         self.looped = bool(robot.constraint_names)
         model = robot.model
         self.lower = np.full(model.n, -np.inf)

@@ -11,7 +11,6 @@ from kane_dynamics.loop_tracking.loop_tracker import (CONDITIONING, FIGURES,
                                                       MOTION, SHARE, STRIDE, tracking_kernel)
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints import conditioning
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -189,7 +188,6 @@ def mechanism_motion(robot: Robot, joints: Sequence[str], t: Array, q: Array,
 
     """
     require_angles(robot.model, 'motion')
-    assert isinstance(robot.equations, ConstrainedEquations)
     names = robot.coordinate_names
     distinct = set(joints)
     if not len(joints) == len(distinct) == robot.n or not distinct <= set(names):

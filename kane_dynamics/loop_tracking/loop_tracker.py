@@ -34,7 +34,6 @@ from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import ROUNDED, squared_figure
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -515,7 +514,7 @@ class LoopTracker:
         require_angles(robot.model, 'LoopTracker')
         equations = robot.equations
         names = robot.coordinate_names
-        if not isinstance(equations, ConstrainedEquations):
+        if equations.in_joint_rates:
             raise InputError('robot: without constraints; expected closed loops')
         mechanism = equations.mechanism
         self.path_rows = _velocity_rows(mechanism, mechanism.kept)

@@ -19,12 +19,9 @@ from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.linear_solve import solution
 from kane_dynamics.mechanics.ball_joints import chord, coordinate_rates, joint_speeds
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators.implicit_friction import (implicit_friction_slopes,
                                                                    implicit_friction_step)
 from kane_dynamics.mechanics.integrators.mechanism_step import MechanismStep, solved
-from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.tracing.differentiation import forward, jacobian
 from kane_dynamics.native.tracing.subroutine import Subroutines
 from kane_dynamics.optimal_control.backward_step import (backward_step, expansion,
@@ -196,8 +193,6 @@ class MechanismHorizon:
     def __init__(self, robot: Robot, actuators: list[int]) -> None:
         """Store the equations; `actuators` are indices of joints."""
         equations = robot.equations
-        if not isinstance(equations, ConstrainedEquations):
-            equations = ConstrainedEquations(equations, Mechanism(robot.model))
         self._equations = equations
         self._physical = robot.parameters.physical
         self._step = MechanismStep(equations, actuators)
@@ -379,7 +374,7 @@ class TreeHorizon:
         """Store the equations."""
         n = robot.n
         self.n = n
-        self._equations: Any = robot.equations
+        self._equations = robot.equations.tree
         self.sizes = HorizonSizes(state=2 * n, directions=2 * n, torques=n, joints=n,
                                   multipliers=0, target=3 * n, slopes=3 * n * n)
 
@@ -422,6 +417,6 @@ class TreeHorizon:
 
 def horizon_of(robot: Robot, actuators: list[int]) -> TreeHorizon | MechanismHorizon:
     """Return the functions of a robot; `actuators` are indices of joints."""
-    if type(robot.equations) is TreeEquations and not robot.model.flexible:
+    if robot.equations.in_joint_rates and not robot.model.flexible:
         return TreeHorizon(robot)
     return MechanismHorizon(robot, actuators)

@@ -15,8 +15,6 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
 from kane_dynamics.mechanics.ball_joints import require_angles, require_unit
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.optimal_control.horizon import NUMBERS
 from kane_dynamics.optimal_control.horizon_kernels import HorizonKernels
@@ -178,7 +176,7 @@ class TrajectoryOptimizer:
         self._stalled = False
         self._t = 0.0
         self._has_target = False
-        if type(robot.equations) is TreeEquations and not robot.model.flexible:
+        if robot.equations.in_joint_rates and not robot.model.flexible:
             self.set_target(np.zeros(len(names)))
 
     def _set_weights(self) -> None:
@@ -345,7 +343,7 @@ class TrajectoryOptimizer:
         robot = self.robot
         speeds = finite_row(u, 'u', robot.speed_names)
         configuration = self._target.configuration(q, 'q')
-        if isinstance(robot.equations, ConstrainedEquations):  # closed, and not singular
+        if not robot.equations.in_joint_rates:  # closed, and not singular
             robot.joint_rates(configuration, speeds, **self._target.keywords(self._t))
         state = np.concatenate([configuration, speeds, [self._t]])
         return state[:self._arrays.sizes.state]
@@ -422,7 +420,7 @@ def _torque_limits(robot: Robot, actuators: tuple[str, ...]) -> Array:
     limits = dict(zip(robot.joint_names, robot.limits.effort.tolist()))
     equations = robot.equations
     base = robot.model.floating_base
-    if isinstance(equations, ConstrainedEquations) and equations.actuated is not None:
+    if equations.actuated is not None:
         base = ()
     undriven = [name for name in base if name in actuators and np.isinf(limits[name])]
     if undriven and len(undriven) == len(actuators):
@@ -478,7 +476,7 @@ class Target:
         require_angles(robot.model, 'target')
         q, u, udot = motion.sample(t)
         rates = u
-        if isinstance(robot.equations, ConstrainedEquations):
+        if not robot.equations.in_joint_rates:
             q, u, udot = mechanism_motion(robot, motion.joint_names, t, q, u, udot)
             rates = robot.joint_rates(q, u, **self.keywords(t))
         elif motion.joint_names != robot.joint_names:

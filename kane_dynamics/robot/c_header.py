@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.resources import package_version
 from kane_dynamics._util.typing import Array
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.native.backends.c99 import comment, identifier, prototype, string
 from kane_dynamics.native.backends.c99_math import Precision
 from kane_dynamics.native.backends.real_types import size_limit
@@ -26,7 +25,7 @@ class CKernel(NamedTuple):
 
 def constrained(robot: Any) -> bool:
     """Return whether a robot has chosen speeds or constraints."""
-    return isinstance(robot.equations, ConstrainedEquations)
+    return not robot.equations.in_joint_rates
 
 
 def header_text(robot: Any, prefix: str, about: Sequence[str], kernels: Sequence[CKernel],
@@ -155,7 +154,7 @@ def _conventions(robot: Any, prefix: str) -> list[str]:
     lines += [] if robot.equations.payload_frame is None else [
         '  then the payload, in its frame: mass, mass x center of mass (3), and the integrals',
         '  of xx, xy, xz, yy, yz, zz over its mass; kg, kg m, kg m^2']
-    lines += [] if not constrained(robot) else [
+    lines += [] if not robot.equations.watched else [
         '  then the limits of a state, each as 1 / limit^2, 0 for none: conditioning of the',
         '  speeds, constraint residuals in m and in rad, violation of redundant constraints.',
         '  Beyond them the first entry of a result is NaN.']

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.tracing.differentiation import forward, jacobian, reverse
 from kane_dynamics.native.tracing.program import Shape, size_of, trace_program
@@ -14,7 +13,6 @@ from kane_dynamics.native.tracing.subroutine import inlined, Subroutines
 from kane_dynamics.robot.quantities import Quantity
 import numpy as np
 
-Equations = TreeEquations | ConstrainedEquations
 PARAMETERS = {'gravity': slice(0, 3), 'payload': slice(3, 13)}  # in the block of parameters
 
 

@@ -10,9 +10,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.ltdl import solve
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.ball_joints import least_square, require_direction
-from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.mechanics.constraints.conditioning import guarded
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel, ResultCheck
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
@@ -29,6 +28,7 @@ LARGE = 24  # more coordinates: inverses by a subroutine in batches
 LONG = 16  # more coordinates: derivatives of forward dynamics are NumPy products
 OUTLINED = 40  # more coordinates: quantities of SHARING are traced with subroutines
 SMALL = 1e-16  # squared length of a quaternion that has no direction
+ANALYTIC = ('inverse_dynamics_derivatives', 'forward_dynamics_derivatives')
 SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
 ALL = {**QUANTITIES, **CONSTRAINED}
 OF_PARTS = {**FRAME_QUANTITIES, 'joint_reaction': JOINT_REACTION}  # of a frame or joint
@@ -41,7 +41,7 @@ class KernelSet:
 
     Parameters
     ----------
-    equations : TreeEquations or ConstrainedEquations
+    equations : Equations
     key : str or None
         Cache key of everything that the equations depend on; None with user-defined functions,
         where the traced programs are the key.
@@ -53,8 +53,8 @@ class KernelSet:
 
     """
 
-    def __init__(self, equations: TreeEquations | ConstrainedEquations, key: str | None,
-                 parameters: Array, instead: Instead | None = None) -> None:
+    def __init__(self, equations: Equations, key: str | None, parameters: Array,
+                 instead: Instead | None = None) -> None:
         """Store the equations; kernels compile on first use."""
         self.equations = equations
         self._in_order = self._sizes.rows > 0  # spills fewer values
@@ -96,14 +96,32 @@ class KernelSet:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the quantities that this robot has as one kernel."""
-        known = ALL if isinstance(self.equations, ConstrainedEquations) else QUANTITIES
+        known = QUANTITIES if self.equations.in_joint_rates else ALL
         left_out = ['forward_dynamics_derivatives'] if self.equations.n > LONG else []
         return tuple(name for name in known if name not in left_out and (
             self._has(name) or hasattr(SlopesOfDynamics, name)))
 
     def _has(self, name: str) -> bool:
-        """Return whether the equations have a method for a quantity."""
-        return hasattr(self.equations, name) and name not in self.equations.unsupported
+        """Return whether there is a recursion for a quantity; otherwise it is a derivative."""
+        if name in self.equations.unsupported:
+            return False
+        return hasattr(self.equations, name) or self._recursion(name) is not None
+
+    def _recursion(self, name: str) -> Callable[..., Any] | None:
+        """
+        Return the function of the tree that computes a quantity with fewer operations, or None.
+
+        This is the one place that chooses algorithms of trees in joint rates. All others are
+        those of any mechanism, and the tracer folds T = 1.
+        """
+        if not self.equations.in_joint_rates:
+            return None
+        tree = self.equations.tree
+        if name == 'inverse_mass_matrix' and tree.n > LARGE:
+            return self._large_inverse
+        if name in SHARING and tree.n > OUTLINED:
+            return partial(getattr(tree, name), share=Subroutines())
+        return getattr(tree, name) if name in ANALYTIC else None
 
     def quantity(self, name: str) -> Kernel:
         """Return the kernel of one of `names`; InputError lists them for another name."""
@@ -162,8 +180,8 @@ class KernelSet:
     def differentiable(self, name: str) -> dict[str, Shape]:
         """Return the shapes of the inputs by which a quantity can be differentiated."""
         quantity = self._quantity(name)
-        return shapes_by_name(self._arguments(quantity), quantity, len(self._parameters) - (
-            LIMITS if isinstance(self.equations, ConstrainedEquations) else 0))
+        physical = len(self._parameters) - self.equations.limits
+        return shapes_by_name(self._arguments(quantity), quantity, physical)
 
     def arguments(self, name: str) -> tuple[str, ...]:
         """Return the names of the arguments of a quantity, before the wrench and the time."""
@@ -186,11 +204,14 @@ class KernelSet:
         """Return the quantity of a name; InputError lists the valid ones."""
         if name in OF_PARTS:
             return OF_PARTS[name]
-        if name not in self.names and not (name in ALL and self._has(name)):
+        tree = self.equations.in_joint_rates
+        known = {**CONSTRAINED, **QUANTITIES} if tree else ALL
+        if tree:  # of constraints there are none
+            known = {key: quantity for key, quantity in known.items()
+                     if 'rows' not in quantity.shape}
+        if name not in self.names and not (name in known and self._has(name)):
             raise InputError(f"no kernel '{name}' for this robot; expected one of "
                              f'{", ".join(self.names)}')
-        constrained = isinstance(self.equations, ConstrainedEquations)
-        known = ALL if constrained else {**CONSTRAINED, **QUANTITIES}
         return known[name] if self._has(name) else replace(known[name], shape=('n', 'slopes'))
 
     def _method(self, name: str, at: str = '') -> Callable[..., Any]:
@@ -202,12 +223,8 @@ class KernelSet:
             return partial(equations.joint_reaction, self._body(at))
         if not self._has(name):
             return getattr(SlopesOfDynamics(equations), name)  # type: ignore[no-any-return]
-        if isinstance(equations, TreeEquations):
-            if name == 'inverse_mass_matrix' and equations.n > LARGE:
-                return self._large_inverse
-            if name in SHARING and equations.n > OUTLINED:
-                return partial(getattr(equations, name), share=Subroutines())
-        return getattr(equations, name)  # type: ignore[no-any-return]
+        recursion = self._recursion(name)
+        return getattr(equations, name) if recursion is None else recursion
 
     def _body(self, joint: str) -> int:
         names = [body.joint.name for body in self.equations.model.bodies]
@@ -219,12 +236,11 @@ class KernelSet:
 
     def _large_inverse(self, q: Any, parameters: Any) -> Any:
         """Return M^-1 of a tree column by column with one solve subroutine, for small code."""
-        equations: Any = self.equations
-        n = equations.n
+        tree, n = self.equations.tree, self.equations.n
         places: list[tuple[int, int]] = []  # of the factor's entries that are not always zero
 
         def factors(q: Any, parameters: Any) -> Any:
-            L, reciprocal = equations.factors(q, parameters)
+            L, reciprocal = tree.factors(q, parameters)
             places.extend((k, i) for k in range(n) for i in range(k) if not is_zero(L[k][i]))
             return [*(L[k][i] for k, i in places), *reciprocal]
         inputs = self._inputs(self.signature('inverse_mass_matrix')[0])
@@ -234,7 +250,7 @@ class KernelSet:
             L = [[0.0] * n for _ in range(n)]
             for (k, i), entry in zip(places, entries):
                 L[k][i] = entry
-            return solve((L, list(entries[len(places):])), equations.order, b)
+            return solve((L, list(entries[len(places):])), tree.order, b)
         solving = trace_program('solution', solution,
                                 [('entries', (len(places) + n,)), ('b', (n,))])
         full = [call(solving, entries, unit) for unit in np.eye(n)]
@@ -248,8 +264,7 @@ class KernelSet:
     @property
     def _sizes(self) -> Sizes:
         equations = self.equations
-        rows = equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
-        model = equations.model
+        model, rows = equations.model, equations.mechanism.labels
         return Sizes(equations.n, equations.n_q, model.n, len(model.bodies), len(rows))
 
     def _arguments(self, quantity: Quantity) -> list[Argument]:
@@ -285,22 +300,19 @@ class KernelSet:
             given = dict(zip(names, inputs))
             values = [given[argument] for argument in quantity.arguments]
             values += [given.get('wrench')] if quantity.wrench else []
-            parameters, limits = block_of(given), None
-            if isinstance(equations, ConstrainedEquations):
-                parameters, limits = np.split(parameters, [len(parameters) - LIMITS])
+            block = block_of(given)
+            parameters, limits = np.split(block, [len(block) - equations.limits])
             values += [parameters] if quantity.parameters else []
             time = {'t': given['t'][()]} if 't' in given else {}
             result = method(*values, **time)
             if derivative is not None:
                 result = derivative.traced(result, given)
-            if limits is None:
-                return result
             if 'q' in given and equations.model.balls:
                 result = guarded(result, least_square(equations.model, given['q']) - SMALL)
             if not equations.watched or name in UNWATCHED:
                 return result
             return guarded(result, equations.margin(given['q'], time.get('t', 0.0), limits))
-        equations: Any = self.equations
+        equations = self.equations
         quantity = self._quantity(name)
         inputs = self._inputs(self.signature(name, at, derivative)[0])
         names = [key for key, _ in inputs]

@@ -18,14 +18,13 @@ from kane_dynamics.mechanics.ball_equations import BallEquations
 from kane_dynamics.mechanics.constraints import checked_constraints, checked_names, Constraint
 from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths, LIMITS,
                                                               loosened, RANK, SINGULAR)
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
                                                                     coordinates_by_name)
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import Inertial, Model, with_payload
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
-from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.methods.configuration_methods import Configurations
 from kane_dynamics.robot.methods.dynamics_methods import DynamicsMethods
 from kane_dynamics.robot.methods.frame_methods import FrameMethods
@@ -129,34 +128,29 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
         self.model, self.friction = model, bool(friction)
         self._bare = model  # without the payloads of `with_payload` at other frames, below
         self._carried: dict[str, Inertial] = {}
-        tree = self.equations = (BallEquations if model.balls else TreeEquations)(
-            model, **self._options)
-        key: str | None = model.digest() + repr(sorted(self._options.items()))
-        constraints, independent, actuated, configuration = (self._choices[key] for key in (
-            'constraints', 'independent', 'actuated', 'configuration'))
-        self.speed_sets: SpeedSets | None = None
         if redundant not in ('minimum_norm', 'kept'):
             raise InputError(f"redundant: {redundant!r}; expected 'minimum_norm' or 'kept'")
-        if (speeds is None and not constraints and independent is None and actuated is None
-                and not model.balls):
-            self.parameters = Parameters(model, tree.payload_frame)
-            self.kernels = KernelSet(tree, key, self.parameters.block)
-        else:
-            mechanism = choose_independent(model, speeds, constraints, independent,
-                                           configuration, rank_tolerance)
-            self.parameters = Parameters(model, tree.payload_frame, LIMITS,
-                                         loosened(mechanism, EXCESS))
-            self.parameters.block[-LIMITS:] = limits_of(SINGULAR)
-            if closure_tolerance is CLOSURE_TOLERANCE:
-                closure_tolerance = in_lengths(mechanism,
-                                               loosened(mechanism, CLOSURE_TOLERANCE))
-            self.parameters.closure_tolerance = closure_tolerance
-            self.speed_sets = SpeedSets(
-                mechanism, partial(ConstrainedEquations, tree, actuated=actuated,
-                                   redundant=redundant),
-                f'{key}{actuated!r}{redundant}', self.parameters)
-            self.kernels = self.speed_sets.kernels(mechanism.free, mechanism.kept)
-            self.equations = self.kernels.equations
+        constraints, independent, actuated, configuration = (self._choices[name] for name in (
+            'constraints', 'independent', 'actuated', 'configuration'))
+        mechanism = choose_independent(model, speeds, constraints, independent, configuration,
+                                       rank_tolerance)
+        tree = (BallEquations if model.balls else TreeEquations)(model, **self._options)
+        limits = LIMITS if mechanism.labels else 0
+        self.parameters = Parameters(model, tree.payload_frame, limits,
+                                     loosened(mechanism, EXCESS))
+        if limits:
+            self.parameters.block[-limits:] = limits_of(SINGULAR)
+        if closure_tolerance is CLOSURE_TOLERANCE:
+            closure_tolerance = in_lengths(
+                mechanism, loosened(mechanism, CLOSURE_TOLERANCE)) if limits else None
+        self.parameters.closure_tolerance = closure_tolerance
+        key = model.digest() + repr(sorted(self._options.items()))
+        if not mechanism.in_joint_rates:
+            key += f'{actuated!r}{redundant}'
+        self.speed_sets = SpeedSets(mechanism, partial(Equations, tree, actuated=actuated,
+                                                       redundant=redundant), key, self.parameters)
+        self.kernels = self.speed_sets.kernels(mechanism.free, mechanism.kept)
+        self.equations = self.kernels.equations
         self._others: dict[tuple[str, ...], Robot] = {}  # with other wrench frames
         self._entries = {}  # from here on, attributes cannot be assigned
 
@@ -208,7 +202,6 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
 
         The result shares the parameters; its u and tau are in the other speeds.
         """
-        assert self.speed_sets is not None  # a robot without constraints has one choice
         kernels = self.speed_sets.kernels(free, kept)
         if kernels is self.kernels:
             return self
@@ -229,17 +222,12 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
         For use in another thread, with another payload or gravity, without compiling again.
         """
         other = object.__new__(type(self))
-        for name in ('_options', '_choices', 'model', 'friction', '_bare', '_carried',
-                     'equations'):
+        for name in ('_options', '_choices', 'model', 'friction', '_bare', '_carried'):
             setattr(other, name, getattr(self, name))
         other.parameters = self.parameters.copy()
-        other.speed_sets = None
-        if self.speed_sets is None:
-            other.kernels = self.kernels.with_parameters(other.parameters.block)
-        else:
-            other.speed_sets = self.speed_sets.with_parameters(other.parameters)
-            other.kernels = other.speed_sets.kernels(self.mechanism.free, self.mechanism.kept)
-            other.equations = other.kernels.equations
+        other.speed_sets = self.speed_sets.with_parameters(other.parameters)
+        other.kernels = other.speed_sets.kernels(self.mechanism.free, self.mechanism.kept)
+        other.equations = other.kernels.equations
         other._others = {}
         other.limits, other._entries = self.limits, {}
         return other
@@ -288,12 +276,8 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
         other = self._others.get(frames)
         if other is None:
             other = Robot(self.model, **{**self.options, 'wrench_frames': frames})
-            if other.speed_sets is None:
-                kernels = other.kernels.with_parameters(self.parameters.block)
-            else:
-                mechanism = other.mechanism
-                kernels = other.speed_sets.with_parameters(self.parameters).kernels(
-                    mechanism.free, mechanism.kept)
+            kernels = other.speed_sets.with_parameters(self.parameters).kernels(
+                other.mechanism.free, other.mechanism.kept)
             # The robot is not in use yet, so that its attributes may still change.
             other.__dict__.update(kernels=kernels, parameters=self.parameters)
             self._others[frames] = other

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.tracing.program import Program
 
@@ -12,17 +12,17 @@ SMALL = 4  # fewer coordinates: never in lanes
 COMPARED = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'forward_dynamics_derivatives')
 
 
-def in_lanes(equations: Any, name: str) -> Callable[..., Any] | None:
+def in_lanes(equations: Equations, name: str) -> Callable[..., Any] | None:
     """Return the function of a quantity that computes several joints at once, or None."""
-    if not isinstance(equations, TreeEquations) or not (
+    if not equations.in_joint_rates or not (
             equations.n > LARGE or (equations.n >= SMALL and name in COMPARED)):
         return None
     # Needed only where a program is traced.
     from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
     from kane_dynamics.native.tracing.wide import WideLanes
-    if not TreeInLanes.suits(equations):
+    if not TreeInLanes.suits(equations.tree):
         return None
-    return getattr(TreeInLanes(equations, lambda q: WideLanes(q.trace)), name, None)
+    return getattr(TreeInLanes(equations.tree, lambda q: WideLanes(q.trace)), name, None)
 
 
 def shorter(n: int, wide: Program, plain: Callable[[], Program]) -> Program:

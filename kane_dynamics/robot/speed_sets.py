@@ -1,4 +1,4 @@
-"""Kernels of a constrained robot for several choices of independent speeds and rows."""
+"""Kernels of a robot for several choices of independent speeds and constraint rows."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -10,9 +10,9 @@ from kane_dynamics.mechanics.constraints.conditioning import (best_choice, descr
                                                               figure, loosened, scaled_rows, SHARE,
                                                               SINGULAR, singular_error, Stack,
                                                               stacked, system)
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.constraints.transmission import require_transmission
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.parameters import Parameters
 import numpy as np
@@ -20,7 +20,7 @@ import numpy as np
 
 class SpeedSets:
     """
-    The kernel sets of a constrained robot, one for each choice in use.
+    The kernel sets of a robot, one for each choice of speeds and rows in use.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class SpeedSets:
 
     """
 
-    def __init__(self, asked: Mechanism, equations: Callable[[Mechanism], ConstrainedEquations],
+    def __init__(self, asked: Mechanism, equations: Callable[[Mechanism], Equations],
                  key: str | None, parameters: Parameters) -> None:
         """Store the parts; kernels compile on first use."""
         self.asked = asked
@@ -47,7 +47,8 @@ class SpeedSets:
         choice = tuple(free), tuple(kept)
         if choice not in self._made:
             mechanism = self.asked.with_choice(*choice)
-            key = self._key and mechanism.key and self._key + mechanism.key
+            own = '' if mechanism.in_joint_rates else mechanism.key
+            key = None if self._key is None or own is None else self._key + own
             self._made[choice] = KernelSet(self._equations(mechanism), key,
                                            self._parameters.block,
                                            partial(self.instead, mechanism))
@@ -58,8 +59,7 @@ class SpeedSets:
         other = SpeedSets(self.asked, self._equations, self._key, parameters)
         other._made = {choice: kernels.with_parameters(
             parameters.block, partial(other.instead, kernels.equations.mechanism))
-            for choice, kernels in self._made.items()
-            if isinstance(kernels.equations, ConstrainedEquations)}
+            for choice, kernels in self._made.items()}
         return other
 
     def instead(self, own: Mechanism, state: dict[str, Array]) -> KernelSet | None:
@@ -85,7 +85,7 @@ class SpeedSets:
 
         """
         q = state.get('q')
-        if q is None:
+        if q is None or own.in_joint_speeds:  # never singular
             return None
         t = float(state.get('t', np.zeros(())))
         for of_state in (False, True):  # a function that is not finite is refused by name

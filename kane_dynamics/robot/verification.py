@@ -9,7 +9,6 @@ from kane_dynamics.errors import CompileError, ConstraintError, InputError
 from kane_dynamics.mechanics.algebra.hyperdual import seeded
 from kane_dynamics.mechanics.ball_joints import joint_positions, moved, neutral
 from kane_dynamics.mechanics.constraints.conditioning import figure, stacked
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.definition import beams, kane, nonholonomic
 from kane_dynamics.model.model import Model, with_payload
 import numpy as np
@@ -41,7 +40,7 @@ def verified(robot: Any, states: int) -> float:
     gravity, payload, model = robot.parameters.gravity, robot.parameters.payload, robot.model
     if payload is not None:
         model = with_payload(model, robot.equations.payload_frame.name, payload)
-    constrained = isinstance(robot.equations, ConstrainedEquations)
+    constrained = not robot.equations.in_joint_rates
     if constrained:  # seconds of work, shared by the processors
         robot.compile('forward_dynamics', 'inverse_dynamics', 'mass_matrix')
     worst = 0.0

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import moving, rates, select, values
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
@@ -77,7 +76,7 @@ class JumpWatch(Observer):
         self._range = start, end + 0.5 * EPS * count * max(abs(start), abs(end))
         equations = robot.equations
         self._mechanism: Mechanism | None = None
-        if isinstance(equations, ConstrainedEquations) and equations.timed and len(starts):
+        if equations.timed and len(starts):
             self._mechanism = equations.mechanism
         # Names and units of all entries of the functions: of time alone (False), of state (True).
         self._names = {of_state: self._functions_at_start(starts, of_state)

@@ -16,7 +16,6 @@ from weakref import WeakKeyDictionary
 
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.mechanics.algebra.vector import is_zero
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.native.runtime.argument import Argument
@@ -109,7 +108,7 @@ class EnergyBalance(Observer):
         vibrates = any(body.beam is not None or body.joint.stiffness
                        for body in robot.model.bodies)
         self._damped = integrator_of(integrator).damps and vibrates
-        self._tree = not isinstance(robot.equations, ConstrainedEquations)
+        self._tree = robot.equations.in_joint_rates
         N = len(states)
         self.began = np.full(N, np.inf)
         self.error, self.worst, self.expected, self._unresolved, self._worked = np.zeros((5, N))
@@ -325,8 +324,8 @@ def compile_balance(robot: Robot) -> None:
 def energy_kernel(robot: Robot) -> Kernel:
     """Return the kernel of kinetic energy, potential energy and power of friction, (3,)."""
     equations, n_q, n = robot.equations, robot.n_q, robot.n
-    constrained = equations if isinstance(equations, ConstrainedEquations) else None
-    tree = equations.tree if isinstance(equations, ConstrainedEquations) else equations
+    constrained = equations if not equations.in_joint_rates else None
+    tree = equations.tree
 
     def terms(state: Vector, parameters: Vector) -> list[Scalar]:
         q, u, time = np.split(state, [n_q, n_q + n])
@@ -339,7 +338,7 @@ def energy_kernel(robot: Robot) -> Kernel:
 def driven_kernel(robot: Robot) -> Kernel | None:
     """Return the kernel of the power of moving constraints, W; None without any."""
     equations, n_q, n = robot.equations, robot.n_q, robot.n
-    if not isinstance(equations, ConstrainedEquations) or not _driven(robot):
+    if equations.in_joint_rates or not _driven(robot):
         return None
 
     def power(state: Vector, tau: Vector, parameters: Vector) -> Scalar:

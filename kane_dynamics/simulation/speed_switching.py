@@ -25,7 +25,6 @@ from kane_dynamics.mechanics.constraints.conditioning import (best_choice, const
                                                               in_lengths, LIMITS, loosened,
                                                               SHARE, SINGULAR, singular_error,
                                                               Stack, stacked, WELL_CHOSEN)
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
@@ -448,7 +447,6 @@ class SingularityWatch:
     def _rows(self) -> Kernel:
         """Return the kernel of all rows of speeds and constraints, (n_j + m, n_j), by q and t."""
         robot, equations = self._user_robot, self._user_robot.equations
-        assert isinstance(equations, ConstrainedEquations)
         mechanism, geometry = equations.mechanism, equations.tree.geometry
         inputs: Any = [('q', (robot.n_q,)), *([('t', ())] if equations.timed else [])]
 

@@ -11,11 +11,9 @@ from kane_dynamics.control.constrained_law import constrained_law_program, law_m
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.speeds import speed_places
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
-from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
@@ -36,7 +34,7 @@ class StepChoice(NamedTuple):
     def needed(self, robot: Robot) -> 'StepChoice':
         """Return the choice without what changes nothing for this robot."""
         dual_to = None if self.dual_to == robot.speed_names else self.dual_to
-        follows = self.feedback and not isinstance(robot.equations, TreeEquations)
+        follows = self.feedback and not robot.equations.in_joint_rates
         followed = tuple(self.followed) if follows else ()
         return self._replace(dual_to=dual_to, followed=followed)
 
@@ -73,7 +71,7 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     if choice.dual_to is not None:
         places = speed_places(robot.mechanism.speeds, choice.dual_to)
         name = f'{name}_dual_to_{"_".join(map(str, places))}'
-    if feedback and not isinstance(robot.equations, TreeEquations):
+    if feedback and not robot.equations.in_joint_rates:
         name = f'{name}_{"_".join(map(str, followed))}'
     *inputs, constants = (Argument(*named_shape) for named_shape in _inputs(robot, feedback))
     return robot.kernels.extra(name, lambda: step_program(robot, name, choice), inputs,
@@ -89,8 +87,7 @@ def state_names(robot: Robot) -> tuple[str, ...]:
 
 def margin_count(robot: Robot) -> int:
     """Return the number of margins in a state: 1 for a constrained robot, else 0."""
-    equations = robot.equations
-    return int(isinstance(equations, ConstrainedEquations) and equations.watched)
+    return int(robot.equations.watched)
 
 
 def watches_stages(robot: Robot, q: Vector, t: Scalar) -> bool:
@@ -102,8 +99,7 @@ def watches_stages(robot: Robot, q: Vector, t: Scalar) -> bool:
     stages need that system; the step's end is then a stage of the next step.
     """
     equations = robot.equations
-    return (isinstance(equations, ConstrainedEquations) and equations.watched
-            and not equations.keeps_positions(q, t))
+    return equations.watched and not equations.keeps_positions(q, t)
 
 
 def _inputs(robot: Robot, feedback: bool) -> list[tuple[str, Shape]]:
@@ -171,7 +167,7 @@ class RobotMotion:
         robot, margins = self.robot, margin_count(self.robot)
         q, u, time = np.split(state[:len(state) - margins], [robot.n_q, robot.n_q + robot.n])
         rates = self.called(self._motion, q, u, self.torque(q, u, moment, *time), time)
-        if not isinstance(self.equations, ConstrainedEquations):
+        if self.equations.in_joint_rates:
             rates = [*u, *rates]
         return np.array([*rates, *(1.0 for _ in time), *[0.0] * margins])
 
@@ -214,7 +210,7 @@ def traced_step(robot: Robot, choice: StepChoice, state: Vector, inputs: Matrix,
     # The margin, then one Newton step on the loops and unit quaternions.
     if watched:
         after[-1] = reduce(lambda x, y: select(x < y, x, y), motion.margins)
-    elif isinstance(equations, ConstrainedEquations):
+    elif not equations.in_joint_rates:
         q, t = after[:n_q], after[n_q + n] if equations.timed else 0.0
         if equations.watched:  # no later step reads this entry, so it causes no latency
             after[-1] = equations.margin(q, t, constants[-LIMITS:])
@@ -275,9 +271,10 @@ def _state_program(robot: Robot, dual_to: tuple[str, ...] | None,
                    watched: bool = False) -> Program:
     """Trace udot; with chosen speeds or constraints, q' and udot; if `watched`, the margin too."""
     equations = robot.equations
-    if not isinstance(equations, ConstrainedEquations):
+    if equations.in_joint_rates:
         return robot.kernels.program('forward_dynamics')
     wrenches, times = wrench_input(robot), time_input(robot)
+    physical = robot.parameters.physical
 
     def rates(q: Vector, u: Vector, tau: Vector, *inputs: Any) -> Any:
         wrench = inputs[0] if wrenches else None
@@ -285,7 +282,7 @@ def _state_program(robot: Robot, dual_to: tuple[str, ...] | None,
         parameters = inputs[-1]
         if dual_to is not None:
             tau = tau_from(equations, dual_to, q, tau, t)
-        state_rates = equations.state_rates(q, u, tau, wrench, parameters[:-LIMITS], t)
+        state_rates = equations.state_rates(q, u, tau, wrench, parameters[:physical], t)
         if not watched:
             return state_rates
         return [*state_rates, equations.margin(q, t, parameters[-LIMITS:])]

@@ -9,7 +9,6 @@ from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.control.computed_torque_law import law_kernel
 from kane_dynamics.control.constrained_law import constrained_law_kernel
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.runtime.argument import Argument, checked
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -164,7 +163,7 @@ class TorqueInput:
         desired = [np.broadcast_to(x, u.shape) for x in torque.desired(t)]
         arguments = [x.reshape(-1, x.shape[-1]) for x in (q, u, *desired)]
         arguments.append(np.tile(gains, (len(arguments[0]), 1)))
-        if isinstance(self.robot.equations, TreeEquations):
+        if self.robot.equations.in_joint_rates:
             kernel = law_kernel(self.robot)
         else:
             kernel = constrained_law_kernel(self.robot, torque.followed)
@@ -224,7 +223,7 @@ def _require_same_robot(torque: ComputedTorque, robot: Robot) -> None:
         if torque.motion.joint_names != robot.joint_names:
             raise InputError(f'motion: of the joints {list(torque.motion.joint_names)}; '
                              f'expected {list(robot.joint_names)}')
-        if not isinstance(robot.equations, TreeEquations):
+        if not robot.equations.in_joint_rates:
             raise InputError('torque: ComputedTorque(motion, kp, kd), with chosen speeds or '
                              'constraints; expected ComputedTorque(robot, motion, kp, kd)')
     elif not torque.robot.equals(robot):

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import moving, rates, values
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
@@ -215,7 +215,7 @@ def constraint_residuals(robot: Robot, q: Array, u: Array, **at: Array) -> dict[
             'constraint_velocity_residual': robot.constraint_velocity_residual(q, u, **at)}
 
 
-def actuator_torques(equations: ConstrainedEquations, names: Sequence[str], q: Any, tau: Any,
+def actuator_torques(equations: Equations, names: Sequence[str], q: Any, tau: Any,
                      t: Any = 0.0) -> Any:
     """
     Return the joint torques of the actuators, (n_j,).
@@ -229,7 +229,7 @@ def actuator_torques(equations: ConstrainedEquations, names: Sequence[str], q: A
     return state.speed_rows(names)[0].T @ tau
 
 
-def tau_from(equations: ConstrainedEquations, names: Sequence[str], q: Any, tau: Any,
+def tau_from(equations: Equations, names: Sequence[str], q: Any, tau: Any,
              t: Any = 0.0) -> Any:
     """Convert forces dual to the named speeds to generalized forces, (n,)."""
     if tuple(names) == equations.speed_names:
@@ -238,7 +238,7 @@ def tau_from(equations: ConstrainedEquations, names: Sequence[str], q: Any, tau:
     return equations.at_rest(q, t).T.T @ (state.speed_rows(names)[0].T @ tau)
 
 
-def other_speeds(equations: ConstrainedEquations, names: Sequence[str], q: Any, u: Any,
+def other_speeds(equations: Equations, names: Sequence[str], q: Any, u: Any,
                  udot: Any, t: Any = 0.0) -> Any:
     """Return the named speeds and their rates in a motion, (2, k)."""
     motion = equations.joint_motion(q, u, udot, t)
@@ -281,6 +281,5 @@ def law_power(history: History, source: Any, buffer: Array, done: int, rows: Arr
     return power
 
 
-def _equations(robot: Robot) -> ConstrainedEquations:
-    assert isinstance(robot.equations, ConstrainedEquations)
+def _equations(robot: Robot) -> Equations:
     return robot.equations

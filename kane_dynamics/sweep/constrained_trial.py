@@ -14,7 +14,7 @@ from kane_dynamics.control.constrained_law import constrained_law_program, law_m
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
-from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths, LIMITS,
+from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths,
                                                               loosened, WELL_CHOSEN)
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
@@ -79,7 +79,7 @@ class ConstrainedTrial(Trial):
             own = [self.tracked.index(k) for k in self.followed]
             return lambda q, u, wanted, time: np.array(call(
                 program, q, u, *(x[own] for x in np.split(wanted, 3)), gains, *time,
-                padded(assumed)))
+                padded(self.robot, assumed)))
         if controller == Mode.GRAVITY_COMPENSATION:
             return lambda q, u, wanted, time: self.equations.gravity_force(q, assumed,
                                                                            time_of(time))
@@ -162,7 +162,7 @@ class _ConstrainedMotion(TrialMotion):
                        moment: int) -> tuple[Any, Any]:
         """Return joint rates and udot of a stage of the linearly implicit equations."""
         found = np.array(call(self._stage, q, u, tau, *before, np.array(g), self._factors,
-                              *self._time(moment), padded(self._carried)))
+                              *self._time(moment), padded(self._trial.robot, self._carried)))
         n_j = self._trial.robot.model.n
         return found[:n_j], found[n_j:]
 
@@ -177,6 +177,6 @@ def time_of(time: Any) -> Any:
     return time[0] if len(time) else 0.0
 
 
-def padded(parameters: Any) -> Any:
+def padded(robot: Robot, parameters: Any) -> Any:
     """Return parameters as the robot's own, with limits of margins that no law reads."""
-    return np.array([*parameters, *[0.0] * LIMITS])
+    return np.array([*parameters, *[0.0] * robot.equations.limits])

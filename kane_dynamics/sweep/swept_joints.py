@@ -8,7 +8,6 @@ from kane_dynamics.control.constrained_law import followed_joints, motion_column
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
 from kane_dynamics.mechanics.ball_joints import angle_places, neutral, on_unit_quaternions
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.loop_closure import NEARLY_CLOSED
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.native.backends.llvm_scalar import module_text
@@ -31,7 +30,7 @@ class SweptJoints:
     def __init__(self, robot: Robot, motion: Motion | None) -> None:
         """Store the robot."""
         self._robot, self._moves = robot, motion is not None
-        self.constrained = isinstance(robot.equations, ConstrainedEquations)
+        self.constrained = not robot.equations.in_joint_rates
 
     @lazy_property
     def followed(self) -> tuple[int, ...]:

@@ -1,7 +1,6 @@
 """Steps with joints held at their stops, in NumPy: one linear system for motion and forces."""
 
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.mechanics.integrators.runge_kutta import runge_kutta_4
 from kane_dynamics.simulation.stops.pressed_steps import PressedSteps
@@ -21,7 +20,7 @@ class HeldMotion:
     def motion(self, q, u, t):
         """Return T, and rates and accelerations of the joints at udot = 0."""
         robot = self.robot
-        if not isinstance(robot.equations, ConstrainedEquations):
+        if robot.equations.in_joint_rates:
             return np.eye(robot.n), u, np.zeros(robot.n)
         found = robot.equations.joint_motion(q, u, np.zeros(robot.n), t)
         return [np.array(x, dtype=float) for x in (found.T, found.qdot, found.qddot)]
@@ -67,7 +66,7 @@ class HeldMotion:
     def corrected(self, q, u, t, stop):
         """Return q and u without the rest of the motion of the held joints."""
         robot, where = self.robot, np.flatnonzero(self.side)
-        if not isinstance(robot.equations, ConstrainedEquations):
+        if robot.equations.in_joint_rates:
             return q, u
         at = {'t': t} if robot.equations.timed else {}
         for _ in range(3):
@@ -81,7 +80,7 @@ class HeldMotion:
 
     def closed(self, q, t):
         """Return q after a Newton step on the loops, with unit quaternions."""
-        if isinstance(self.robot.equations, ConstrainedEquations):
+        if not self.robot.equations.in_joint_rates:
             q = np.array(self.robot.equations.closure_step(q, t), dtype=float)
         return on_unit_quaternions(self.robot.model, q)
 

@@ -1,7 +1,7 @@
 """SymPy's KanesMethod on a Model: frames, points and velocities by sympy.physics.mechanics."""
 
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import WORLD
 import numpy as np
@@ -15,7 +15,7 @@ class Ours:
     def __init__(self, model, constraints=(), independent=None, speeds=None):
         self.model = model
         self.mechanism = choose_independent(model, speeds, constraints, independent)
-        self.equations = ConstrainedEquations(TreeEquations(model), self.mechanism)
+        self.equations = Equations(TreeEquations(model), self.mechanism)
 
     def mass_matrix(self, q):
         return np.array(self.equations.mass_matrix(q, self.model.gravity, 0.0), dtype=float)

@@ -8,11 +8,11 @@ from constrained_trees import (closure, CLOSURES, KINDS, linkage_of_four_bars, r
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, knife_edge,
                                                  PointVelocity, Rolling)
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.independent_speeds import choose_independent
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.constraints.speeds import absolute_rates, body_angular_velocity
 from kane_dynamics.mechanics.definition import kinematics, nonholonomic
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import Frame, WORLD
 from kane_dynamics.native.tracing.program import trace_program
@@ -23,7 +23,7 @@ import pytest
 
 def compiled_road(mechanism):
     """Return the equations that are compiled."""
-    return ConstrainedEquations(TreeEquations(mechanism.model), mechanism)
+    return Equations(TreeEquations(mechanism.model), mechanism)
 
 
 def check_roads(mechanism, seed):
@@ -118,7 +118,7 @@ def test_a_constrained_arm_costs_less_than_three_plain_ones():
     for speeds, constraints in ((None, (PointVelocity(tip, (0, 0, 1)),)),
                                 (None, (knife_edge(tip, (0, 1, 0)),)), (absolute_rates, ())):
         mechanism = choose_independent(model, speeds, constraints)
-        bound = ConstrainedEquations(plain, mechanism)
+        bound = Equations(plain, mechanism)
 
         class AtTimeZero:
             """The same equations without the argument t."""

@@ -63,7 +63,7 @@ def state_of(kind, seed=0):
     if kind == 'flexible loop':
         q = robot.closed_posture((0.8 + 0.1 * seed, 0.0, 0.01, -0.02, -1.5),
                                  fixed=robot.speed_names)
-    elif robot.speed_sets is None:
+    elif robot.equations.in_joint_rates:
         q = q * small
     return (robot.closed_posture(q, t=T) if kind == 'time-dependent' else q), u, udot
 
@@ -75,7 +75,7 @@ def near(value, expected, relative=1e-11):
 
 
 def expected_slopes(robot, state, t=T):
-    subject = robot.model if robot.speed_sets is None else robot.mechanism
+    subject = robot.model if robot.equations.in_joint_rates else robot.mechanism
     return slopes_of_definition(subject, *state, t)
 
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.physical_consistency import pseudo_inertia_of
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Joint, Model, WORLD
 from kane_dynamics.native.runtime.argument import Argument
@@ -129,7 +129,7 @@ class PayloadRows:
             for name in ('friction', 'friction_speed'))
         self.friction, self.friction_speed = self._joint_friction, self._joint_speed
         self._transmission: Kernel | None = None
-        if isinstance(equations, ConstrainedEquations):
+        if not equations.in_joint_rates:
             self._places = equations.actuated
             self._transmission = _transmission_kernel(robot, equations)
             own = dict(zip(robot.joint_names, joints, strict=True))
@@ -193,7 +193,7 @@ class PayloadRows:
 def actuators(robot: Robot) -> tuple[str, ...]:
     """Return the names of the actuators: joints, or the independent speeds."""
     equations = robot.equations
-    if not isinstance(equations, ConstrainedEquations) or equations.actuated is None:
+    if equations.actuated is None:
         return robot.speed_names
     return robot.actuated_names
 
@@ -203,7 +203,7 @@ def _second_moments(P: Array) -> Array:
     return np.array([P[3, 3], *P[:3, 3], *P[:3, :3][np.triu_indices(3)]])
 
 
-def _transmission_kernel(robot: Robot, equations: ConstrainedEquations) -> Kernel:
+def _transmission_kernel(robot: Robot, equations: Equations) -> Kernel:
     """Return the kernel of T beside the rates of the joints, (n_j, n + 1), by q, u and t."""
     block, name = robot.parameters.block, 'transmission'
     inputs: list[Any] = [('q', (robot.n_q,)), ('u', (robot.n,)),

@@ -10,7 +10,6 @@ from kane_dynamics.identification.payload.payload_rows import actuators
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
 from kane_dynamics.loop_tracking.loop_tracker import velocity_rows
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -53,7 +52,7 @@ def recorded_motion(robot: Robot, names: Sequence[str], recording: Recording
 
     """
     state = recording.q, recording.u, recording.udot
-    if not isinstance(robot.equations, ConstrainedEquations):
+    if robot.equations.in_joint_rates:
         return *state, recording.tau, recording.t
     driving = list(range(len(names)))
     if len(names) > robot.n:

@@ -70,6 +70,8 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
     tolerance = positive(rank_tolerance, 'rank_tolerance')
     everything = Mechanism(model, speeds, constraints, rank_tolerance=tolerance)
     start = neutral(model) if configuration is None else _checked(everything, configuration)
+    if everything.in_joint_rates and independent is None:
+        return everything
     _require_rows(everything, start, configuration is None)
     places = (_closed_postures(everything) if configuration is None
               else _postures_near(everything, start))

@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
+from kane_dynamics._util.typing import Matrix, Vector
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra import linear_solve
 from kane_dynamics.mechanics.algebra.dual import moving, rates
@@ -26,7 +27,7 @@ from kane_dynamics.mechanics.constraints import (Closure, Constraint, Constraint
                                                  Rolling)
 from kane_dynamics.mechanics.constraints.mechanism_state import MechanismState
 from kane_dynamics.mechanics.constraints.row_units import length_of, turning_rows
-from kane_dynamics.mechanics.constraints.speeds import chosen
+from kane_dynamics.mechanics.constraints.speeds import chosen, JOINT_RATES
 from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.model.model import Model
 import numpy as np
@@ -48,14 +49,29 @@ class JointMotion:
         Joint rates per unit of each constraint's auxiliary speed.
     T_rate : (n_j, n) array
         Time derivative of T along the motion.
+    unit : bool
+        Whether T = 1 and dT/dt = 0, in every configuration. Products with them are then skipped.
 
     """
 
-    qdot: Any
-    qddot: Any
-    T: Any
-    N: Any
-    T_rate: Any
+    qdot: Vector
+    qddot: Vector
+    T: Matrix
+    N: Matrix
+    T_rate: Matrix
+    unit: bool = False
+
+    def projected(self, joint_forces: Vector) -> Vector:
+        """Return T^T f: forces of the joints, (n_j,) or (n_j, k), on the independent speeds."""
+        return joint_forces if self.unit else self.T.T @ joint_forces
+
+    def by_speeds(self, by_joints: Matrix) -> Matrix:
+        """Return A T: columns for the independent speeds from those for the joints."""
+        return by_joints if self.unit else by_joints @ self.T
+
+    def congruent(self, M: Matrix) -> Matrix:
+        """Return T^T M T for a symmetric M of the joints, exactly symmetric."""
+        return M if self.unit else congruent(M, self.T)
 
 
 class Mechanism:
@@ -79,6 +95,10 @@ class Mechanism:
 
     Attributes
     ----------
+    in_joint_rates : bool
+        Whether u = q', and there are no constraints: a tree as it comes from a URDF.
+    in_joint_speeds : bool
+        The same, but with ball joints u has their angular velocities: T = 1, no rows.
     length : float
         m, see `row_units.length_of`: scales moments to forces and angles to distances.
     units : (n_j,) array
@@ -103,6 +123,9 @@ class Mechanism:
         self._rolling = [c for c in self.constraints if isinstance(c, Rolling) and (
             c.has_surface_rows and sum(self.owners[k] == c.name for k in self.kept) == 3)]
         self.rank_tolerance = rank_tolerance
+        self.in_joint_speeds = (not self.labels and self.speeds.key == JOINT_RATES
+                                and self.free == list(range(model.n)))
+        self.in_joint_rates = self.in_joint_speeds and not model.balls
         self.length = length_of(model, self.constraints)
         self.units = np.array([self.length if name in model.sliding else 1.0
                                for name in model.joint_names])
@@ -223,6 +246,9 @@ class Mechanism:
             S is singular in every configuration.
 
         """
+        if self.in_joint_speeds:
+            n = self.n
+            return JointMotion(u, udot, np.eye(n), np.zeros((n, 0)), np.zeros((n, n)), unit=True)
         here = self.state(q, t, links)
         S, s = self.system(here)
         inverse = self.solved(S, np.eye(len(S)))
@@ -265,6 +291,14 @@ class Mechanism:
             raise ConstraintError(f"speeds and constraints: '{names[row]}' depends on the others "
                                   'in every configuration, so that the motion is not determined; '
                                   'expected independent rows') from None
+
+
+def congruent(M: Matrix, T: Matrix) -> Matrix:
+    """Return T^T M T for a symmetric M, exactly symmetric: equal expressions."""
+    half = M @ T
+    n = T.shape[1]
+    upper = {(r, s): T[:, r] @ half[:, s] for r in range(n) for s in range(r, n)}
+    return np.array([[upper[min(r, s), max(r, s)] for s in range(n)] for r in range(n)])
 
 
 def _described(constraint: Constraint) -> str | None:

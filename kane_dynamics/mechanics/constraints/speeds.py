@@ -22,6 +22,7 @@ from kane_dynamics.model.model import Model
 import numpy as np
 
 Function = Callable[[Any, Any], Any]
+JOINT_RATES = 'joint_rates'  # key of the default choice
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +79,7 @@ class Speeds:
 def joint_rates(model: Model) -> Speeds:
     """Return u = q', the default; of ball joints the angular velocity on the body's axes."""
     unit = np.eye(model.n)
-    return Speeds(lambda q, t: unit, None, model.joint_names, 'joint_rates')
+    return Speeds(lambda q, t: unit, None, model.joint_names, JOINT_RATES)
 
 
 def absolute_rates(model: Model) -> Speeds:

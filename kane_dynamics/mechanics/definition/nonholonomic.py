@@ -1,7 +1,7 @@
 """
 Reference formulation of Kane's equations with constraints: F~_r + F~_r* = 0 for r = 1..p.
 
-The reference for `constrained_equations`, on numbers. With q' = W u + X and u_D = A u_I + B,
+The reference for `equations`, on numbers. With q' = W u + X and u_D = A u_I + B,
 
     F~_r = F_r + sum_s F_s A_sr,    F~_r* likewise,    u_D' = A u_I' + A' u_I + B'
 

@@ -7,7 +7,7 @@ is that of Passerello and Huston:
 
     F~_r* = - sum_s ( d/dt dKE/dq_s' - dKE/dq_s ) ( W_sr + sum_k W_sk A_kr ),   k dependent
 
-The second is `hamilton`. Both take the same inputs as `constrained_equations` and `nonholonomic`
+The second is `hamilton`. Both take the same inputs as `equations` and `nonholonomic`
 (model, speeds, constraints) and share no computation with them.
 """
 

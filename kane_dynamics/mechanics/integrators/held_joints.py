@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
-from kane_dynamics.mechanics.constraints.constrained_equations import (congruent,
-                                                                       ConstrainedEquations)
-from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.mechanics.constraints.mechanism import congruent
+from kane_dynamics.mechanics.equations import Equations
 import numpy as np
 
 REGULAR = 1e-12  # relative, added to the response to forces that the constraints couple
@@ -57,13 +56,13 @@ class Solution(NamedTuple):
     generalized: Any
 
 
-def linear_system(equations: TreeEquations | ConstrainedEquations, q: Any, u: Any, tau: Any,
+def linear_system(equations: Equations, q: Any, u: Any, tau: Any,
                   wrench: Any, parameters: Any, t: Any = 0.0) -> LinearSystem:
     """Return the equations of motion of a state; arguments as of `forward_dynamics`."""
-    if isinstance(equations, TreeEquations):
+    if equations.in_joint_rates:
         held = equations.inverse_dynamics(q, u, equations.zeros, wrench, parameters)
         return LinearSystem(None, u, equations.zeros, equations.mass_matrix(q, parameters),
-                            tau - held, equations.order)
+                            tau - held, equations.tree.order)
     motion, tree = equations.joint_motion(q, u, equations.zeros, t), equations.tree
     held = tree.inverse_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
     M = congruent(tree.mass_matrix(q, parameters), motion.T)

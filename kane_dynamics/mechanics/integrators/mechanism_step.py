@@ -18,8 +18,8 @@ from typing import Any
 
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, neutral, on_unit_quaternions
-from kane_dynamics.mechanics.constraints.constrained_equations import (congruent,
-                                                                       ConstrainedEquations)
+from kane_dynamics.mechanics.constraints.mechanism import congruent
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.integrators.implicit_friction import (Resistance, resisted_speed,
                                                                    slides)
 import numpy as np
@@ -33,7 +33,7 @@ class MechanismStep:
 
     Parameters
     ----------
-    equations : ConstrainedEquations
+    equations : Equations
         The equations of motion.
     actuators : sequence of m int
         Indices of the joints with actuators.
@@ -48,7 +48,7 @@ class MechanismStep:
 
     """
 
-    def __init__(self, equations: ConstrainedEquations, actuators: list[int]) -> None:
+    def __init__(self, equations: Equations, actuators: list[int]) -> None:
         """Find the constraint rows that hold positions."""
         self.equations, self.actuators = equations, actuators
         mechanism, model = equations.mechanism, equations.model

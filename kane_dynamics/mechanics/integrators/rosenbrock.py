@@ -17,13 +17,12 @@ import math
 from typing import Any
 
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
-from kane_dynamics.mechanics.constraints.constrained_equations import (congruent,
-                                                                       ConstrainedEquations)
+from kane_dynamics.mechanics.constraints.mechanism import congruent
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.friction import friction_over_rate
 from kane_dynamics.mechanics.integrators.held_joints import (Held, held_solution, linear_system,
                                                              Solution)
 from kane_dynamics.mechanics.integrators.interface import System
-from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
 
 GAMMA = 1.0 - math.sqrt(0.5)  # the smaller of the two values for L-stability
@@ -36,15 +35,15 @@ class ImplicitStep:
 
     Parameters
     ----------
-    equations : TreeEquations or ConstrainedEquations
+    equations : Equations
         Equations of motion.
 
     """
 
-    def __init__(self, equations: TreeEquations | ConstrainedEquations) -> None:
+    def __init__(self, equations: Equations) -> None:
         """Collect the linear springs and dampers."""
         self.equations = equations
-        self._tree = equations if isinstance(equations, TreeEquations) else equations.tree
+        self._tree = equations.tree
         self.n, model = self._tree.n, equations.model
         self._K, self._C = np.zeros((2, self.n, self.n))
         for body in model.bodies:
@@ -57,7 +56,7 @@ class ImplicitStep:
                     self._C[here] += body.beam.damping
         # Joints whose rates are implicit. Those of a loop remain compatible: all, or none.
         sprung = self._K.any(axis=0)
-        self._sprung = (sprung if self._tree is equations else
+        self._sprung = (sprung if equations.in_joint_rates else
                         np.full(self.n, sprung.any())).astype(float)
 
     def resistance(self, v: Any) -> Any:

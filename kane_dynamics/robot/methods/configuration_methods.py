@@ -12,7 +12,6 @@ from kane_dynamics.errors import ConstraintError, InputError, ModelWarning
 from kane_dynamics.mechanics.ball_joints import (angle_places, angles, balls, difference,
                                                  joint_speeds, moved, neutral,
                                                  on_unit_quaternions, require_unit)
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.native.runtime.argument import Argument, checked
 from kane_dynamics.robot.methods.constraint_methods import ConstraintMethods
 from kane_dynamics.robot.methods.dispatch import Dispatch
@@ -105,7 +104,7 @@ class Configurations(ConstraintMethods, Dispatch):
         """
         model = self.equations.model
         zero = neutral(model)
-        if not isinstance(self.equations, ConstrainedEquations):
+        if self.equations.in_joint_rates:
             return zero
         rng, failure = np.random.default_rng(0), None
         for away in np.linspace(0.0, 1.0, NEARBY):  # 0 itself may be singular, as a stretched loop
@@ -176,7 +175,7 @@ class Configurations(ConstraintMethods, Dispatch):
             count = integer(count, 'count', 0)
         rng = random_generator(seed)
         lower, upper = self.sampling_range()
-        if not isinstance(self.equations, ConstrainedEquations):
+        if self.equations.in_joint_rates:
             return rng.uniform(lower, upper, (*(() if count is None else (count,)), len(lower)))
         if count is None:
             return self._closed(rng, lower, upper)
@@ -216,8 +215,7 @@ class Configurations(ConstraintMethods, Dispatch):
         model, dt = self.equations.model, float(constant(dt, (), 'dt (s)', InputError))
         start = checked(Argument('q', (self.n_q,), self.coordinate_names), q)
         start = require_unit(model, start, 'q')
-        rates = joint_speeds(model, start, self.joint_rates(start, u, t=t)) if isinstance(
-            self.equations, ConstrainedEquations) else self._same('u', u, None)
+        rates = joint_speeds(model, start, self.joint_rates(start, u, t=t))
         end = moved(model, start, dt * rates)
         return self._closed_all(end, np.asarray(t) + dt)
 
@@ -247,7 +245,7 @@ class Configurations(ConstraintMethods, Dispatch):
             Argument(name, (self.n_q,), self.coordinate_names), q), name)
             for name, q in (('q0', q0), ('q1', q1)))
         step = difference(model, first, last)
-        if not isinstance(self.equations, ConstrainedEquations):
+        if self.equations.in_joint_rates:
             return step
         times = np.broadcast_to(t, step.shape[:-1]).ravel()
         starts = np.broadcast_to(first, (*step.shape[:-1], self.n_q))

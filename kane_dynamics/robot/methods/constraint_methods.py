@@ -8,7 +8,6 @@ from typing import Any
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.loop_closure import (closed_posture, defined_rows,
                                                               followed_posture, Rows)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
@@ -34,10 +33,7 @@ class ConstraintMethods(Dispatch):
 
     @property
     def mechanism(self) -> Mechanism:
-        """Return speeds and constraints; InputError for a robot that was given neither."""
-        if not isinstance(self.equations, ConstrainedEquations):
-            raise InputError('mechanism: a robot in joint rates without constraints; expected '
-                             'Robot(..., speeds=...) or Robot(..., constraints=...)')
+        """Speeds and constraints; by default joint rates and no constraints."""
         return self.equations.mechanism
 
     @property
@@ -48,8 +44,7 @@ class ConstraintMethods(Dispatch):
     @property
     def constraint_names(self) -> tuple[str, ...]:
         """Names of the rows of the constraints, as in `constraint_forces`."""
-        equations = self.equations
-        return equations.mechanism.labels if isinstance(equations, ConstrainedEquations) else ()
+        return self.mechanism.labels
 
     @property
     def configuration(self) -> Any:
@@ -70,14 +65,14 @@ class ConstraintMethods(Dispatch):
         and all joints where the speeds are no joint rates.
         """
         equations, names = self.equations, self.joint_names
-        if isinstance(equations, ConstrainedEquations) and equations.actuated is not None:
+        if equations.actuated is not None:
             return tuple(names[k] for k in equations.actuated)
         return tuple(name for name in names if name in self.speed_names) or names
 
     def joint_rates(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
                     out: Array | None = None) -> Array:
         """Return q', (n_q,), of the independent speeds."""
-        if not isinstance(self.equations, ConstrainedEquations):
+        if self.equations.in_joint_rates:
             return self._same('u', u, out)
         return self._special('joint_rates', (q, u), t, out)
 
@@ -95,7 +90,7 @@ class ConstraintMethods(Dispatch):
 
         Robots in joint rates without constraints ignore q.
         """
-        if not isinstance(self.equations, ConstrainedEquations):
+        if self.equations.in_joint_rates:
             return self._same('tau', tau, out)
         if q is None:
             raise InputError('q: missing; expected the configuration, on which the joint torques '
@@ -110,7 +105,7 @@ class ConstraintMethods(Dispatch):
         For torques measured at all joints, zero at those without actuators, N m or N.
         """
         equations = self.equations
-        if not isinstance(equations, ConstrainedEquations):
+        if equations.in_joint_rates:
             return self._same('joint_torques', joint_torques, None)
         model = equations.model
         kernel = self._kernel('generalized_force', [
@@ -158,7 +153,7 @@ class ConstraintMethods(Dispatch):
         Of ball joints the angular accelerations about the axes of the body, so that the order is
         `joint_names`.
         """
-        if not isinstance(self.equations, ConstrainedEquations):
+        if self.equations.in_joint_rates:
             return self._same('udot', udot, out)
         return self._special('joint_accelerations', (q, u, udot), t, out)
 
@@ -248,6 +243,6 @@ class ConstraintMethods(Dispatch):
         return result
 
     def _require(self, name: str) -> None:
-        if not isinstance(self.equations, ConstrainedEquations):
+        if self.equations.in_joint_rates:
             raise InputError(f'{name}: a robot in joint rates without constraints; expected '
                              'Robot(..., speeds=...) or Robot(..., constraints=...)')

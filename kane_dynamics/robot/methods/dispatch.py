@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
-from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.native.runtime.argument import Argument, converted
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.threads import run_concurrently
@@ -54,7 +53,7 @@ def _of_one_frame(wrench: Any, batch: tuple[int, ...], frames: int) -> Any:
 class Dispatch:
     """Calls of the kernels of a robot, for one state or a batch."""
 
-    equations: TreeEquations | ConstrainedEquations
+    equations: Equations
     kernels: KernelSet
     _entries: dict[tuple[str, str], Callable[..., Any]]
 

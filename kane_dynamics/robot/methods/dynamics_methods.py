@@ -6,7 +6,6 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters
 from kane_dynamics.robot.methods.dispatch import compiled, Dispatch
 from kane_dynamics.robot.torque_breakdown import SOURCES, TorqueBreakdown
@@ -103,7 +102,7 @@ class DynamicsMethods(Dispatch):
 
         With chosen speeds or constraints it depends on q; other robots ignore q and t.
         """
-        if not isinstance(self.equations, ConstrainedEquations):
+        if self.equations.in_joint_rates:
             return self._call('friction_force', (u,), out)
         if q is None:
             raise InputError('q: missing; expected the configuration, on which the friction of a '

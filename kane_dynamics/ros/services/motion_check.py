@@ -14,7 +14,6 @@ from kane_dynamics.control.trajectory_limits import described_time
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.driven_mechanism import driving_tracker, motion_of_closed
 from kane_dynamics.loop_tracking.loop_error import LoopError
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
@@ -135,7 +134,7 @@ def _check_efforts(served: ServedRobot, motion: Motion) -> None:
     factor = values['trajectory.limit_factor']
     stated = per_joint(values, 'limits.effort', robot.joint_names, math.inf)
     limit = np.minimum(robot.limits.effort, stated)
-    closed = isinstance(robot.equations, ConstrainedEquations)
+    closed = not robot.equations.in_joint_rates
     times = _times(motion, MOST_CLOSURES if closed else MOST_TIMES)
     state = motion.sample(times)
     if closed:

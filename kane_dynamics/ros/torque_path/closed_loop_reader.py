@@ -6,7 +6,6 @@ from typing import Any
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
@@ -20,7 +19,7 @@ STANDSTILL = 1e-3  # rad, or lengths of the mechanism: noise of positions at res
 def commanded_joints(robot: Robot, followed: Sequence[str]) -> tuple[int, ...]:
     """Return the indices of the joints in `commands`: those with actuators, in their order."""
     equations, names = robot.equations, robot.joint_names
-    if not isinstance(equations, ConstrainedEquations):
+    if equations.in_joint_rates:
         # The joint that parameter `root_joint` adds has no motors; `prefix` may stand before it.
         return tuple(k for k, name in enumerate(names) if f'{ROOT_JOINT}/' not in name)
     if equations.actuated is not None:
@@ -68,7 +67,6 @@ class ClosedLoopReader(JointStateReader):
     def __init__(self, controller: Controller, values: Mapping[str, Any]) -> None:
         robot, followed = controller.robot, controller.followed
         equations, names = robot.equations, robot.joint_names
-        assert isinstance(equations, ConstrainedEquations)
         others = [name for name in names if name not in followed]
         super().__init__(followed, others,
                          [names[k] for k in commanded_joints(robot, followed)])

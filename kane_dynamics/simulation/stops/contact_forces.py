@@ -15,7 +15,6 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.ball_joints import angle_places, angles, on_unit_quaternions
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units
 from kane_dynamics.mechanics.integrators.held_joints import REGULAR
 from kane_dynamics.mechanics.joint_stops import (ended_motion, nearest_stops, stop_impulses,
@@ -50,7 +49,7 @@ def resting_sides(robot: Robot, q: Array, u: Array, lower: Array, upper: Array,
 
     """
     side, away = nearest_stops(q, lower, upper)
-    if isinstance(robot.equations, ConstrainedEquations):
+    if not robot.equations.in_joint_rates:
         units = coordinate_units(robot.model, robot.mechanism.constraints)
         near, slow = TOUCHING * units, AT_REST * units
     else:
@@ -88,7 +87,7 @@ def with_stop_forces(robot: Robot, q: Array, u: Array, udot: Array, lower: Array
         return udot, forces
     udot = udot.copy()
     joints, places = np.array(angles(robot.model)), angle_places(robot.model)
-    constrained = isinstance(robot.equations, ConstrainedEquations)
+    constrained = not robot.equations.in_joint_rates
     times = {name: x[rows] for name, x in at.items()}
     T, inverse = _speeds_of_joints(robot, q[rows], times)
     accelerations = robot.joint_accelerations(q[rows], u[rows], udot[rows], **times)
@@ -110,7 +109,7 @@ def _speeds_of_joints(robot: Robot, q: Array, at: dict[str, Array]) -> tuple[Arr
     """Return T, (K, n_j, n), of the joints' speeds T u + X, and M^-1, (K, n, n)."""
     n, count = robot.n, len(q)
     inverse = robot.inverse_mass_matrix(q, **at)
-    if not isinstance(robot.equations, ConstrainedEquations):
+    if robot.equations.in_joint_rates:
         return np.broadcast_to(np.eye(n), (count, n, n)), inverse
     # At rest the accelerations of the joints are T udot, and those of moving constraints.
     T = np.empty((count, robot.model.n, n))
@@ -141,7 +140,7 @@ def resolved_state(robot: Robot, state: Array, t: float, lower: Array, upper: Ar
 
     """
     n_q, n = robot.n_q, robot.n
-    constrained = isinstance(robot.equations, ConstrainedEquations)
+    constrained = not robot.equations.in_joint_rates
     q, u = state[:n_q].copy(), state[n_q:n_q + n].copy()
     # Impulses that the forces in the step had on positions and on speeds.
     applied = np.zeros((2, n_q))

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints import Constraint
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units
 from kane_dynamics.mechanics.joint_stops import nearest_stops
 from kane_dynamics.robot.robot import Robot
@@ -62,7 +61,7 @@ def require_stops(robot: Robot, q: Array) -> None:
 
     """
     lower, upper = robot.limits.lower, robot.limits.upper
-    constrained = isinstance(robot.equations, ConstrainedEquations)
+    constrained = not robot.equations.in_joint_rates
     for name, low, high in zip(robot.coordinate_names, lower, upper):
         if not (low < high or (low == high and constrained)):
             raise InputError(f"limits: of joint '{name}' {low:g} to {high:g}; expected a "
@@ -77,8 +76,7 @@ def require_stops(robot: Robot, q: Array) -> None:
 
 def _constraints(robot: Robot) -> Sequence[Constraint]:
     """Return the constraints of a robot, none of a tree."""
-    equations = robot.equations
-    return equations.mechanism.constraints if isinstance(equations, ConstrainedEquations) else ()
+    return robot.equations.mechanism.constraints
 
 
 class JointStops:
@@ -97,7 +95,7 @@ class JointStops:
         """Begin without contacts."""
         self._robot, self._step, self._start = robot, step, start
         self._lower, self._upper = robot.limits.lower, robot.limits.upper
-        self._constrained = isinstance(robot.equations, ConstrainedEquations)
+        self._constrained = not robot.equations.in_joint_rates
         self._units = coordinate_units(robot.model, _constraints(robot))
         self._slack = ROUNDING * self._units if self._constrained else np.zeros(robot.n_q)
         self._contacts: dict[int, dict[int, Contact]] = {}  # by simulation, then steps done
@@ -390,7 +388,7 @@ def contact_energies(source: TorqueInput, user_robot: Robot, begin: Array, end: 
             t, user = source.start + steps * h, UserSpeeds(user_robot)
             u_begin = user.speeds(robot, begin[:, :n_q], u_begin, 0.0 * u_begin, t)[:, 0]
             u_end = user.speeds(robot, end[:, :n_q], u_end, 0.0 * u_end, t)[:, 0]
-        if isinstance(robot.equations, ConstrainedEquations):
+        if not robot.equations.in_joint_rates:
             moved = 0.5 * h * (u_begin - u_end)
         else:
             moved = begin[:, :n_q] - end[:, :n_q]

@@ -17,12 +17,10 @@ from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
-from kane_dynamics.mechanics.constraints.constrained_equations import ConstrainedEquations
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units
 from kane_dynamics.mechanics.integrators.held_joints import (Held, held_response, held_solution,
                                                              linear_system)
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
-from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loop_support import repeat
@@ -156,7 +154,7 @@ def _traced_row(robot: Robot, choice: StepChoice, stopped: list[int], state: Vec
     touching = [s * s > 0.5 for s in side]
     slack = np.zeros(len(stopped))
     valid: Scalar = 1.0
-    if isinstance(robot.equations, ConstrainedEquations):
+    if not robot.equations.in_joint_rates:
         # The held joints go back to their stops exactly, on closed loops.
         stops = [select(s > 0.0, b, a) for s, a, b in zip(side, lower, upper)]
         time = list(time_and_margin[:int(robot.equations.timed)])
@@ -259,7 +257,7 @@ class _HeldMotion(RobotMotion):
                 system = linear_system(equations, q, u, tau, wrench, physical, t)
                 solution = held_solution(system, system.M, system.net, held)
                 v = []
-                if not isinstance(equations, TreeEquations):
+                if not equations.in_joint_rates:
                     v = coordinate_rates(robot.model, q, system.v)
             margin = [equations.margin(q, t, parameters[-LIMITS:])] if self.watched else []
             return [*v, *np.concatenate(solution), *margin]

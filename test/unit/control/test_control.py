@@ -28,7 +28,7 @@ class ClosedForm:
         self.limits = SimpleNamespace(effort=np.array(effort), lower=-none, upper=none)
         self.model = SimpleNamespace(coordinate_names=NAMES, sliding=NAMES[1:],
                                      modal_coordinates=())
-        self.equations = SimpleNamespace(model=self.model)
+        self.equations = SimpleNamespace(model=self.model, in_joint_rates=True)
         law = SimpleNamespace(entry=lambda doc, fallback: self.computed_torque)
         self.kernels = SimpleNamespace(extra=lambda *_: law, no_wrench=())
         self.parameters = SimpleNamespace(block=None)

@@ -48,7 +48,7 @@ def gradient(problem, solution):
         away = np.concatenate([x, solution.tau[i]]) - arrays.targets[i]
         g, _ = cost_slopes(away, x[n:], arrays.weights[i], limits)
         A, B, W = implicit_friction_slopes(
-            robot.equations, solution.q[i], solution.u[i], solution.tau[i], h,
+            robot.equations.tree, solution.q[i], solution.u[i], solution.tau[i], h,
             robot.parameters.block).astype(float)
         v = v + g[:2 * n].astype(float)
         w = v[n:] + h * v[:n]  # of the speed at the end
@@ -122,7 +122,8 @@ def test_speeds_exceed_their_limits_by_little():
 def test_a_step_follows_its_equation_with_friction_at_its_end():
     robot, h = arm(), 0.02
     q, u, tau = np.array([0.3, -0.4]), np.array([0.6, -0.2]), np.array([9.0, -2.0])
-    after, speed = implicit_friction_step(robot.equations, q, u, tau, h, robot.parameters.block)
+    after, speed = implicit_friction_step(robot.equations.tree, q, u, tau, h,
+                                          robot.parameters.block)
     smooth = Robot(robot.model, friction=False)
     needed = (smooth.inverse_dynamics(q, u, (np.array(speed, float) - u) / h)
               + robot.friction_force(np.array(speed, float)))
@@ -134,7 +135,7 @@ def test_friction_stops_a_joint_without_reversing_it():
     robot = arm()
     held = robot.gravity_force([0.3, -0.4])
     for speed in (1e-3, 0.02, 0.1):
-        _, after = implicit_friction_step(robot.equations, np.array([0.3, -0.4]),
+        _, after = implicit_friction_step(robot.equations.tree, np.array([0.3, -0.4]),
                                           np.array([0.0, speed]), held, 0.05,
                                           robot.parameters.block)
         assert -1e-3 < after[1] <= speed
