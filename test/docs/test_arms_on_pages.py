@@ -25,7 +25,7 @@ def test_a_shipped_configuration_agrees_with_the_table_of_arms(path):
 
 
 @pytest.mark.parametrize('page', PAGES, ids=named)
-def test_what_a_page_starts_agrees_with_the_table_of_arms(page):
+def test_nodes_that_a_page_starts_agree_with_the_table_of_arms(page):
     assert [fault for start in starts_of_page(page) for fault in faults(start)] == []
 
 

@@ -16,7 +16,7 @@ pages = pytest.mark.parametrize('page', PAGES, ids=named)
 
 @pytest.mark.timeout(300)  # a page may start a dozen processes
 @pytest.mark.parametrize('page', [page for page in PAGES if not starts_nodes(page)], ids=named)
-def test_what_a_page_shows_is_what_comes_out(page, tmp_path):
+def test_code_on_a_page_prints_the_output_that_the_page_shows(page, tmp_path):
     for library in OPTIONAL:
         if re.search(rf'^import {library}$', page.read_text(encoding='utf-8'), re.MULTILINE):
             pytest.importorskip(library)

@@ -106,7 +106,7 @@ def test_beams_together_with_closed_loops(tmp_path):
         rigid.closed_posture(rigid.configuration)), rtol=1e-9, atol=1e-9)
 
 
-def test_what_treats_beams_as_rigid_is_refused_by_name(motion, tmp_path):
+def test_options_that_treat_beams_as_rigid_are_refused_by_name(motion, tmp_path):
     done = command('feasible', *ARM, '--motion', motion, '--time-optimal')
     assert done.returncode == 2 and '--time-optimal: given for an arm with beams' in done.stderr
     file, supplement = tmp_path / 'moved.yaml', tmp_path / 'beams.yaml'

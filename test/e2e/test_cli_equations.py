@@ -117,6 +117,6 @@ def test_the_table_of_partial_velocities_is_csv_and_markdown():
 @pytest.mark.parametrize('options, words', [
     ((), '6 coordinates; expected 1 to 4'),
     (('--latex', '--csv'), 'not allowed with')])
-def test_what_cannot_be_is_refused(options, words):
+def test_invalid_options_of_equations_are_refused(options, words):
     done = equations('ur10e', *options)
     assert done.returncode == 2 and words in done.stderr and done.stdout == ''

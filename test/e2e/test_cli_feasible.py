@@ -34,7 +34,7 @@ def answer(capsys, *arguments, urdf=URDF):
     return code, json.loads(capsys.readouterr().out)
 
 
-def test_what_does_not_fit_is_named_and_exits_1_as_a_process(trajectory, tmp_path):
+def test_a_motion_beyond_the_limits_is_named_and_exits_1(trajectory, tmp_path):
     picture = tmp_path / 'use.png'
     done = subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', 'feasible', str(URDF),
                            '--trajectory', trajectory, '--plot', str(picture)],

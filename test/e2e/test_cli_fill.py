@@ -69,7 +69,7 @@ def test_efforts_with_gravity_for_an_arm_that_adds_it_give_a_warning(tmp_path):
     assert command(*arguments, '--without', 'gravity', 'friction').stderr == ''
 
 
-def test_what_topic_echo_prints_becomes_a_trajectory_with_all_fields(plan, robot):
+def test_output_of_topic_echo_becomes_a_trajectory_with_all_fields(plan, robot):
     out = plan.with_name('filled.yaml')
     done = command('fill', str(URDF), '--motion', str(plan), '--out', str(out), '--tolerance',
                    '0.05', '--json')
@@ -138,7 +138,7 @@ def test_all_trajectories_of_a_bag_are_filled_into_a_new_one(tmp_path, robot):
     (['--joints', 'joint1'], "'joint2' is not a joint of the robot"),
     (['--out', 'nowhere/filled.yaml'], "error: 'nowhere/filled.yaml': no such file"),
     (['--tolerance', '0'], 'tolerance: ')])
-def test_what_cannot_be_done_is_an_error_that_names_it(plan, options, message):
+def test_a_trajectory_that_cannot_be_filled_is_an_error(plan, options, message):
     done = command('fill', str(URDF), '--motion', str(plan), *options)
     assert done.returncode == 2
     assert message in done.stderr

@@ -73,7 +73,7 @@ def test_identify_draws_measured_torques_and_those_that_it_computes(tmp_path, mo
     assert np.abs(drawn['computed'] - recording.tau).max() < 0.06
 
 
-def test_negative_friction_is_told_and_written_nowhere(tmp_path, capsys):
+def test_negative_friction_is_reported_and_written_to_no_file(tmp_path, capsys):
     model = load_urdf(URDF)
     recording, path, out = simulated(model, 1, 0.01), tmp_path / 'run.npz', tmp_path / 'out.urdf'
     tau = recording.tau - 0.5 * recording.u  # a motor that helps

@@ -196,7 +196,8 @@ def rejected(filler, node, message, reason):
     (trajectory(names=('turn', 'lift', 'gripper')), ".*'gripper' is not a joint"),
     (trajectory(points=8.0 * POINTS), "joint 'turn': position 5.6 at point 1 .* at most 3"),
     (trajectory(0.3 * TIMES), "joint 'turn': velocity 5.49.* after point 0 .* at most 5")])
-def test_what_cannot_be_filled_is_rejected_with_the_reason(filler, module_node, message, reason):
+def test_a_trajectory_that_cannot_be_filled_is_rejected(filler, module_node, message,
+                                                         reason):
     rejected(filler, module_node, message, reason)
 
 

@@ -105,7 +105,7 @@ def test_a_trajectory_of_all_joints_is_that_of_the_driven_ones(filler, module_no
                                    array[:, order], rtol=1e-9, atol=1e-9)
 
 
-def test_the_service_does_the_same_and_inserts_points(module_node, client):
+def test_the_service_fills_closed_loops_and_inserts_points(module_node, client):
     names, rows = whole(POINTS)
     answer = client.call(FillTrajectory, 'fill_trajectory', joint_names=names,
                          time_from_start=TIMES, positions=rows.ravel().tolist(), tolerance=[20.0])

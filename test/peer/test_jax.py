@@ -181,7 +181,7 @@ def test_float32_is_computed_in_double_and_rounded(compiled):
 
 
 @ways
-def test_what_is_not_finite_is_named_or_gives_nan_under_jit(compiled):
+def test_non_finite_arguments_are_named_or_give_nan_under_jit(compiled):
     function, (q, *others) = arm_function(compiled), arm_arguments(3)
     expected = function(q, *others)
     for bad, text in ((jnp.nan, r"q\[1, 0\] \(joint 'joint1'\): nan; expected a finite number"),

@@ -206,7 +206,7 @@ def test_limits_are_those_of_joints_and_actuators():
     assert joints['j4'].armature == 0.3
 
 
-def test_what_is_not_used_is_named_once():
+def test_unused_elements_of_mjcf_are_named_in_one_warning():
     with pytest.warns(ModelWarning, match=r'contacts of 6 geoms; control laws of actuators: '
                       'actuator_1') as warned:
         load_mjcf(EVERYTHING)

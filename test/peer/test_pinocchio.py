@@ -35,7 +35,7 @@ def test_there_are_enough_robots():
     assert len(ROBOTS) >= 40
 
 
-def test_what_is_left_out_is_refused_in_words():
+def test_urdfs_that_are_left_out_are_refused_with_a_reason():
     refused = [path for path in urdf_files() if path.name in REFUSED]
     assert len(refused) == len(REFUSED)
     for path in refused:

@@ -130,12 +130,12 @@ def test_a_constrained_arm_costs_less_than_three_plain_ones():
 
 
 @pytest.mark.parametrize('kind', CLOSURES)
-def test_compiled_road_is_kanes_definition_under_every_closure(kind):
+def test_compiled_equations_are_kanes_definition_under_every_closure(kind):
     check_roads(choose_independent(two_bodies_on_a_base(), None, (closure(kind),)), 3)
 
 
 @pytest.mark.parametrize('kind', ROLLING_TESTED)
-def test_compiled_road_is_kanes_definition_in_rolling_on_what_moves(kind):
+def test_compiled_equations_are_kanes_definition_in_rolling_on_a_moving_surface(kind):
     check_roads(rolling_pair(kind), 4)
 
 

@@ -184,13 +184,13 @@ def test_singular_speeds_and_constraints_are_named():
 
 
 @pytest.mark.parametrize('kind', shortly(CLOSURES, 'universal', 'distance'))
-def test_energy_road_is_kanes_under_every_closure(kind):
+def test_energy_formulation_is_kanes_under_every_closure(kind):
     mechanism = choose_independent(two_bodies_on_a_base(), None, (closure(kind),))
     powers, size = check(mechanism, 3)
     assert powers.max() < 1e-9 * size
 
 
 @pytest.mark.parametrize('kind', shortly(ROLLING_TESTED, 'ball on plane', 'wheel on sphere'))
-def test_energy_road_is_kanes_in_rolling_on_what_moves(kind):
+def test_energy_formulation_is_kanes_in_rolling_on_a_moving_surface(kind):
     powers, size = check(rolling_pair(kind), 4)
     assert powers.max() < 1e-9 * size

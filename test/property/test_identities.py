@@ -97,7 +97,7 @@ def test_gravity_is_the_slope_of_the_compiled_potential_energy(drawn):
 
 
 @given(robots_and_states(3))
-def test_forward_of_inverse_dynamics_is_the_identity(drawn):
+def test_forward_dynamics_of_inverse_dynamics_is_the_identity(drawn):
     robot, q, u, udot = drawn
     M = robot.mass_matrix(q)
     tolerance = 10.0 * EPS * np.linalg.cond(M) * np.abs(udot).max(initial=1.0)

@@ -150,7 +150,7 @@ def test_a_looped_mechanism_moves_as_its_dae_says_or_is_refused_for_a_true_reaso
 
 @pytest.mark.slow
 @pytest.mark.parametrize('family', FAMILIES)
-def test_two_hundred_looped_mechanisms_move_as_their_dae_says_or_are_refused_truly(family):
+def test_two_hundred_looped_mechanisms_move_as_their_dae_or_are_refused_for_a_true_reason(family):
     place = FAMILIES.index(family)
     outcomes = [check(seed) for seed in range(place, 200, len(FAMILIES))]
     assert outcomes.count('refused') <= 0.5 * len(outcomes), outcomes

@@ -71,7 +71,7 @@ def test_fields_stay_those_of_the_users_speeds_after_speed_changes(name):
     check_fields(robot, run, samples=40, torque=torque)
 
 
-def test_fields_of_a_nonholonomic_body_are_true_after_speed_changes():
+def test_fields_of_a_nonholonomic_body_are_right_after_speed_changes():
     robot = sleigh()
     torque = np.array([0.7, 0.1])
     run = simulate(robot, np.zeros(3), [0.3, 1.7], 3.0, torque=torque, sample=0.05)
@@ -79,7 +79,7 @@ def test_fields_of_a_nonholonomic_body_are_true_after_speed_changes():
     check_fields(robot, run, samples=30, torque=torque)
 
 
-def test_fields_are_true_after_speed_changes_with_a_joint_at_its_stop():
+def test_fields_are_right_after_speed_changes_with_a_joint_at_its_stop():
     robot = Robot(four_bar_model(bars=(0.5, 0.9, 0.5)), constraints=[PIN])
     q = robot.closed_posture((0.8, 0.0, -1.5))
     robot.limits = replace(robot.limits, lower=np.array([-1.2, -np.inf, -np.inf]))

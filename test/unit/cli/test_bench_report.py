@@ -42,7 +42,7 @@ def test_each_robot_has_to_meet_the_gate_itself():
         f'{gate.robots[0]}: {gate.what} / {gate.peer}']
 
 
-def test_what_was_not_measured_is_not_met():
+def test_gates_without_a_measurement_are_not_met():
     rows = report.judged([], {})
     assert len(rows) == (sum(len(gate.robots) for gate in report.gates())
                          + 2 * len(report.START_GATES))

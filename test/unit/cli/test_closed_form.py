@@ -101,7 +101,7 @@ def test_operations_are_counted_after_sharing():
     assert (counts['bias_force'].multiplications, counts['bias_force'].functions) == (1, 1)
 
 
-def test_a_body_without_matter_has_no_line_in_the_table():
+def test_a_massless_body_has_no_line_in_the_table():
     b = ModelBuilder()
     b.body('table', 'world', 'planar', inertial=Inertial(1))
     lines = as_csv(closed_form(b.model())).splitlines()
@@ -126,7 +126,7 @@ def test_short_forms_are_equal_to_what_they_shorten():
         assert shortened([expression], (q1, q2), (u1,)) == [expected]
 
 
-def test_what_cancels_is_not_multiplied_out_before():
+def test_terms_that_cancel_are_not_expanded_first():
     (q1, q2, m), _ = symbols(['q1', 'q2', 'm'])
     x = m * (sp.sqrt(6) * sp.sin(q2)).subs(q2, 2 * q1)
     for _ in range(40):  # 2^40 terms, if they were

@@ -20,7 +20,7 @@ def file(tmp_path, text, name='states.csv'):
     return path
 
 
-def test_what_is_written_is_read_back_exactly(tmp_path):
+def test_written_states_are_read_back_exactly(tmp_path):
     t, q, tau = np.arange(3) / 3.0, *np.random.default_rng(0).normal(size=(2, 3, 2))
     stream = io.StringIO()
     write_states(stream, t, {'q': q, 'tau': tau}, NAMES)

@@ -218,7 +218,7 @@ def test_without_a_motion_the_first_configuration_is_held():
     assert np.abs(run.q[-1] - q0).max() < 1e-3
 
 
-def test_what_cannot_follow_is_refused_with_its_reason():
+def test_a_motion_or_controller_that_does_not_fit_the_loop_is_refused_with_the_reason():
     robot = five_bar()
     closed = np.array([five_bar_at(2.0, 1.0), five_bar_at(2.1, 1.0)])
 

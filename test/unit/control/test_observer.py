@@ -86,7 +86,7 @@ def rest(observer, t, extra):
 
 
 @pytest.mark.parametrize('held', [False, True])
-def test_a_constant_push_is_found_after_the_time_constant_with_its_sign(held):
+def test_a_constant_external_torque_is_found_after_the_time_constant_with_its_sign(held):
     observer, push = MomentumObserver(robot(), gain=GAIN, held=held), np.array([1.0, -2, 3, 4])
     generator, t = np.random.default_rng(2), 5.0
     rest(observer, t, push)
@@ -107,7 +107,7 @@ def test_a_held_command_acts_until_the_next_sample_and_no_longer():
 
 
 @pytest.mark.parametrize('jump', [0.2, -0.01])
-def test_a_gap_and_a_jump_back_start_anew_and_the_same_stamp_changes_nothing(jump):
+def test_the_observer_restarts_after_a_gap_or_a_jump_back_in_time(jump):
     observer = MomentumObserver(robot(), gain=GAIN, max_gap=0.1)
     push = np.ones(4)
     for t in (0.0, 0.05, 0.1):
@@ -119,7 +119,7 @@ def test_a_gap_and_a_jump_back_start_anew_and_the_same_stamp_changes_nothing(jum
                                push * -math.expm1(-GAIN * 0.05), rtol=1e-9)
 
 
-def test_a_payload_that_is_announced_is_no_push():
+def test_an_announced_payload_is_no_external_torque():
     carrier = Robot(robot().model, payload_frame='frame3', friction=False)
     observer = MomentumObserver(carrier, gain=GAIN)
     for k in range(400):
@@ -137,7 +137,7 @@ def test_a_payload_that_is_announced_is_no_push():
 @pytest.mark.parametrize(('words', 'values'), [
     ('t: nan', {'t': math.nan}), ('q', {'q': [0.0, math.nan, 0, 0]}),
     ('u: shape', {'u': [0.0]}), ('tau: .*inf', {'tau': [0.0, 0, 0, math.inf]})])
-def test_a_bad_sample_is_refused_and_the_observer_starts_anew(words, values):
+def test_an_invalid_sample_is_refused_and_the_observer_restarts(words, values):
     observer = MomentumObserver(robot(), gain=GAIN)
     rest(observer, 0.0, np.ones(4))
     assert rest(observer, 0.05, np.ones(4)).all()
@@ -148,7 +148,7 @@ def test_a_bad_sample_is_refused_and_the_observer_starts_anew(words, values):
     assert not rest(observer, 0.06, np.ones(4)).any()
 
 
-def test_what_cannot_be_observed_is_refused():
+def test_invalid_arguments_of_the_observer_are_refused():
     with pytest.raises(InputError, match="gain of joint 'joint2': 0"):
         MomentumObserver(robot(), gain=[1.0, 1.0, 0.0, 1.0])
     with pytest.raises(InputError, match='max_gap: 0'):

@@ -216,7 +216,7 @@ def test_an_equilibrium_near_the_stiffness_is_found_though_corrections_do_not_al
     (lambda: Controller(Robot(load_urdf(resource_path('urdf', 'ur10e.urdf'))),
                         bending=bending()),
      "bending: of the joints .'joint1', 'joint2'. with .*; expected .'shoulder")])
-def test_what_has_no_equilibrium_is_refused(call, words):
+def test_robots_and_motions_without_a_quasi_static_equilibrium_are_refused(call, words):
     with pytest.raises(InputError, match=words):
         call()
 

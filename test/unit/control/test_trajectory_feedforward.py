@@ -81,7 +81,7 @@ def test_a_trajectory_from_rest_to_rest_ends_with_the_effort_that_holds_the_arm(
     np.testing.assert_allclose(filled.efforts[-1], arm().gravity_force(POINTS[-1]), atol=1e-12)
 
 
-def test_where_the_cubics_of_the_given_velocities_meet_the_acceleration_is_their_mean():
+def test_accelerations_at_points_are_the_mean_of_both_cubics():
     u = np.random.default_rng(1).normal(size=POINTS.shape)
     filled = fill_trajectory(arm(), TIMES, POINTS, 0.1 * u, effort_limit=math.inf)
     cubic = BPoly.from_derivatives(TIMES, np.stack([POINTS, 0.1 * u], axis=1))

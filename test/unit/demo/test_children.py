@@ -34,7 +34,7 @@ def wait(child, seconds):
 
 
 @pytest.mark.parametrize('program', [BUSY, TALKING])
-def test_it_waits_while_a_child_makes_progress(program, child, monkeypatch):
+def test_the_demonstration_waits_while_a_child_makes_progress(program, child, monkeypatch):
     busy = child(program)
     monkeypatch.setattr(demo, 'PATIENCE', 1.5)
     wait(busy, 3.0)
@@ -43,7 +43,7 @@ def test_it_waits_while_a_child_makes_progress(program, child, monkeypatch):
         wait(busy, 3.0)
 
 
-def test_it_ends_where_no_child_makes_progress(child, monkeypatch):
+def test_the_demonstration_ends_when_no_child_makes_progress(child, monkeypatch):
     idle = child(IDLE)
     time.sleep(1.0)  # its start is progress
     monkeypatch.setattr(demo, 'PATIENCE', 0.5)
@@ -57,7 +57,7 @@ def test_a_child_that_ended_is_named_with_its_code_and_its_last_lines(child, cap
     assert 'arm: no such robot' in capfd.readouterr().err
 
 
-def test_it_says_what_it_waits_for(child, monkeypatch, capfd):
+def test_the_demonstration_names_the_child_that_it_waits_for(child, monkeypatch, capfd):
     monkeypatch.setattr(demo, 'SAY', 0.2)
     wait(child(BUSY), 1.0)
     assert 'waiting for 1 s: the arm; processor time: arm' in capfd.readouterr().err.replace(

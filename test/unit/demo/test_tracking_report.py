@@ -34,7 +34,7 @@ def test_a_run_in_time_or_good_enough_is_not_repeated(run):
     assert demo.repeated_if_late(MOTION, log(0.1), lambda: runs.pop(0)) is run
 
 
-def test_it_succeeds_only_where_feedforward_did_what_it_must(capsys):
+def test_the_demonstration_succeeds_only_with_good_feedforward(capsys):
     ratios = [demo.improvement(MOTION, log(0.1), log(error)) for error in (0.001, 0.02)]
     assert ratios == pytest.approx([100.0, 5.0])
     late = demo.lateness(MOTION, log(0.02, late=0.158, answered=0.375))

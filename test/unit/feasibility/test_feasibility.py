@@ -175,7 +175,7 @@ def test_payload_with_impossible_inertia_is_rejected():
         largest_payload(limited(math.inf), motion(0), inertia=np.diag([1.0, 1.0, 5.0]), **STEPS)
 
 
-def test_nothing_bounds_a_robot_without_limits():
+def test_the_highest_speed_of_a_robot_without_limits_is_infinite():
     robot = limited(math.inf)
     assert demand(robot, motion(0), **STEPS).fits
     assert fastest(robot, motion(0), **STEPS).speed == math.inf

@@ -101,7 +101,7 @@ def test_efforts_at_rest_that_contradict_their_meaning_are_named(robot, recordin
     (('motor_torque', 'no'), "gravity: 'no'; expected True or False"),
     (('motor_current',), 'without constants; expected the torque constants'),
     (('motor_torque', True, [1.0]), 'motor_torque with constants; expected these with')])
-def test_a_meaning_that_cannot_be_is_refused(arguments, words):
+def test_an_invalid_kind_of_effort_is_refused(arguments, words):
     with pytest.raises(InputError, match=words):
         Efforts(*arguments)
 

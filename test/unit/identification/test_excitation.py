@@ -137,7 +137,7 @@ def test_further_limits_of_speed_and_acceleration_are_kept():
     ({'velocity': 0.0}, 'limits 0.0 of speed'), ({'acceleration': 0.0}, 'of acceleration'),
     ({'velocity': 1.0, 'floor': 100.0}, "motion: none satisfies frame '.*' above 100 m"),
     ({'velocity': 1.0, 'floor': 0.0, 'floor_frames': ['none']}, "no frame 'none'")])
-def test_what_cannot_be_searched_is_refused(change, words):
+def test_an_invalid_search_for_an_exciting_motion_is_refused(change, words):
     with pytest.raises(InputError, match=words):
         excite(small(), **{'starts': 1, 'distance': None, **change})
 

@@ -95,7 +95,7 @@ def test_base_parameters_reproduce_every_torque():
     assert np.abs(X @ fit.values - other.tau).max() < 1e-8 * np.abs(other.tau).max()
 
 
-def test_friction_sets_in_where_it_did():
+def test_identified_friction_speeds_are_those_of_the_arm():
     data = rows(load_urdf(URDF), simulated(arm(), 6))
     assert np.allclose(friction_speeds(data), 0.05, rtol=0.15)
 
@@ -185,7 +185,7 @@ def heavier(model, factor):
 
 
 @pytest.mark.parametrize(('seed', 'weight'), [(0, None), (10, None), (20, 1000.0)])
-def test_what_is_stated_of_an_arm_holds_although_the_urdf_is_wrong(seed, weight):
+def test_stated_deviations_hold_although_the_urdf_is_wrong(seed, weight):
     """Friction speeds, deviations with the bias of the prior, and the held-out error."""
     small = URDF.with_name('two_link.urdf')
     truth = heavier(load_urdf(small, supplement={'joints': {
@@ -265,7 +265,7 @@ BOUNDED = {'panda': [3], 'ur10': [], 'mujoco': [3]}
 
 
 @pytest.mark.parametrize('name', REAL)
-def test_friction_that_dissipates_beats_them_but_for_a_joint_that_needs_more(name):
+def test_dissipative_friction_beats_the_reference_residuals_but_at_one_joint(name):
     found, reference = with_friction_alone(name, True), np.array(REAL[name][1])
     assert (found.losses[:, :3] >= 0.0).all()
     assert found.model.coordinate_joints[0].damping == found.losses[0, 0]
@@ -276,7 +276,7 @@ def test_friction_that_dissipates_beats_them_but_for_a_joint_that_needs_more(nam
 
 
 @pytest.mark.parametrize('name', [name for name in REAL if BOUNDED[name]])
-def test_friction_that_would_drive_a_joint_is_told_but_makes_no_model(name):
+def test_negative_friction_is_reported_and_refused_as_a_model(name):
     found = with_friction_alone(name, False)
     assert found.losses[3, 0] < -5.0 * found.deviations[3, 0]
     with pytest.raises(ModelError, match=r"joint '\w+': \w+ -.*; expected a nonneg"):

@@ -125,13 +125,13 @@ def test_recording_that_does_not_tell_the_mass_is_refused():
     ({'sigma': [1.0]}, 'expected 6 positive numbers'), ({'memory': 0.5}, 'more than 1 sample'),
     ({'sigma': 'a'}, "sigma: 'a'; expected 6 positive"),
     ({'memory': 'a'}, "memory: 'a'; expected")])
-def test_estimator_refuses_what_cannot_be(change, words):
+def test_invalid_arguments_of_the_payload_estimator_are_refused(change, words):
     with pytest.raises(InputError, match=words):
         PayloadEstimator(**{'model': bare(), 'frame': 'tool0', 'sigma': np.ones(6), **change})
 
 
 @pytest.mark.parametrize('function', [diagnose, identify, torque_delays])
-def test_what_is_no_recording_of_the_model_is_refused_by_name(function):
+def test_a_recording_of_another_model_is_refused_by_name(function):
     model, given = bare(), recording()
     for arguments, words in (((given, model), 'model: a Recording; expected a Model'),
                              ((model, None), 'recording: a NoneType; expected a Recording'),

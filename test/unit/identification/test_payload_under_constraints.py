@@ -119,7 +119,7 @@ def test_recording_of_the_actuated_joint_alone_is_completed_by_the_loop():
     assert found.residual.max() < 1e-3 * np.abs(torque).max()
 
 
-def test_what_cannot_be_estimated_is_refused_by_name():
+def test_a_payload_that_cannot_be_estimated_is_refused_by_name():
     robot, rolling = palletizer(), case('nonholonomic').robot
     model, options, _ = rocking()
     shared = Robot(model, **{**options, 'actuated': ['crank', 'rocker']})

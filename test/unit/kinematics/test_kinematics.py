@@ -99,7 +99,7 @@ def test_a_small_pose_error_is_what_the_jacobian_makes_of_a_small_step():
     (lambda: pose_log(np.zeros((3, 4))), r'pose: shape \(3, 4\); expected \(4, 4\)'),
     (lambda: pose_error(np.eye(4), np.eye(4) * np.nan), 'desired: not finite'),
     (lambda: pose_error(np.eye(4), np.eye(4)[[0, 1, 2, 2]]), 'last row')])
-def test_what_is_no_pose_is_refused_by_name(call, words):
+def test_an_invalid_pose_is_refused_by_name(call, words):
     with pytest.raises(InputError, match=words):
         call()
 

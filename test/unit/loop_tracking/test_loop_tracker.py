@@ -126,7 +126,7 @@ def test_joints_driven_in_time_are_closed_at_their_time():
     np.testing.assert_allclose(tracker.q, at_angle(0.83), atol=1e-9)
 
 
-def test_rows_of_velocities_are_told():
+def test_a_velocity_constraint_is_a_path_row():
     b = ModelBuilder('sleigh')
     b.body('body', kind='planar', inertial=rod(2.0, (0, 0, 0), (1, 0, 0)))
     robot = Robot(b.model(), constraints=[knife_edge('body', (0, 1, 0), name='runner')])

@@ -56,7 +56,7 @@ def test_a_prefix_goes_before_every_joint_and_frame_but_not_before_forces(tmp_pa
     assert (drift.frame, drift.axes, drift.relative_to) == ('left_tool', 'left_tool', 'left_base')
 
 
-def test_its_constraints_are_those_of_the_robot():
+def test_constraints_of_a_mapping_act_on_the_robot():
     b = ModelBuilder('pair')
     b.body('one', 'world', 'revolute', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
     b.body('two', 'one', 'revolute', axis=(0, 1, 0), at=(1, 0, 0),
@@ -90,7 +90,7 @@ def test_its_constraints_are_those_of_the_robot():
      "independent: 'a'; expected a list"),
     ('constraints: {d: {}, d: {}}', 'given more than once: d'),
     ('constraints: [', 'not valid YAML')])
-def test_a_slip_is_told_by_name(tmp_path, text, words):
+def test_an_invalid_entry_of_a_constraint_file_is_named(tmp_path, text, words):
     path = tmp_path / 'slip.yaml'
     path.write_text(text)
     with pytest.raises(ConstraintError) as caught:

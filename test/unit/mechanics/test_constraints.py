@@ -123,7 +123,7 @@ def test_inverses_of_numbers_and_of_traced_blocks(n):
         np.testing.assert_allclose(of(A).astype(float) @ whole, np.eye(n + known), atol=1e-10)
 
 
-def test_what_is_singular_by_structure_is_told():
+def test_inverting_a_singular_matrix_raises_with_the_row():
     with pytest.raises(ZeroDivisionError) as told:
         inverse(np.array([[1.0, 2.0], [2.0, 4.0]]))
     assert told.value.args[0] in (0, 1)
@@ -151,7 +151,7 @@ def test_rates_follow_the_rules_of_differentiation():
     ({'independent': [3]}, r'independent: \[3\]'), ({'actuated': 'joint0'}, 'actuated: '),
     ({'constraints': [Coupling('joint1', {'joint0': 2.0})], 'rank_tolerance': -1.0},
      'rank_tolerance: -1.0; expected a positive')])
-def test_arguments_of_a_wrong_type_are_told_by_name(options, words):
+def test_arguments_of_a_wrong_type_are_refused_by_name(options, words):
     with pytest.raises(ConstraintError, match=words):
         Robot(arm(), **options)
 
@@ -160,7 +160,7 @@ def test_arguments_of_a_wrong_type_are_told_by_name(options, words):
     ([1.0, 2.0], {}, r'q: \[1.0, 2.0\]'), ([np.nan, 1.0, 2.0], {}, 'expected 3 finite numbers'),
     ('abc', {}, "q: 'abc'"), ([0.0, 1.0, 2.0], {'t': np.inf}, 't: inf'),
     ([0.0, 1.0, 2.0], {'fixed': 'joint0'}, "fixed: 'joint0'; expected a sequence")])
-def test_what_no_loop_can_be_closed_from_is_told_by_name(q, options, words):
+def test_a_start_from_which_no_loop_closes_is_refused_by_name(q, options, words):
     mechanism = choose_independent(arm(), None, (Closure('tip', 'near', 'spherical'),))
     with pytest.raises((ConstraintError, InputError), match=words):
         closed_posture(mechanism, q, **options)

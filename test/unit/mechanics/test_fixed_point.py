@@ -29,7 +29,7 @@ def test_values_that_do_not_exist_above_the_fixed_point_are_no_hindrance(error):
     assert found(value) == pytest.approx(3.0, rel=1e-11)
 
 
-def test_what_has_no_fixed_point_is_infinite_or_none_or_names_the_reason():
+def test_a_function_without_a_fixed_point_gives_infinity_none_or_an_error():
     assert found(lambda x: math.inf) == math.inf
     assert found(lambda x: None) is None
     assert found(lambda x: 0.1 * LOW) == 0.1 * LOW  # not above the least one

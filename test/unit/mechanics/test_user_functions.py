@@ -103,7 +103,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize('name', REFUSED)
-def test_what_has_no_derivative_is_refused_by_name(name):
+def test_a_user_function_without_a_derivative_is_refused_by_name(name):
     function, words = REFUSED[name]
     b = ModelBuilder('pair')
     for joint in ('a', 'b'):

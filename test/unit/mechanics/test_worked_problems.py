@@ -188,7 +188,7 @@ def test_jacobian_of_the_planar_arm_in_base_axes(engine):
 
 @pytest.mark.parametrize('model', [spring_mass_pendulum(2.0, 3.0, 0.7, 40.0), two_rods(),
                                    planar_arm(0.5, 0.3)], ids=lambda model: model.name)
-def test_the_energy_road_gives_the_same_equations(model):
+def test_the_energy_formulation_gives_the_same_equations(model):
     for q, u in STATES:
         udot = np.array([0.3, -1.1])
         np.testing.assert_allclose(

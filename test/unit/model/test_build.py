@@ -108,7 +108,7 @@ def test_inertia_on_a_frame_is_added_to_its_body():
     same(b.model(), direct.model())
 
 
-def test_a_mounted_arm_moves_with_its_carrier_and_as_itself():
+def test_a_mounted_arm_moves_with_its_carrier_and_has_its_own_dynamics():
     with pytest.warns(ModelWarning):
         arm = load_urdf(resource_path('urdf', 'two_rods.urdf'))
     b = ModelBuilder()
@@ -243,7 +243,7 @@ def test_a_fixed_beam_is_a_cantilever(on):
     assert robot.verify() < 1e-12
 
 
-def test_impossible_inertias_stand_where_asked_for_with_a_warning_that_names_them():
+def test_impossible_inertias_are_accepted_on_request_with_a_warning_that_names_them():
     inertial = Inertial(1.0, np.zeros(3), np.diag([1.0, 1.0, 5.0]))
     b = ModelBuilder('loose', strict=False)
     b.body('a', inertial=inertial)

@@ -13,7 +13,7 @@ ARM = load_urdf(resource_path('urdf', 'ur10e.urdf'))
 GRIPPER = Inertial(0.9, (0.0, 0.01, 0.06), np.diag([2e-3, 2e-3, 1e-3]))
 
 
-def test_a_tool_weighs_and_has_its_frames():
+def test_a_tool_adds_its_mass_and_frames():
     model = with_tool(ARM, 'tool0', 'gripper', GRIPPER, at=(0, 0, 0.02), rpy=(0, 0, 0.4),
                       frames={'tcp': (0.0, 0.0, 0.15)})
     assert model.base_name == ARM.base_name and model.joint_names == ARM.joint_names
@@ -31,7 +31,7 @@ def test_a_tool_weighs_and_has_its_frames():
                     -J.T @ np.concatenate([weight, np.cross(arm, weight)]), atol=1e-12)
 
 
-def test_what_a_tool_needs_is_checked():
+def test_arguments_of_a_tool_are_checked():
     with pytest.raises(ModelError, match="no body or frame 'flange9'"):
         with_tool(ARM, 'flange9', 'gripper', GRIPPER)
     with pytest.raises(ModelError, match="'tool0': exists already"):
@@ -50,7 +50,7 @@ def hand():
     return b.model()
 
 
-def test_a_model_on_a_frame_has_the_joints_of_both():
+def test_a_model_on_a_frame_has_the_joints_of_both_models():
     model = with_model(ARM, hand(), 'tool0', rpy=(0, 0, 0.3), prefix='hand_')
     assert model.joint_names == (*ARM.joint_names, 'hand_left')
     robot, bare = Robot(model), Robot(ARM)
@@ -83,7 +83,7 @@ def test_a_locked_joint_is_one_that_does_not_move(seed):
                         atol=1e-12)
 
 
-def test_joints_that_follow_a_locked_one_are_locked_too_and_balls_stay():
+def test_mimics_of_a_locked_joint_are_locked_and_balls_stay():
     b = ModelBuilder('carrier')
     b.body('lift', kind='prismatic', inertial=box(1.0, (0.1, 0.1, 0.1)))
     b.body('head', 'lift', 'ball', at=(0, 0, 0.2), inertial=box(2.0, (0.3, 0.2, 0.1)))
@@ -120,12 +120,12 @@ def test_a_locked_root_becomes_the_base_and_beams_keep_their_modes():
     ({'elbow': 0.0}, "'elbow' is no joint"),
     ({'elbow_joint': np.inf}, "position of joint 'elbow_joint': inf; expected a finite number"),
     (dict.fromkeys(ARM.joint_names, 0.0), 'expected at least one joint that moves')])
-def test_what_cannot_be_locked_is_refused(positions, words):
+def test_locking_an_unknown_dependent_or_last_joint_is_refused(positions, words):
     with pytest.raises(InputError, match=words):
         with_locked(ARM, positions)
 
 
-def test_other_names_are_other_names_only():
+def test_renaming_changes_names_only():
     names = {'shoulder_pan_joint': 'axis_1', 'tool0': 'flange_of_robot', 'ur10e': 'left arm'}
     model = with_names(ARM, names)
     assert model.name == 'left arm' and model.joint_names[0] == 'axis_1'
@@ -193,7 +193,7 @@ def test_tools_in_millimeters_or_grams_are_warned_of(inertial, place, words):
         with_tool(ARM, 'tool0', 'x', inertial, **place)
 
 
-def test_what_is_fixed_along_a_beam_on_its_root_is_warned_of():
+def test_a_body_fixed_beside_a_beam_is_warned_of():
     b = ModelBuilder('boom')
     b.beam('boom', 'world', FlexibleLink(length=1.0, density=0.8, stiffness=120.0, modes=(2, 0)))
     b.section('middle', 'boom', 0.5)

@@ -109,7 +109,7 @@ def test_result_does_not_depend_on_batch_position_or_threads(robot, monkeypatch)
         assert np.array_equal(robot.forward_dynamics(q, u, udot), whole)
 
 
-def test_out_is_written_to_and_may_overlay_an_argument(robot):
+def test_out_is_written_to_and_may_be_an_argument(robot):
     q, u, udot = batch(3 * W + 1)
     expected = robot.inverse_dynamics(q, u, udot)
     out = np.empty_like(q)

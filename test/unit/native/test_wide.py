@@ -59,7 +59,7 @@ def test_traced_lanes_are_lanes_of_numbers(case):
     assert np.abs(compiled(function, X) - expected).max() <= 4e-16 * np.abs(expected).max()
 
 
-def test_a_result_may_overlay_the_argument():
+def test_a_result_may_be_written_over_the_argument():
     def function(x, lanes):
         a, b = lanes.pack(x[:LANES]), lanes.pack(x[LANES:])
         return entries(lanes, a * b, a + b)

@@ -77,7 +77,7 @@ def test_vibrations_are_drawn_with_their_frequencies_to_both_sides():
     (lambda: plot_bending(robot().model, POSTURES, plane='zx'), "plane: 'zx'; expected one of xy"),
     (lambda: plot_vibrations(robot(), np.zeros(5), count=0), 'no vibration to plot'),
     (lambda: plot_bending(single(), np.zeros(1)), 'no body has a length')])
-def test_what_cannot_be_drawn_is_said(call, words):
+def test_invalid_arguments_of_bending_plots_are_refused(call, words):
     with pytest.raises(InputError, match=words):
         call()
 

@@ -67,7 +67,7 @@ def test_a_name_of_another_library_is_answered_with_its_counterpart(name, ours):
     ('teach', r'kane_dynamics.view.Window\(robot\)'), ('plot', 'functions of kane_dynamics.plot'),
     ('fkine', r'robot.forward_kinematics\(frame, q\)'), ('mass', r'sum\(body.inertial.mass'),
     ('from_urdf', r'kane_dynamics.load_urdf\(path\), and Robot\(model\)')])
-def test_what_is_no_method_here_is_answered_with_its_place(name, words):
+def test_a_method_of_another_library_is_answered_with_the_place_of_ours(name, words):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}'; expected .*{words}"):
         getattr(robot(), name)
 

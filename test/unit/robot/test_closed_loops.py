@@ -125,7 +125,7 @@ def driven():
                  configuration=at_angle(0.8))
 
 
-def test_a_fully_driven_mechanism_moves_and_tells_its_forces():
+def test_a_mechanism_without_degrees_of_freedom_moves_with_constraint_forces():
     robot, free = driven(), four_bar('crank')
     assert robot.n == 0
     run = simulate(robot, at_angle(0.8), [], 1.0, step=1e-3, sample=0.25)

@@ -113,7 +113,7 @@ def test_null_stands_for_the_parameters_at_export_and_for_no_wrench(tmp_path):
     np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
 
 
-def test_a_result_may_overlay_an_argument(tmp_path):
+def test_a_result_may_be_written_over_an_argument(tmp_path):
     robot = arm('two_link')
     library = built(robot.export_c(tmp_path / 'arm.c')[0], tmp_path)
     q, u, udot = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.n))

@@ -69,7 +69,7 @@ def test_coordinates_in_any_order_mean_the_same():
                  a.forward_dynamics(q, u, udot)[order], 1e-9)
 
 
-def test_a_payload_is_matter_on_the_model_and_changes_without_compiling():
+def test_a_payload_equals_inertia_on_the_model_and_changes_without_compiling():
     model = random_model(5, 5)
     robot = Robot(model, payload_frame='frame3')
     payload = random_inertial(np.random.default_rng(2))
@@ -106,7 +106,7 @@ def test_wrenches_act_where_they_are_declared(count):
 
 
 @pytest.mark.parametrize('seed', SEEDS)
-def test_terms_sum_to_inverse_dynamics_and_are_what_they_say(seed):
+def test_each_torque_term_has_its_cause_and_they_sum_to_inverse_dynamics(seed):
     model = random_model(seed, 5, mimics=1)
     robot = Robot(model)
     q, u, udot = random_state(model, seed)
@@ -233,7 +233,7 @@ def test_a_general_arm_costs_81_multiplications_and_70_additions_a_joint(n):
     assert (count.multiplications, count.additions) == (81 * n - 104, 70 * n - 97)
 
 
-def test_the_way_to_a_child_is_along_z_and_x_of_its_parent():
+def test_denavit_hartenberg_offsets_are_along_z_and_x():
     links = denavit_hartenberg(linkage(general_arm(6)))
     for link in links[1:]:
         x, y, z = link.translation

@@ -150,14 +150,14 @@ def test_quantities_are_methods_of_machine_code_found_without_a_look_into_the_ob
         assert name in getattr(workspace, name).__doc__
 
 
-def test_a_robot_of_no_joints_has_what_nobody_asks_of_others():
+def test_a_workspace_of_a_robot_without_joints_works():
     workspace = Robot(random_model(0, 0, passive=False)).bind()
     assert workspace.inverse_dynamics().shape == (0,)
     with pytest.raises(InputError, match='expected no arguments'):
         workspace.inverse_dynamics(1)
 
 
-def test_a_workspace_goes_when_nobody_holds_it(robot):
+def test_a_workspace_without_references_is_freed(robot):
     workspace = bound(robot)
     workspace.mass_matrix()
     gone = weakref.ref(workspace)
@@ -215,7 +215,7 @@ def test_a_subclass_that_forgets_its_base_is_initialized_all_the_same(robot, bas
         assert np.array_equal(workspace.gravity_force(), expected)
 
 
-def test_what_the_compiled_calls_read_cannot_be_deleted(robot):
+def test_attributes_that_compiled_calls_read_cannot_be_deleted(robot):
     workspace = bound(robot)
     for name in ('q', '_tables', '_owned'):
         with pytest.raises(InputError, match=f'{name} cannot be deleted'):

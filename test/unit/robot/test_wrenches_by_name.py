@@ -44,7 +44,7 @@ def test_a_wrench_by_name_acts_as_the_jacobian_says(count):
     assert_allclose(robot.external_force(q, wrench=both), force + forearm, atol=1e-12)
 
 
-def test_names_and_rows_of_declared_frames_are_one_thing():
+def test_a_wrench_by_name_equals_a_wrench_by_row():
     robot, (q, u, udot, wrench) = arm(wrench_frames=('tool0',)), states()
     expected = robot.inverse_dynamics(q, u, udot, wrench=wrench[None])
     for given in (wrench, {'tool0': wrench}, list(wrench)):

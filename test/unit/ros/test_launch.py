@@ -180,7 +180,7 @@ def test_invalid_arguments_are_refused(launch_file):
         start(launch_file, state_publisher='true', urdf='arm.urdf', prefix='left_')
 
 
-def test_it_loads_where_launch_is_installed():
+def test_the_launch_file_loads_where_launch_is_installed():
     pytest.importorskip('launch')
     pytest.importorskip('launch_ros')
     assert load().generate_launch_description().entities

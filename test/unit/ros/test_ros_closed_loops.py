@@ -336,7 +336,7 @@ def test_a_motion_into_a_singular_configuration_is_dropped_and_the_pose_held():
     np.testing.assert_allclose(command, gravity(), rtol=1e-9, atol=1e-9)
 
 
-def test_reasons_are_different_words():
+def test_each_reason_has_its_own_text():
     assert len({BRANCH, CONTRADICTION, SINGULAR, UNKNOWN, REFUSED}) == 5
 
 

@@ -80,7 +80,7 @@ def test_an_arm_that_compensates_gravity_stays_without_torque_and_reports_none()
 
 
 @pytest.mark.parametrize('term', ['gravity', 'friction', 'coriolis'])
-def test_what_the_arm_adds_is_what_a_controller_would_have_added(term):
+def test_a_term_added_in_the_arm_equals_the_term_added_by_a_controller(term):
     """A step with the term inside equals a step with the term in the command."""
     supplement = {'joints': {name: {'damping': 0.5, 'friction': 0.3}
                              for name in MODEL.joint_names}}

@@ -315,7 +315,7 @@ FRACTION = st.floats(-1.0, 1.0)
 @settings(max_examples=150, deadline=None)
 @given(st.lists(FRACTION, min_size=14, max_size=14), st.lists(FRACTION, min_size=7, max_size=7),
        st.floats(1e-6, 0.3))
-def test_what_an_arm_within_its_limits_does_is_accepted(numbers, changes, elapsed):
+def test_states_of_an_arm_within_its_limits_are_accepted(numbers, changes, elapsed):
     state, judge = check()
     place, speed, change = np.array(numbers[:7]), np.array(numbers[7:]), np.array(changes)
     q = LIMITS.lower + 0.5 * (place + 1.0) * (LIMITS.upper - LIMITS.lower)

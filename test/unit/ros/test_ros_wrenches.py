@@ -230,7 +230,7 @@ def test_without_efforts_the_observer_uses_the_command_and_the_terms_of_the_arm(
     ({}, lambda tau: tau), ({'gravity': False}, lambda tau: tau - gravity()),
     ({'kind': 'motor_current', 'constants': [4.0, 0.5]}, lambda tau: tau / [4.0, 0.5]),
     ({'kind': 'joint_torque', 'gravity': False}, lambda tau: tau - gravity())])
-def test_the_observer_finds_a_push_from_every_stated_kind_of_effort(efforts, reported):
+def test_the_observer_finds_an_external_torque_from_every_kind_of_effort(efforts, reported):
     rig = Rig(threshold=0.1, torque='effort', efforts=efforts)
     for _ in range(5):
         rig.state(reported(gravity()))
@@ -251,7 +251,7 @@ def test_efforts_that_contradict_their_meaning_at_rest_are_named_once(efforts, f
     assert rig.rejected == ['efforts contradict the model']
 
 
-def test_meanings_that_the_observer_cannot_use_are_refused():
+def test_kinds_of_effort_that_the_observer_cannot_use_are_refused():
     for efforts, words in (({'kind': 'external_torque'}, 'external_torque, which observer and'),
                            ({'kind': 'motor_current'}, 'without constants'),
                            ({'kind': 'motor_current', 'constants': [1.0, 2.0, 3.0]},

@@ -60,7 +60,7 @@ def test_a_singularity_is_refused_with_its_time_before_the_balance_breaks(step):
 
 
 @pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
-def test_a_step_that_is_too_long_but_does_not_diverge_is_told(integrator):
+def test_a_step_that_is_too_long_without_divergence_is_warned_of(integrator):
     robot, step = Robot(pendulum()), 0.08 if integrator == 'rk4' else 0.03
     for N in (1, 3):
         q, u = [0.3, -0.2], [9.0, -6.0]
@@ -139,7 +139,7 @@ def test_no_alarm_where_joints_stick_beams_swing_and_motions_are_followed():
         simulate(beam, [0.3, 0.0, 0.0], [0.0, 0.0, 0.0], 0.5, step=1e-4)
 
 
-def test_a_sweep_tells_it_of_every_trial(tmp_path):
+def test_a_sweep_has_the_energy_warning_of_every_trial(tmp_path):
     pytest.importorskip('pyarrow')
     model = load_urdf(URDF)
     for step, closes in ((1e-3, True), (0.1, False)):
@@ -156,7 +156,7 @@ def test_a_saved_trajectory_keeps_its_warnings(tmp_path):
     assert type(run).load_npz(tmp_path / 'run.npz').warnings == run.warnings != ()
 
 
-def test_the_simulated_arm_tells_it_and_stops_are_no_alarm():
+def test_the_simulated_arm_warns_of_energy_but_not_of_stops():
     pytest.importorskip('rclpy')
     from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
     for step, said in ((1e-3, False), (0.1, True)):

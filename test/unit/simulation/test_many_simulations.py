@@ -76,7 +76,7 @@ def test_a_simulation_does_not_depend_on_the_others_or_on_threads(robot, monkeyp
 
 
 @pytest.mark.parametrize('steps', [1, 3, 7, 1000])
-def test_chunks_leave_no_seam(robot, monkeypatch, steps):
+def test_a_simulation_in_chunks_equals_one_at_once(robot, monkeypatch, steps):
     expected = simulate(robot, Q0, U0, STEPS * 1e-3, torque=law(robot))
     torque = rng.normal(size=(N, STEPS, 4))
     expected = simulate(robot, Q0, U0, STEPS * 1e-3, torque=torque)
@@ -107,7 +107,7 @@ def test_too_many_events_are_refused_not_dropped(robot, monkeypatch):
         simulate(robot, Q0, 6.0 * U0, 1.5)
 
 
-def test_progress_is_told_and_can_end_them(robot):
+def test_progress_is_reported_and_can_end_many_simulations(robot):
     seen = []
     simulate(robot, Q0, U0, 1.0, progress=seen.append)
     assert seen == sorted(seen) and seen[-1] == pytest.approx(1.0) and len(seen) > 1
@@ -149,7 +149,7 @@ def test_bad_requests_are_refused_in_words(robot, change, words):
         assert word in str(error.value)
 
 
-def test_the_simulation_that_leaves_the_finite_numbers_is_named(robot):
+def test_the_simulation_that_diverges_is_named(robot):
     wild = U0.copy()
     wild[W + 1] = 1e200
     with pytest.raises(InputError, match=rf'simulation {W + 1}: the state diverged .* at'):

@@ -94,7 +94,7 @@ def test_rows_are_where_sample_says_and_ends_are_in(robot):
     assert 900 < len(long.t) <= 1001 and long.t[-1] == pytest.approx(0.5)
 
 
-def test_rows_hold_together(robot):
+def test_fields_of_a_simulation_are_consistent(robot):
     run = simulate(robot, Q0, U0, 0.05, torque=np.ones(4))
     k = 20
     np.testing.assert_array_equal(run.udot[k],
@@ -119,7 +119,7 @@ def test_a_start_beyond_a_limit_is_reported():
     assert run.limit_events[0].t == 0.0
 
 
-def test_progress_is_told_and_can_end_it(robot):
+def test_progress_is_reported_and_can_end_the_simulation(robot):
     seen = []
     simulate(robot, Q0, 0 * U0, 2.0, progress=lambda t: seen.append(t))
     assert seen == sorted(seen) and seen[-1] == pytest.approx(2.0) and len(seen) > 1

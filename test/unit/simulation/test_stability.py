@@ -51,12 +51,12 @@ def test_longest_step_refuses_what_is_no_configuration_with_and_without_friction
             longest_step(robot, q)
 
 
-def test_nothing_but_weight_sets_no_step():
+def test_weight_alone_sets_no_longest_step():
     assert longest_step(wheel(), [0.0]).step == math.inf
     assert longest_step(Robot(wheel(**RUB).model, friction=False), [0.0]).step == math.inf
 
 
-def test_an_arm_stands_still_within_the_step_and_creeps_or_trembles_beyond(arm):
+def test_an_arm_stands_still_within_the_longest_step_and_creeps_or_oscillates_beyond(arm):
     step, name = longest_step(arm, POSTURE)
     assert name == 'wrist_3_joint'
     tau = arm.gravity_force(POSTURE)
@@ -138,7 +138,7 @@ def test_the_default_is_runge_kutta_where_its_step_is_stable():
                   - simulate(robot, [0.1], [1.0], 0.1).q).max() < 1e-6
 
 
-def test_commands_and_sweeps_say_it_too(tmp_path, capsys):
+def test_commands_and_sweeps_warn_of_too_long_steps(tmp_path, capsys):
     urdf, supplement = str(resource_path('urdf', 'two_link.urdf')), tmp_path / 'rubs.yaml'
     supplement.write_text('joints: {joint2: {friction: 40.0, friction_speed: 0.01}}')
     assert main(['simulate', urdf, '--supplement', str(supplement), '--duration', '0.01',
@@ -156,7 +156,7 @@ def test_commands_and_sweeps_say_it_too(tmp_path, capsys):
                         step=0.0005), tmp_path / 'table', workers=1)
 
 
-def test_the_simulated_arm_and_the_nodes_answers_say_it_too():
+def test_the_simulated_arm_and_the_services_warn_of_too_long_steps():
     pytest.importorskip('rclpy')
     pytest.importorskip('kane_dynamics_interfaces')
     from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload

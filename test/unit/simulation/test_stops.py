@@ -178,7 +178,7 @@ def test_without_a_contact_stops_change_nothing():
         simulate(tree(), [0.1, 0.2, 0.3], [0.1, 0.0, 0.0], 0.05, stops=True).q, free.q)
 
 
-def test_what_stops_cannot_hold_is_refused():
+def test_a_start_beyond_the_stops_is_refused():
     with pytest.raises(InputError, match=r"q0: joint 'joint0' at 0\.6; expected -0\.4 to 0\.5"):
         simulate(tree(), [0.6, 0.2, 0.3], np.zeros(3), 0.1, stops=True)
     model = random_model(4, 3, prismatic=0.0, branching=0.0)

@@ -162,7 +162,7 @@ def test_an_entry_of_another_owner_or_an_open_directory_is_not_read(place, reads
     assert len(reads) == 3
 
 
-def test_off_keeps_no_model(monkeypatch, tmp_path, reads):
+def test_a_switched_off_cache_stores_no_model(monkeypatch, tmp_path, reads):
     monkeypatch.setenv('KANE_DYNAMICS_CACHE', 'off')
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     loaded(DOUBTFUL)
@@ -170,7 +170,7 @@ def test_off_keeps_no_model(monkeypatch, tmp_path, reads):
     assert len(reads) == 2 and not list(tmp_path.iterdir())
 
 
-def test_arguments_that_are_no_plain_data_are_read_and_not_kept(place, reads):
+def test_models_of_arguments_that_are_no_plain_data_are_not_cached(place, reads):
     class Base(str):
         __slots__ = ()
     for _ in range(2):

@@ -70,7 +70,7 @@ def test_a_floating_base_with_angles_has_motions():
     ({'root_joint': 'ball'}, "'ball'; expected one of fixed, free, floating, planar"),
     ({'root_joint': 'free', 'joints': LEG}, 'expected them among the joints that move'),
     ({'root_joint': 'free', 'base': 'tail'}, "base: 'tail' is no link")])
-def test_what_cannot_float_is_refused(options, words):
+def test_a_root_joint_that_cannot_be_added_is_refused(options, words):
     with pytest.raises(InputError, match=words):
         load(LEGS, **options)
 

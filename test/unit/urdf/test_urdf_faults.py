@@ -147,7 +147,7 @@ def test_fault_is_refused_with_element_value_and_what_is_valid(fault):
         assert word in str(caught.value)
 
 
-def test_message_says_the_line():
+def test_an_error_names_the_line():
     source = '<robot name="r">\n<link name="a"/>\n<link name="b"><inertial>\n<mass value="x"/>'
     with pytest.raises(UrdfError, match=r'\(line 4\)'):
         load_urdf(source + '<inertia/></inertial></link></robot>')

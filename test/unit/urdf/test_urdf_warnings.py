@@ -83,7 +83,7 @@ def test_warning_names_the_link_or_joint(problem):
         assert word in texts[0]
 
 
-def test_each_kind_is_warned_of_once_naming_all():
+def test_each_kind_of_problem_is_one_warning_that_names_all():
     source = chain(4, axis='0 0 3', limit='')
     _, texts = load_with_warnings(source)
     assert len(texts) == 2

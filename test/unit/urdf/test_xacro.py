@@ -65,7 +65,7 @@ def test_arguments_of_the_command_line_are_name_and_value():
     ('${0.1 * 2}', '${0.1 *}', '0.1'),
     ('</robot>', '', 'expected a file that xacro expands'),
 ])
-def test_what_xacro_refuses_is_said_with_its_reason(arm, old, new, message):
+def test_an_error_of_xacro_is_raised_with_its_reason(arm, old, new, message):
     arm.write_text(ARM.replace(old, new))
     with pytest.raises(UrdfError, match=message) as refused:
         load_urdf(arm)

@@ -75,7 +75,7 @@ def test_a_mesh_is_found_in_an_installed_package_or_named_and_left_out(arm, monk
         arm.parents[2] / 'share' / 'arm_description' / 'meshes' / 'bar.stl')
 
 
-def test_malformed_looks_are_the_urdfs_fault():
+def test_malformed_visuals_are_an_error_of_the_urdf():
     with pytest.raises(UrdfError):
         load_visuals(ARM.replace('radius="0.1"', 'radius="big"'))
 
