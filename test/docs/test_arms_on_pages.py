@@ -2,7 +2,7 @@
 
 import re
 
-from documents import named, PAGES, ROOT
+from documents import PAGES, path_in_checkout, ROOT
 from kane_dynamics.cli.examples import EXAMPLES
 import pytest
 
@@ -17,14 +17,14 @@ TEXTS['help of the commands'] = '\n'.join(EXAMPLES.values())
 CONFIGURATIONS = sorted((ROOT / 'config').glob('*.yaml'))
 
 
-@pytest.mark.parametrize('path', CONFIGURATIONS, ids=named)
+@pytest.mark.parametrize('path', CONFIGURATIONS, ids=path_in_checkout)
 def test_a_shipped_configuration_agrees_with_the_table_of_arms(path):
     start, = starts_of_parameters(path.read_text(), path.name)
     assert 'arm_compensates' in start.parameters
     assert faults(start) == []
 
 
-@pytest.mark.parametrize('page', PAGES, ids=named)
+@pytest.mark.parametrize('page', PAGES, ids=path_in_checkout)
 def test_nodes_that_a_page_starts_agree_with_the_table_of_arms(page):
     assert [fault for start in starts_of_page(page) for fault in faults(start)] == []
 

@@ -3,7 +3,7 @@
 import pkgutil
 import re
 
-from documents import blocks, compare, named, PAGES, ROOT, starts_nodes, work_through
+from documents import blocks, compare, PAGES, path_in_checkout, ROOT, starts_nodes, work_through
 from kane_dynamics.errors import InputError
 import pytest
 import yaml
@@ -11,11 +11,12 @@ import yaml
 README = ROOT / 'README.md'
 LANGUAGES = {'c', 'python', 'console', 'sh', 'text', 'yaml', 'xml'}
 OPTIONAL = ('torch', 'jax')  # without which the pages that import them are left out
-pages = pytest.mark.parametrize('page', PAGES, ids=named)
+pages = pytest.mark.parametrize('page', PAGES, ids=path_in_checkout)
 
 
 @pytest.mark.timeout(300)  # a page may start a dozen processes
-@pytest.mark.parametrize('page', [page for page in PAGES if not starts_nodes(page)], ids=named)
+@pytest.mark.parametrize('page', [page for page in PAGES if not starts_nodes(page)],
+                         ids=path_in_checkout)
 def test_code_on_a_page_prints_the_output_that_the_page_shows(page, tmp_path):
     for library in OPTIONAL:
         if re.search(rf'^import {library}$', page.read_text(encoding='utf-8'), re.MULTILINE):

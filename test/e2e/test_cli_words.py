@@ -40,7 +40,7 @@ def files(tmp_path):
     return tmp_path
 
 
-def said(capsys, *arguments, code=0):
+def run_command(capsys, *arguments, code=0):
     """Run a command; return what it printed and its complaints."""
     try:
         left = main([str(word) for word in arguments])
@@ -52,9 +52,9 @@ def said(capsys, *arguments, code=0):
 
 
 def test_no_arguments_print_the_help_and_version_the_version(capsys):
-    out, err = said(capsys)
+    out, err = run_command(capsys)
     assert out.startswith('usage: kane-dynamics') and 'simulate' in out and not err
-    out, _ = said(capsys, '--version')
+    out, _ = run_command(capsys, '--version')
     assert out.split()[0] == 'kane-dynamics' and out.split()[1].count('.') == 2
 
 
@@ -73,15 +73,16 @@ def test_no_arguments_print_the_help_and_version_the_version(capsys):
     (['torque', 'ARM', '--step', '0.1'], '--step: given without --motion')])
 def test_the_message_comes_first_in_the_words_of_the_command_line(files, capsys, arguments,
                                                                   words):
-    _, err = said(capsys, *(files / 'arm.urdf' if word == 'ARM' else word for word in arguments),
-                  code=2)
+    _, err = run_command(capsys,
+                         *(files / 'arm.urdf' if word == 'ARM' else word for word in arguments),
+                         code=2)
     assert err.startswith('kane-dynamics: error: ') and words in err.splitlines()[0]
     assert len(err.splitlines()) <= 2 and 'load_urdf' not in err and 'str or bytes' not in err
 
 
 def test_an_impossible_inertia_names_the_option_that_accepts_it(tmp_path, capsys):
     (tmp_path / 'bad.urdf').write_text(robot(A, link('b', 1, (-1, 1, 1)), joint('j', 'a', 'b')))
-    _, err = said(capsys, 'inspect', tmp_path / 'bad.urdf', code=2)
+    _, err = run_command(capsys, 'inspect', tmp_path / 'bad.urdf', code=2)
     assert '--no-strict' in err and 'strict=False' not in err
 
 
@@ -90,14 +91,16 @@ def test_an_impossible_inertia_names_the_option_that_accepts_it(tmp_path, capsys
     ('t,q.j1\n0,0.1\n1,0.3\n', r"no column 'q.j2', but q of other joints; expected q.<joint>")])
 def test_a_csv_file_without_the_columns_says_which(files, capsys, text, words):
     (files / 'motion.csv').write_text(text)
-    _, err = said(capsys, 'torque', files / 'arm.urdf', '--motion', files / 'motion.csv', code=2)
+    _, err = run_command(capsys, 'torque', files / 'arm.urdf', '--motion', files / 'motion.csv',
+                         code=2)
     assert re.search(words, err)
 
 
 @pytest.mark.parametrize('name', ['--motion', '--trajectory'])
 def test_the_points_of_a_motion_are_sampled(files, capsys, name):
     arm = Robot(load_urdf(ARM))
-    out, _ = said(capsys, 'torque', files / 'arm.urdf', name, files / 'motion.yaml', '--json')
+    out, _ = run_command(capsys, 'torque', files / 'arm.urdf', name, files / 'motion.yaml',
+                         '--json')
     got = {key: np.array(value) for key, value in json.loads(out).items() if key != 'joint_names'}
     assert len(got['t']) == 201 and np.diff(got['t']).max() < 0.0101
     motion = read_motion(files / 'motion.yaml', arm.joint_names)
@@ -105,8 +108,9 @@ def test_the_points_of_a_motion_are_sampled(files, capsys, name):
     np.testing.assert_allclose(got['tau'], arm.inverse_dynamics(q, u, udot), atol=1e-12)
     assert np.abs(got['u']).max() > 0.5, 'the speed between the points is in it'
     assert np.abs(np.diff(got['tau'], axis=0)).max(axis=1)[-1] < 0.2, 'nor does it jump at the end'
-    out, _ = said(capsys, 'torque', files / 'arm.urdf', name, files / 'motion.yaml', '--step',
-                  '0.5', '--json')
+    out, _ = run_command(capsys, 'torque', files / 'arm.urdf', name, files / 'motion.yaml',
+                         '--step',
+                         '0.5', '--json')
     assert json.loads(out)['t'] == [0.0, 0.5, 1.0, 1.5, 2.0]
 
 
@@ -120,8 +124,8 @@ def test_a_picture_of_a_csv_motion_shows_what_is_between_its_rows(files):
 def test_motion_is_the_name_in_every_command_that_takes_one(files, capsys):
     for arguments in (['simulate', '--step', '0.01'], ['feasible']):
         for name in ('--motion', '--trajectory'):
-            said(capsys, arguments[0], files / 'arm.urdf', name, files / 'motion.yaml',
-                 *arguments[1:])
+            run_command(capsys, arguments[0], files / 'arm.urdf', name, files / 'motion.yaml',
+                        *arguments[1:])
 
 
 @pytest.mark.parametrize('command', [
@@ -177,7 +181,8 @@ def test_broken_pipe_is_quiet(files, arguments):
 
 def test_error_in_yaml_is_one_line(files, capsys):
     (files / 'motion.yaml').write_text('joint_names: [j1, j2\npoints:\n- {positions: [0}\n')
-    _, err = said(capsys, 'torque', files / 'arm.urdf', '--motion', files / 'motion.yaml', code=2)
+    _, err = run_command(capsys, 'torque', files / 'arm.urdf', '--motion', files / 'motion.yaml',
+                         code=2)
     assert err.count('\n') == 1 and 'not valid YAML: while parsing' in err
 
 
@@ -185,7 +190,7 @@ def test_out_has_a_short_name_in_every_command(files, capsys):
     out = files / 'out.csv'
     for words in (['simulate', '--duration', '0.01'], ['torque', '--motion',
                                                        str(files / 'motion.yaml')]):
-        said(capsys, words[0], files / 'arm.urdf', *words[1:], '-o', out)
+        run_command(capsys, words[0], files / 'arm.urdf', *words[1:], '-o', out)
         assert out.read_text().startswith('t,')
         out.unlink()
 
@@ -196,10 +201,10 @@ def test_one_problem_is_counted_as_one(capsys):
 
 
 def test_positions_a_little_beyond_the_limits_are_named_and_not_taken_for_degrees(files, capsys):
-    _, err = said(capsys, 'torque', files / 'arm.urdf', '--q', '0.4', '-3.1')
+    _, err = run_command(capsys, 'torque', files / 'arm.urdf', '--q', '0.4', '-3.1')
     assert err == ('kane-dynamics: warning: --q: outside the limits: j2 -3.1 '
                    '(limits -1 to 1)\n')
-    _, err = said(capsys, 'torque', files / 'arm.urdf', '--q', '1.0', '-1.0')
+    _, err = run_command(capsys, 'torque', files / 'arm.urdf', '--q', '1.0', '-1.0')
     assert not err
 
 
@@ -210,11 +215,12 @@ def test_limits_of_many_turns_get_asked_whether_they_are_degrees(tmp_path, capsy
                                                                  asked):
     limit = f'<limit lower="{lower}" upper="{upper}" velocity="1" effort="1"/>'
     (tmp_path / 'arm.urdf').write_text(robot(A, B, joint('j', 'a', 'b', limit=limit)))
-    _, err = said(capsys, 'torque', tmp_path / 'arm.urdf')
+    _, err = run_command(capsys, 'torque', tmp_path / 'arm.urdf')
     assert ('degrees?' in err) == asked
     slide = robot(A, B, joint('j', 'a', 'b', 'prismatic', limit=limit))
     (tmp_path / 'arm.urdf').write_text(slide)
-    assert 'degrees' not in said(capsys, 'torque', tmp_path / 'arm.urdf')[1], 'metres may be many'
+    assert 'degrees' not in run_command(capsys, 'torque',
+                                        tmp_path / 'arm.urdf')[1], 'metres may be many'
 
 
 def test_missing_inertials_leave_the_tree_and_are_a_problem(tmp_path, capsys):
@@ -222,9 +228,9 @@ def test_missing_inertials_leave_the_tree_and_are_a_problem(tmp_path, capsys):
     path.write_text(robot(A, B, link('c', None), joint('j1', 'a', 'b', limit=LIMIT),
                           joint('j2', 'b', 'c', limit=LIMIT)))
     for more in ([], ['--operations'], ['--json']):
-        out, _ = said(capsys, 'inspect', path, *more)
+        out, _ = run_command(capsys, 'inspect', path, *more)
         assert 'j1' in out and 'j2' in out and 'no mass moves with j2' in out
-    out, _ = said(capsys, 'doctor', path, code=1)
+    out, _ = run_command(capsys, 'doctor', path, code=1)
     assert 'problem: URDF: moving links without <inertial>' in out
     assert 'problem: no mass moves with j2' in out and '2 problems' in out
 
@@ -232,9 +238,9 @@ def test_missing_inertials_leave_the_tree_and_are_a_problem(tmp_path, capsys):
 def test_warnings_are_a_line_a_kind_and_verbose_names_all(tmp_path, capsys):
     path = tmp_path / 'arm.urdf'
     path.write_text(chain(40, limit=''))
-    _, err = said(capsys, 'torque', path)
+    _, err = run_command(capsys, 'torque', path)
     assert len(err.splitlines()) == 1 and len(err) < 250 and 'more (--verbose names all)' in err
-    _, err = said(capsys, 'torque', path, '--verbose')
+    _, err = run_command(capsys, 'torque', path, '--verbose')
     assert 'more (--verbose' not in err and all(f'j{k}' in err for k in range(1, 41))
 
 
@@ -243,9 +249,9 @@ def test_transmissions_and_gazebo_are_mentioned_only_on_request(tmp_path, capsys
     path.write_text(robot(A, B, joint('j', 'a', 'b', limit=LIMIT),
                           '<transmission name="t"><joint name="j"/></transmission>',
                           '<gazebo reference="j"><springStiffness>1</springStiffness></gazebo>'))
-    assert not said(capsys, 'torque', path)[1]
-    assert '<transmission>: j' in said(capsys, 'torque', path, '-v')[1]
-    assert '<transmission>: j' in said(capsys, 'inspect', path)[0]
+    assert not run_command(capsys, 'torque', path)[1]
+    assert '<transmission>: j' in run_command(capsys, 'torque', path, '-v')[1]
+    assert '<transmission>: j' in run_command(capsys, 'inspect', path)[0]
 
 
 def test_missing_meshes_say_what_to_do():
@@ -259,7 +265,8 @@ def test_missing_meshes_say_what_to_do():
 def test_rounding_errors_are_printed_as_zero(tmp_path, capsys):
     path = tmp_path / 'arm.urdf'
     path.write_text(ARM)
-    out, _ = said(capsys, 'torque', path, '--q', '0.1', '0.2', '--gravity', '1e-17', '9', '0')
+    out, _ = run_command(capsys, 'torque', path, '--q', '0.1', '0.2', '--gravity', '1e-17', '9',
+                         '0')
     assert 'e-1' not in out
 
 

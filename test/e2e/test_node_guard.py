@@ -58,7 +58,7 @@ def trial(rig, number):
             turns([each for each in recorder.commands if each.time >= failed - PERIOD * 1e9]))
 
 
-def caught(reaction, far, step, voices):
+def took_over_in_time(reaction, far, step, voices):
     """Return whether the guard took over in time, and gave the arm back without a step."""
     return (reaction <= REACTION and far <= SAG and step <= 1.01
             and voices[:3] == ['node', 'guard', 'node'])
@@ -113,14 +113,14 @@ def test_100_of_100_failures_in_motion_are_caught(tmp_path, mujoco, number):
             rig.recorder.spin(0.007 * len(found))  # at another point of motion and period
             result = trial(rig, number)
             # A stall is shown by a process that comes before all others.
-            if not caught(*result) and rig.stalled(HELD) and len(excused) < STALLS:
+            if not took_over_in_time(*result) and rig.stalled(HELD) and len(excused) < STALLS:
                 excused.append(result)
             else:
                 found.append(result)
     finally:
         rig.close()
     print(f'{len(excused)} failed trials in which the machine stalled were repeated: {excused}')
-    missed = [each for each in found if not caught(*each)]
+    missed = [each for each in found if not took_over_in_time(*each)]
     print(f'{len(found) - len(missed)} of {len(found)} caught; largest reaction, sag, step:',
           *np.max([each[:3] for each in found], axis=0).round(4))
     assert not missed

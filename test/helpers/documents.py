@@ -54,7 +54,7 @@ def blocks(page):
             for match in FENCE.finditer(text) if not match['language'].startswith('{')]
 
 
-def named(page):
+def path_in_checkout(page):
     """Return a page's path within the checkout."""
     return str(page.relative_to(ROOT))
 

@@ -32,7 +32,7 @@ def waits_for_a_processor(pid):
     return lambda: np.array([1e-9 * int(os.pread(file, 100, 0).split()[1]) for file in files])
 
 
-def judged(held):
+def states_to_judge(held):
     """Return which states to judge, (K,), by how long each thread was held up, (K, threads), s."""
     chosen = np.ones(len(held), dtype=bool)
     recent = np.max([np.convolve(thread, np.ones(QUEUED))[:len(held)]
@@ -86,7 +86,7 @@ def drive(joints, seconds, pid):
     end = time.perf_counter() + 0.5
     while time.perf_counter() < end:
         executor.spin_once(0.1)
-    chosen = np.array(sent)[judged(np.array(held))].tolist()
+    chosen = np.array(sent)[states_to_judge(np.array(held))].tolist()
     print(json.dumps({'sent': len(sent), 'unanswered': len(set(sent) - answered),
                       'judged': len(chosen), 'lost': len(set(chosen) - answered)}), flush=True)
     rclpy.shutdown()

@@ -41,7 +41,7 @@ CLOSED = 1e-9  # through derivatives of positions
 TOOL = 'tool'
 
 
-def near(value, expected, tolerance=TOLERANCE):
+def assert_close(value, expected, tolerance=TOLERANCE):
     """Fail unless two results agree, relative to the largest entry."""
     value, expected = (np.asarray(x, dtype=float) for x in (value, expected))
     assert value.shape == expected.shape, (value.shape, expected.shape)
@@ -81,29 +81,29 @@ def reduced(case, force):
 def inverse_dynamics(case):
     push = np.linspace(-1.0, 1.0, 6)
     tau = case.robot.inverse_dynamics(case.q, case.u, case.udot, wrench=push[None], **case.t)
-    near(tau, inverse(case, wrenches={TOOL: (push[:3], push[3:])}))
+    assert_close(tau, inverse(case, wrenches={TOOL: (push[:3], push[3:])}))
 
 
 def forward_dynamics(case):
     tau = inverse(case)
     M = nonholonomic.mass_matrix(case.mechanism, case.q, case.time)
     udot = case.robot.forward_dynamics(case.q, case.u, tau, **case.t)
-    near(udot, case.udot, TOLERANCE * max(1.0, np.linalg.cond(M) * 1e-3))
+    assert_close(udot, case.udot, TOLERANCE * max(1.0, np.linalg.cond(M) * 1e-3))
 
 
 def mass_matrix(case):
     M = nonholonomic.mass_matrix(case.mechanism, case.q, case.time)
-    near(case.robot.mass_matrix(case.q, **case.t), M)
-    near(case.robot.inverse_mass_matrix(case.q, **case.t) @ M, np.eye(len(M)))
+    assert_close(case.robot.mass_matrix(case.q, **case.t), M)
+    assert_close(case.robot.inverse_mass_matrix(case.q, **case.t) @ M, np.eye(len(M)))
 
 
 def bias(case):
-    near(case.robot.bias_force(case.q, case.u, **case.t), inverse(case, udot=0.0 * case.u))
+    assert_close(case.robot.bias_force(case.q, case.u, **case.t), inverse(case, udot=0.0 * case.u))
 
 
 def gravity(case):
     force = kane.gravity_force(case.robot.model, case.q)
-    near(case.robot.gravity_force(case.q, **case.t), reduced(case, force))
+    assert_close(case.robot.gravity_force(case.q, **case.t), reduced(case, force))
 
 
 def friction_of_joints(case):
@@ -116,7 +116,7 @@ def friction_of_joints(case):
 def friction(case):
     force = reduced(case, friction_of_joints(case))
     given = (case.u,) if case.name in ('tree', 'flexible') else (case.u, case.q)
-    near(case.robot.friction_force(*given, **case.t), force)
+    assert_close(case.robot.friction_force(*given, **case.t), force)
 
 
 def brackets_of(model):
@@ -137,7 +137,7 @@ def coriolis(case):
 
     def reduced_M(q, t):
         return nonholonomic.mass_matrix(case.mechanism, q, t)
-    near(C + C.T, along(case, reduced_M), CLOSED)
+    assert_close(C + C.T, along(case, reduced_M), CLOSED)
     n = model.n
     by_q = np.array([slope(lambda s, k=k: M(joints_moved(model, case.q, s * np.eye(n)[k]), 0.0))
                      for k in range(n)])
@@ -149,12 +149,12 @@ def coriolis(case):
                          - np.einsum('jik,k->ij', brackets, qdot)
                          + np.einsum('ikj,k->ij', brackets, qdot))
     T_rate = along(case, partial(moved, case))
-    near(C, case.T.T @ (christoffel @ case.T + M(case.q, 0.0) @ T_rate), CLOSED)
+    assert_close(C, case.T.T @ (christoffel @ case.T + M(case.q, 0.0) @ T_rate), CLOSED)
     if not case.t:  # C u is the force of the speeds
         rest = inverse(case, 0.0 * case.u, 0.0 * case.u)
         force = inverse(case, udot=0.0 * case.u, friction=False) - inverse(
             case, 0.0 * case.u, 0.0 * case.u, friction=False)
-        near(C @ case.u, force + 0.0 * rest)
+        assert_close(C @ case.u, force + 0.0 * rest)
 
 
 def inverse_derivatives(case):
@@ -162,10 +162,10 @@ def inverse_derivatives(case):
     columns = [slope(lambda s, e=e: nonholonomic.inverse_dynamics(
         case.mechanism, case.q + s * e, case.u, case.udot, case.time))
         for e in np.eye(case.robot.n_q)]
-    near(tau_q, np.array(columns).T, CLOSED)
-    near(tau_u, np.array([slope(lambda s, e=e: inverse(case, case.u + s * e))
-                          for e in np.eye(case.robot.n)]).T, CLOSED)
-    near(M, nonholonomic.mass_matrix(case.mechanism, case.q, case.time))
+    assert_close(tau_q, np.array(columns).T, CLOSED)
+    assert_close(tau_u, np.array([slope(lambda s, e=e: inverse(case, case.u + s * e))
+                                  for e in np.eye(case.robot.n)]).T, CLOSED)
+    assert_close(M, nonholonomic.mass_matrix(case.mechanism, case.q, case.time))
 
 
 def forward_derivatives(case):
@@ -175,10 +175,10 @@ def forward_derivatives(case):
         case.mechanism, case.q + s * e, case.u, case.udot, case.time))
         for e in np.eye(case.robot.n_q)]
     M = nonholonomic.mass_matrix(case.mechanism, case.q, case.time)
-    near(-M @ udot_q, np.array(columns).T, CLOSED)
-    near(-M @ udot_u, np.array([slope(lambda s, e=e: inverse(case, case.u + s * e))
-                                for e in np.eye(case.robot.n)]).T, CLOSED)
-    near(W @ M, np.eye(len(M)), CLOSED)
+    assert_close(-M @ udot_q, np.array(columns).T, CLOSED)
+    assert_close(-M @ udot_u, np.array([slope(lambda s, e=e: inverse(case, case.u + s * e))
+                                        for e in np.eye(case.robot.n)]).T, CLOSED)
+    assert_close(W @ M, np.eye(len(M)), CLOSED)
 
 
 def partials(case, q, t):
@@ -187,25 +187,25 @@ def partials(case, q, t):
 
 
 def jacobian(case):
-    near(case.robot.jacobian(TOOL, case.q, **case.t), partials(case, case.q, case.time))
-    near(case.robot.jacobian_rate(TOOL, case.q, case.u, **case.t),
-         along(case, partial(partials, case)), CLOSED)
+    assert_close(case.robot.jacobian(TOOL, case.q, **case.t), partials(case, case.q, case.time))
+    assert_close(case.robot.jacobian_rate(TOOL, case.q, case.u, **case.t),
+                 along(case, partial(partials, case)), CLOSED)
 
 
 def frames(case):
     robot, (qdot, qddot) = case.robot, case.joint_motion
     J = kane.partial_velocities(robot.model, case.q, TOOL)
-    near(robot.frame_velocity(TOOL, case.q, case.u, **case.t), J @ qdot)
+    assert_close(robot.frame_velocity(TOOL, case.q, case.u, **case.t), J @ qdot)
     J_rate = slope(lambda s: kane.partial_velocities(robot.model, case.q + s * case.q_rate, TOOL))
-    near(robot.frame_acceleration(TOOL, case.q, case.u, case.udot, **case.t),
-         J @ qddot + J_rate @ qdot, CLOSED)
+    assert_close(robot.frame_acceleration(TOOL, case.q, case.u, case.udot, **case.t),
+                 J @ qddot + J_rate @ qdot, CLOSED)
 
 
 def kinetic_and_potential_energy(case):
     model, (qdot, _) = case.robot.model, case.joint_motion
-    near(case.robot.kinetic_energy(case.q, case.u, **case.t),
-         energies.kinetic_energy(model, case.q, qdot))
-    near(case.robot.potential_energy(case.q), energies.potential_energy(model, case.q))
+    assert_close(case.robot.kinetic_energy(case.q, case.u, **case.t),
+                 energies.kinetic_energy(model, case.q, qdot))
+    assert_close(case.robot.potential_energy(case.q), energies.potential_energy(model, case.q))
 
 
 def rigid(case):
@@ -226,9 +226,9 @@ def sources(case):
     inertia = reduced(case, -kane.generalized_inertia_force(model, case.q, qdot, qddot))
     expected = [M @ case.udot, inertia - M @ case.udot, reduced(case, weight),
                 reduced(case, friction_of_joints(case)), reduced(case, -still - weight)]
-    near(terms, expected)
-    near(robot.external_force(case.q, wrench=push[None], **case.t),
-         reduced(case, kane.partial_velocities(model, case.q, TOOL).T @ push))
+    assert_close(terms, expected)
+    assert_close(robot.external_force(case.q, wrench=push[None], **case.t),
+                 reduced(case, kane.partial_velocities(model, case.q, TOOL).T @ push))
 
 
 def by_body(case):
@@ -240,13 +240,13 @@ def by_body(case):
                                                    qddot))
     every = range(len(model.bodies))
     found = case.robot.body_torques(case.q, case.u, case.udot, **case.t)
-    near(found, [torque(k) for k in every])
-    near(found.sum(axis=0), torque(*every))
+    assert_close(found, [torque(k) for k in every])
+    assert_close(found.sum(axis=0), torque(*every))
 
 
 def regressor(case):
     Y = case.robot.regressor(case.q, case.u, case.udot, **case.t)
-    near(Y @ case.robot.inertial_parameters, rigid(case))
+    assert_close(Y @ case.robot.inertial_parameters, rigid(case))
 
 
 def joint_reactions(case):
@@ -271,14 +271,15 @@ def joint_reactions(case):
             j = body.joint.coordinate
             axis = kinematics.configurations(model, case.q)[k].axis
             part = reactions[k][3:] if body.joint.kind == 'revolute' else reactions[k][:3]
-            near(part @ axis, applied[j] - passive[j] - body.joint.armature * qddot[j], CLOSED)
+            assert_close(part @ axis, applied[j] - passive[j] - body.joint.armature * qddot[j],
+                         CLOSED)
     if 'closed loop' not in case.name:
         last = model.bodies[-1].inertial
 
         def speed(q, v):
             return kane.partial_velocities(model, q)[-1][:3] @ v
         acceleration = slope(lambda s: speed(case.q + s * case.q_rate, qdot + s * qddot))
-        near(reactions[-1][:3], last.mass * (acceleration - model.gravity), CLOSED)
+        assert_close(reactions[-1][:3], last.mass * (acceleration - model.gravity), CLOSED)
 
 
 def constraint_forces(case):
@@ -289,7 +290,7 @@ def constraint_forces(case):
     rows = case.mechanism.rows(case.mechanism.state(case.q, case.time))
     J = np.array(rows.J, dtype=float).reshape(-1, robot.model.n)
     needed = kane.inverse_dynamics(robot.model, case.q, qdot, qddot)
-    near(robot.joint_torques(tau, case.q, **case.t) + J.T @ forces, needed, CLOSED)
+    assert_close(robot.joint_torques(tau, case.q, **case.t) + J.T @ forces, needed, CLOSED)
 
 
 def workspace(case):
@@ -297,18 +298,18 @@ def workspace(case):
     place.q[:], place.u[:], place.udot[:] = case.q, case.u, case.udot
     if case.t:
         place.t[...] = case.time
-    near(place.inverse_dynamics(), inverse(case))
+    assert_close(place.inverse_dynamics(), inverse(case))
 
 
 def batches(case):
     q, u, udot = (np.tile(x, (5, 1)) for x in (case.q, case.u, case.udot))
     udot *= np.arange(5.0)[:, None]
-    near(case.robot.inverse_dynamics(q, u, udot, **case.t)[3], inverse(case, udot=udot[3]))
+    assert_close(case.robot.inverse_dynamics(q, u, udot, **case.t)[3], inverse(case, udot=udot[3]))
 
 
 def pickling(case):
     again = pickle.loads(pickle.dumps(case.robot))
-    near(again.inverse_dynamics(case.q, case.u, case.udot, **case.t), inverse(case))
+    assert_close(again.inverse_dynamics(case.q, case.u, case.udot, **case.t), inverse(case))
 
 
 def reference_step(case, h):
@@ -330,8 +331,8 @@ def simulation(case, integrator='rk4', step=1e-4, tolerance=CLOSED):
     run = simulate(case.robot, case.q, case.u, step, step=step, t0=case.time,
                    integrator=integrator)
     q, u = reference_step(case, step)
-    near(run.q[-1], q, tolerance)
-    near(run.u[-1], u, tolerance)
+    assert_close(run.q[-1], q, tolerance)
+    assert_close(run.u[-1], u, tolerance)
     assert run.drift < 1e-9
 
 
@@ -341,11 +342,11 @@ def on_a_gpu(case, step=1e-4):
              'wrench': np.zeros_like(case.robot.kernels.no_wrench)}
     with host_gpu():
         function = gpu.function(case.robot, 'inverse_dynamics')
-        near(values_of(function(*on_gpu(*(given[name] for name in function.names)))),
-             inverse(case))
+        assert_close(values_of(function(*on_gpu(*(given[name] for name in function.names)))),
+                     inverse(case))
         state = on_gpu(case.q, case.u, 0.0 * case.u)
         after = gpu.rollout(case.robot)(*state, h=step, steps=1, t=case.time, every_step=False)
-        near(values_of(after), np.concatenate(reference_step(case, step)), CLOSED)
+        assert_close(values_of(after), np.concatenate(reference_step(case, step)), CLOSED)
 
 
 def stopped(case):
@@ -364,11 +365,11 @@ def stopped(case):
     for integrator in INTEGRATORS:
         run = simulate(robot, case.q, case.u, 2 * h, step=h, t0=case.time, stops=True,
                        integrator=integrator)
-        near(run.u[-1], case.u - along * into / (row @ along), 1e-4)
-        near(run.q[-1, joint], case.q[joint] + 0.1 * h * into)
+        assert_close(run.u[-1], case.u - along * into / (row @ along), 1e-4)
+        assert_close(run.q[-1, joint], case.q[joint] + 0.1 * h * into)
         assert [event.joint for event in run.stop_events] == [robot.coordinate_names[joint]]
         if not case.t:
-            near(run.stop_events[0].loss, 0.5 * into**2 / (row @ along), 1e-4)
+            assert_close(run.stop_events[0].loss, 0.5 * into**2 / (row @ along), 1e-4)
 
 
 def implicit(case):
@@ -387,7 +388,7 @@ def rest_motion(case):
 def computed_torque(case):
     run = simulate(case.robot, case.q, case.u, 1e-5, step=1e-5, t0=case.time,
                    torque=ComputedTorque(case.robot, rest_motion(case), kp=10.0, kd=5.0))
-    near(run.tau[0], inverse(case, udot=-5.0 * case.u, friction=False))
+    assert_close(run.tau[0], inverse(case, udot=-5.0 * case.u, friction=False))
 
 
 def controller(case):
@@ -396,12 +397,12 @@ def controller(case):
                            (Mode.COMPUTED_TORQUE, inverse(case, udot=-5.0 * case.u,
                                                           friction=False))):
         law = Controller(case.robot, mode=mode, kp=10.0, kd=5.0)
-        near(case.T.T @ law.command(case.time, case.q, case.u, motion).tau, expected)
+        assert_close(case.T.T @ law.command(case.time, case.q, case.u, motion).tau, expected)
     if not case.robot.constraint_names:
         motion = Motion.from_points([0.0, 1.0], [motion.positions[0], motion.positions[0] + 0.3],
                                     joint_names=motion.joint_names)
         command = Controller(case.robot).command(0.3, case.q, case.u, motion)
-        near(command.tau, kane.inverse_dynamics(case.robot.model, *motion.sample(0.3)))
+        assert_close(command.tau, kane.inverse_dynamics(case.robot.model, *motion.sample(0.3)))
 
 
 def observed(case, force):
@@ -424,7 +425,7 @@ def observer(case):
     force = np.linspace(1.0, 2.0, case.robot.n)
     samples = observed(case, force)
     reached = 1.0 if case.t else -np.expm1(-60.0 * samples[-1][0])
-    near(samples[-1][1], reached * force, 1e-3 if case.t else CLOSED)
+    assert_close(samples[-1][1], reached * force, 1e-3 if case.t else CLOSED)
 
 
 def collision(case):
@@ -446,10 +447,10 @@ def balanced_power(case):
         q = case.q + s * case.q_rate
         return energies.kinetic_energy(model, q, v + s * accelerations) + (
             energies.potential_energy(model, q))
-    near(balance.joints + balance.constraints,
-         slope(energy) + friction_of_joints(case) @ v, 1e-8)
+    assert_close(balance.joints + balance.constraints,
+                 slope(energy) + friction_of_joints(case) @ v, 1e-8)
     if not case.t:
-        near(balance.joints, inverse(case) @ case.u, CLOSED)
+        assert_close(balance.joints, inverse(case) @ case.u, CLOSED)
 
 
 def drawn(case):
@@ -462,14 +463,14 @@ def drawn(case):
     try:
         for frame, placed in zip(window._stage._frames, kinematics.configurations(
                 robot.model, case.q)):
-            near(frame.position, placed.p_wb)
+            assert_close(frame.position, placed.p_wb)
     finally:
         window.close()
     figure = plot.plot_energy(robot, run)
     lines = {line.get_label(): line.get_ydata() for line in figure.axes[0].lines}
-    near(lines['kinetic'][0], energies.kinetic_energy(robot.model, case.q, v), CLOSED)
-    near(lines['total'][0] - lines['kinetic'][0],
-         energies.potential_energy(robot.model, case.q), CLOSED)
+    assert_close(lines['kinetic'][0], energies.kinetic_energy(robot.model, case.q, v), CLOSED)
+    assert_close(lines['total'][0] - lines['kinetic'][0],
+                 energies.potential_energy(robot.model, case.q), CLOSED)
     for figure in (plot.plot_trajectory(run), plot.plot_torque_by_source(robot, run),
                    plot.plot_reactions(robot, run)):
         assert all(np.isfinite(line.get_ydata()).all() for axes in figure.axes
@@ -484,7 +485,7 @@ def payload(case):
     added = inverse(heavy) - inverse(case)
     regressor = PayloadRegressor(robot, TOOL)
     Y = regressor(case.q, case.u, case.udot, case.time)
-    near(Y @ parameters_of(load.pseudo_inertia), added)
+    assert_close(Y @ parameters_of(load.pseudo_inertia), added)
     estimator = PayloadEstimator(robot, TOOL, np.full(robot.n, 1e-5))
     rng, run = np.random.default_rng(1), simulate(
         loaded, case.q, case.u, 1.5, step=5e-4, t0=case.time, sample=0.0125)
@@ -493,7 +494,7 @@ def payload(case):
         u, udot = size * [[1.0], [10.0]] * rng.normal(size=(2, robot.n))
         sample = replace(heavy, q=q, u=u, udot=udot, t={'t': t} if case.t else {})
         estimator.update(q, u, udot, inverse(sample), t=t)
-    near(Y @ estimator._parameters, added, CLOSED)
+    assert_close(Y @ estimator._parameters, added, CLOSED)
 
 
 def swept(case):
@@ -505,7 +506,7 @@ def swept(case):
                                 integrator=integrator, **start)).columns(0)
         for kind, names, expected in zip('qu', (robot.coordinate_names, robot.speed_names),
                                          reference_step(case, 1e-5)):
-            near([found[f'{kind}.{name}'][1] for name in names], expected, tolerance)
+            assert_close([found[f'{kind}.{name}'][1] for name in names], expected, tolerance)
     load = box(1.5, (0.1, 0.1, 0.1), at=(0.02, 0.03, 0.05))
     heavy = Robot(with_payload(twice_the_friction(robot.model), TOOL, load), **robot.options)
     found = Simulator(Sweep(
@@ -515,8 +516,8 @@ def swept(case):
                 name: 2.0 for name in robot.joint_names if 'mode' not in name})).columns(0)
     run = simulate(heavy, case.q, case.u, 0.02, step=1e-4, t0=case.time)
     assert found['ok'].all() and found['energy_closes'].all()
-    near([found[f'q.{name}'][0] for name in robot.coordinate_names], run.q[-1], CLOSED)
-    near([found[f'u.{name}'][0] for name in robot.speed_names], run.u[-1], CLOSED)
+    assert_close([found[f'q.{name}'][0] for name in robot.coordinate_names], run.q[-1], CLOSED)
+    assert_close([found[f'u.{name}'][0] for name in robot.speed_names], run.u[-1], CLOSED)
 
 
 def twice_the_friction(model):
@@ -545,7 +546,7 @@ def exported(case):
     loaded.out_inverse_dynamics.restype = None
     loaded.out_inverse_dynamics(*(x if x is None else x.ctypes.data_as(ctypes.c_void_p)
                                   for x in given))
-    near(result, inverse(case))
+    assert_close(result, inverse(case))
 
 
 def vibration(case):
@@ -564,8 +565,9 @@ def vibration(case):
     K = np.array([slope(partial(force, direction)) for direction in case.T.T]).T
     M = nonholonomic.mass_matrix(case.mechanism, case.q)
     square = np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)
-    near(np.sign(found.frequencies) * found.frequencies**2, square, CLOSED)
-    near(found.shapes.T @ kane.mass_matrix(model, case.q) @ found.shapes, np.eye(len(M)), CLOSED)
+    assert_close(np.sign(found.frequencies) * found.frequencies**2, square, CLOSED)
+    assert_close(found.shapes.T @ kane.mass_matrix(model, case.q) @ found.shapes, np.eye(len(M)),
+                 CLOSED)
 
 
 def balanced(case):
@@ -582,7 +584,7 @@ def balanced(case):
         by_turn = np.array([slope(partial(moment, q, unit)) for unit in units])
         turn = np.linalg.lstsq(by_turn.T, -here, rcond=1e-6)[0]
         q = joints_moved(model, q, turn @ units * min(1.0, 0.5 / np.abs(turn).max()))
-    near(here, 0.0 * here)
+    assert_close(here, 0.0 * here)
     return replace(case, q=q)
 
 
@@ -642,7 +644,7 @@ def held_by_actuators(case, bending, q, u, udot):
     speeds[:, places] = u[own], udot[own]
     mechanism = replace(case, robot=robot).mechanism
     tau = nonholonomic.inverse_dynamics(mechanism, whole, *speeds, 0.0)
-    near(np.delete(tau, places), np.zeros(robot.n - len(places)), 1e-7)  # modes
+    assert_close(np.delete(tau, places), np.zeros(robot.n - len(places)), 1e-7)  # modes
     result = np.zeros(len(joints))
     result[own] = tau[places]
     return result
@@ -658,7 +660,7 @@ def scaled(case):
         tau = held_by_actuators(case, bending, q, found.speed * u, found.speed**2 * udot)
         uses.append(max((np.abs(tau) / robot.limits.effort).max(),
                         np.abs(found.speed * u / robot.limits.velocity).max()))
-    near(uses[1], 1.0, 1e-6)
+    assert_close(uses[1], 1.0, 1e-6)
     assert uses[0] <= 1.0 + 1e-6
 
 
@@ -674,7 +676,7 @@ def timed(case):
     limits = robot.limits
     uses = [np.abs(values / bound).max(axis=1) for values, bound in (
         (tau, limits.effort), (states[1], limits.velocity), (states[2], 2.0))]
-    near(np.median(np.max(uses, axis=0)), 1.0, 1e-2)
+    assert_close(np.median(np.max(uses, axis=0)), 1.0, 1e-2)
     assert np.max(uses) <= 1.001
 
 
@@ -686,7 +688,7 @@ def optimized(case):
     plan = problem.solve(case.q, case.u, iterations=2)
     udot, at = np.diff(plan.u, axis=0) / problem.interval, case.time + problem.interval
     places = [robot.joint_names.index(name) for name in problem.actuator_names]
-    near(moved(case, plan.q[1], at)[places].T @ plan.tau[1], nonholonomic.inverse_dynamics(
+    assert_close(moved(case, plan.q[1], at)[places].T @ plan.tau[1], nonholonomic.inverse_dynamics(
         case.mechanism, plan.q[1], plan.u[1], udot[1], at), 1e-4)
 
 
@@ -698,11 +700,12 @@ def filled(case):
     (q,), (u,), (udot,) = all_joints(robot, motion, *(x[None] for x in (q, u, udot)))
     if bending is not None:
         tau = held_by_actuators(case, bending, q, u, udot)
-        near(done.efforts[0], tau[[robot.joint_names.index(name) for name in motion.joint_names]],
-             CLOSED)
+        assert_close(done.efforts[0],
+                     tau[[robot.joint_names.index(name) for name in motion.joint_names]],
+                     CLOSED)
         return
     T = moved(case, q, 0.0)  # each of the trajectory's joints has an actuator
-    near(done.efforts[0], np.linalg.solve(T[places].T, T.T @ kane.inverse_dynamics(
+    assert_close(done.efforts[0], np.linalg.solve(T[places].T, T.T @ kane.inverse_dynamics(
         robot.model, q, u, udot)), CLOSED if robot.constraint_names else TOLERANCE)
 
 
@@ -714,18 +717,19 @@ def demanded(case):
     k = int(np.argmin(np.abs(asked.t - moment)))
     t, q, qdot, qddot = asked.t[k], asked.q[k], asked.u[k], asked.udot[k]
     for mine, given in zip((q, qdot, qddot), motion.sample(t)):
-        near(mine[places], given)
+        assert_close(mine[places], given)
     if bending is not None:
-        near(asked.tau[k], held_by_actuators(case, bending, q, qdot, qddot), CLOSED)
+        assert_close(asked.tau[k], held_by_actuators(case, bending, q, qdot, qddot), CLOSED)
         return
 
     def missed(s):
         rows = case.mechanism.rows(case.mechanism.state(q + s * qdot, t + s))
         J, b = (np.array(x, dtype=float) for x in (rows.J, rows.b))
         return J.reshape(-1, robot.n_q) @ (qdot + s * qddot) - b
-    near(missed(0.0), 0.0 * missed(0.0), CLOSED)
-    near(slope(missed), 0.0 * missed(0.0), CLOSED)
+    assert_close(missed(0.0), 0.0 * missed(0.0), CLOSED)
+    assert_close(slope(missed), 0.0 * missed(0.0), CLOSED)
     rows = case.mechanism.rows(case.mechanism.state(q, t))
-    near([x or 0.0 for x in rows.residual], np.zeros(len(rows.residual)))
+    assert_close([x or 0.0 for x in rows.residual], np.zeros(len(rows.residual)))
     T = moved(case, q, t)
-    near(T.T @ asked.tau[k], T.T @ kane.inverse_dynamics(robot.model, q, qdot, qddot), CLOSED)
+    assert_close(T.T @ asked.tau[k], T.T @ kane.inverse_dynamics(robot.model, q, qdot, qddot),
+                 CLOSED)

@@ -11,7 +11,7 @@ import pytest
 SEEDS = range(2)
 
 
-def near(value, expected, relative=1e-11):
+def assert_close(value, expected, relative=1e-11):
     size = max(1.0, np.abs(expected).max())
     np.testing.assert_allclose(value, expected, rtol=0.0, atol=relative * size)
 
@@ -33,16 +33,16 @@ def test_dynamics_of_trees_with_ball_joints_are_pinocchios(seed):
     data = peer.createData()
     for q, u, udot in states(seed):
         tau = pin.rnea(peer, data, q, u, udot)
-        near(robot.inverse_dynamics(q, u, udot), tau)
+        assert_close(robot.inverse_dynamics(q, u, udot), tau)
         M = pin.crba(peer, data, q)
         M = np.triu(M) + np.triu(M, 1).T
-        near(robot.mass_matrix(q), M)
-        near(robot.inverse_mass_matrix(q) @ M, np.eye(robot.n), 1e-14 * np.linalg.cond(M))
-        near(robot.forward_dynamics(q, u, tau), udot, 1e-14 * np.linalg.cond(M))
-        near(robot.gravity_force(q), pin.computeGeneralizedGravity(peer, data, q))
-        near(robot.kinetic_energy(q, u), pin.computeKineticEnergy(peer, data, q, u))
-        near(robot.potential_energy(q), pin.computePotentialEnergy(peer, data, q))
-        near(robot.center_of_mass(q), pin.centerOfMass(peer, data, q))
+        assert_close(robot.mass_matrix(q), M)
+        assert_close(robot.inverse_mass_matrix(q) @ M, np.eye(robot.n), 1e-14 * np.linalg.cond(M))
+        assert_close(robot.forward_dynamics(q, u, tau), udot, 1e-14 * np.linalg.cond(M))
+        assert_close(robot.gravity_force(q), pin.computeGeneralizedGravity(peer, data, q))
+        assert_close(robot.kinetic_energy(q, u), pin.computeKineticEnergy(peer, data, q, u))
+        assert_close(robot.potential_energy(q), pin.computePotentialEnergy(peer, data, q))
+        assert_close(robot.center_of_mass(q), pin.centerOfMass(peer, data, q))
 
 
 @pytest.mark.parametrize('seed', [1])
@@ -54,12 +54,12 @@ def test_frames_behind_ball_joints_are_pinocchios(seed):
         pin.computeJointJacobiansTimeVariation(peer, data, q, u)
         pin.updateFramePlacements(peer, data)
         world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        near(robot.frame_pose('tool', q), data.oMf[tool].homogeneous)
-        near(robot.jacobian('tool', q), pin.getFrameJacobian(peer, data, tool, world))
-        near(robot.jacobian_rate('tool', q, u),
-             pin.getFrameJacobianTimeVariation(peer, data, tool, world))
-        near(robot.frame_acceleration('tool', q, u, udot),
-             pin.getFrameClassicalAcceleration(peer, data, tool, world).vector)
+        assert_close(robot.frame_pose('tool', q), data.oMf[tool].homogeneous)
+        assert_close(robot.jacobian('tool', q), pin.getFrameJacobian(peer, data, tool, world))
+        assert_close(robot.jacobian_rate('tool', q, u),
+                     pin.getFrameJacobianTimeVariation(peer, data, tool, world))
+        assert_close(robot.frame_acceleration('tool', q, u, udot),
+                     pin.getFrameClassicalAcceleration(peer, data, tool, world).vector)
 
 
 @pytest.mark.parametrize('seed', [0])
@@ -71,8 +71,8 @@ def test_derivatives_along_the_joints_are_pinocchios(seed):
         by_q, by_u, _ = robot.inverse_dynamics_derivatives(q, u, udot)
         along = robot.derivative('joint_rates', q, u, by='u')
         expected = pin.computeRNEADerivatives(peer, data, q, u, udot)
-        near(by_q @ along, expected[0], 1e-10)
-        near(by_u, expected[1], 1e-10)
+        assert_close(by_q @ along, expected[0], 1e-10)
+        assert_close(by_u, expected[1], 1e-10)
 
 
 @pytest.mark.parametrize('seed', SEEDS)
@@ -80,8 +80,8 @@ def test_integrate_and_difference_are_pinocchios(seed):
     robot, peer = robot_of(seed), peer_of(random_ball_tree(seed))
     for q, u, _ in states(seed):
         ahead = pin.integrate(peer, q, 0.7 * u)
-        near(robot.integrate(q, u, 0.7), ahead, 1e-14)
-        near(robot.difference(q, ahead), pin.difference(peer, q, ahead), 1e-13)
+        assert_close(robot.integrate(q, u, 0.7), ahead, 1e-14)
+        assert_close(robot.difference(q, ahead), pin.difference(peer, q, ahead), 1e-13)
 
 
 def test_a_free_flying_arm_is_pinocchios_free_flyer():
@@ -106,4 +106,4 @@ def test_a_free_flying_arm_is_pinocchios_free_flyer():
     v[:3] = R.T @ u[:3]
     a[:3] = R.T @ udot[:3] - np.cross(u[3:6], v[:3])
     tau = pin.rnea(peer, data, q, v, a)
-    near(robot.inverse_dynamics(q, u, udot), np.concatenate([R @ tau[:3], tau[3:]]))
+    assert_close(robot.inverse_dynamics(q, u, udot), np.concatenate([R @ tau[:3], tau[3:]]))

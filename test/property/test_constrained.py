@@ -21,14 +21,14 @@ import numpy as np
 import pytest
 
 
-def compiled_road(mechanism):
+def compiled_equations(mechanism):
     """Return the equations that are compiled."""
     return Equations(TreeEquations(mechanism.model), mechanism)
 
 
-def check_roads(mechanism, seed):
+def check_formulations(mechanism, seed):
     """Compare inverse dynamics, motion, constraint rows and power of one state."""
-    model, equations = mechanism.model, compiled_road(mechanism)
+    model, equations = mechanism.model, compiled_equations(mechanism)
     q, u, udot = states(mechanism, seed)
     tau = equations.inverse_dynamics(q, u, udot, None, model.gravity, T).astype(float)
     expected = nonholonomic.inverse_dynamics(mechanism, q, u, udot, T)
@@ -59,7 +59,7 @@ def check_roads(mechanism, seed):
 @pytest.mark.parametrize('speeds', ['rates', 'absolute', 'momenta', 'wavy'])
 @pytest.mark.parametrize('kind', KINDS)
 def test_compiled_equations_match_kanes_definition_on_trees(kind, speeds, seed):
-    check_roads(tree(seed, kind, speeds), seed)
+    check_formulations(tree(seed, kind, speeds), seed)
 
 
 @pytest.mark.parametrize('kind', ['revolute', 'spherical'])
@@ -68,7 +68,7 @@ def test_compiled_equations_match_kanes_definition_on_a_closed_loop(kind):
         Closure('pin_coupler', 'pin_rocker', kind, axis=(0, 1, 0)),))
     assert mechanism.n == 1
     assert len(mechanism.kept) == 2  # the out-of-plane rows are dependent
-    check_roads(mechanism, 1)
+    check_formulations(mechanism, 1)
 
 
 def test_compiled_equations_match_kanes_definition_on_a_chain_welded_at_both_ends():
@@ -78,7 +78,7 @@ def test_compiled_equations_match_kanes_definition_on_a_chain_welded_at_both_end
     model = replace(chain, frames=(*chain.frames, Frame('dock', WORLD, R, p)))
     mechanism = choose_independent(model, None, (Closure(tip.name, 'dock', 'weld'),))
     assert mechanism.n == 2
-    check_roads(mechanism, 4)
+    check_formulations(mechanism, 4)
 
 
 def test_compiled_equations_match_kanes_definition_on_a_rolling_disc():
@@ -86,13 +86,13 @@ def test_compiled_equations_match_kanes_definition_on_a_rolling_disc():
         mechanism = choose_independent(rolling_disc(), speeds,
                                        (Rolling('disc', 0.3, axis=(0, 1, 0)),))
         assert mechanism.n == 3
-        check_roads(mechanism, 2)
+        check_formulations(mechanism, 2)
 
 
 def test_constraint_forces_are_what_is_missing_from_the_joints_balance():
     mechanism = choose_independent(linkage_of_four_bars(), None, (
         Closure('pin_coupler', 'pin_rocker', 'spherical'),), ('crank',))
-    equations, (q, u, udot) = check_roads(mechanism, 3)
+    equations, (q, u, udot) = check_formulations(mechanism, 3)
     g = mechanism.model.gravity
     tau = equations.inverse_dynamics(q, u, udot, None, g, T).astype(float)
     motor = np.array([tau[0], 0.0, 0.0])
@@ -131,12 +131,12 @@ def test_a_constrained_arm_costs_less_than_three_plain_ones():
 
 @pytest.mark.parametrize('kind', CLOSURES)
 def test_compiled_equations_are_kanes_definition_under_every_closure(kind):
-    check_roads(choose_independent(two_bodies_on_a_base(), None, (closure(kind),)), 3)
+    check_formulations(choose_independent(two_bodies_on_a_base(), None, (closure(kind),)), 3)
 
 
 @pytest.mark.parametrize('kind', ROLLING_TESTED)
 def test_compiled_equations_are_kanes_definition_in_rolling_on_a_moving_surface(kind):
-    check_roads(rolling_pair(kind), 4)
+    check_formulations(rolling_pair(kind), 4)
 
 
 @pytest.mark.parametrize('seed', range(12))
@@ -172,4 +172,4 @@ def test_rows_of_a_loop_are_found_by_their_place_not_by_their_name():
     bound = Coupling(names[1], {names[0]: 1.0}, name='pin/x')
     mechanism = choose_independent(model, None, (
         replace(closure('spherical'), name='pin'), bound))
-    check_roads(mechanism, 3)
+    check_formulations(mechanism, 3)

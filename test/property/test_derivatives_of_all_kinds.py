@@ -68,7 +68,7 @@ def state_of(kind, seed=0):
     return (robot.closed_posture(q, t=T) if kind == 'time-dependent' else q), u, udot
 
 
-def near(value, expected, relative=1e-11):
+def assert_close(value, expected, relative=1e-11):
     """Assert that two arrays agree to a share of the largest entry."""
     size = 1e-2 + np.abs(expected).max(initial=0.0)
     np.testing.assert_allclose(value, expected, rtol=0.0, atol=relative * size)
@@ -84,9 +84,9 @@ def test_inverse_dynamics_derivatives_are_the_definitions(kind):
     robot, state = robot_of(kind), state_of(kind)
     expected = expected_slopes(robot, state)
     for one, other in zip(robot.inverse_dynamics_derivatives(*state, t=T), expected):
-        near(one, other)
+        assert_close(one, other)
     if robot.equations.timed:
-        near(robot.derivative('inverse_dynamics', *state, by='t', t=T), expected[3][:, 0])
+        assert_close(robot.derivative('inverse_dynamics', *state, by='t', t=T), expected[3][:, 0])
 
 
 @pytest.mark.parametrize('kind', KINDS)
@@ -96,7 +96,7 @@ def test_forward_dynamics_derivatives_are_the_definitions(kind):
     tau = robot.inverse_dynamics(q, u, udot, t=T)
     found = robot.forward_dynamics_derivatives(q, u, tau, t=T)
     for one, other in zip(found, (-by_q, -by_u, np.eye(robot.n))):
-        near(M @ one, other, 1e-15 * np.linalg.cond(M) + 1e-10)
+        assert_close(M @ one, other, 1e-15 * np.linalg.cond(M) + 1e-10)
 
 
 @pytest.mark.parametrize('seed', range(8))
@@ -107,7 +107,7 @@ def test_derivatives_of_random_mechanisms_with_loops_are_the_definitions(seed):
     u, udot = rng.uniform(-1.0, 1.0, (2, robot.n))
     program = robot.kernels.program('inverse_dynamics_derivatives')
     value = evaluate(program, [q, u, udot, robot.parameters.block])
-    near(value, np.hstack(slopes_of_definition(robot.mechanism, q, u, udot)[:3]), 1e-10)
+    assert_close(value, np.hstack(slopes_of_definition(robot.mechanism, q, u, udot)[:3]), 1e-10)
 
 
 @pytest.mark.parametrize('kind', KINDS)
@@ -129,7 +129,7 @@ def test_every_quantity_has_a_vjp_and_a_jvp(kind):
                    for x in np.ravel(moving(value, rate))]
         expected = rates(inlined(program, numbers)).reshape(program.shape)
         jvp = robot.kernels.program(name, '', Derivative('jvp', by))
-        near(evaluate(jvp, [*(tangents[key] for key in by), *given]), expected)
+        assert_close(evaluate(jvp, [*(tangents[key] for key in by), *given]), expected)
         w = rng.normal(size=program.shape)
         vjp = robot.kernels.program(name, '', Derivative('vjp', by))
         gradient = evaluate(vjp, [w, *given])
@@ -150,25 +150,27 @@ def test_derivatives_with_respect_to_wrench_and_parameters(kind):
     # The torque is linear in each of them.
     none, t = np.zeros_like(push), {'t': T}
     tau = robot.inverse_dynamics(*state.values(), **t)
-    near(by[0][:, 0] @ push[0], robot.inverse_dynamics(*state.values(), wrench=push, **t) - tau)
-    near(by[0][:, 0] @ push[0], -robot.external_force(q, wrench=push, **t))
+    assert_close(by[0][:, 0] @ push[0],
+                 robot.inverse_dynamics(*state.values(), wrench=push, **t) - tau)
+    assert_close(by[0][:, 0] @ push[0], -robot.external_force(q, wrench=push, **t))
     other = robot.copy()
     other.parameters.gravity = none[0, :3]
-    near(by[1] @ robot.parameters.gravity, tau - other.inverse_dynamics(*state.values(), **t))
+    assert_close(by[1] @ robot.parameters.gravity,
+                 tau - other.inverse_dynamics(*state.values(), **t))
     other = robot.copy()
     other.parameters.payload = None
-    near(by[2] @ robot.parameters.block[3:13],
-         tau - other.inverse_dynamics(*state.values(), **t))
+    assert_close(by[2] @ robot.parameters.block[3:13],
+                 tau - other.inverse_dynamics(*state.values(), **t))
     # With a wrench, the matrices differ by the slope of its generalized force.
     matrices = robot.inverse_dynamics_derivatives(*state.values(), wrench=push, **t)
     for one, other in zip(matrices, robot.derivative('inverse_dynamics', *state.values(),
                                                      wrench=push, **t)):
-        near(one, other)
+        assert_close(one, other)
     forward = robot.forward_dynamics(q, u, tau, wrench=push, **t)
     by_q, by_u, M = robot.inverse_dynamics_derivatives(q, u, forward, wrench=push, **t)
     found = robot.forward_dynamics_derivatives(q, u, tau, wrench=push, **t)
     for one, other in zip(found, (-by_q, -by_u, np.eye(robot.n))):
-        near(M @ one, other, 1e-9)
+        assert_close(M @ one, other, 1e-9)
 
 
 @pytest.mark.parametrize('kind', ['tree', 'closed loop', 'time-dependent'])
@@ -183,10 +185,10 @@ def test_a_batch_of_derivatives_gives_those_of_its_states(kind):
     for k in range(count):
         at_k = [x[k] for x in states]
         for one, batch in zip(robot.vjp('inverse_dynamics', w[k], *at_k, t=T), gradients):
-            near(batch[k], one, 1e-13)
+            assert_close(batch[k], one, 1e-13)
         for one, batch in zip(robot.derivative('inverse_dynamics', *at_k, t=T), matrices):
-            near(batch[k], one, 1e-13)
-        near(changes[k], matrices[1][k] @ w[k], 1e-13)
+            assert_close(batch[k], one, 1e-13)
+        assert_close(changes[k], matrices[1][k] @ w[k], 1e-13)
 
 
 def test_the_slope_along_an_admissible_motion_is_that_of_the_closed_loop():
@@ -202,14 +204,14 @@ def test_quantities_of_frames_and_joints_have_derivatives():
     robot, (q, u, udot) = robot_of('tree'), state_of('tree')
     tip = robot.model.frames[-1].name
     pose_by_q = robot.derivative(f'frame_pose:{tip}', q, by='q')
-    near(pose_by_q[:3, 3], robot.jacobian(tip, q)[:3])
-    near(robot.jvp(f'jacobian:{tip}', {'q': u}, q), robot.jacobian_rate(tip, q, u))
-    near(robot.vjp(f'frame_velocity:{tip}', np.ones(6), q, u, by='u'),
-         np.ones(6) @ robot.jacobian(tip, q))
+    assert_close(pose_by_q[:3, 3], robot.jacobian(tip, q)[:3])
+    assert_close(robot.jvp(f'jacobian:{tip}', {'q': u}, q), robot.jacobian_rate(tip, q, u))
+    assert_close(robot.vjp(f'frame_velocity:{tip}', np.ones(6), q, u, by='u'),
+                 np.ones(6) @ robot.jacobian(tip, q))
     joint = robot.joint_names[0]
     reaction = robot.derivative(f'joint_reaction:{joint}', q, u, udot, by='udot')
-    near(reaction @ udot, robot.joint_reaction(joint, q, u, udot)
-         - robot.joint_reaction(joint, q, u, np.zeros(4)))
+    assert_close(reaction @ udot, robot.joint_reaction(joint, q, u, udot)
+                 - robot.joint_reaction(joint, q, u, np.zeros(4)))
 
 
 def test_second_derivatives_are_those_of_the_first():
@@ -225,7 +227,7 @@ def test_second_derivatives_are_those_of_the_first():
     # tau is quadratic in u, so the slope of dtau/dq_1 in u is twice its part in u^2 per u.
     fast, still = (robot.inverse_dynamics_derivatives(q, x * u, 0.0 * u)[0][0, 1]
                    for x in (1.0, 0.0))
-    near(by_u * u, 2.0 * (fast - still))
+    assert_close(by_u * u, 2.0 * (fast - still))
 
 
 @pytest.mark.parametrize('call, message', [

@@ -76,7 +76,7 @@ def guess_of(name):
     return state(robot_at(name, 1.0))[0]
 
 
-def near(value, expected, tolerance=TOLERANCE):
+def assert_close(value, expected, tolerance=TOLERANCE):
     size = np.abs(expected).max(initial=0.0) or 1.0
     np.testing.assert_allclose(value, expected, rtol=0.0, atol=tolerance * size)
 
@@ -93,23 +93,25 @@ def test_quantities_scale(name, s):
     if one.constraint_names:
         q = one.closed_posture(guess, t=T)
         q_other = other.closed_posture(of_q * guess, t=T)
-        near(q_other / of_q, q)
+        assert_close(q_other / of_q, q)
         assert other.mechanism.kept == one.mechanism.kept
     rng = np.random.default_rng(2)
     u, udot, tau = rng.uniform(-1.0, 1.0, (3, one.n))
     force = s**2 / of_u
     given = q_other, of_u * u
-    near(other.inverse_dynamics(*given, of_u * udot, **t) / force,
-         one.inverse_dynamics(q, u, udot, **t))
-    near(other.forward_dynamics(*given, force * tau, **t) / of_u,
-         one.forward_dynamics(q, u, tau, **t), 1e-8)
-    near(other.mass_matrix(q_other, **t) / np.outer(force, 1.0 / of_u), one.mass_matrix(q, **t))
-    near(other.friction_force(of_u * u, q_other, **t) / force, one.friction_force(u, q, **t))
-    near(other.kinetic_energy(*given, **t) / s**2, one.kinetic_energy(q, u, **t))
-    near(other.potential_energy(q_other) / s**2, one.potential_energy(q))
+    assert_close(other.inverse_dynamics(*given, of_u * udot, **t) / force,
+                 one.inverse_dynamics(q, u, udot, **t))
+    assert_close(other.forward_dynamics(*given, force * tau, **t) / of_u,
+                 one.forward_dynamics(q, u, tau, **t), 1e-8)
+    assert_close(other.mass_matrix(q_other, **t) / np.outer(force, 1.0 / of_u),
+                 one.mass_matrix(q, **t))
+    assert_close(other.friction_force(of_u * u, q_other, **t) / force,
+                 one.friction_force(u, q, **t))
+    assert_close(other.kinetic_energy(*given, **t) / s**2, one.kinetic_energy(q, u, **t))
+    assert_close(other.potential_energy(q_other) / s**2, one.potential_energy(q))
     if one.constraint_names:
-        near(other.constraint_forces(*given, force * tau, **t) / (s**2 / of_rows),
-             one.constraint_forces(q, u, tau, **t), 1e-8)
+        assert_close(other.constraint_forces(*given, force * tau, **t) / (s**2 / of_rows),
+                     one.constraint_forces(q, u, tau, **t), 1e-8)
 
 
 @pytest.mark.parametrize('s', SCALES)
@@ -125,11 +127,11 @@ def test_simulations_scale(name, s):
     u = np.linspace(0.5, 1.0, one.n)
     runs = [simulate(robot, *start, 0.2, step=1e-3, t0=T, sample=0.02) for robot, start in (
         (one, (q, u)), (other, (q_other, of_u * u)))]
-    near(runs[1].q / of_q, runs[0].q, 1e-8)
-    near(runs[1].u / of_u, runs[0].u, 1e-8)
-    near(runs[1].udot / of_u, runs[0].udot, 1e-7)
-    near(runs[1].energy / s**2, runs[0].energy, 1e-8)
-    near(runs[1].constraint_forces / (s**2 / of_rows), runs[0].constraint_forces, 1e-7)
+    assert_close(runs[1].q / of_q, runs[0].q, 1e-8)
+    assert_close(runs[1].u / of_u, runs[0].u, 1e-8)
+    assert_close(runs[1].udot / of_u, runs[0].udot, 1e-7)
+    assert_close(runs[1].energy / s**2, runs[0].energy, 1e-8)
+    assert_close(runs[1].constraint_forces / (s**2 / of_rows), runs[0].constraint_forces, 1e-7)
     assert len(runs[1].speed_changes) == len(runs[0].speed_changes)
     assert np.abs(runs[1].constraint_residual / of_rows).max(initial=0.0) < 1e-11
 
@@ -147,8 +149,8 @@ def test_speed_changes_and_stops_scale(s):
     assert [change.t for change in other.speed_changes] == [
         change.t for change in one.speed_changes]
     assert [event.t for event in other.stop_events] == [event.t for event in one.stop_events]
-    near(other.q, one.q, 1e-8)
-    near(other.stop_forces / s**2, one.stop_forces, 1e-6)
+    assert_close(other.q, one.q, 1e-8)
+    assert_close(other.stop_forces / s**2, one.stop_forces, 1e-6)
 
 
 @pytest.mark.parametrize('s', SCALES)
@@ -174,8 +176,8 @@ def test_a_slide_at_its_stop_scales(s):
         return found, of_q
     (one, _), (other, of_q) = run(1.0), run(s)
     assert len(one.stop_events) == len(other.stop_events) > 0
-    near(other.q / of_q, one.q, 1e-7)
-    near(other.stop_forces / (s**2 / of_q), one.stop_forces, 1e-5)
+    assert_close(other.q / of_q, one.q, 1e-7)
+    assert_close(other.stop_forces / (s**2 / of_q), one.stop_forces, 1e-5)
     assert one.stop_forces.any()
 
 
@@ -199,9 +201,9 @@ def test_inverse_kinematics_and_vibrations_scale(s):
     found = [inverse_kinematics(robot, 'tool', pose, q + 0.05) for robot, pose in (
         (one, target), (other, scaled_target))]
     assert found[0].converged == found[1].converged
-    near(found[1].q, found[0].q, 1e-6)
+    assert_close(found[1].q, found[0].q, 1e-6)
     frequencies = [natural_vibration(robot, q).frequencies for robot in (one, other)]
-    near(frequencies[1], frequencies[0], 1e-8)
+    assert_close(frequencies[1], frequencies[0], 1e-8)
 
 
 @pytest.mark.slow
@@ -216,6 +218,6 @@ def test_a_five_bar_scales_on_its_stop(s):
         robot.limits = replace(robot.limits, upper=np.array([2.2, np.inf, np.inf, np.inf]))
         runs.append(simulate(robot, q, np.zeros(2), 0.1, stops=True, sample=0.01,
                              torque=scale**2 * np.array([60.0, 5.0])))
-    near(runs[1].q, runs[0].q, 1e-9)
-    near(runs[1].stop_forces / s**2, runs[0].stop_forces, 1e-6)
-    near(runs[1].udot, runs[0].udot, 1e-6)
+    assert_close(runs[1].q, runs[0].q, 1e-9)
+    assert_close(runs[1].stop_forces / s**2, runs[0].stop_forces, 1e-6)
+    assert_close(runs[1].udot, runs[0].udot, 1e-6)

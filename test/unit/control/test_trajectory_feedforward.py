@@ -48,7 +48,7 @@ def inside(times, count=101):
     return np.linspace(times[0], times[-1], count)[1:-1]
 
 
-def given(kind):
+def points_with_derivatives(kind):
     """Return positions, then with velocities, then with accelerations, of a smooth motion."""
     spline = CubicSpline(TIMES, POINTS, bc_type='clamped')
     return [POINTS, spline(TIMES, 1), spline(TIMES, 2)][:kind]
@@ -56,8 +56,9 @@ def given(kind):
 
 @pytest.mark.parametrize('kind', [1, 2, 3])
 def test_efforts_are_those_of_the_motion_that_the_controller_executes(kind):
-    filled = fill_trajectory(arm(), TIMES, *given(kind))
-    for mine, theirs in zip((filled.positions, filled.velocities), given(kind), strict=False):
+    filled = fill_trajectory(arm(), TIMES, *points_with_derivatives(kind))
+    for mine, theirs in zip((filled.positions, filled.velocities), points_with_derivatives(kind),
+                            strict=False):
         np.testing.assert_array_equal(mine, theirs)
     np.testing.assert_allclose(filled.efforts, arm().inverse_dynamics(
         filled.positions, filled.velocities, filled.accelerations), rtol=0, atol=1e-12)
@@ -76,7 +77,7 @@ def test_positions_only_give_the_cubic_spline_between_inner_points():
 @pytest.mark.parametrize('kind', [1, 2, 3])
 def test_a_trajectory_from_rest_to_rest_ends_with_the_effort_that_holds_the_arm(kind):
     """The controller holds the last effort for as long as it holds the last point."""
-    filled = fill_trajectory(arm(), TIMES, *given(kind))
+    filled = fill_trajectory(arm(), TIMES, *points_with_derivatives(kind))
     assert not filled.accelerations[-1].any()
     np.testing.assert_allclose(filled.efforts[-1], arm().gravity_force(POINTS[-1]), atol=1e-12)
 
@@ -96,8 +97,8 @@ def test_accelerations_at_points_are_the_mean_of_both_cubics():
 @pytest.mark.parametrize('tolerance', [1.0, 0.05])
 @pytest.mark.parametrize('kind', [1, 2, 3])
 def test_inserted_points_keep_the_interpolated_effort_within_the_tolerance(kind, tolerance):
-    plain = fill_trajectory(arm(), TIMES, *given(kind))
-    filled = fill_trajectory(arm(), TIMES, *given(kind), tolerance=tolerance)
+    plain = fill_trajectory(arm(), TIMES, *points_with_derivatives(kind))
+    filled = fill_trajectory(arm(), TIMES, *points_with_derivatives(kind), tolerance=tolerance)
     assert filled.inserted == len(filled.times) - len(TIMES) > 0
     assert set(TIMES) <= set(filled.times)
     assert (filled.effort_error <= tolerance).all()
@@ -182,7 +183,8 @@ def test_some_joints_in_any_order_with_the_others_at_rest():
 
 @pytest.mark.parametrize('kind', [1, 2, 3])
 def test_a_later_first_point_is_approached_from_the_start(kind):
-    filled = fill_trajectory(arm(), TIMES + 0.5, *given(kind), start=(HOME, None, None))
+    filled = fill_trajectory(arm(), TIMES + 0.5, *points_with_derivatives(kind),
+                             start=(HOME, None, None))
     assert filled.times[0] == 0.0
     assert len(filled.times) == 6
     np.testing.assert_array_equal(filled.positions[0], HOME)

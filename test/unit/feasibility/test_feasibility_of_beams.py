@@ -49,7 +49,7 @@ def test_no_higher_speed_keeps_the_limits_and_the_one_found_does(power):
 
 
 @cache
-def weak(stiffness, strength):
+def arm_with_weaker_beams(stiffness, strength):
     """Return the arm with weaker beams and stronger motors without limits of speed."""
     data = yaml.safe_load(BENDING.read_text())
     for beam in data['beams'].values():
@@ -64,7 +64,7 @@ def weak(stiffness, strength):
 @pytest.mark.parametrize('stiffness, strength', [(0.05, 1.0), (0.1, 3.0), (0.3, 10.0),
                                                  (1.0, 30.0)])
 def test_the_highest_speed_is_found_where_deflections_change_it_much(stiffness, strength):
-    bending, rigid = weak(stiffness, strength)
+    bending, rigid = arm_with_weaker_beams(stiffness, strength)
     given = {'step': STEP, 'bending': bending}
     found = fastest(rigid, REACH, **given)
     assert found.limit == 'effort'
@@ -73,7 +73,7 @@ def test_the_highest_speed_is_found_where_deflections_change_it_much(stiffness, 
 
 
 def test_a_speed_that_only_the_stiffness_bounds_is_refused():
-    bending, rigid = weak(0.1, 100.0)
+    bending, rigid = arm_with_weaker_beams(0.1, 100.0)
     with pytest.raises(InputError, match='load on the beams of two_link: no equilibrium found'):
         fastest(rigid, REACH, step=STEP, bending=bending)
 

@@ -25,7 +25,7 @@ def model():
 
 
 @cache
-def good():
+def good_recording():
     """Return a recording of the arm with friction and noise."""
     return simulated(load_urdf(URDF, supplement={'joints': FRICTION}), 2, 0.5, duration=10.0)
 
@@ -144,13 +144,13 @@ FAULTS = {
 @pytest.mark.parametrize('fault', FAULTS)
 def test_fault_of_a_recording_is_named(fault):
     change, level, words = FAULTS[fault]
-    found = diagnose(model(), change(good()))
+    found = diagnose(model(), change(good_recording()))
     assert {finding.level for finding in found} == {level}
     matching = [finding.words for finding in found]
     assert any(re.search(words, each) for each in matching), matching
 
 
-def named(model, r, joint, words):
+def names_joint_alone(model, r, joint, words):
     """Return whether a fault is named with its joint, and no other joint with it."""
     others = [f"'{name}'" for k, name in enumerate(model.joint_names) if k != joint]
     findings = [finding.words for finding in diagnose(model, r)]
@@ -164,7 +164,7 @@ def named(model, r, joint, words):
     ('spike', 1), ('frozen', 3), ('zero', 2), ('degrees', 1)])
 def test_fault_of_a_joint_is_named_with_that_joint_only(fault, joint):
     change, words = JOINT_FAULTS[fault]
-    assert named(model(), change(good(), joint), joint, words)
+    assert names_joint_alone(model(), change(good_recording(), joint), joint, words)
 
 
 @pytest.mark.slow
@@ -178,7 +178,7 @@ def test_ninety_of_hundred_faults_of_single_joints_are_named():
     r = simulated(truth, 3, 0.05, duration=20.0, speed=1.5)
     assert diagnose(arm, r) == []
     missed = [(fault, joint) for fault, (change, words) in JOINT_FAULTS.items()
-              for joint in range(7) if not named(arm, change(r, joint), joint, words)]
+              for joint in range(7) if not names_joint_alone(arm, change(r, joint), joint, words)]
     assert len(missed) <= 0.1 * 7 * len(JOINT_FAULTS), missed
 
 
@@ -197,7 +197,7 @@ def test_identify_refuses_what_replay_remarks_on_and_both_what_cannot_be(tmp_pat
         path = tmp_path / name
         np.savez(path, t=r.t, q=r.q, u=r.u, udot=r.udot, tau=r.tau)
         return str(path)
-    wrong = saved('wrong.npz', turned(good(), ['tau']))
+    wrong = saved('wrong.npz', turned(good_recording(), ['tau']))
     assert main(['replay', str(URDF), wrong, '--json']) == 0
     assert 'opposite sign' in json.loads(capsys.readouterr().out)['remarks'][0]
     arguments = ['identify', str(URDF), wrong, '--friction-only']
@@ -205,7 +205,7 @@ def test_identify_refuses_what_replay_remarks_on_and_both_what_cannot_be(tmp_pat
     assert "'wrist_1_joint' have the opposite sign" in capsys.readouterr().err
     assert main([*arguments, '--as-recorded']) == 0
     assert 'warning: efforts of joint' in capsys.readouterr().err
-    impossible = saved('impossible.npz', replace(good(), t=1e3 * good().t))
+    impossible = saved('impossible.npz', replace(good_recording(), t=1e3 * good_recording().t))
     for command in ('replay', 'identify'):
         assert main([command, str(URDF), impossible]) == 2
         assert 'milliseconds' in capsys.readouterr().err

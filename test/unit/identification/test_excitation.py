@@ -31,7 +31,7 @@ def arm():
 
 
 @cache
-def found():
+def exciting_motion():
     """Return a motion for the arm."""
     return excite(arm(), starts=1, share=SHARE, floor=FLOOR, distance=None)
 
@@ -45,15 +45,17 @@ def test_condition_number_is_less_than_half_of_that_of_random_motions_within_the
     judge, rng = design(arm()), np.random.default_rng(1)
     others = [within(judge, random_motion(judge, rng))[0] for _ in range(30)]
     conditions = [judge.condition(p) for p in others]
-    assert found().condition == pytest.approx(judge.condition(found().coefficients))
-    assert found().condition < 0.5 * np.median(conditions)
-    assert found().condition < min(conditions)
-    assert judge.cost(found().coefficients, 0.0)[0] < min(judge.cost(p, 0.0)[0] for p in others)
+    motion = exciting_motion()
+    assert motion.condition == pytest.approx(judge.condition(motion.coefficients))
+    assert motion.condition < 0.5 * np.median(conditions)
+    assert motion.condition < min(conditions)
+    assert judge.cost(exciting_motion().coefficients,
+                      0.0)[0] < min(judge.cost(p, 0.0)[0] for p in others)
 
 
 def test_limits_are_kept_between_the_samples_of_the_search():
     t = np.random.default_rng(0).uniform(0.0, 10.0, 20_000)
-    q, u, udot = found().sample(t)
+    q, u, udot = exciting_motion().sample(t)
     robot = Robot(arm())
     limits = robot.limits
     tau = robot.inverse_dynamics(q, u, udot)
@@ -66,11 +68,11 @@ def test_limits_are_kept_between_the_samples_of_the_search():
 
 
 def test_motion_starts_and_ends_at_rest_at_one_place():
-    q, u, udot = found().sample(np.array([0.0, 10.0]))
+    q, u, udot = exciting_motion().sample(np.array([0.0, 10.0]))
     assert np.abs(u).max() < 1e-12 and np.abs(udot).max() < 1e-12
     assert np.allclose(q[0], q[1], atol=1e-12)
     t = np.linspace(0.0, 10.0, 777)
-    for sampled, exact in zip(found().motion().sample(t), found().sample(t)):
+    for sampled, exact in zip(exciting_motion().motion().sample(t), exciting_motion().sample(t)):
         assert np.abs(sampled - exact)[:-1].max() < 2e-4
 
 
@@ -92,8 +94,8 @@ def test_slope_of_the_cost_is_that_of_its_differences(weight):
 
 
 def test_recording_of_the_motion_gives_the_parameters_within_three_deviations():
-    robot, course = Robot(arm()), found().motion(200.0)
-    q, u, _ = found().sample(np.zeros(1))
+    robot, course = Robot(arm()), exciting_motion().motion(200.0)
+    q, u, _ = exciting_motion().sample(np.zeros(1))
     run = simulate(robot, q[0], u[0], 10.0, step=1e-3, sample=5e-3,
                    torque=ComputedTorque(robot, course, 400.0, 40.0))
     noise = 0.5 * np.random.default_rng(3).normal(size=run.tau.shape)

@@ -39,7 +39,7 @@ def arm():
 
 
 @cache
-def wrong():
+def inaccurate_arm():
     """Return the arm of an inaccurate URDF: other masses, no friction."""
     rng = np.random.default_rng(3)
     plain = load_urdf(URDF)
@@ -59,7 +59,7 @@ def noisy():
 @cache
 def identified_arm():
     """Return the identified arm."""
-    return identify(wrong(), noisy())
+    return identify(inaccurate_arm(), noisy())
 
 
 @cache
@@ -78,8 +78,8 @@ def recorded(name):
 
 @pytest.mark.parametrize('weighted', [True, False])
 def test_base_parameters_of_a_noisy_arm_are_within_three_deviations(weighted):
-    data, speeds = rows(wrong(), noisy()), np.full(6, 0.05)
-    fit = fit_base(data, wrong(), speeds, weighted=weighted)
+    data, speeds = rows(inaccurate_arm(), noisy()), np.full(6, 0.05)
+    fit = fit_base(data, inaccurate_arm(), speeds, weighted=weighted)
     truth = fit.base.B @ true_unknowns(arm())
     off = (fit.values - truth) / fit.deviations
     assert np.abs(off).max() < 3.0
@@ -89,9 +89,9 @@ def test_base_parameters_of_a_noisy_arm_are_within_three_deviations(weighted):
 
 
 def test_base_parameters_reproduce_every_torque():
-    fit = fit_base(rows(wrong(), simulated(arm(), 4)), wrong(), np.full(6, 0.05))
+    fit = fit_base(rows(inaccurate_arm(), simulated(arm(), 4)), inaccurate_arm(), np.full(6, 0.05))
     other = simulated(arm(), 5, duration=2.0)
-    X = full_regressor(rows(wrong(), other), np.full(6, 0.05))[:, :, fit.base.columns]
+    X = full_regressor(rows(inaccurate_arm(), other), np.full(6, 0.05))[:, :, fit.base.columns]
     assert np.abs(X @ fit.values - other.tau).max() < 1e-8 * np.abs(other.tau).max()
 
 
@@ -102,7 +102,7 @@ def test_identified_friction_speeds_are_those_of_the_arm():
 
 def test_identified_bodies_are_physical_and_files_reproduce_their_torques(tmp_path):
     short = noisy().rows(slice(0, 400))  # too short a motion to tell much
-    found = identify(wrong(), short, weight=1e-3)
+    found = identify(inaccurate_arm(), short, weight=1e-3)
     for body in found.model.bodies:
         assert np.linalg.eigvalsh(body.inertial.pseudo_inertia)[0] > 0.0
     for joint in found.model.coordinate_joints:
@@ -204,7 +204,7 @@ def test_stated_deviations_hold_although_the_urdf_is_wrong(seed, weight):
 
 def test_base_parameters_know_nothing_of_the_models_masses():
     recording = noisy().rows(slice(0, 1200))
-    speeds = [base_speeds(rows(model, recording), model) for model in (wrong(), arm())]
+    speeds = [base_speeds(rows(model, recording), model) for model in (inaccurate_arm(), arm())]
     assert np.allclose(speeds[0], speeds[1], rtol=1e-6)
     assert np.allclose(speeds[0], 0.05, rtol=0.15)
 
@@ -217,10 +217,10 @@ def test_exact_recording_of_an_arm_whose_masses_are_known_gives_its_friction_exa
 
 
 def test_physical_parameters_are_those_of_the_semidefinite_program(monkeypatch):
-    data = rows(wrong(), noisy().rows(slice(0, 400)))
+    data = rows(inaccurate_arm(), noisy().rows(slice(0, 400)))
     equations, _, _ = compressed(data, np.full(6, 0.05))
     A, b = stacked(equations, np.full(6, 0.5))
-    prior = [body.inertial for body in wrong().bodies]
+    prior = [body.inertial for body in inaccurate_arm().bodies]
     direct = physical(A, b, prior, 6, 100.0)
     monkeypatch.setattr('kane_dynamics.identification.physical_consistency._unconstrained',
                         lambda *_: None)
@@ -331,7 +331,7 @@ def test_identification_of_many_rows_takes_seconds_of_processor_time():
     """Of 21,000 rows: below 10 s."""
     given = simulated(arm(), 0, 0.5, duration=21.0, rate=1000.0)
     begun = time.process_time()
-    found = identify(wrong(), given)
+    found = identify(inaccurate_arm(), given)
     assert time.process_time() - begun < 10.0
     assert (found.held_out < 0.55).all()
 
@@ -348,4 +348,4 @@ def test_a_joint_that_hardly_moves_is_named():
     still[5:, 2] = 0.0
     words = f"joint '{arm().joint_names[2]}': moves in .* rows of the fit; expected"
     with pytest.raises(InputError, match=words):
-        identify(wrong(), replace(given, u=still), diagnosed=True)
+        identify(inaccurate_arm(), replace(given, u=still), diagnosed=True)

@@ -50,7 +50,7 @@ def measured(seed, *, unknown, duration=10.0, noise=NOISE):
     return Recording(t, q, u, udot, tau)
 
 
-def online(recording):
+def estimated_by_sample(recording):
     """Return mass, center of mass and their deviations, estimated sample by sample."""
     estimator = PayloadEstimator(arm(), 'tool0', np.full(6, NOISE), memory=2000.0)
     for sample in zip(recording.q, recording.u, recording.udot, recording.tau, strict=True):
@@ -58,7 +58,7 @@ def online(recording):
     return estimator.mass, estimator.com, estimator.mass_deviation, estimator.com_deviation
 
 
-def offline(recording):
+def identified_from_all_rows(recording):
     """Return mass, center of mass and their deviations, identified from all rows."""
     found = identify_payload(arm(), recording, 'tool0')
     return (found.inertial.mass, found.inertial.com, found.mass_deviation, found.com_deviation)
@@ -74,23 +74,25 @@ def scores(estimate, unknown, **motion):
     return np.sqrt(squares[:, 0].mean()), np.sqrt(squares[:, 1:].mean())
 
 
-@pytest.mark.parametrize('estimate', [online, offline])
+@pytest.mark.parametrize('estimate', [estimated_by_sample, identified_from_all_rows])
 def test_z_scores_are_near_1_with_white_noise(estimate):
     for score in scores(estimate, ()):
         assert 0.5 < score < 1.5
 
 
 @pytest.mark.parametrize(('estimate', 'unknown'), [
-    (offline, ('friction',)), (offline, ('offset',)), (offline, ('colour',)),
-    (offline, ('friction', 'offset', 'colour')), (online, ('friction', 'offset', 'colour')),
-    (online, ('friction', 'offset'))])
+    (identified_from_all_rows, ('friction',)), (identified_from_all_rows, ('offset',)),
+    (identified_from_all_rows, ('colour',)),
+    (identified_from_all_rows, ('friction', 'offset', 'colour')),
+    (estimated_by_sample, ('friction', 'offset', 'colour')),
+    (estimated_by_sample, ('friction', 'offset'))])
 def test_z_scores_are_below_1_5_with_friction_offsets_and_coloured_noise(estimate, unknown):
     for score in scores(estimate, unknown):
         assert score < 1.5
 
 
 def test_noise_that_is_larger_than_told_widens_the_deviation_alike():
-    for score in scores(online, (), noise=4.0 * NOISE):
+    for score in scores(estimated_by_sample, (), noise=4.0 * NOISE):
         assert 0.5 < score < 1.5
 
 
@@ -98,7 +100,8 @@ def test_arm_at_rest_with_unknown_offsets_is_not_sure_of_the_mass():
     rng, tau = np.random.default_rng(0), carrying().gravity_force(np.full(6, 0.3))
     zero = np.zeros((500, 6))
     tau = tau + [0.0, 3.0, 3.0, 1.0, 1.0, 1.0] + NOISE * rng.normal(size=zero.shape)
-    mass, _, deviation, _ = online(Recording(0.01 * np.arange(500), zero + 0.3, zero, zero, tau))
+    mass, _, deviation, _ = estimated_by_sample(Recording(0.01 * np.arange(500), zero + 0.3, zero,
+                                                          zero, tau))
     assert abs(mass - LOAD.mass) > 0.05
     assert abs(mass - LOAD.mass) < 1.5 * deviation
 

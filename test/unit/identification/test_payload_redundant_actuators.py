@@ -47,7 +47,7 @@ def preloaded(tau, T, rng):
     return tau + 20.0 * rng.normal(size=(len(tau), 1)) * against
 
 
-def online(seed=None):
+def estimated_by_sample(seed=None):
     """Return the estimate from all samples, with noise of the motors unless the seed is None."""
     _, motion, T, tau = carried()
     rng = np.random.default_rng(seed)
@@ -62,7 +62,7 @@ def online(seed=None):
 def test_the_covariance_is_that_of_measurements_with_an_unknown_preload_at_every_sample():
     """Its rows are those of the motors without their part along the preload, which is unknown."""
     _, motion, T, _ = carried()
-    estimator, robot = online(), arm()
+    estimator, robot = estimated_by_sample(), arm()
     own = 10.0 * SIGMA  # offset, Coulomb and viscous friction that the model may lack
     information = np.zeros((19, 19))
     information[:10, :10] = np.diag(np.repeat([10.0, 1.0, 0.3], [1, 3, 6])**-2.0)
@@ -86,7 +86,7 @@ def test_the_covariance_is_that_of_measurements_with_an_unknown_preload_at_every
 def test_z_scores_are_near_1_with_white_noise_of_the_motors():
     found = []
     for seed in range(RUNS):
-        estimator = online(seed)
+        estimator = estimated_by_sample(seed)
         assert estimator.mass_deviation < 0.2 * LOAD.mass
         found.append((estimator.mass - LOAD.mass) / estimator.mass_deviation)
     assert 0.5 < np.sqrt(np.square(found).mean()) < 1.5

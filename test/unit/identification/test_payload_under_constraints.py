@@ -47,13 +47,13 @@ def test_exact_torques_of_the_motors_weigh_the_load_of_a_palletizer():
     assert found.residual.max() < 1e-4
 
 
-def offline(seed):
+def identified_from_all_rows(seed):
     """Return mass, center of mass and their deviations from all rows of a noisy recording."""
     found = identify_payload(palletizer(), recording(seed), 'tool')
     return found.inertial.mass, found.inertial.com, found.mass_deviation, found.com_deviation
 
 
-def online(seed):
+def estimated_by_sample(seed):
     """Return mass, center of mass and their deviations, sample by sample."""
     _, _, motion, tau = carried()
     estimator = PayloadEstimator(palletizer(), 'tool', np.full(4, NOISE), memory=2000.0)
@@ -63,7 +63,7 @@ def online(seed):
     return estimator.mass, estimator.com, estimator.mass_deviation, estimator.com_deviation
 
 
-@pytest.mark.parametrize('estimate', [offline, online])
+@pytest.mark.parametrize('estimate', [identified_from_all_rows, estimated_by_sample])
 def test_z_scores_of_a_closed_loop_are_near_1_with_white_noise(estimate):
     found = []
     for seed in range(RUNS):

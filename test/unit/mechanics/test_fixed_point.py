@@ -9,13 +9,13 @@ import pytest
 LOW, PRECISION = 1e-3, 1e-12
 
 
-def found(value):
+def fixed_point(value):
     return upper_fixed_point(value, LOW, PRECISION, 'speed: none found; expected another')
 
 
 @pytest.mark.parametrize('slope', [0.9, 0.2, 0.0, -0.5, -0.99, -1.0, -4.0, -1e6])
 def test_the_fixed_point_of_a_line_is_found_for_every_slope_below_one(slope):
-    assert found(lambda x: 3.0 + slope * (x - 3.0)) == pytest.approx(3.0, rel=2e-11)
+    assert fixed_point(lambda x: 3.0 + slope * (x - 3.0)) == pytest.approx(3.0, rel=2e-11)
 
 
 @pytest.mark.parametrize('error', [False, True])
@@ -26,19 +26,19 @@ def test_values_that_do_not_exist_above_the_fixed_point_are_no_hindrance(error):
         if error:
             raise InputError('too much')
         return None
-    assert found(value) == pytest.approx(3.0, rel=1e-11)
+    assert fixed_point(value) == pytest.approx(3.0, rel=1e-11)
 
 
 def test_a_function_without_a_fixed_point_gives_infinity_none_or_an_error():
-    assert found(lambda x: math.inf) == math.inf
-    assert found(lambda x: None) is None
-    assert found(lambda x: 0.1 * LOW) == 0.1 * LOW  # not above the least one
+    assert fixed_point(lambda x: math.inf) == math.inf
+    assert fixed_point(lambda x: None) is None
+    assert fixed_point(lambda x: 0.1 * LOW) == 0.1 * LOW  # not above the least one
 
     def breaks(x):
         if x > 2.0:
             raise InputError('broken')
         return 5.0
     with pytest.raises(InputError, match='broken'):
-        found(breaks)
+        fixed_point(breaks)
     with pytest.raises(InputError, match='speed: none found; expected another'):
-        found(lambda x: 5.0 if x < 2.0 else 1.0)
+        fixed_point(lambda x: 5.0 if x < 2.0 else 1.0)

@@ -19,7 +19,7 @@ def turning(angle):
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def named(robot, q, u, tau):
+def constraint_forces_by_name(robot, q, u, tau):
     """Return constraint forces by row."""
     return dict(zip(robot.constraint_names, robot.constraint_forces(q, u, tau)))
 
@@ -59,12 +59,12 @@ def test_redundant_rows_share_their_force_with_the_least_sum_of_squares():
     once = single.constraint_forces(q, u, single.inverse_dynamics(q, u, rest))
     for order in (twice, twice[::-1]):
         robot = Robot(model, constraints=order, independent=['crank'])
-        forces = named(robot, q, u, robot.inverse_dynamics(q, u, rest))
+        forces = constraint_forces_by_name(robot, q, u, robot.inverse_dynamics(q, u, rest))
         for axis, value in zip('xyz', once):
             assert forces[f'pin/{axis}'] == pytest.approx(value / 2.0, abs=1e-9)
             assert forces[f'again/{axis}'] == pytest.approx(value / 2.0, abs=1e-9)
         kept = Robot(model, constraints=order, independent=['crank'], redundant='kept')
-        forces = named(kept, q, u, kept.inverse_dynamics(q, u, rest))
+        forces = constraint_forces_by_name(kept, q, u, kept.inverse_dynamics(q, u, rest))
         first = order[0].name
         assert forces[f'{first}/z'] == pytest.approx(once[2], abs=1e-9)
     with pytest.raises(InputError, match="redundant: 'none'; expected 'minimum_norm' or 'kept'"):

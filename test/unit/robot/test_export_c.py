@@ -47,7 +47,7 @@ def built(source, tmp_path, compiler=('gcc', '-std=c99')):
     return ctypes.CDLL(str(library))
 
 
-def called(function, arguments, shape):
+def call_exported(function, arguments, shape):
     """Call an exported function on arrays; None is NULL."""
     result = np.full(shape, np.nan)
     pointers = [None if x is None else x.ctypes.data_as(ctypes.c_void_p)
@@ -69,7 +69,7 @@ def check(robot, library, prefix, kernels):
             if name in SOLVED:
                 condition = np.linalg.cond(robot.mass_matrix(given[0]))
                 tolerance = max(tolerance, 10.0 * np.finfo(float).eps * condition)
-            got = called(function, [*given, robot.parameters.block], kernel.shape)
+            got = call_exported(function, [*given, robot.parameters.block], kernel.shape)
             assert np.abs(got - expected).max() <= tolerance * np.abs(expected).max(), name
 
 
@@ -109,7 +109,7 @@ def test_null_stands_for_the_parameters_at_export_and_for_no_wrench(tmp_path):
     library = built(robot.export_c(tmp_path / 'tree.c')[0], tmp_path)
     q, u, udot = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.n))
     expected = robot.inverse_dynamics(q, u, udot)
-    got = called(library.tree_inverse_dynamics, [q, u, udot, None, None], robot.n)
+    got = call_exported(library.tree_inverse_dynamics, [q, u, udot, None, None], robot.n)
     np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
 
 
@@ -240,7 +240,7 @@ def test_poses_and_jacobians_of_frames_are_among_the_kernels(tmp_path):
     q = np.random.default_rng(2).uniform(-2.0, 2.0, robot.n)
     for function, expected in ((library.arm_jacobian_tool0, robot.partial_velocities('tool0', q)),
                                (library.arm_frame_pose_tool0, robot.frame_pose('tool0', q))):
-        got = called(function, [q, None], expected.shape)
+        got = call_exported(function, [q, None], expected.shape)
         np.testing.assert_allclose(got, expected, atol=1e-14)
     with pytest.raises(InputError, match=r"'nose'.*tool0"):
         robot.export_c(tmp_path / 'arm.c', ['jacobian:nose'])
@@ -297,11 +297,11 @@ def test_sines_and_tanh_hold_at_every_size_of_their_argument(tmp_path):
         q, u = rng.uniform(-size, size, (2, robot.n))
         expected = robot.frame_pose('fr3_link8', q)
         pose, _ = robot.export_c(tmp_path / 'pose.c', ['frame_pose:fr3_link8'])
-        got = called(built(pose, tmp_path).pose_frame_pose_fr3_link8, [q, None], (4, 4))
+        got = call_exported(built(pose, tmp_path).pose_frame_pose_fr3_link8, [q, None], (4, 4))
         np.testing.assert_allclose(got, expected, atol=3e-15)
         u = np.minimum(np.abs(u), 1e3) * np.sign(u)
         want = robot.bias_force(np.zeros(robot.n), u)
-        got = called(library.arm_bias_force, [np.zeros(robot.n), u, None], robot.n)
+        got = call_exported(library.arm_bias_force, [np.zeros(robot.n), u, None], robot.n)
         assert np.abs(got - want).max() <= 1e-12 * np.abs(want).max()
 
 
@@ -334,7 +334,7 @@ def test_every_operation_that_is_traced_is_written(tmp_path):
     for x in (0.3, 0.7, 2.4):
         want = [np.exp(-x) * np.log(2.0 + x * x) + np.arctan(x), np.floor(3.0 * x),
                 x**1.5 if x < 0.5 else 2.0, np.tanh(x) - np.sqrt(x)]
-        np.testing.assert_allclose(called(function, [np.array([x])], 4), want, rtol=1e-14)
+        np.testing.assert_allclose(call_exported(function, [np.array([x])], 4), want, rtol=1e-14)
 
 
 def test_a_closed_loop_names_its_speeds_and_refuses_open_configurations(tmp_path):
@@ -347,6 +347,6 @@ def test_a_closed_loop_names_its_speeds_and_refuses_open_configurations(tmp_path
     library = built(source, tmp_path)
     assert library.loop_self_test() == 0
     q, u, udot = at_angle(1.1), np.array([2.0]), np.array([-1.0])
-    tau = called(library.loop_inverse_dynamics, [q, u, udot, None], 1)
+    tau = call_exported(library.loop_inverse_dynamics, [q, u, udot, None], 1)
     np.testing.assert_allclose(tau, robot.inverse_dynamics(q, u, udot), rtol=1e-11)
-    assert np.isnan(called(library.loop_inverse_dynamics, [q + 0.1, u, udot, None], 1))[0]
+    assert np.isnan(call_exported(library.loop_inverse_dynamics, [q + 0.1, u, udot, None], 1))[0]

@@ -39,25 +39,26 @@ def motion(times, rows, joints=ARM.joint_names):
     return Motion.from_points(times, rows, joint_names=joints)
 
 
-def away(joint, by):
+def home_moved(joint, by):
     q = HOME.copy()
     q[joint] += by
     return q
 
 
 IMPOSSIBLE = {  # times, positions, reason
-    'beyond a limit': ([0.0, 9.0], [HOME, away(0, 3.0)],
+    'beyond a limit': ([0.0, 9.0], [HOME, home_moved(0, 3.0)],
                        r"joint 'fr3_joint1': position 3 at point 1 \(9 s\); expected at most"),
     'degrees': ([0.0, 9.0], [HOME, np.degrees(NEAR)],
                 r'position -120\.\d* at point 1 .* at least .*\(-2\.1 rad, if these are deg'),
-    'beyond a limit between points': ([0.0, 1.0, 9.0], [HOME, away(0, 2.7), away(0, 2.4)],
+    'beyond a limit between points': ([0.0, 1.0, 9.0],
+                                      [HOME, home_moved(0, 2.7), home_moved(0, 2.4)],
                                       r"joint 'fr3_joint1': position .* after point 1"),
-    'far from the arm': ([0.0, 9.0], [away(1, 0.5), HOME],
+    'far from the arm': ([0.0, 9.0], [home_moved(1, 0.5), HOME],
                          r"'fr3_joint2': the motion sets out at -0\.2, the arm is at -0\.7 rad"),
     'too fast': ([0.0, 0.02], [HOME, NEAR],
                  r"joint 'fr3_joint\d': speed .* expected at most .*, 1\.2 times its limit"),
-    'far and at once': ([0.01], [away(1, 0.5)], r"joint 'fr3_joint2': speed"),
-    'too strong': ([0.0, 0.03, 0.06, 0.09], [HOME, away(1, 0.03), HOME, away(1, 0.03)],
+    'far and at once': ([0.01], [home_moved(1, 0.5)], r"joint 'fr3_joint2': speed"),
+    'too strong': ([0.0, 0.03, 0.06, 0.09], [HOME, home_moved(1, 0.03), HOME, home_moved(1, 0.03)],
                    r"joint 'fr3_joint\d': effort .* expected at most .*, 1\.2 times its limit"),
 }
 
@@ -113,7 +114,7 @@ def test_a_trajectory_that_starts_later_may_start_elsewhere():
 
 
 def test_an_arm_outside_its_limits_may_move_back():
-    outside = away(0, 2.9)
+    outside = home_moved(0, 2.9)
     back = motion([0.0, 3.0], [outside, HOME])
     refuse_impossible(served(), back, outside)
     with pytest.raises(KaneError, match='position 2'):

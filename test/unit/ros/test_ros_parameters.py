@@ -29,14 +29,14 @@ OWN = {'urdf', 'supplement', 'base', 'tip', 'joints', 'payload.frame', 'initial.
 FILES = pytest.mark.parametrize('path', TABLES, ids=lambda path: path.stem)
 
 
-def given(path):
+def parameters_of_file(path):
     return dict(flat(yaml.safe_load(path.read_text())['/**']['ros__parameters']))
 
 
 @FILES
 def test_a_shipped_file_sets_every_parameter_to_a_valid_value(path):
     specs = {spec.name: spec for spec in TABLES[path]}
-    values = {name: read(specs[name], value) for name, value in given(path).items()}
+    values = {name: read(specs[name], value) for name, value in parameters_of_file(path).items()}
     assert set(values) == set(specs) - {'robot_description'}
     model = load_urdf(resolve_path('urdf', values['urdf']), joints=list(values['joints']))
     assert model.joint_names == values['joints']

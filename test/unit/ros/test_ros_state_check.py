@@ -74,23 +74,23 @@ class Unread:
         pass
 
 
-def away(joint, by):
+def home_moved(joint, by):
     q = HOME.copy()
     q[joint] += by
     return q
 
 
 FALSE = {
-    'jump': (JUMP, {'q': away(1, 1.0)}),
-    'small jump': (JUMP, {'q': away(4, -0.08)}),
-    'velocity': (TOO_FAST, {'u': away(3, 500.0) - HOME}),
+    'jump': (JUMP, {'q': home_moved(1, 1.0)}),
+    'small jump': (JUMP, {'q': home_moved(4, -0.08)}),
+    'velocity': (TOO_FAST, {'u': home_moved(3, 500.0) - HOME}),
     'degrees': (OUTSIDE, {'q': np.degrees(HOME)}),
-    'beyond a limit': (OUTSIDE, {'q': away(0, 3.1)}),
-    'not finite': (NOT_FINITE, {'q': away(2, math.nan)}),
-    'infinite velocity': (NOT_FINITE, {'u': away(2, math.inf)}),
-    'stale': (STALE, {'q': away(1, 0.5), 'age': NANO // 5}),
-    'future': (FUTURE, {'q': away(1, 0.5), 'age': -NANO // 5}),
-    'disordered': (OUT_OF_ORDER, {'q': away(1, 0.5), 'age': NANO // 20}),
+    'beyond a limit': (OUTSIDE, {'q': home_moved(0, 3.1)}),
+    'not finite': (NOT_FINITE, {'q': home_moved(2, math.nan)}),
+    'infinite velocity': (NOT_FINITE, {'u': home_moved(2, math.inf)}),
+    'stale': (STALE, {'q': home_moved(1, 0.5), 'age': NANO // 5}),
+    'future': (FUTURE, {'q': home_moved(1, 0.5), 'age': -NANO // 5}),
+    'disordered': (OUT_OF_ORDER, {'q': home_moved(1, 0.5), 'age': NANO // 20}),
 }
 
 
@@ -155,7 +155,7 @@ def test_a_fault_that_lasts_ends_after_the_grace_time_as_configured(fault, actio
 
 
 def test_after_zeros_states_elsewhere_need_an_activation():
-    rig, there = Rig(), away(1, 1.0)
+    rig, there = Rig(), home_moved(1, 1.0)
     rig.begin()
     for _ in range(1000):
         rig.state(there)
@@ -175,11 +175,11 @@ def test_torques_do_not_climb_from_zero_after_a_fault_that_did_not_end_in_zeros(
     np.testing.assert_allclose(held, ARM.gravity_force(HOME), rtol=1e-12)
     for lasting in (1, 5, 20):
         for _ in range(lasting):
-            rig.state(away(1, 1.0))
+            rig.state(home_moved(1, 1.0))
         command, = rig.state()
         np.testing.assert_array_equal(command, held)
     for _ in range(60):
-        rig.state(away(1, 1.0))
+        rig.state(home_moved(1, 1.0))
     command, = rig.state()
     if action == 'hold':
         np.testing.assert_array_equal(command, held)
@@ -195,8 +195,8 @@ def test_the_rate_of_torques_is_limited_while_states_are_refused_and_after_it(la
         rig.state()
     begun = len(rig.commands) - 1
     for _ in range(lasting):
-        rig.state(away(1, 1.0))
-    near = away(1, 0.01 * min(lasting, 10))
+        rig.state(home_moved(1, 1.0))
+    near = home_moved(1, 0.01 * min(lasting, 10))
     for _ in range(10):
         rig.state(near)
     changes = np.abs(np.diff(rig.commands[begun:], axis=0))
@@ -206,7 +206,7 @@ def test_the_rate_of_torques_is_limited_while_states_are_refused_and_after_it(la
 
 
 def test_a_jump_of_the_clock_or_a_pause_of_the_states_begins_with_new_ones():
-    rig, there = Rig(), away(1, 1.0)
+    rig, there = Rig(), home_moved(1, 1.0)
     rig.begin()
     rig.time -= NANO  # a simulator begins again elsewhere
     assert rig.state(there) == []
@@ -225,7 +225,7 @@ def test_a_first_state_older_than_the_timeout_does_not_confirm_a_false_one():
     rig.time += NANO // 5
     rig.path.check_timeout()
     assert rig.state() == []  # one state, and again none for seconds
-    assert rig.state(away(1, 1.0), after=5 * NANO) == []
+    assert rig.state(home_moved(1, 1.0), after=5 * NANO) == []
     assert rig.state() == [] and rig.statistics.dropped == {JUMP: 1}
     command, = rig.state()
     np.testing.assert_allclose(command, ARM.gravity_force(HOME), rtol=1e-9, atol=1e-12)
@@ -237,8 +237,8 @@ def test_after_a_jump_of_the_clock_no_motion_sets_out_from_where_the_arm_was():
     rig.time -= NANO
     rig.path.check_timeout()
     assert rig.path.desired(rig.time) is None
-    rig.begin(away(1, 1.0))
-    np.testing.assert_array_equal(rig.path.desired(rig.time)[0], away(1, 1.0))
+    rig.begin(home_moved(1, 1.0))
+    np.testing.assert_array_equal(rig.path.desired(rig.time)[0], home_moved(1, 1.0))
 
 
 def test_after_a_jump_of_the_clock_the_torque_continues_within_the_limit_of_its_rate():
@@ -280,9 +280,9 @@ def test_after_a_fault_an_arm_that_moved_is_held_where_it_is(action):
     rig = Rig(action=action)
     rig.begin()
     for _ in range(60):
-        rig.state(away(1, 1.0))
+        rig.state(home_moved(1, 1.0))
     assert rig.path.fault == JUMP
-    sunk = away(1, 0.1)
+    sunk = home_moved(1, 0.1)
     command, = rig.state(sunk)
     np.testing.assert_allclose(command, ARM.gravity_force(sunk), rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(rig.path.desired(rig.time)[0], sunk)
@@ -401,10 +401,10 @@ def test_a_speed_limit_for_another_number_of_joints_is_refused():
 
 @pytest.mark.parametrize('action', ['zero', 'hold'])
 def test_the_guard_takes_over_from_a_node_that_died_while_states_are_impossible(action,
-                                                                                  monkeypatch):
+                                                                                monkeypatch):
     now = [1000.0]
     monkeypatch.setattr(time, 'perf_counter', lambda: now[0])
-    rig, there, reports = Rig(), away(1, 1.0), []
+    rig, there, reports = Rig(), home_moved(1, 1.0), []
     values = node_values({'state_check.action': action})
     guard = GuardPath(Controller(ARM), rig, Unread(), lambda: rig.time, values, Statistics(),
                       lambda *words: None, lambda *words: reports.append(words))
@@ -433,7 +433,7 @@ def test_the_guard_takes_over_from_a_node_that_died_while_states_are_impossible(
 
 
 def test_the_guard_accepts_what_the_node_accepts_after_an_activation():
-    rig, there = Rig(), away(1, 1.0)
+    rig, there = Rig(), home_moved(1, 1.0)
     guard = GuardPath(Controller(ARM), Unread(), Unread(), lambda: rig.time, node_values(),
                       Statistics(), lambda *words: None, lambda *words: None)
     guard.start()

@@ -40,7 +40,7 @@ def coarse():
     return simulate(Robot(pendulum()), [0.3, -0.2], [9.0, -6.0], 6.4, step=0.08)
 
 
-def told(function):
+def result_and_warnings(function):
     """Return what a function returns and the warnings of it."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter('always')
@@ -52,10 +52,12 @@ def told(function):
 def test_a_singularity_is_refused_with_its_time_before_the_balance_breaks(step):
     with pytest.raises(ConstraintError, match=r'simulation, 0\.92\d* s: the independent speeds'):
         simulate(sleigh(), np.zeros(3), [0.0, TURN], 3.0, step=step)  # pi / 2 / TURN = 0.924 s
-    before, said = told(lambda: simulate(sleigh(), np.zeros(3), [0.0, TURN], 0.9, step=step))
+    before, said = result_and_warnings(lambda: simulate(sleigh(), np.zeros(3), [0.0, TURN], 0.9,
+                                                        step=step))
     assert before.warnings == () and said == []
     changing = Robot(sleigh().model, constraints=sleigh().mechanism.constraints)
-    run, said = told(lambda: simulate(changing, np.zeros(3), [0.0, TURN], 3.0, step=step))
+    run, said = result_and_warnings(lambda: simulate(changing, np.zeros(3), [0.0, TURN], 3.0,
+                                                     step=step))
     assert run.speed_changes and run.warnings == () and said == []
 
 
@@ -65,13 +67,14 @@ def test_a_step_that_is_too_long_without_divergence_is_warned_of(integrator):
     for N in (1, 3):
         q, u = [0.3, -0.2], [9.0, -6.0]
         start = (q, u) if N == 1 else (np.tile(q, (N, 1)), np.tile(u, (N, 1)))
-        run, said = told(partial(simulate, robot, *start, 80 * step, step=step,
-                                 integrator=integrator))
+        run, said = result_and_warnings(partial(simulate, robot, *start, 80 * step, step=step,
+                                                integrator=integrator))
         assert len(said) == 1 and 'energy balance' in said[0] and 'horten the step' in said[0]
         energy = run.energy.sum(axis=-1)
         gained = np.abs(energy - energy[..., :1]).max()
         assert gained > 1e-3 * np.abs(run.energy[..., 0]).max()
-        fine, said = told(partial(simulate, robot, *start, 1.0, integrator=integrator))
+        fine, said = result_and_warnings(partial(simulate, robot, *start, 1.0,
+                                                 integrator=integrator))
         assert fine.warnings == () and said == []
 
 
@@ -106,7 +109,8 @@ def test_no_alarm_on_random_mechanisms(seed, step):
                                                      {model.coordinate_names[0]: 0.5})])):
         start = (robot.closed_posture(q), u[:robot.n]) if robot.constraint_names else (q, u)
         for torque in (None, table(robot.n, steps), lambda t, q, u: -0.5 * u):
-            _, said = told(partial(simulate, robot, *start, 1.0, step=step, torque=torque))
+            _, said = result_and_warnings(partial(simulate, robot, *start, 1.0, step=step,
+                                                  torque=torque))
             assert not [text for text in said if 'energy balance' in text], said
 
 
@@ -116,7 +120,7 @@ def test_no_alarm_where_constraints_and_speeds_put_energy_in():
         [np.sin(q[1]), 0.4 * np.cos(2.0 * t)]), ('v', 'w')))
     for robot, start in ((driven, ([0.0, 0.2], [0.5])), (offset, ([0.1, 0.2], [0.5, -0.3]))):
         for torque in (None, table(robot.n, 2000), lambda t, q, u: -0.1 * u):
-            run, said = told(partial(simulate, robot, *start, 2.0, torque=torque))
+            run, said = result_and_warnings(partial(simulate, robot, *start, 2.0, torque=torque))
             assert said == []
             assert robot is offset or np.ptp(run.energy.sum(axis=1)) > 0.1
 
@@ -151,7 +155,7 @@ def test_a_sweep_has_the_energy_warning_of_every_trial(tmp_path):
 
 
 def test_a_saved_trajectory_keeps_its_warnings(tmp_path):
-    run, _ = told(coarse)
+    run, _ = result_and_warnings(coarse)
     run.save_npz(tmp_path / 'run.npz')
     assert type(run).load_npz(tmp_path / 'run.npz').warnings == run.warnings != ()
 

@@ -25,7 +25,7 @@ FORMS = {'Passerello and Huston': PasserelloHuston(), 'vector variations': Hamil
 SCLERONOMIC = ('a point in the world', 'a point seen from a body', 'a knife edge', 'a coupling')
 
 
-def shortly(kinds, *always):
+def mostly_slow(kinds, *always):
     """Return the kinds, all but a few marked as slow: fifteen coordinates take seconds each."""
     return [kind if kind in always else pytest.param(kind, marks=pytest.mark.slow)
             for kind in kinds]
@@ -183,14 +183,14 @@ def test_singular_speeds_and_constraints_are_named():
         admissible(rates, np.zeros(2), np.ones(1), np.ones(1))
 
 
-@pytest.mark.parametrize('kind', shortly(CLOSURES, 'universal', 'distance'))
+@pytest.mark.parametrize('kind', mostly_slow(CLOSURES, 'universal', 'distance'))
 def test_energy_formulation_is_kanes_under_every_closure(kind):
     mechanism = choose_independent(two_bodies_on_a_base(), None, (closure(kind),))
     powers, size = check(mechanism, 3)
     assert powers.max() < 1e-9 * size
 
 
-@pytest.mark.parametrize('kind', shortly(ROLLING_TESTED, 'ball on plane', 'wheel on sphere'))
+@pytest.mark.parametrize('kind', mostly_slow(ROLLING_TESTED, 'ball on plane', 'wheel on sphere'))
 def test_energy_formulation_is_kanes_in_rolling_on_a_moving_surface(kind):
     powers, size = check(rolling_pair(kind), 4)
     assert powers.max() < 1e-9 * size
