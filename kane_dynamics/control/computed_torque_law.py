@@ -8,12 +8,13 @@ steps. Friction is that of the desired speed: compensation at the measured speed
 an arm at rest.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import Program, Shape, trace_program
+from kane_dynamics.native.tracing.program import Program, Shape
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -28,29 +29,9 @@ def corrected_acceleration(q: Any, u: Any, q_d: Any, u_d: Any, udot_d: Any, kp: 
 
 
 def law_program(robot: Robot) -> Program:
-    """
-    Trace the law; arguments as those of `law_kernel`, then the robot's parameters.
-
-    Raises
-    ------
-    InputError
-        The robot has chosen speeds or constraints.
-
-    """
-    equations = robot.equations
-    if not equations.in_joint_rates:
-        raise InputError('computed torque: a robot with chosen speeds or constraints; expected '
-                         'one in joint rates without constraints')
-    n, loaded = equations.n, len(robot.kernels.no_wrench) > 0
-
-    def law(q: Any, u: Any, q_d: Any, u_d: Any, udot_d: Any, gains: Any, *rest: Any) -> Any:
-        wanted = corrected_acceleration(q, u, q_d, u_d, udot_d, gains[:n], gains[n:])
-        rigid = equations.rigid_dynamics(q, u, wanted, rest[0] if loaded else None, rest[-1])
-        return np.array(rigid) + equations.friction_force(u_d)
-    inputs: list[tuple[str, Shape]] = [*((name, (n,)) for name in STATES), ('gains', (2 * n,))]
-    if loaded:
-        inputs.append(('wrench', robot.kernels.no_wrench.shape))
-    return trace_program(NAME, law, [*inputs, ('parameters', robot.parameters.block.shape)])
+    """Trace the law; arguments as those of `law_kernel`, then the robot's parameters."""
+    function, inputs = _law(robot)
+    return robot.kernels.function(function, NAME, inputs).program()
 
 
 def law_kernel(robot: Robot) -> Kernel:
@@ -59,12 +40,28 @@ def law_kernel(robot: Robot) -> Kernel:
 
     Its arguments are q, u measured, q, u, udot desired, (n,) each, and the gains: kp, then kd,
     (2 n,); then the wrenches where frames for them are declared.
+
+    Raises
+    ------
+    InputError
+        The robot has chosen speeds or constraints.
+
     """
-    n = robot.n
-    arguments = [Argument(name, (n,), robot.coordinate_names) for name in STATES]
-    arguments.append(Argument('gains', (2 * n,)))
-    none = robot.kernels.no_wrench
-    if len(none):
-        arguments.append(Argument('wrench', none.shape, default=none))
-    return robot.kernels.extra(NAME, lambda: law_program(robot), arguments,
-                               robot.parameters.block, (n,))
+    function, inputs = _law(robot)
+    return robot.kernels.compiled(function, NAME, inputs, (robot.n,))
+
+
+def _law(robot: Robot) -> tuple[Callable[..., Any], dict[str, Shape | Argument]]:
+    """Return the law as a function of a robot in joint rates, and its inputs."""
+    equations, n = robot.equations, robot.n
+
+    def law(q: Any, u: Any, q_d: Any, u_d: Any, udot_d: Any, gains: Any, wrench: Any,
+            parameters: Any) -> Any:
+        if not equations.in_joint_rates:
+            raise InputError('computed torque: a robot with chosen speeds or constraints; '
+                             'expected one in joint rates without constraints')
+        wanted = corrected_acceleration(q, u, q_d, u_d, udot_d, gains[:n], gains[n:])
+        rigid = equations.rigid_dynamics(q, u, wanted, wrench, parameters)
+        return np.array(rigid) + equations.friction_force(u_d)
+    states = {name: Argument(name, (n,), robot.coordinate_names) for name in STATES}
+    return law, {**states, 'gains': (2 * n,)}

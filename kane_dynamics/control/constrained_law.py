@@ -10,7 +10,7 @@ so that the errors of these joints obey e'' + kd e' + kp e = 0 for every choice 
 torque is T^T times the joint forces of that motion, with friction at the desired joint rates.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from kane_dynamics._util.typing import Array
@@ -20,9 +20,8 @@ from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.mechanics.constraints.transmission import (require_transmission,
                                                               transmission_margin)
 from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import Program, trace_program
+from kane_dynamics.native.tracing.program import Program, Shape
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -142,13 +141,17 @@ def constrained_law_program(robot: Robot, followed: Sequence[int],
     The result is dual to the independent speeds, (n,), without a check of the configuration. With
     `commanded` it is the torques of the joints, (n_q,), NaN where calls of the robot are refused.
     """
-    equations: Any = robot.equations
-    n, loaded = equations.n, len(robot.kernels.no_wrench) > 0
-    physical = robot.parameters.physical
+    law = _law(robot, followed, commanded)
+    return robot.kernels.function(law, NAME, _inputs(robot)).program()
 
-    def law(q: Any, u: Any, q_d: Any, u_d: Any, udot_d: Any, gains: Any, *rest: Any) -> Any:
-        *time, parameters = rest[loaded:]
-        t = time[0][()] if time else 0.0
+
+def _law(robot: Robot, followed: Sequence[int], commanded: bool) -> Callable[..., Any]:
+    """Return the function of `constrained_law_program`."""
+    equations: Any = robot.equations
+    n = equations.n
+
+    def law(q: Any, u: Any, q_d: Any, u_d: Any, udot_d: Any, gains: Any, wrench: Any, t: Any,
+            parameters: Any, limits: Any) -> Any:
         here = FollowingMotion(equations, followed, q, u, t)
         motion, places = here.motion, here.places
         wanted = corrected_acceleration(q[places], motion.qdot[places], q_d, u_d, udot_d,
@@ -156,17 +159,15 @@ def constrained_law_program(robot: Robot, followed: Sequence[int],
         qddot = motion.qddot + motion.T @ here.speeds(wanted - motion.qddot[places])
         qdot_d = motion.qdot + motion.T @ here.speeds(u_d - motion.qdot[places])
         tree = equations.tree
-        rigid = tree.rigid_dynamics(q, motion.qdot, qddot, rest[0] if loaded else None,
-                                    parameters[:physical])
+        rigid = tree.rigid_dynamics(q, motion.qdot, qddot, wrench, parameters)
         tau = motion.T.T @ (np.array(rigid) + tree.friction_force(qdot_d))
         if not commanded:
             return tau
         tau = equations.joint_torques(tau, q, t)
         if equations.watched:
-            tau = guarded(tau, equations.margin(q, t, parameters[physical:]))
+            tau = guarded(tau, equations.margin(q, t, limits))
         return guarded(tau, transmission_margin(equations.mechanism, motion.T, places))
-    return trace_program(NAME, law, [*((a.name, a.shape) for a in _arguments(robot)),
-                                     ('parameters', robot.parameters.block.shape)])
+    return law
 
 
 def constrained_law_kernel(robot: Robot, followed: Sequence[int],
@@ -187,9 +188,8 @@ def constrained_law_kernel(robot: Robot, followed: Sequence[int],
         return constrained_law_kernel(robot.in_choice(mechanism.free, mechanism.kept), followed,
                                       commanded)
     name = f'{NAME}_{"_".join(map(str, followed))}{"" if commanded else "_anywhere"}'
-    return robot.kernels.extra(
-        name, lambda: constrained_law_program(robot, followed, commanded), _arguments(robot),
-        robot.parameters.block, (robot.n_q if commanded else robot.n,), reason)
+    return robot.kernels.compiled(_law(robot, followed, commanded), name, _inputs(robot),
+                                  (robot.n_q if commanded else robot.n,), reason=reason)
 
 
 def require_following(robot: Robot, followed: Sequence[int], q: Array, t: float,
@@ -212,13 +212,7 @@ def law_margin(robot: Robot, followed: Sequence[int], q: Any, t: Any) -> Any:
     return margin + transmission_margin(mechanism, T, equations.actuated) - 1.0
 
 
-def _arguments(robot: Robot) -> list[Argument]:
-    n, none = robot.n, robot.kernels.no_wrench
-    arguments = [Argument('q', (robot.n_q,), robot.coordinate_names),
-                 Argument('u', (n,), robot.speed_names),
-                 *(Argument(name, (n,)) for name in DESIRED), Argument('gains', (2 * n,))]
-    if len(none):
-        arguments.append(Argument('wrench', none.shape, default=none))
-    if robot.equations.timed:
-        arguments.append(Argument('t', (), default=np.zeros(())))
-    return arguments
+def _inputs(robot: Robot) -> dict[str, Shape]:
+    n = robot.n
+    desired = dict.fromkeys(DESIRED, (n,))
+    return {'q': (robot.n_q,), 'u': (n,), **desired, 'gains': (2 * n,)}

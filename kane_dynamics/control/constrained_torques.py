@@ -21,9 +21,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
 from kane_dynamics.mechanics.constraints.conditioning import SINGULAR
 from kane_dynamics.motion.motion import Motion, State
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 from numpy.typing import ArrayLike
 
@@ -235,14 +233,10 @@ class ConstrainedTorques:
     def _traced(self, name: str, function: Callable[..., Any],
                 given: tuple[Array, ...]) -> Kernel:
         """Trace a function of arrays and the time, and return its compiled kernel."""
-        robot, timed = self._robot, self._equations.timed
-        block = robot.parameters.block
-        arguments = [Argument(f'x{k}', x.shape) for k, x in enumerate(given)]
-        arguments += [Argument('t', ())] if timed else []
+        robot = self._robot
+        shapes = {f'x{k}': x.shape for k, x in enumerate(given)}
 
-        def traced(*x: Any) -> Any:
-            return function(*x[:len(given)], x[len(given)][()] if timed else 0.0)
-        return robot.kernels.extra(
-            f'{name}_{"_".join(map(str, self.places))}', lambda: trace_program(name, traced, [
-                *((a.name, a.shape) for a in arguments), ('parameters', block.shape)]),
-            arguments, block, (robot.n,))
+        def traced(*x: Any, t: Any) -> Any:
+            return function(*x, t)
+        return robot.compiled(traced, name=f'{name}_{"_".join(map(str, self.places))}', **shapes,
+                              shape=(robot.n,))

@@ -8,9 +8,7 @@ from kane_dynamics.control.momentum_observer import residual_step
 from kane_dynamics.control.torque_limiter import clipped, within_rate
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import Shape, trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -51,11 +49,11 @@ def controller_kernels(robot: Robot) -> tuple[Kernel, Kernel, Kernel]:
 def _limiter(robot: Robot) -> Kernel:
     """Return the kernel of the torque limits."""
     def limits(*rows: Any) -> Any:
-        *joints, _ = rows
         return np.array([within_rate(clipped(x, -most, most), last, change)
-                         for x, last, most, change in zip(*joints)])
-    return _kernel(robot, 'limited_torque', limits,
-                   dict.fromkeys(('tau', 'last', 'effort', 'change'), (robot.n,)), (robot.n,))
+                         for x, last, most, change in zip(*rows)])
+    row = (robot.n,)
+    return robot.compiled(limits, name='limited_torque', tau=row, last=row, effort=row,
+                          change=row, shape=row)
 
 
 def _observer(robot: Robot) -> Kernel:
@@ -68,22 +66,11 @@ def _observer(robot: Robot) -> Kernel:
         C = equations.coriolis_matrix(q, u, parameters)
         momentum = equations.mass_matrix(q, parameters) @ u
         beta = equations.bias_force(q, u, parameters) - (C @ u + u @ C)
-        time = elapsed[()]
-        begun = time > 0.0
-        safe = select(begun, time, 1.0)
+        begun = elapsed > 0.0
+        safe = select(begun, elapsed, 1.0)
         new = residual_step(residual, last_momentum, momentum, tau, 0.5 * (last_beta + beta),
                             safe, forgotten)
         return np.array([[select(begun, x, 0.0) for x in new], momentum, beta])
-    n = robot.n
-    inputs: dict[str, Shape] = {'q': (n,), 'u': (n,), 'tau': (n,), 'memory': (3, n),
-                                'elapsed': (), 'forgotten': (n,)}
-    return _kernel(robot, 'momentum_observer', step, inputs, (3, n))
-
-
-def _kernel(robot: Robot, name: str, function: Any, inputs: dict[str, Shape],
-            shape: Shape) -> Kernel:
-    """Return a kernel of a function of inputs and the robot's parameters."""
-    block = robot.parameters.block
-    program_inputs = [*inputs.items(), ('parameters', block.shape)]
-    return robot.kernels.extra(name, lambda: trace_program(name, function, program_inputs),
-                               [Argument(*each) for each in inputs.items()], block, shape)
+    row, memory = (robot.n,), (3, robot.n)
+    return robot.compiled(step, name='momentum_observer', q=row, u=row, tau=row, memory=memory,
+                          elapsed=(), forgotten=row, shape=memory)

@@ -24,9 +24,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.friction_error import FrictionError
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -218,20 +216,14 @@ class MomentumObserver:
 
 def _momentum_kernel(robot: Robot) -> Kernel:
     """Return the kernel of `Equations.momentum_terms`."""
-    equations, sets, block = robot.equations, robot.speed_sets, robot.parameters.block
-    mechanism, name = equations.mechanism, 'momentum_terms'
-    physical = robot.parameters.physical
-    arguments = [Argument('q', (robot.n_q,), robot.coordinate_names),
-                 Argument('u', (robot.n,), robot.speed_names)]
-    arguments += [Argument('t', ())] if equations.timed else []
+    equations, sets = robot.equations, robot.speed_sets
+    mechanism = equations.mechanism
 
-    def terms(q: Any, u: Any, *rest: Any) -> Any:
-        *time, parameters = rest
-        t = time[0][()] if time else 0.0
-        found = equations.momentum_terms(q, u, parameters[:physical], t)
+    def terms(q: Any, u: Any, t: Any, parameters: Any, limits: Any) -> Any:
+        result = equations.momentum_terms(q, u, parameters, t)
         if not equations.watched:
-            return found
-        return nan_unless(found, equations.margin(q, t, parameters[physical:]))
+            return result
+        return nan_unless(result, equations.margin(q, t, limits))
 
     def reason(state: dict[str, Array]) -> Kernel | None:
         other = sets.instead(mechanism, state)
@@ -239,6 +231,5 @@ def _momentum_kernel(robot: Robot) -> Kernel:
             return None
         choice = other.equations.mechanism
         return _momentum_kernel(robot.in_choice(choice.free, choice.kept))
-    return robot.kernels.extra(name, lambda: trace_program(name, terms, [
-        *((a.name, a.shape) for a in arguments), ('parameters', block.shape)]), arguments, block,
-        (2, robot.n), reason)
+    return robot.kernels.compiled(terms, 'momentum_terms', {'q': (robot.n_q,), 'u': (robot.n,)},
+                                  (2, robot.n), reason=reason)

@@ -1,6 +1,6 @@
 """The kernels of one robot: traced from its equations and compiled on first use."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -15,12 +15,12 @@ from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel, ResultCheck
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
-from kane_dynamics.native.tracing.program_origin import origin
 from kane_dynamics.native.tracing.subroutine import call, Subroutines
 from kane_dynamics.robot.derivative_kernels import (block_of, Derivative, shapes_by_name,
                                                     SlopesOfDynamics)
 from kane_dynamics.robot.quantities import (CONSTRAINED, FRAME_QUANTITIES, JOINT_REACTION,
                                             QUANTITIES, Quantity, Sizes, UNWATCHED)
+from kane_dynamics.robot.robot_function import RobotFunction, Supply
 from kane_dynamics.robot.single_state import in_lanes, shorter
 import numpy as np
 
@@ -32,6 +32,7 @@ ANALYTIC = ('inverse_dynamics_derivatives', 'forward_dynamics_derivatives')
 SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
 ALL = {**QUANTITIES, **CONSTRAINED}
 OF_PARTS = {**FRAME_QUANTITIES, 'joint_reaction': JOINT_REACTION}  # of a frame or joint
+Place = tuple[str, Hashable]  # of a kernel: its name, and what tells it from others of the name
 Instead = Callable[[dict[str, Array]], 'KernelSet | None']
 
 
@@ -63,9 +64,9 @@ class KernelSet:
         self.no_wrench = np.zeros((len(equations.wrench_frames), 6))
         self.key = key
         self._parameters = parameters
-        self._made: dict[tuple[str, str], Kernel] = {}
-        self._explained: set[tuple[str, str]] = set()  # kernels with a reason of their own
-        self._same: dict[tuple[str, str], Callable[[KernelSet], Kernel]] = {}  # of another set
+        self._made: dict[Place, Kernel] = {}
+        self._explained: set[Place] = set()  # kernels with a reason of their own
+        self._same: dict[Place, Callable[[KernelSet], Kernel]] = {}  # of another set
 
     def with_parameters(self, parameters: Array, instead: Instead | None = None) -> 'KernelSet':
         """
@@ -81,7 +82,7 @@ class KernelSet:
             for place, kernel in self._made.items() if place not in self._explained}
         return other
 
-    def _another(self, place: tuple[str, str], state: dict[str, Array]) -> Kernel | None:
+    def _another(self, place: Place, state: dict[str, Array]) -> Kernel | None:
         """Return the kernel to use at a state with a non-finite result, or None."""
         if 'q' in state:
             require_direction(self.equations.model, state['q'], SMALL)
@@ -191,14 +192,43 @@ class KernelSet:
         """Return whether the kernel of one of `QUANTITIES` has been used."""
         return (name, '') in self._made
 
-    def extra(self, name: str, program: Callable[[], Program], arguments: Sequence[Argument],
-              block: Array, shape: Shape, reason: ResultCheck | None = None) -> Kernel:
-        """Return a kernel of a program of the caller; name and `origin` identify it here."""
-        place = name, origin(program)
+    def compiled(self, function: Callable[..., Any], name: str,
+                 inputs: Mapping[str, Shape | Argument], shape: Shape, *,
+                 constants: Shape | None = None, reason: ResultCheck | None = None) -> Kernel:
+        """
+        Return the kernel of a function over any scalar, as `Robot.compiled`.
+
+        With `constants`, the shape of the function's last argument, its numbers take the place of
+        the robot's parameters: calls of the kernel's address pass them last. `reason` is that of
+        `Kernel`.
+        """
+        traced = self.function(function, name, inputs, constants, shape)
+        place = name, traced.identity
         if reason is not None:
             self._explained.add(place)
-        return self._kept(place, lambda: Kernel(name, program, self.key, arguments, block, shape,
-                                                reason, in_order=self._in_order))
+        block = self._parameters if constants is None else np.zeros(constants)
+
+        def make() -> Kernel:
+            # The code of functions of others is in no key, so that they are traced always.
+            key = self.key if traced.is_of_library else None
+            return Kernel(name, traced.program, key, traced.arguments, block, shape, reason,
+                          in_order=self._in_order)
+        return self._kept(place, make)
+
+    def function(self, function: Callable[..., Any], name: str,
+                 inputs: Mapping[str, Shape | Argument], constants: Shape | None = None,
+                 shape: Shape | None = None) -> RobotFunction:
+        """Return a function over any scalar, with what the robot supplies, to trace."""
+        equations, block = self.equations, len(self._parameters)
+        limits = LIMITS if isinstance(equations, ConstrainedEquations) else 0
+        supply = Supply(self.no_wrench, equations.timed, block, block - limits)
+        labels = {'q': equations.model.coordinate_names,
+                  **dict.fromkeys(('u', 'udot', 'tau'), equations.speed_names)}
+        labelled = dict(inputs)
+        for key in labels.keys() & inputs.keys():
+            if inputs[key] == (len(labels[key]),):
+                labelled[key] = Argument(key, (len(labels[key]),), labels[key])
+        return RobotFunction(function, name, labelled, supply, constants, shape)
 
     def _quantity(self, name: str) -> Quantity:
         """Return the quantity of a name; InputError lists the valid ones."""
@@ -256,7 +286,7 @@ class KernelSet:
         full = [call(solving, entries, unit) for unit in np.eye(n)]
         return np.array([[full[max(r, s)][min(r, s)] for s in range(n)] for r in range(n)])
 
-    def _kept(self, key: tuple[str, str], make: Callable[[], Kernel]) -> Kernel:
+    def _kept(self, key: Place, make: Callable[[], Kernel]) -> Kernel:
         if key not in self._made:
             self._made[key] = make()
         return self._made[key]

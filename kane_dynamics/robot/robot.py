@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from inspect import isfunction
 import os
@@ -24,6 +24,7 @@ from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS, TreeEquations
 from kane_dynamics.model.model import Inertial, Model, with_payload
 from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.methods.configuration_methods import Configurations
 from kane_dynamics.robot.methods.dynamics_methods import DynamicsMethods
@@ -288,6 +289,48 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
         return self is other or bool(
             self.kernels.key is not None and self.kernels.key == other.kernels.key
             and np.array_equal(self.parameters.block, other.parameters.block))
+
+    def compiled(self, function: Callable[..., Any], *, shape: Shape, name: str | None = None,
+                 **inputs: Shape) -> Kernel:
+        """
+        Return a function over any scalar as native code, for single states and batches.
+
+        The result is called with the inputs in their order, then with `wrench` and `t` if the
+        function asks for them and the robot has them. Batches, with one more leading axis, are
+        computed in SIMD lanes and threads. The code is compiled once; that for batches at the
+        first one.
+
+        Parameters
+        ----------
+        function : callable
+            Traced once. It takes an array for each input, or a scalar where the shape is (), and
+            uses arithmetic, the methods of `robot.equations`, and `sin`, `cos`, `tanh`, `exp`,
+            `log`, `sqrt` and `arctan` of numpy. It may not branch on the value of an input. By
+            name it may ask for `parameters`, gravity (3,) and, where a payload frame is declared,
+            the payload (10,); for `t`, the time, s, 0 where the equations do not depend on it;
+            and for `wrench`, the external wrenches (k, 6) at the declared frames, None without
+            any.
+        shape : tuple of int
+            Shape of the result for one state.
+        name : str, optional
+            A C identifier, which errors begin with. Default: that of the function.
+        **inputs : tuple of int
+            Shape of each input for one state, in the order of the function.
+
+        Raises
+        ------
+        InputError
+            The name is no identifier, the function asks for something else, or its result has
+            another shape.
+        TypeError
+            The function branches on the value of an input.
+
+        """
+        if name is None:
+            name = getattr(function, '__name__', '')
+        if not (name.isascii() and name.isidentifier()):
+            raise InputError(f"name: {name!r}; expected an identifier, such as name='power'")
+        return self.kernels.compiled(function, name, inputs, shape)
 
     def bind(self) -> Workspace:
         """Return a workspace: preallocated arrays with calls that allocate nothing."""

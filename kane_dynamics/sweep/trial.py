@@ -21,9 +21,8 @@ from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import Program, Shape, trace_program
+from kane_dynamics.native.tracing.program import Program, Shape
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.step_kernels import implicit_stage
@@ -144,12 +143,9 @@ class Trial:
     def _kernel(self, name: str, program: Any, names: tuple[str, ...], shape: Shape) -> Kernel:
         shapes = {'state': (self.parts.size,), 'desired': (3, 3 * len(self.tracked)),
                   'plant': (PAYLOAD + 1 + self.robot.model.n + 2 * self.n,), 'shared': (4,)}
-        inputs = [(key, shapes[key]) for key in names]
-
-        def traced() -> Program:
-            return trace_program(name, program, inputs)
-        return self.robot.kernels.extra(name, traced, [Argument(*x) for x in inputs[:-1]],
-                                        np.zeros(4), shape)
+        *inputs, constants = names
+        return self.robot.kernels.compiled(program, name, {key: shapes[key] for key in inputs},
+                                           shape, constants=shapes[constants])
 
     def _step(self, controller: str, state: Any, desired: Any, plant: Any, shared: Any) -> Any:
         """Return the state after one step."""

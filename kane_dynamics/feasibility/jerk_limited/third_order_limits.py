@@ -23,10 +23,8 @@ from kane_dynamics.feasibility.path_geometry import STILL
 from kane_dynamics.feasibility.path_limits import Bounds, friction, MARGIN
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.motion.motion import Motion
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.differentiation import forward
-from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.native.tracing.subroutine import Subroutines
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -220,10 +218,6 @@ def torque_rate_kernel(robot: Robot) -> Kernel:
     Its arguments are q and its three derivatives with respect to s. The first three results
     multiply s'' and s'^2, and 1; friction is left out.
     """
-    block = robot.parameters.block
-    names = ('q', 'first', 'second', 'third')
-    inputs: list[tuple[str, tuple[int, ...]]] = [(name, (robot.n,)) for name in names]
-
     def values(q: Any, first: Any, second: Any, third: Any, parameters: Any) -> Any:
         equations: Any = robot.equations
         zero = np.zeros(robot.n)
@@ -233,10 +227,9 @@ def torque_rate_kernel(robot: Robot) -> Kernel:
         slopes = forward(found.ravel(), [*q, *first, *second], [*first, *second, *third],
                          Subroutines())
         return np.concatenate([found, np.array(slopes, dtype=object).reshape(found.shape)])
-    return robot.kernels.extra(
-        'path_torque_rate', lambda: trace_program('path_torque_rate', values, [
-            *inputs, ('parameters', block.shape)]),
-        [Argument(*each) for each in inputs], block, (6, robot.n))
+    row = (robot.n,)
+    return robot.compiled(values, name='path_torque_rate', q=row, first=row, second=row,
+                          third=row, shape=(6, robot.n))
 
 
 def damping(robot: Robot) -> Array:

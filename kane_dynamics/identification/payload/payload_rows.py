@@ -19,9 +19,7 @@ from kane_dynamics.identification.physical_consistency import pseudo_inertia_of
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Joint, Model, WORLD
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.derivative_kernels import Derivative
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -205,13 +203,8 @@ def _second_moments(P: Array) -> Array:
 
 def _transmission_kernel(robot: Robot, equations: Equations) -> Kernel:
     """Return the kernel of T beside the rates of the joints, (n_j, n + 1), by q, u and t."""
-    block, name = robot.parameters.block, 'transmission'
-    inputs: list[Any] = [('q', (robot.n_q,)), ('u', (robot.n,)),
-                         *([('t', ())] if equations.timed else [])]
-
-    def rows(q: Any, u: Any, *rest: Any) -> Any:
-        motion = equations.joint_motion(q, u, equations.zeros, rest[0][()] if rest[1:] else 0.0)
+    def rows(q: Any, u: Any, t: Any) -> Any:
+        motion = equations.joint_motion(q, u, equations.zeros, t)
         return np.concatenate([motion.T, motion.qdot[:, None]], axis=1)
-    return robot.kernels.extra(
-        name, lambda: trace_program(name, rows, [*inputs, ('parameters', block.shape)]),
-        [Argument(*each) for each in inputs], block, (robot.model.n, robot.n + 1))
+    return robot.compiled(rows, name='transmission', q=(robot.n_q,), u=(robot.n,),
+                          shape=(robot.model.n, robot.n + 1))

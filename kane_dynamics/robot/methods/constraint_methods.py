@@ -13,7 +13,7 @@ from kane_dynamics.mechanics.constraints.loop_closure import (closed_posture, de
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.argument import Argument, checked
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import Shape, trace_program
+from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.methods.dispatch import Dispatch
 import numpy as np
 from numpy.typing import ArrayLike
@@ -108,9 +108,9 @@ class ConstraintMethods(Dispatch):
         if equations.in_joint_rates:
             return self._same('joint_torques', joint_torques, None)
         model = equations.model
-        kernel = self._kernel('generalized_force', [
-            Argument('q', (equations.n_q,), model.coordinate_names),
-            Argument('joint_torques', (model.n,), model.joint_names)], (equations.n,))
+        torques = Argument('joint_torques', (model.n,), model.joint_names)
+        kernel = self._kernel('generalized_force', {'q': (equations.n_q,),
+                                                    'joint_torques': torques}, (equations.n,))
         result: Array = kernel(*self._at_time((q, joint_torques), t))
         return result
 
@@ -200,10 +200,8 @@ class ConstraintMethods(Dispatch):
         """Return the rows of the constraints in native code, with arrays of their own, if any."""
         if not self.constraint_names:
             return None
-        model = self.equations.model
-        result = np.empty((len(self.constraint_names), model.n + 2))
-        kernel = self._kernel('closure_rows', [
-            Argument('q', (self.equations.n_q,), model.coordinate_names)], result.shape)
+        result = np.empty((len(self.constraint_names), self.equations.model.n + 2))
+        kernel = self._kernel('closure_rows', {'q': (self.equations.n_q,)}, result.shape)
         here = [np.empty(x.shape) for x in kernel.arguments]
         call = kernel.bind(here, result, 'Compute the rows.')
 
@@ -217,14 +215,9 @@ class ConstraintMethods(Dispatch):
             return result[:, :-2], result[:, -2], result[:, -1]
         return rows
 
-    def _kernel(self, name: str, arguments: Sequence[Argument], shape: Shape) -> Kernel:
+    def _kernel(self, name: str, inputs: dict[str, Shape | Argument], shape: Shape) -> Kernel:
         """Return the kernel of a method of the equations that is none of their quantities."""
-        equations, block, count = self.equations, self.kernels.parameters, len(arguments)
-        given = [*arguments, *[Argument('t', ())] * equations.timed]
-        return self.kernels.extra(name, lambda: trace_program(
-            name, lambda *x: getattr(equations, name)(*x[:count], *(t[()] for t in x[count:-1])),
-            [*((x.name, x.shape) for x in given), ('parameters', block.shape)]),
-            given, block, shape)
+        return self.kernels.compiled(getattr(self.equations, name), name, inputs, shape)
 
     def _same(self, name: str, value: Any, out: Array | None) -> Array:
         """Return a checked copy, for a robot in joint rates without constraints."""

@@ -13,9 +13,7 @@ from typing import Any
 from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
@@ -212,22 +210,16 @@ def state_kernel(robot: Robot, count: int) -> Kernel:
     bounds, (5 n,): lower and upper positions, speeds, and the largest change of a position as
     slope and constant; and the time between the states, s.
     """
-    arguments = [Argument('state', (2 * count,)), Argument('last', (2 * count,)),
-                 Argument('bounds', (5 * count,)), Argument('elapsed', ())]
-
-    def judged(state: Any, last: Any, bounds: Any, elapsed: Any, parameters: Any) -> Any:
+    def judged(state: Any, last: Any, bounds: Any, elapsed: Any) -> Any:
         lower, upper, fastest, slope, step = np.split(bounds, 5)
         possible: Any = 1.0
         for j in range(count):
             position, speed = state[j], state[count + j]
-            moved, allowed = position - last[j], step[j] + slope[j] * elapsed[()]
+            moved, allowed = position - last[j], step[j] + slope[j] * elapsed
             for small, large in ((lower[j], position), (position, upper[j]),
                                  (-fastest[j], speed), (speed, fastest[j]),
                                  (-allowed, moved), (moved, allowed)):
                 possible = select(small < large, possible, 0.0)
         return [possible]
-    block = robot.parameters.block
-    name = f'state_check_{count}'
-    return robot.kernels.extra(name, lambda: trace_program(name, judged, [
-        *((a.name, a.shape) for a in arguments), ('parameters', block.shape)]), arguments, block,
-        (1,))
+    return robot.compiled(judged, name=f'state_check_{count}', state=(2 * count,),
+                          last=(2 * count,), bounds=(5 * count,), elapsed=(), shape=(1,))

@@ -30,7 +30,7 @@ class ClosedForm:
                                      modal_coordinates=())
         self.equations = SimpleNamespace(model=self.model, in_joint_rates=True)
         law = SimpleNamespace(entry=lambda doc, fallback: self.computed_torque)
-        self.kernels = SimpleNamespace(extra=lambda *_: law, no_wrench=())
+        self.kernels = SimpleNamespace(compiled=lambda *_: law, no_wrench=())
         self.parameters = SimpleNamespace(block=None)
 
     def computed_torque(self, q, u, q_d, u_d, udot_d, gains):

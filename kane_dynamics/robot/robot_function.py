@@ -1,0 +1,148 @@
+"""Functions over any scalar, with what a robot supplies to them, as traced programs."""
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from inspect import signature
+from typing import Any
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.tracing.program import Program, Shape, trace_program
+from kane_dynamics.native.tracing.program_origin import origin
+import numpy as np
+
+LIBRARY = __name__.partition('.')[0]
+SUPPLIED = ('wrench', 't', 'parameters', 'limits')  # what a function may ask for by name
+
+
+@dataclass(frozen=True)
+class Supply:
+    """
+    The values that a robot supplies to functions that ask for them.
+
+    Attributes
+    ----------
+    no_wrench : (k, 6) array
+        The wrenches of a call without any, at the k declared frames.
+    timed : bool
+        Whether the equations depend on the time.
+    block, physical : int
+        Length of the block of parameters, and of its physical ones, which come first.
+
+    """
+
+    no_wrench: np.ndarray
+    timed: bool
+    block: int
+    physical: int
+
+
+class RobotFunction:
+    """
+    A function of a robot to trace.
+
+    Parameters
+    ----------
+    function : callable
+        Takes a traced array for each input, or a scalar where the shape is (), and by name those
+        of `SUPPLIED` that it names.
+    name : str
+        A C identifier.
+    inputs : mapping of str to shape, or to Argument
+        In the order of the function.
+    supply : Supply
+        Of the robot.
+    constants : shape, optional
+        Of one more input, the last one, in place of the robot's parameters.
+    shape : shape, optional
+        Of the result; tracing raises InputError for another one.
+
+    Attributes
+    ----------
+    arguments : list of Argument
+        Those of the kernel: the inputs, then the wrench and the time if the function asks for them
+        and the robot has them.
+    program : callable
+        Traces the function.
+
+    Raises
+    ------
+    InputError
+        The function asks for something that is neither an input nor supplied.
+
+    """
+
+    def __init__(self, function: Callable[..., Any], name: str,
+                 inputs: Mapping[str, Shape | Argument], supply: Supply,
+                 constants: Shape | None = None, shape: Shape | None = None) -> None:
+        """Read what the function asks for."""
+        self.function, self.name = function, name
+        self.arguments = [x if isinstance(x, Argument) else Argument(key, tuple(x))
+                          for key, x in inputs.items()]
+        count = len(self.arguments)
+        asked = _asked(function, name, count + (constants is not None))
+        if 'wrench' in asked and len(supply.no_wrench):
+            self.arguments.append(
+                Argument('wrench', supply.no_wrench.shape, default=supply.no_wrench))
+        if 't' in asked and supply.timed:
+            self.arguments.append(Argument('t', (), default=np.zeros(())))
+        self.block: Shape = (supply.block,) if constants is None else constants
+        program_inputs = [(argument.name, argument.shape) for argument in self.arguments]
+        program_inputs.append(('parameters', self.block))
+        self.program = partial(_traced, function, name, tuple(program_inputs), count,
+                               constants is not None, asked, supply.physical, shape)
+
+    @property
+    def is_of_library(self) -> bool:
+        """Return whether the function is of this library, so that its `origin` identifies it."""
+        return _module(self.function).partition('.')[0] == LIBRARY
+
+    @property
+    def identity(self) -> Hashable:
+        """Return what tells the function from others of its name, within one robot."""
+        return origin(self.program) if self.is_of_library else self.function
+
+
+def _asked(function: Callable[..., Any], name: str, count: int) -> tuple[str, ...]:
+    """Return what a function asks for by name, beside its `count` inputs."""
+    parameters = list(signature(function).parameters.values())
+    positional = [x for x in parameters if x.kind in (x.POSITIONAL_ONLY, x.POSITIONAL_OR_KEYWORD)]
+    # With `*inputs`, only what stands behind them is asked for by name.
+    gathers = any(x.kind is x.VAR_POSITIONAL for x in parameters)
+    by_name = [] if gathers else positional[count:]
+    by_name += [x for x in parameters if x.kind is x.KEYWORD_ONLY]
+    unknown = [x.name for x in by_name if x.name not in SUPPLIED and x.default is x.empty]
+    if unknown or (len(positional) < count and not gathers):
+        raise InputError(f'{name}: the function takes {", ".join(x.name for x in parameters)}; '
+                         f'expected {count} inputs, then some of {", ".join(SUPPLIED)}')
+    return tuple(x.name for x in by_name if x.name in SUPPLIED)
+
+
+def _traced(function: Callable[..., Any], name: str, inputs: Sequence[tuple[str, Shape]],
+            count: int, has_constants: bool, asked: Sequence[str], physical: int,
+            shape: Shape | None) -> Program:
+    """Trace a function of `count` inputs, maybe constants, and what it asks for by name."""
+    def traced(*arrays: Any) -> Any:
+        values = [x[()] if x.shape == () else x for x in arrays]
+        block = values[-1]
+        supplied: dict[str, Any] = {'wrench': None, 't': 0.0, 'parameters': block[:physical],
+                                    'limits': block[physical:]}
+        for (key, _), value in zip(inputs[:-1], values):
+            if key in ('wrench', 't'):
+                supplied[key] = value
+        positional = values[:count]
+        if has_constants:
+            positional.append(block)
+        return function(*positional, **{key: supplied[key] for key in asked})
+    program = trace_program(name, traced, inputs)
+    if shape not in (None, program.shape):
+        raise InputError(f'{name}: the function returns shape {program.shape}; expected {shape}')
+    return program
+
+
+def _module(function: Any) -> str:
+    """Return the module of a function, or of what a partial one calls."""
+    while isinstance(function, partial):
+        function = function.func
+    return str(getattr(function, '__module__', ''))
