@@ -19,10 +19,8 @@ from kane_dynamics.feasibility.segment_peaks import largest
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.motion.controller_points import Segments
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -270,10 +268,6 @@ def torque_kernel(robot: Robot) -> Kernel:
     Its arguments are q and its derivatives with respect to s. The results multiply s'' and s'^2,
     and the last one, with the offset of friction, is the torque at rest.
     """
-    block = robot.parameters.block
-    inputs: list[tuple[str, tuple[int, ...]]] = [(name, (robot.n,)) for name in (
-        'q', 'first', 'second')]
-
     def values(q: Any, first: Any, second: Any, parameters: Any) -> Any:
         equations: Any = robot.equations
         zero = np.zeros(robot.n)
@@ -281,10 +275,9 @@ def torque_kernel(robot: Robot) -> Kernel:
                                    for state in ((zero, zero), (zero, first), (first, second)))
         return np.array([inertia - static, moving - static,
                          static + equations.friction_force(zero)])
-    return robot.kernels.extra(
-        'path_torque', lambda: trace_program('path_torque', values, [
-            *inputs, ('parameters', block.shape)]),
-        [Argument(*each) for each in inputs], block, (3, robot.n))
+    row = (robot.n,)
+    return robot.compiled(values, name='path_torque', q=row, first=row, second=row,
+                          shape=(3, robot.n))
 
 
 @cache

@@ -7,9 +7,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.motion.controller_points import Segments
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -53,14 +51,13 @@ def peaks_kernel(robot: Robot) -> Kernel:
     the end of the segment, its duration, s, the place x in it from 0 to 1, and the reciprocal
     limits (4, n).
     """
-    block, n = robot.parameters.block, robot.n
-    inputs: list[tuple[str, tuple[int, ...]]] = [
-        *((each + end, (n,)) for end in ('_0', '_1') for each in ('q', 'u', 'udot', 'tau')),
-        ('h', ()), ('x', ()), ('factors', (len(QUANTITIES), n))]
+    n = robot.n
+    states = [name + end for end in ('_0', '_1') for name in ('q', 'u', 'udot', 'tau')]
 
-    def values(*given: Any) -> Any:
-        begin, end, (h, x, factors, parameters) = given[:4], given[4:8], given[8:]
-        q, u, udot = quintic(begin[:3], end[:3], h[()], x[()])
+    def values(*inputs: Any, parameters: Any) -> Any:
+        begin, end = inputs[:4], inputs[4:8]
+        h, x, factors = inputs[8:]
+        q, u, udot = quintic(begin[:3], end[:3], h, x)
         tau = robot.equations.inverse_dynamics(q, u, udot, None, parameters)
         shares = [np.ravel([state[3], state[1], state[3] * state[1], state[2]])
                   * np.ravel(factors) for state in (begin, end, (q, u, udot, tau))]
@@ -75,10 +72,8 @@ def peaks_kernel(robot: Robot) -> Kernel:
             changes.append(select(estimate > 1.0, change, 0.0))
             estimates.append(estimate)
         return np.array([*peaks, largest(peaks), largest(changes), largest(estimates)])
-    size = len(QUANTITIES) * n + 3
-    return robot.kernels.extra(
-        'shares', lambda: trace_program('shares', values, [*inputs, ('parameters', block.shape)]),
-        [Argument(*each) for each in inputs], block, (size,))
+    return robot.compiled(values, name='shares', **dict.fromkeys(states, (n,)), h=(), x=(),
+                          factors=(len(QUANTITIES), n), shape=(len(QUANTITIES) * n + 3,))
 
 
 def largest(values: Sequence[Any]) -> Any:

@@ -35,9 +35,7 @@ from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import ROUNDED, squared_figure
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -114,9 +112,7 @@ def tracking_step(robot: Robot, places: Sequence[int]) -> Callable[..., Vector]:
                           np.array(residual, dtype=object))
 
     def step(q: Vector, T: Matrix, target: Vector, rates: Vector, seen: Vector,
-             weights: Vector, *time: Scalar) -> Vector:
-        t = time[0][()] if equations.timed else 0.0
-
+             weights: Vector, t: Scalar) -> Vector:
         # Predict along the tangent T, with an error of second order. Entries that vanish
         # in every configuration stay exact zeros, so that the program does not compute
         # them.
@@ -218,12 +214,10 @@ def tracking_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
     `FIGURES` squares that are listed at the beginning of this module.
     """
     n_q, n = robot.n_q, robot.n
-    arguments = [Argument('q', (n_q,), robot.coordinate_names),
-                 Argument('T', (n_q, n)),
-                 *_measurement(robot)]
-    step = tracking_step(robot, places)
     size = n_q + n_q * n + n + FIGURES
-    return _compiled(robot, f'tracking_{_joined(places)}', step, arguments, size)
+    return robot.compiled(tracking_step(robot, places), name=f'tracking_{_joined(places)}',
+                          q=(n_q,), T=(n_q, n), measured=(n,), rates=(n,), seen=(n_q,),
+                          weights=(n_q,), shape=(size,))
 
 
 def following_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
@@ -242,9 +236,9 @@ def following_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
     ends = np.cumsum([n_q, n_q * n, n])
 
     def follow(state: Vector, target: Vector, rates: Vector, seen: Vector,
-               weights: Vector, limits: Vector, *time: Scalar) -> Vector:
+               weights: Vector, limits: Vector, t: Scalar) -> Vector:
         q, T, _, last_figure = np.split(state, ends)
-        result = step(q, T.reshape(n_q, n), target, rates, seen, weights, *time)
+        result = step(q, T.reshape(n_q, n), target, rates, seen, weights, t)
         figures = result[-FIGURES:]
         new_state = [*result[:-FIGURES], figures[CONDITIONING]]
         is_valid = valid(figures, last_figure[0], limits, timed)
@@ -252,35 +246,13 @@ def following_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
                     for new, old in zip(new_state, state)]
         return np.array([*accepted, *figures, is_valid])
     size = int(ends[-1]) + 1
-    measured, rates, seen, weights, *time = _measurement(robot)
-    arguments = [Argument('state', (size,)), measured, rates, seen, weights,
-                 Argument('limits', (3,)), *time]
-    return _compiled(robot, f'following_{_joined(places)}', follow, arguments,
-                     size + FIGURES + 1)
-
-
-def _measurement(robot: Robot) -> list[Argument]:
-    """Return the arguments of a measurement, as in `tracking_kernel`."""
-    n_q, n = robot.n_q, robot.n
-    arguments = [Argument('measured', (n,)), Argument('rates', (n,)),
-                 Argument('seen', (n_q,)), Argument('weights', (n_q,))]
-    if robot.equations.timed:
-        arguments.append(Argument('t', ()))
-    return arguments
+    return robot.compiled(follow, name=f'following_{_joined(places)}',
+                          state=(size,), measured=(n,), rates=(n,), seen=(n_q,),
+                          weights=(n_q,), limits=(3,), shape=(size + FIGURES + 1,))
 
 
 def _joined(places: Sequence[int]) -> str:
     return '_'.join(map(str, places))
-
-
-def _compiled(robot: Robot, name: str, function: Callable[..., Vector],
-              arguments: list[Argument], size: int) -> Kernel:
-    """Return the kernel of a function of these arguments and the robot's parameters."""
-    block = robot.parameters.block
-    inputs = [(argument.name, argument.shape) for argument in arguments]
-    inputs.append(('parameters', block.shape))
-    return robot.kernels.extra(name, lambda: trace_program(name, function, inputs),
-                               arguments, block, (size,))
 
 
 class LoopStep:

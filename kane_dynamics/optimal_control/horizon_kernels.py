@@ -5,12 +5,11 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Scalar, Vector
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.native.runtime.threads import run_concurrently
-from kane_dynamics.native.tracing.program import Shape, trace_program
+from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.optimal_control.backward_step import clipped_all
 from kane_dynamics.optimal_control.horizon import (constants_of, horizon_of, HorizonSizes,
                                                    NUMBERS)
@@ -100,11 +99,9 @@ class HorizonKernels:
                  inputs: str, size: int) -> None:
         """Compile a kernel with these inputs and the constants."""
         names = [*inputs.split(), 'constants']
-        shapes: list[tuple[str, Shape]] = [(key, (self._inputs[key].size,))
-                                           for key in names]
-        arguments = [Argument(key, shape) for key, shape in shapes[:-1]]
-        kernel = robot.kernels.extra(name, lambda: trace_program(name, function, shapes),
-                                     arguments, np.zeros(len(self.constants)), (size,))
+        shapes: dict[str, Shape] = {key: (self._inputs[key].size,) for key in names}
+        constants = shapes.pop('constants')
+        kernel = robot.kernels.compiled(function, name, shapes, (size,), constants=constants)
         if name == 'horizon_slopes':  # of all intervals at once
             kernel.compile_lanes()
         self._kernels[name] = kernel, names

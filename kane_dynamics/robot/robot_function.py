@@ -77,19 +77,25 @@ class RobotFunction:
                  inputs: Mapping[str, Shape | Argument], supply: Supply,
                  constants: Shape | None = None, shape: Shape | None = None) -> None:
         """Read what the function asks for."""
-        self.function, self.name = function, name
-        self.arguments = [x if isinstance(x, Argument) else Argument(key, tuple(x))
-                          for key, x in inputs.items()]
+        self.function = function
+        self.arguments: list[Argument] = []
+        for key, value in inputs.items():
+            if isinstance(value, Argument):
+                self.arguments.append(value)
+            else:
+                self.arguments.append(Argument(key, tuple(value)))
         count = len(self.arguments)
-        asked = _asked(function, name, count + (constants is not None))
+        # The constants are one more input of the function, but none of calls of the kernel.
+        asked = _asked(function, name, count if constants is None else count + 1)
         if 'wrench' in asked and len(supply.no_wrench):
-            self.arguments.append(
-                Argument('wrench', supply.no_wrench.shape, default=supply.no_wrench))
+            none = supply.no_wrench
+            self.arguments.append(Argument('wrench', none.shape, default=none))
         if 't' in asked and supply.timed:
             self.arguments.append(Argument('t', (), default=np.zeros(())))
-        self.block: Shape = (supply.block,) if constants is None else constants
+        block: Shape = (supply.block,) if constants is None else constants
         program_inputs = [(argument.name, argument.shape) for argument in self.arguments]
-        program_inputs.append(('parameters', self.block))
+        program_inputs.append(('parameters', block))
+        # A partial function of plain values, since these are what its `origin` describes.
         self.program = partial(_traced, function, name, tuple(program_inputs), count,
                                constants is not None, asked, supply.physical, shape)
 
@@ -107,16 +113,24 @@ class RobotFunction:
 def _asked(function: Callable[..., Any], name: str, count: int) -> tuple[str, ...]:
     """Return what a function asks for by name, beside its `count` inputs."""
     parameters = list(signature(function).parameters.values())
-    positional = [x for x in parameters if x.kind in (x.POSITIONAL_ONLY, x.POSITIONAL_OR_KEYWORD)]
-    # With `*inputs`, only what stands behind them is asked for by name.
-    gathers = any(x.kind is x.VAR_POSITIONAL for x in parameters)
-    by_name = [] if gathers else positional[count:]
-    by_name += [x for x in parameters if x.kind is x.KEYWORD_ONLY]
-    unknown = [x.name for x in by_name if x.name not in SUPPLIED and x.default is x.empty]
-    if unknown or (len(positional) < count and not gathers):
-        raise InputError(f'{name}: the function takes {", ".join(x.name for x in parameters)}; '
-                         f'expected {count} inputs, then some of {", ".join(SUPPLIED)}')
-    return tuple(x.name for x in by_name if x.name in SUPPLIED)
+    positional = []
+    by_name = []
+    gathers = False  # with `*inputs`, only what stands behind them is asked for by name
+    for parameter in parameters:
+        if parameter.kind is parameter.VAR_POSITIONAL:
+            gathers = True
+        elif parameter.kind is parameter.KEYWORD_ONLY:
+            by_name.append(parameter)
+        elif parameter.kind is not parameter.VAR_KEYWORD:
+            positional.append(parameter)
+    if not gathers:
+        by_name += positional[count:]
+    required = {parameter.name for parameter in by_name if parameter.default is parameter.empty}
+    if not required <= set(SUPPLIED) or (len(positional) < count and not gathers):
+        names = ', '.join(parameter.name for parameter in parameters)
+        raise InputError(f'{name}: the function takes {names}; expected {count} inputs, then '
+                         f'some of {", ".join(SUPPLIED)}')
+    return tuple(parameter.name for parameter in by_name if parameter.name in SUPPLIED)
 
 
 def _traced(function: Callable[..., Any], name: str, inputs: Sequence[tuple[str, Shape]],
@@ -124,7 +138,7 @@ def _traced(function: Callable[..., Any], name: str, inputs: Sequence[tuple[str,
             shape: Shape | None) -> Program:
     """Trace a function of `count` inputs, maybe constants, and what it asks for by name."""
     def traced(*arrays: Any) -> Any:
-        values = [x[()] if x.shape == () else x for x in arrays]
+        values = [x[()] for x in arrays]  # scalars of arrays without an axis
         block = values[-1]
         supplied: dict[str, Any] = {'wrench': None, 't': 0.0, 'parameters': block[:physical],
                                     'limits': block[physical:]}

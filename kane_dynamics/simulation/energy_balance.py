@@ -18,10 +18,9 @@ from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators import integrator_of
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import Program, trace_program
+from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.observers import Chunk, Impact, Observer, Power
 import numpy as np
@@ -332,7 +331,7 @@ def energy_kernel(robot: Robot) -> Kernel:
         rates = u if constrained is None else constrained.joint_speeds(q, u, *time)
         return [tree.kinetic_energy(q, rates, parameters),
                 tree.potential_energy(q, parameters), tree.friction_force(rates) @ rates]
-    return _kernel(robot, 'energy_terms', terms, (TERMS,))
+    return robot.compiled(terms, name='energy_terms', state=(_size(robot),), shape=(TERMS,))
 
 
 def driven_kernel(robot: Robot) -> Kernel | None:
@@ -345,7 +344,7 @@ def driven_kernel(robot: Robot) -> Kernel | None:
         q, u, time = np.split(state, [n_q, n_q + n])
         force = equations.actual_joint_forces(q, u, tau, parameters, *time)
         return force @ equations.joint_speeds(q, u, *time) - tau @ u
-    return _kernel(robot, 'driven_power', power, (), ('tau', (n,)))
+    return robot.compiled(power, name='driven_power', state=(_size(robot),), tau=(n,), shape=())
 
 
 _DRIVEN: WeakKeyDictionary[Mechanism, bool] = WeakKeyDictionary()
@@ -370,19 +369,3 @@ def _driven(robot: Robot) -> bool:
 def _size(robot: Robot) -> int:
     """Return the number of entries of a state without its margin."""
     return robot.n_q + robot.n + robot.equations.timed
-
-
-def _kernel(robot: Robot, name: str, function: Any, shape: tuple[int, ...],
-            *arguments: tuple[str, tuple[int, ...]]) -> Kernel:
-    """Return the kernel of a function of a state, further arguments and gravity and payload."""
-    inputs = [('state', (_size(robot),)), *arguments]
-
-    def traced(*x: Vector) -> Any:
-        *values, parameters = x
-        return function(*values, parameters[:robot.parameters.physical])
-
-    def program() -> Program:
-        return trace_program(name, traced,
-                             [*inputs, ('parameters', robot.parameters.block.shape)])
-    return robot.kernels.extra(name, program, [Argument(*x) for x in inputs],
-                               robot.parameters.block, shape)

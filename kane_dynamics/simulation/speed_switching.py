@@ -29,9 +29,7 @@ from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.backends.real_types import size_limit
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.speed_sets import left_out_error, limits_of
 from kane_dynamics.simulation.observers import diverged_error, Extremes
@@ -448,20 +446,15 @@ class SingularityWatch:
         """Return the kernel of all rows of speeds and constraints, (n_j + m, n_j), by q and t."""
         robot, equations = self._user_robot, self._user_robot.equations
         mechanism, geometry = equations.mechanism, equations.tree.geometry
-        inputs: Any = [('q', (robot.n_q,)), *([('t', ())] if equations.timed else [])]
 
-        def rows(q: Any, *time_and_parameters: Any) -> Any:
-            t = time_and_parameters[0][()] if equations.timed else 0.0
+        def rows(q: Any, t: Any) -> Any:
             state = mechanism.state(q, t, geometry)
             speed_rows, _ = state.speed_rows(mechanism.speeds.names)
             sizes = np.array(mechanism.sizes)[:, None]
             return np.concatenate([speed_rows * mechanism.units,
                                    mechanism.rows(state).J * mechanism.units / sizes])
-        block = robot.parameters.block
-        return robot.kernels.extra(
-            'stacked_rows', lambda: trace_program('stacked_rows', rows, [
-                *inputs, ('parameters', block.shape)]), [Argument(*x) for x in inputs], block,
-            (robot.model.n + len(mechanism.labels), robot.model.n))
+        return robot.compiled(rows, name='stacked_rows', q=(robot.n_q,),
+                              shape=(robot.model.n + len(mechanism.labels), robot.model.n))
 
 
 def trusted(states: Array) -> Any:

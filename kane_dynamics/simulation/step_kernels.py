@@ -14,7 +14,6 @@ from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.constraints.speeds import speed_places
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
@@ -73,9 +72,10 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
         name = f'{name}_dual_to_{"_".join(map(str, places))}'
     if feedback and not robot.equations.in_joint_rates:
         name = f'{name}_{"_".join(map(str, followed))}'
-    *inputs, constants = (Argument(*named_shape) for named_shape in _inputs(robot, feedback))
-    return robot.kernels.extra(name, lambda: step_program(robot, name, choice), inputs,
-                               np.zeros(constants.shape), inputs[0].shape)
+    inputs = dict(_inputs(robot, feedback))
+    constants = inputs.pop('constants')
+    return robot.kernels.compiled(partial(traced_step, robot, choice), name, inputs,
+                                  inputs['state'], constants=constants)
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:

@@ -19,8 +19,6 @@ from kane_dynamics.mechanics.constraints.row_units import coordinate_units
 from kane_dynamics.mechanics.integrators.held_joints import REGULAR
 from kane_dynamics.mechanics.joint_stops import (ended_motion, nearest_stops, stop_impulses,
                                                  stopped_state)
-from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -232,12 +230,8 @@ def _closed(robot: Robot, q: Array, t: float) -> Array:
     equations: Any = robot.equations
     if not equations.keeps_positions(q, t):
         return np.asarray(on_unit_quaternions(robot.model, q))
-    arguments = [Argument('q', (robot.n_q,)), Argument('t', ())]
-    block = robot.parameters.block
-    kernel = robot.kernels.extra('closure_step', lambda: trace_program(
-        'closure_step', lambda q, t, _: equations.closure_step(q, t[()]),
-        [('q', (robot.n_q,)), ('t', ()), ('parameters', block.shape)]), arguments, block,
-        (robot.n_q,))
+    kernel = robot.compiled(lambda q, t: equations.closure_step(q, t), name='closure_step',
+                            q=(robot.n_q,), t=(), shape=(robot.n_q,))
     result: Array = on_unit_quaternions(robot.model, kernel(kernel(q, t), t))
     return result
 

@@ -21,7 +21,6 @@ from kane_dynamics.mechanics.constraints.row_units import coordinate_units
 from kane_dynamics.mechanics.integrators.held_joints import (Held, held_response, held_solution,
                                                              linear_system)
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
@@ -129,14 +128,11 @@ def _kernel(robot: Robot, free: Kernel, choice: StepChoice, stopped: list[int]) 
     choice = choice.needed(robot)
     (size,), k = free.shape, len(stopped)
     name = f'pressed_{free.name}_{"_".join(map(str, stopped))}'
-    inputs = [(argument.name, argument.shape) for argument in free.arguments]
-    inputs.append(('contact', (3, k)))
-    constants = ('constants', free.parameters.shape)
+    inputs = {argument.name: argument.shape for argument in free.arguments}
     results = 2 * size + 3 * k + 2 * robot.n + 1
-    return robot.kernels.extra(
-        name, lambda: trace_program(name, partial(_traced_row, robot, choice, stopped),
-                                    [*inputs, constants]),
-        [Argument(*x) for x in inputs], np.zeros(constants[1]), (results,))
+    return robot.kernels.compiled(partial(_traced_row, robot, choice, stopped), name,
+                                  {**inputs, 'contact': (3, k)}, (results,),
+                                  constants=free.parameters.shape)
 
 
 def _traced_row(robot: Robot, choice: StepChoice, stopped: list[int], state: Vector,
