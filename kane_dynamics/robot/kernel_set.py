@@ -220,8 +220,7 @@ class KernelSet:
                  shape: Shape | None = None) -> RobotFunction:
         """Return a function over any scalar, with what the robot supplies, to trace."""
         equations, block = self.equations, len(self._parameters)
-        limits = LIMITS if isinstance(equations, ConstrainedEquations) else 0
-        supply = Supply(self.no_wrench, equations.timed, block, block - limits)
+        supply = Supply(self.no_wrench, equations.timed, block, block - equations.limits)
         labels = {'q': equations.model.coordinate_names,
                   **dict.fromkeys(('u', 'udot', 'tau'), equations.speed_names)}
         labelled = dict(inputs)

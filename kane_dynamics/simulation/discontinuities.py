@@ -17,10 +17,9 @@ from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import moving, rates, select, values
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import Program, Shape, trace_program
+from kane_dynamics.native.tracing.program import Program, Shape
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.observers import Chunk, Observer
 import numpy as np
@@ -150,26 +149,22 @@ class JumpWatch(Observer):
         robot, mechanism = self._robot, self._mechanism
         assert mechanism is not None
         shape = (robot.n_q,)
-        inputs: list[tuple[str, Shape]] = [('begin', ()), ('end', ())]
+        moved: dict[str, Shape] = {}
         name = 'functions_of_time'
         if of_state:
-            inputs = [('q', shape), ('along', shape), *inputs]
+            moved = {'q': shape, 'along': shape}
             name = 'functions_of_state'
 
         def traced(*arguments: Any) -> Any:
-            q = slope = np.zeros(shape)
-            if of_state:
-                q, slope = arguments[:2]
-            begin, end = (x[()] for x in arguments[-3:-1])
+            *moved_arguments, begin, end = arguments
+            q, slope = moved_arguments or np.zeros((2, *shape))
             parts = []
             for t in (begin, 0.5 * (begin + end), end):
                 q_t = q + (t - begin) * slope
                 parts.append(_parts(_functions(mechanism, q_t, slope, t, of_state)))
             return _difference(begin, end, parts)
-        block = robot.parameters.block
-        return robot.kernels.extra(
-            name, lambda: trace_program(name, traced, [*inputs, ('parameters', block.shape)]),
-            [Argument(*x) for x in inputs], block, (1 + len(self._names[of_state]),))
+        return robot.compiled(traced, name=name, **moved, begin=(), end=(),
+                              shape=(1 + len(self._names[of_state]),))
 
 
 def _functions(mechanism: Mechanism, q: Any, qdot: Any, t: Any,

@@ -1,6 +1,6 @@
 """Results of a simulation in the user's independent speeds, converted from other choices."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -8,8 +8,7 @@ from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import moving, rates, values
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.stops.contact_forces import with_stop_forces
 import numpy as np
@@ -50,9 +49,8 @@ class UserSpeeds:
 
         def speeds(q: Vector, u: Vector, udot: Vector, t: Scalar) -> Any:
             return other_speeds(equations, names, q, u, udot, t)
-        arguments = [Argument('q', (robot.n_q,)), Argument('u', (robot.n,)),
-                     Argument('udot', (robot.n,))]
-        return self._called(robot, 'other_speeds', arguments, (2, len(names)), speeds,
+        shapes = {'q': (robot.n_q,), 'u': (robot.n,), 'udot': (robot.n,)}
+        return self._called(robot, 'other_speeds', shapes, (2, len(names)), speeds,
                             (q, u, udot), t)
 
     def torques(self, robot: Robot, q: Array, tau: Array, t: Any) -> Array:
@@ -61,28 +59,16 @@ class UserSpeeds:
 
         def torques(q: Vector, tau: Vector, t: Scalar) -> Any:
             return tau_from(equations, names, q, tau, t)
-        arguments = [Argument('q', (robot.n_q,)), Argument('tau', (len(names),))]
-        return self._called(robot, 'tau_from', arguments, (robot.n,), torques, (q, tau), t)
+        shapes = {'q': (robot.n_q,), 'tau': (len(names),)}
+        return self._called(robot, 'tau_from', shapes, (robot.n,), torques, (q, tau), t)
 
-    def _called(self, robot: Robot, name: str, arguments: list[Argument], shape: Any,
-                function: Any, inputs: tuple[Array, ...], t: Any, physical: bool = False
-                ) -> Array:
-        """Call the kernel of a function of arrays, of gravity and payload, and of the time."""
-        timed = robot.equations.timed
-        if timed:
-            arguments = [*arguments, Argument('t', ())]
-            inputs = (*inputs, t)
-        block, count = robot.parameters.block, len(arguments)
+    def _called(self, robot: Robot, name: str, shapes: Mapping[str, Shape], shape: Shape,
+                function: Any, inputs: tuple[Array, ...], t: Any) -> Array:
+        """Call the kernel of a function of arrays and of what the robot supplies."""
         places = '_'.join(map(str, self._user_robot.mechanism.free))
-
-        def traced(*x: Any) -> Any:
-            parameters = [x[-1][:robot.parameters.physical]] if physical else []
-            if timed:
-                return function(*x[:count - 1], *parameters, x[count - 1][()])
-            return function(*x[:count], *parameters, 0.0)
-        kernel = robot.kernels.extra(f'{name}_{places}', lambda: trace_program(
-            name, traced, [*((a.name, a.shape) for a in arguments), ('parameters', block.shape)]),
-            arguments, block, shape)
+        kernel = robot.compiled(function, name=f'{name}_{places}', **shapes, shape=shape)
+        if robot.equations.timed:
+            inputs = (*inputs, t)
         result: Array = kernel(*inputs)
         return result
 
@@ -172,19 +158,19 @@ class UserSpeeds:
         def torques(q: Vector, tau: Vector, t: Scalar) -> Any:
             return actuator_torques(equations, names, q, tau, t)
         force = tau if equations.actuated is None else generalized
-        arguments = [Argument('q', (robot.n_q,)), Argument('tau', force.shape[1:])]
-        return self._called(robot, 'actuator_torques', arguments, (robot.model.n,), torques,
+        shapes = {'q': (robot.n_q,), 'tau': force.shape[1:]}
+        return self._called(robot, 'actuator_torques', shapes, (robot.model.n,), torques,
                             (q, force), times)
 
     def _constraint_forces(self, robot: Robot, q: Array, u: Array, udot: Array, applied: Array,
                            times: Array) -> Array:
         """Return the forces of all rows, (K, m), in a motion under given joint forces."""
         equations = _equations(robot)
-        arguments = [Argument('q', (robot.n_q,)), Argument('u', (robot.n,)),
-                     Argument('udot', (robot.n,)), Argument('applied', (robot.model.n,))]
-        return self._called(robot, 'constraint_forces_of_motion', arguments,
+        shapes = {'q': (robot.n_q,), 'u': (robot.n,), 'udot': (robot.n,),
+                  'applied': (robot.model.n,)}
+        return self._called(robot, 'constraint_forces_of_motion', shapes,
                             (len(robot.constraint_names),), equations.constraint_forces_of_motion,
-                            (q, u, udot, applied), times, physical=True)
+                            (q, u, udot, applied), times)
 
 
 def _parts_by_robot(history: History, sampled: Array) -> list[tuple[Robot, list[_Part]]]:
