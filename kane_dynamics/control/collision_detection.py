@@ -20,9 +20,9 @@ class CollisionDetector:
     """
     Detects a collision by thresholds on estimated external torques.
 
-    The flag is set when one joint's torque has been beyond its threshold for `confirm`, and is
-    cleared when all have been below `release` times theirs for `clear`. The hysteresis ignores
-    single outliers and torques near the threshold.
+    The flag is set when one joint's torque has been beyond its threshold for `confirm`,
+    and is cleared when all have been below `release` times theirs for `clear`. The
+    hysteresis ignores single outliers and torques near the threshold.
 
     Parameters
     ----------
@@ -39,12 +39,12 @@ class CollisionDetector:
     collision : bool
         The flag.
     joint : str or None
-        The joint that set the flag: of the confirmed ones, that with the largest ratio of torque
-        to threshold.
+        The joint that set the flag: of the confirmed ones, that with the largest ratio
+        of torque to threshold.
     beyond : tuple of str
-        All joints beyond their thresholds. An external force on a link loads only the joints
-        between it and the base, so the link in contact is that of the outermost of these joints or
-        a later one.
+        All joints beyond their thresholds. An external force on a link loads only the
+        joints between it and the base, so the link in contact is that of the outermost
+        of these joints or a later one.
 
     Raises
     ------
@@ -54,7 +54,8 @@ class CollisionDetector:
     """
 
     def __init__(self, joint_names: tuple[str, ...], threshold: ArrayLike, *,
-                 confirm: float = 0.005, release: float = 0.8, clear: float = 0.2) -> None:
+                 confirm: float = 0.005, release: float = 0.8,
+                 clear: float = 0.2) -> None:
         self._names = tuple(joint_names)
         self.reset()
         self.tune(threshold, confirm=confirm, release=release, clear=clear)
@@ -62,25 +63,32 @@ class CollisionDetector:
     def tune(self, threshold: ArrayLike, *, confirm: float, release: float,
              clear: float) -> None:
         """Change thresholds and times; the flag keeps its value."""
-        thresholds = per_joint(threshold, 'threshold', self._names, finite=False).tolist()
+        thresholds = per_joint(threshold, 'threshold', self._names,
+                               finite=False).tolist()
         for name, value in zip(self._names, thresholds):
             if value == 0.0:
-                raise InputError(f"threshold of joint '{name}': 0; expected a positive number")
+                raise InputError(f"threshold of joint '{name}': 0; expected a positive "
+                                 "number")
         for what, time in (('confirm', confirm), ('clear', clear)):
             if not time >= 0.0:
                 raise InputError(f'{what}: {time}; expected a nonnegative time in s')
         if not 0.0 < release <= 1.0:
-            raise InputError(f'release: {release}; expected a fraction above 0, at most 1')
-        self._thresholds, self._release = thresholds, release
-        self._confirm, self._clear = confirm, clear
+            raise InputError(f'release: {release}; expected a fraction above 0, at most '
+                             '1')
+        self._thresholds = thresholds
+        self._release = release
+        self._confirm = confirm
+        self._clear = clear
 
     def reset(self) -> None:
         """Clear the flag and the timers."""
         self.collision = False
         self.joint: str | None = None
         self.beyond: tuple[str, ...] = ()
-        self._since: list[float | None] = [None] * len(self._names)  # beyond the threshold
-        self._calm: float | None = None  # since when all are below their release
+        # Of each joint, the time since when it is beyond its threshold; and the time
+        # since when all are below their release.
+        self._beyond_since: list[float | None] = [None] * len(self._names)
+        self._calm_since: float | None = None
 
     def update(self, t: float, torque: Array) -> bool:
         """
@@ -88,25 +96,50 @@ class CollisionDetector:
 
         A backward jump of the time restarts the timers.
         """
-        shares = [abs(x) / limit for x, limit in zip(torque.tolist(), self._thresholds)]
-        self._since = [None if not share > 1.0 else t if since is None or t < since else since
-                       for share, since in zip(shares, self._since)]
-        self.beyond = tuple(name for name, since in zip(self._names, self._since)
+        ratios = [abs(x) / limit for x, limit in zip(torque.tolist(), self._thresholds)]
+        for k, ratio in enumerate(ratios):
+            if ratio > 1.0:
+                self._beyond_since[k] = _earlier(self._beyond_since[k], t)
+            else:
+                self._beyond_since[k] = None
+        self.beyond = tuple(name for name, since in zip(self._names, self._beyond_since)
                             if since is not None)
-        if not self.collision:
-            confirmed = [(share, name) for share, since, name in zip(
-                shares, self._since, self._names)
-                if since is not None and t - since >= self._confirm]
-            if confirmed:
-                self.collision, self.joint, self._calm = True, max(confirmed)[1], None
-            return self.collision
-        if max(shares) >= self._release:
-            self._calm = None
+        if self.collision:
+            return self._clears(t, max(ratios))
+        return self._sets(t, ratios)
+
+    def _sets(self, t: float, ratios: list[float]) -> bool:
+        """Set the flag if a joint is beyond its threshold for long; return whether."""
+        largest = 0.0
+        for name, ratio, since in zip(self._names, ratios, self._beyond_since):
+            is_confirmed = since is not None and t - since >= self._confirm
+            # Of equal ratios, the last name in the alphabet.
+            if is_confirmed and (ratio, name) > (largest, self.joint or ''):
+                largest = ratio
+                self.joint = name
+        self.collision = self.joint is not None
+        self._calm_since = None
+        return self.collision
+
+    def _clears(self, t: float, largest: float) -> bool:
+        """Clear the flag if all joints have been below their release; return whether."""
+        if largest >= self._release:
+            self._calm_since = None
             return False
-        self._calm = t if self._calm is None or t < self._calm else self._calm
-        if t - self._calm >= self._clear:
-            self.collision, self.joint, self._calm = False, None, None
-        return not self.collision
+        self._calm_since = _earlier(self._calm_since, t)
+        if t - self._calm_since < self._clear:
+            return False
+        self.collision = False
+        self.joint = None
+        self._calm_since = None
+        return True
+
+
+def _earlier(since: float | None, t: float) -> float:
+    """Return when something began: at `since`, or now, also after a backward jump."""
+    if since is None or t < since:
+        return t
+    return since
 
 
 class FrameWrench(NamedTuple):
@@ -118,10 +151,11 @@ class FrameWrench(NamedTuple):
     wrench : (6,) array
         Force then moment, N and N m, world axes.
     seen : int
-        Number of its six directions that the torques determine. Along the others it is zero, or
-        reduced by damping.
+        Number of its six directions that the torques determine. Along the others it is
+        zero, or reduced by damping.
     rest : (n,) array
-        The residual of the least-squares fit, N m or N. It is large if the contact is elsewhere.
+        The residual of the least-squares fit, N m or N. It is large if the contact is
+        elsewhere.
 
     """
 
@@ -145,10 +179,10 @@ def frame_wrench(partial_velocities: Array, torque: Array, *, length: float = 0.
     """
     Return the least-squares wrench at a frame: ``J^T w`` fits the external torques.
 
-    In a singular configuration, or with fewer than six joints, some wrenches cause no joint
-    torque. Near such configurations 1/s, s a singular value of J^T, is damped to
-    ``s / damping^2`` for s below the damping: the wrench is too small there instead of unbounded.
-    Elsewhere it is exact.
+    In a singular configuration, or with fewer than six joints, some wrenches cause no
+    joint torque. Near such configurations 1/s, s a singular value of J^T, is damped to
+    ``s / damping^2`` for s below the damping: the wrench is too small there instead of
+    unbounded. Elsewhere it is exact.
 
     Parameters
     ----------
@@ -159,8 +193,9 @@ def frame_wrench(partial_velocities: Array, torque: Array, *, length: float = 0.
     length : float
         m; weights a moment of 1 N m like a force of 1 N / length.
     damping : float, optional
-        Smallest singular value without damping, m (N m per N). By default 5 mm, with a warning if
-        it acts; use more with noisy torques, because their noise is divided by it.
+        Smallest singular value without damping, m (N m per N). By default 5 mm, with a
+        warning if it acts; use more with noisy torques, because their noise is divided
+        by it.
 
     Warns
     -----
@@ -173,18 +208,20 @@ def frame_wrench(partial_velocities: Array, torque: Array, *, length: float = 0.
         The damping is not positive.
 
     """
-    least = DAMPING if damping is None else damping
-    if not least > 0.0:
-        raise InputError(f'damping: {least}; expected a positive number, m')
+    smallest = DAMPING if damping is None else damping
+    if not smallest > 0.0:
+        raise InputError(f'damping: {smallest}; expected a positive number, m')
+    # (n, 6): torques of unit forces and of moments of 1 N times the length.
     scale = np.array([1.0, 1.0, 1.0, length, length, length])
-    columns = partial_velocities.T * scale  # (n, 6): torques of scaled directions
+    columns = partial_velocities.T * scale
     left, s, right = np.linalg.svd(columns, full_matrices=False)
-    inverse = np.where(s >= least, 1.0 / np.maximum(s, least), s / least**2)
+    undamped = s >= smallest
+    inverse = np.where(undamped, 1.0 / np.maximum(s, smallest), s / smallest**2)
     scaled = right.T @ (inverse * (left.T @ torque))
-    found = FrameWrench(scaled * scale, int((s >= least).sum()), torque - columns @ scaled)
-    if damping is None and found.damped:
-        warnings.warn(f'frame_wrench: {found.damped} of {len(s)} directions damped (smallest '
-                      f'singular value {s[-1]:.2g} m, damping {least:g} m): the wrench is too '
-                      'small along them; expected a configuration away from singular ones, or '
-                      'damping=', ModelWarning, stacklevel=2)
-    return found
+    result = FrameWrench(scaled * scale, int(undamped.sum()), torque - columns @ scaled)
+    if damping is None and result.damped:
+        warnings.warn(f'frame_wrench: {result.damped} of {len(s)} directions damped '
+                      f'(smallest singular value {s[-1]:.2g} m, damping {smallest:g} '
+                      'm): the wrench is too small along them; expected a configuration '
+                      'away from singular ones, or damping=', ModelWarning, stacklevel=2)
+    return result

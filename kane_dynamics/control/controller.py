@@ -222,7 +222,7 @@ class Controller(ControllerSettings):
         return self._limiter.apply(t, tau)
 
     def resume(self, t: float | None, tau: Array) -> None:
-        """Continue from `tau`, (n,), commanded elsewhere at stamp `t`, s; None: the next one."""
+        """Continue from `tau`, (n,), commanded elsewhere at `t`, s; None: the next stamp."""
         self._restart()
         self._limiter.resume(t, tau)
 

@@ -1,4 +1,4 @@
-"""Friction that a model lacks, known from a contact-free run and adapted slowly in motion."""
+"""Friction that a model lacks, from a contact-free run, adapted slowly in motion."""
 
 from __future__ import annotations
 
@@ -22,13 +22,15 @@ class FrictionError:
     """
     Torque of measured friction beyond that of the model, for `MomentumObserver`.
 
-    ``torque(u) = offset + coulomb tanh(u / friction_speed) + damping u`` for each joint; the
-    values may be negative. `calibrate_collision` fits them to a recording without contact.
+    ``torque(u) = offset + coulomb tanh(u / friction_speed) + damping u`` for each joint;
+    the values may be negative. `calibrate_collision` fits them to a recording without
+    contact.
 
-    Friction changes with temperature and wear. Coulomb friction and damping therefore follow the
-    estimate of the observer by normalized gradient steps (normalized LMS) with the time constant
-    `memory`. Both act in motion only: a force on a resting joint is never taken for friction, and
-    a constant force averages out when the joint turns back.
+    Friction changes with temperature and wear. Coulomb friction and damping therefore
+    follow the estimate of the observer by normalized gradient steps (normalized LMS)
+    with the time constant `memory`. Both act in motion only: a force on a resting joint
+    is never taken for friction, and a constant force averages out when the joint turns
+    back.
 
     Parameters
     ----------
@@ -41,8 +43,8 @@ class FrictionError:
     memory : float
         Time constant of the adaptation in motion, s; infinite: the values are constant.
     largest : float or (n,) array_like
-        Larger estimates adapt as slowly as estimates of this size, N m or N: use the thresholds of
-        collision detection, so that contacts change the values little.
+        Larger estimates adapt as slowly as estimates of this size, N m or N: use the
+        thresholds of collision detection, so that contacts change the values little.
 
     Attributes
     ----------
@@ -62,19 +64,21 @@ class FrictionError:
                  friction_speed: ArrayLike = FRICTION_SPEED, memory: float = np.inf,
                  largest: ArrayLike = np.inf) -> None:
         if isinstance(joint_names, str):
-            raise InputError(f"joint_names: the string '{joint_names}'; expected a sequence of "
-                             'names')
-        self.joint_names = names = tuple(joint_names)
+            raise InputError(f"joint_names: the string '{joint_names}'; expected a "
+                             "sequence of names")
+        names = tuple(joint_names)
+        self.joint_names = names
         self.coulomb = _signed(coulomb, 'coulomb', names)
         self.damping = _signed(damping, 'damping', names)
         self.offset = _signed(offset, 'offset', names)
         self._speed = per_joint(friction_speed, 'friction_speed', names)
         if not self._speed.all():
             joint = names[int(np.flatnonzero(self._speed == 0.0)[0])]
-            raise InputError(f"friction_speed of joint '{joint}': 0; expected a positive number, "
-                             'rad/s or m/s')
+            raise InputError(f"friction_speed of joint '{joint}': 0; expected a "
+                             "positive number, rad/s or m/s")
         self._largest = per_joint(largest, 'largest', names, finite=False)
-        self._memory = number(memory, 'memory', 'a positive time in s', lambda x: x > 0.0)
+        self._memory = number(memory, 'memory', 'a positive time in s',
+                              lambda x: x > 0.0)
         self.forget_motion()
 
     def torque(self, u: Array) -> Array:
@@ -84,22 +88,27 @@ class FrictionError:
 
     def forget_motion(self) -> None:
         """Adapt to later samples only; the values stay."""
-        self._shape = self._rate = np.zeros(len(self._speed))
+        # Low-passes of the shape of Coulomb friction and of the speed.
+        self._shape = np.zeros(len(self._speed))
+        self._rate = np.zeros(len(self._speed))
 
     def adapt(self, elapsed: float, forgotten: Array, u: Array, estimate: Array) -> None:
         """
         Follow the observer's estimate, (n,) N m or N, by one step of `elapsed` s.
 
-        `forgotten` is the factor of the observer's low-pass over the step, (n,). The same low-pass
-        is applied to the regressor, so that the lag at reversals causes no error.
+        `forgotten` is the factor of the observer's low-pass over the step, (n,). The
+        same low-pass is applied to the regressor, so that the lag at reversals causes no
+        error.
         """
         if self._memory == np.inf:
             return
-        self._shape = forgotten * self._shape + (1.0 - forgotten) * coulomb_shape(u, self._speed)
+        shape = coulomb_shape(u, self._speed)
+        self._shape = forgotten * self._shape + (1.0 - forgotten) * shape
         self._rate = forgotten * self._rate + (1.0 - forgotten) * u / UNIT_SPEED
         norm = self._shape**2 + self._rate**2 + LEAST_NORM
         # The estimate is external torque; friction opposes the motion, hence the sign.
-        step = -elapsed / self._memory * np.clip(estimate, -self._largest, self._largest) / norm
+        bounded = np.clip(estimate, -self._largest, self._largest)
+        step = -elapsed / self._memory * bounded / norm
         self.coulomb = self.coulomb + step * self._shape
         self.damping = self.damping + step * self._rate / UNIT_SPEED
 

@@ -60,8 +60,9 @@ class Terms:
 
     @lazy_property
     def weights(self) -> Array:
-        """Return one weight for each row of `torque_terms`; the springs have no switch."""
-        return np.array([getattr(self, name, True) for name in TORQUE_TERMS], dtype=np.float64)
+        """Return a weight for each row of `torque_terms`; the springs have no switch."""
+        switches = [getattr(self, name, True) for name in TORQUE_TERMS]
+        return np.array(switches, dtype=np.float64)
 
     @lazy_property
     def complete(self) -> bool:
@@ -70,7 +71,7 @@ class Terms:
 
     def inverse_dynamics(self, source: Robot | QuasiStatic, q: Array, u: Array,
                          udot: Array) -> Array:
-        """Return the torque of a motion without the terms that are switched off, (..., n)."""
+        """Return the torque of a motion without the terms switched off, (..., n)."""
         if self.complete:
             return source.inverse_dynamics(q, u, udot)
         tau: Array = self.weights @ source.torque_terms(q, u, udot)

@@ -1,4 +1,4 @@
-"""The joints of a filled trajectory, and the motion of the whole robot that follows from them."""
+"""The joints of a filled trajectory, and the motion of the robot that follows."""
 
 from collections.abc import Callable, Sequence
 import math
@@ -27,11 +27,12 @@ class TrajectoryJoints:
     """
     The joints of a trajectory, those that determine the motion, and those of the result.
 
-    Of a robot in joint rates without constraints, all three are the same joints, and the others
-    rest. With chosen speeds or constraints the driving joints are as many as independent speeds
-    and determine the others. They have the actuators; of more actuators than independent speeds,
-    which share the load as in `Robot.joint_torques`, all are joints of the result. Further joints
-    of the trajectory are compared with the loop closure at its points.
+    Of a robot in joint rates without constraints, all three are the same joints, and the
+    others rest. With chosen speeds or constraints the driving joints are as many as
+    independent speeds and determine the others. They have the actuators; of more
+    actuators than independent speeds, which share the load as in `Robot.joint_torques`,
+    all are joints of the result. Further joints of the trajectory are compared with the
+    loop closure at its points.
 
     Parameters
     ----------
@@ -39,12 +40,12 @@ class TrajectoryJoints:
     source : Robot or QuasiStatic
         Its torques are the efforts.
     names : sequence of str, optional
-        The joints of the trajectory. Default: all; with chosen speeds or constraints, those that
-        follow motions.
+        The joints of the trajectory. Default: all; with chosen speeds or constraints,
+        those that follow motions.
     rest : (n_q,) array_like, optional
         Positions of the joints that rest, rad or m. With constraints: a nearly closed
-        configuration, which gives the assembly mode. Default: that of the robot, or of the first
-        point if that is of all joints.
+        configuration, which gives the assembly mode. Default: that of the robot, or of
+        the first point if that is of all joints.
     compensate : Terms
     loop_tolerance, max_figure : float
         With constraints: as `ClosedPath`.
@@ -52,18 +53,20 @@ class TrajectoryJoints:
     Attributes
     ----------
     names, driving, actuators : tuple of str
-        The joints of the trajectory, those that determine the motion, and those of the result.
+        The joints of the trajectory, those that determine the motion, and those of the
+        result.
 
     Raises
     ------
     InputError
-        The joints do not determine the motion, or the robot has beams or depends on time.
+        The joints do not determine the motion, or the robot has beams or depends on
+        time.
 
     """
 
-    def __init__(self, robot: Robot, source: Robot | QuasiStatic, names: Sequence[str] | None,
-                 rest: ArrayLike | None, compensate: Terms, loop_tolerance: float,
-                 max_figure: float) -> None:
+    def __init__(self, robot: Robot, source: Robot | QuasiStatic,
+                 names: Sequence[str] | None, rest: ArrayLike | None, compensate: Terms,
+                 loop_tolerance: float, max_figure: float) -> None:
         self._robot = robot
         self._source = source
         self._compensate = compensate
@@ -98,27 +101,28 @@ class TrajectoryJoints:
         self._chosen = [self.names.index(name) for name in self.driving]
 
     def _check_names(self, rest: ArrayLike | None) -> None:
-        """Raise InputError for an unknown joint, or joints of a tree without a position."""
+        """Raise InputError for an unknown joint, or one of a tree without a position."""
         joints = self._robot.joint_names
         unknown = [name for name in self.names if name not in joints]
         if unknown:
-            raise InputError(f"joint_names: '{unknown[0]}' is not a joint of the robot; expected "
-                             f'some or all of {", ".join(joints)}')
+            expected = ', '.join(joints)
+            raise InputError(f"joint_names: '{unknown[0]}' is not a joint of the robot; "
+                             f'expected some or all of {expected}')
         others = [name for name in joints if name not in self.names]
         if self._plain and others and rest is None:
-            raise InputError(f'joint_names: without {", ".join(others)}; expected these too, or '
-                             'the positions at which they rest')
+            raise InputError(f'joint_names: without {", ".join(others)}; expected these '
+                             'too, or the positions at which they rest')
 
     def _places(self, names: Sequence[str]) -> list[int]:
         """Return the indices of joints in the robot's order."""
         return [self._robot.joint_names.index(name) for name in names]
 
     def chosen(self, values: Array) -> Array:
-        """Return the columns of the driving joints, of those of the trajectory, (..., m)."""
+        """Return the driving joints' columns of those of the trajectory, (..., m)."""
         return values[..., self._chosen]
 
     def allowed(self, tolerance: ArrayLike) -> Array:
-        """Return the tolerance of the efforts; the smallest for actuators not in `names`."""
+        """Return the tolerances of the efforts; the smallest for those not in `names`."""
         values = per_joint(tolerance, 'tolerance', self.names, finite=False)
         by_name = dict(zip(self.names, values.tolist()))
         return np.array([by_name.get(name, values.min()) for name in self.actuators])
@@ -126,16 +130,19 @@ class TrajectoryJoints:
     def limits(self, effort: ArrayLike, names: Sequence[str]) -> JointLimits:
         """Return the limits of joints, with a further effort limit of all joints."""
         stated = self._robot.limits
-        further = per_joint(effort, 'effort_limit', self._robot.joint_names, finite=False)
+        further = per_joint(effort, 'effort_limit', self._robot.joint_names,
+                            finite=False)
         places = self._places(names)
-        return JointLimits(stated.lower[places], stated.upper[places], stated.velocity[places],
+        return JointLimits(stated.lower[places], stated.upper[places],
+                           stated.velocity[places],
                            np.minimum(stated.effort, further)[places])
 
     def turned(self, start: Array, first: Array, limits: JointLimits) -> State:
-        """Return a state, (3, n), with joints that turn without limits next to the first point."""
+        """Return a state, (3, n), whole turns of unlimited joints next to the first point."""
         q, u, udot = start
         unlimited = np.isinf(limits.lower) & np.isinf(limits.upper)
-        turning = np.array([name not in self._robot.model.sliding for name in self.driving])
+        turning = np.array([name not in self._robot.model.sliding
+                            for name in self.driving])
         turns = np.round((first - q) / TURN)
         return q + (unlimited & turning) * TURN * turns, u, udot
 
@@ -161,14 +168,15 @@ class TrajectoryJoints:
                           positions[:, further], lambda t: described_time(t, times))
 
     def _starts(self, points: ControllerPoints, positions: Array) -> list[Array]:
-        """Return nearly closed configurations, of which the first that closes is the start."""
+        """Return nearly closed configurations; the first that closes is the start."""
         robot = self._robot
         if self._has_start:  # joints that turn without limits may be turns away from it
             q = robot.closed_posture(self._pose)
             driving = q[self._columns]
             limits = self.limits(np.inf, self.driving)
             turned = q.copy()
-            turned[self._columns] = self.turned(np.tile(driving, (3, 1)), points.q[0], limits)[0]
+            turned[self._columns] = self.turned(np.tile(driving, (3, 1)), points.q[0],
+                                                limits)[0]
             return [turned, q]
         if robot.configuration is not None:
             return [robot.closed_posture(robot.configuration)]
@@ -192,7 +200,7 @@ class TrajectoryJoints:
 
     def strays(self, points: ControllerPoints, segments: Segments, x: Array) -> Flags:
         """
-        Return in which segments the motion of the actuators leaves the closed loops, (S,).
+        Return in which segments the actuators leave the closed loops, (S,).
 
         Arguments are those of `ControllerPoints.inside`.
         """
@@ -205,7 +213,7 @@ class TrajectoryJoints:
 
     def efforts(self, q: Array, u: Array, udot: Array) -> Array:
         """
-        Return the efforts of the actuators for motions of the driving joints, (..., n) each.
+        Return the efforts of the actuators for motions of the driving joints.
 
         InputError if one overflows, or if another joint leaves its limits.
         """
@@ -213,10 +221,10 @@ class TrajectoryJoints:
 
     def _in_order(self, function: Callable[..., Array], state: Sequence[Array]) -> Array:
         """
-        Return a function of rows in the order of time, for the columns of the driving joints.
+        Return a function of rows, of the driving joints, in the order of time.
 
-        Arrays are (K, n), or (m, S, n) at m times inside of S segments: each configuration is
-        closed from the one before, so that rows must follow each other.
+        Arrays are (K, n), or (m, S, n) at m times inside of S segments: each
+        configuration is closed from the one before, so that rows must follow each other.
         """
         rows = [np.swapaxes(values, 0, -2) for values in state]
         flat = [values.reshape(-1, len(self.driving)) for values in rows]
@@ -236,19 +244,19 @@ class TrajectoryJoints:
         return self._of_driving(tau, motion[0])
 
     def _check_limits(self, q: Array) -> None:
-        """Raise InputError if joints that follow from the trajectory leave their limits."""
+        """Raise InputError if joints that follow from others leave their limits."""
         limits = self._robot.limits
         for k, name in enumerate(self._robot.joint_names):
             if name in self.driving:
                 continue
             lowest, highest = q[:, k].min(), q[:, k].max()
             if lowest < limits.lower[k] or highest > limits.upper[k]:
-                raise InputError(f"joint '{name}': positions from {lowest:.4g} to {highest:.4g} "
-                                 f'follow from the trajectory; expected {limits.lower[k]:.4g} '
-                                 f'to {limits.upper[k]:.4g}')
+                raise InputError(f"joint '{name}': positions from {lowest:.4g} to "
+                                 f"{highest:.4g} follow from the trajectory; expected "
+                                 f"{limits.lower[k]:.4g} to {limits.upper[k]:.4g}")
 
     def _of_driving(self, tau: Array, q: Array) -> Array:
-        """Return the torques of the driving joints that give a generalized force, T^-T tau."""
+        """Return the torques of the driving joints for a generalized force, T^-T tau."""
         robot = self._robot
         none = np.zeros_like(tau)
         drift = robot.joint_rates(q, none)
@@ -258,7 +266,7 @@ class TrajectoryJoints:
         return np.asarray(np.linalg.solve(np.swapaxes(T, 1, 2), tau[..., None])[..., 0])
 
     def _motion(self, q: Array, rates: Array, accelerations: Array) -> State:
-        """Return q (K, n_q), u, udot (K, n) of the robot, for rows in the order of time."""
+        """Return q (K, n_q), u, udot (K, n) of the robot, in the order of time."""
         configurations = self._configurations(q)
         if self._plain:
             u = np.zeros_like(configurations)
@@ -282,8 +290,9 @@ def _require_rigid_and_timeless(robot: Robot) -> None:
     """Raise InputError for a robot with beams, or one that depends on time."""
     require_rigid(robot)
     if robot.equations.timed:
-        raise InputError('robot: speeds or constraints that are functions of time; expected '
-                         'none, as a trajectory does not state when in that time it starts')
+        raise InputError('robot: speeds or constraints that are functions of time; '
+                         'expected none, as a trajectory does not state when in that '
+                         'time it starts')
 
 
 def _stated_actuators(robot: Robot) -> tuple[str, ...] | None:
@@ -294,7 +303,7 @@ def _stated_actuators(robot: Robot) -> tuple[str, ...] | None:
 
 def _actuators(robot: Robot, names: tuple[str, ...], driving: tuple[str, ...]
                ) -> tuple[str, ...]:
-    """Return the joints of the result: those with actuators, the trajectory's own first."""
+    """Return the joints of the result: actuators, those of the trajectory first."""
     stated = _stated_actuators(robot)
     if stated is None:
         return driving
@@ -304,9 +313,10 @@ def _actuators(robot: Robot, names: tuple[str, ...], driving: tuple[str, ...]
 
 def driving_joints(robot: Robot) -> tuple[str, ...]:
     """
-    Return the joints that drive the others, as many as independent speeds, in the robot's order.
+    Return the joints that drive the others, in the robot's order.
 
-    These are the joints with actuators, or the joints that follow motions if more have actuators.
+    These are the joints with actuators, or the joints that follow motions if more have
+    actuators.
     """
     if robot.equations.in_joint_rates:
         return robot.joint_names
@@ -320,8 +330,8 @@ def _driving(robot: Robot, names: tuple[str, ...]) -> tuple[str, ...]:
     """
     Return the driving joints among those of a trajectory, in their order.
 
-    These are the joints with actuators, if as many as independent speeds are stated; else the
-    joints of a trajectory of as many, or those that follow motions.
+    These are the joints with actuators, if as many as independent speeds are stated;
+    else the joints of a trajectory of as many, or those that follow motions.
     """
     n = robot.n
     stated = _stated_actuators(robot)
@@ -334,14 +344,14 @@ def _driving(robot: Robot, names: tuple[str, ...]) -> tuple[str, ...]:
         if fully_actuated:
             what = 'the joints with actuators'
         listed = ', '.join(name for name in robot.joint_names if name in driving)
-        raise InputError(f'joint_names: {list(names)}; expected {what}, {listed}, alone or with '
-                         'further joints')
+        raise InputError(f'joint_names: {list(names)}; expected {what}, {listed}, alone '
+                         'or with further joints')
     return tuple(name for name in names if name in driving)
 
 
 def compile_trajectories(robot: Robot) -> None:
     """Compile what trajectories of a robot with chosen speeds or constraints need."""
-    robot.compile('inverse_dynamics', 'torque_terms', 'joint_rates', 'joint_accelerations',
-                  'joint_torques', batches=True)
+    robot.compile('inverse_dynamics', 'torque_terms', 'joint_rates',
+                  'joint_accelerations', 'joint_torques', batches=True)
     if robot.constraint_names:
         LoopTracker(robot, driving_joints(robot))

@@ -17,8 +17,9 @@ def check_motion(points: ControllerPoints, limits: JointLimits, names: Sequence[
     """
     Raise InputError if a motion exceeds a limit of position or velocity.
 
-    The control points of a segment's Bernstein polynomial bound its position, their differences
-    its velocity. Only segments whose bounds exceed a limit are sampled, at `SAMPLES`.
+    The control points of a segment's Bernstein polynomial bound its position, their
+    differences its velocity. Only segments whose bounds exceed a limit are sampled, at
+    `SAMPLES`.
 
     Parameters
     ----------
@@ -32,59 +33,69 @@ def check_motion(points: ControllerPoints, limits: JointLimits, names: Sequence[
         Times of the points as they were given, s, for messages.
 
     """
-    lower, upper = (bound + sign * ROUNDING * np.maximum(1.0, np.abs(bound))
-                    for bound, sign in ((limits.lower, -1.0), (limits.upper, 1.0)))
-    ranges = (('position', lower, upper),
-              ('velocity', -limits.velocity * (1.0 + ROUNDING),
-               limits.velocity * (1.0 + ROUNDING)))
-    for (what, low, high), values in zip(ranges, (points.q, points.u), strict=True):
-        _check(what, points.t, values, low, high, names, given)
-    if len(points.t) < 2 or _certain(points, *ranges[0][1:], ranges[1][2]):
+    lower = limits.lower - ROUNDING * np.maximum(1.0, np.abs(limits.lower))
+    upper = limits.upper + ROUNDING * np.maximum(1.0, np.abs(limits.upper))
+    fastest = limits.velocity * (1.0 + ROUNDING)
+    _check('position', points.t, points.q, lower, upper, names, given)
+    _check('velocity', points.t, points.u, -fastest, fastest, names, given)
+    if len(points.t) < 2 or _certain(points, lower, upper, fastest):
         return
-    for part, ((what, low, high), control) in enumerate(zip(ranges, _control_points(points),
-                                                            strict=True)):
-        beyond = ((control < low) | (control > high)).any(axis=(0, 2))
+    ranges = (('position', lower, upper), ('velocity', -fastest, fastest))
+    bounds = _control_points(points)
+    for part, (what, low, high) in enumerate(ranges):
+        beyond = ((bounds[part] < low) | (bounds[part] > high)).any(axis=(0, 2))
         segments = np.flatnonzero(beyond)
         if segments.size:
             values = points.inside(segments, SAMPLES)[part]
             times = points.t[segments] + SAMPLES[:, None] * np.diff(points.t)[segments]
-            _check(what, times.ravel(), values.reshape(-1, len(names)), low, high, names, given)
+            _check(what, times.ravel(), values.reshape(-1, len(names)), low, high, names,
+                   given)
 
 
-def _certain(points: ControllerPoints, lower: Array, upper: Array, fastest: Array) -> bool:
+def _certain(points: ControllerPoints, lower: Array, upper: Array,
+             fastest: Array) -> bool:
     """
     Return whether no segment can exceed a limit; quicker than all control points.
 
-    They differ from the points by at most the largest products of velocity and acceleration with
-    the duration of the segments; only the middle one of the velocity is computed.
+    They differ from the points by at most the largest products of velocity and
+    acceleration with the duration of the segments; only the middle one of the velocity
+    is computed.
     """
     t, q, u, udot = points
     h = np.diff(t)[:, None]
     longest = float(h.max())
-    speed, bend = (np.abs(values).max(axis=0) for values in (u, udot))
-    reach = 0.4 * longest * speed + 0.05 * longest**2 * bend
-    middle = (5.0 / h) * np.diff(q, axis=0) - 2.0 * (u[:-1] + u[1:]) + (0.25 * h) * np.diff(
-        udot, axis=0)
-    return bool((q.min(axis=0) - reach >= lower).all() and (q.max(axis=0) + reach <= upper).all()
-                and (speed + 0.25 * longest * bend <= fastest).all()
-                and (np.abs(middle).max(axis=0) <= fastest).all())
+    speed = np.abs(u).max(axis=0)
+    acceleration = np.abs(udot).max(axis=0)
+    reach = 0.4 * longest * speed + 0.05 * longest**2 * acceleration
+    above = (q.min(axis=0) - reach >= lower).all()
+    below = (q.max(axis=0) + reach <= upper).all()
+    ends = speed + 0.25 * longest * acceleration
+    middle = ((5.0 / h) * np.diff(q, axis=0) - 2.0 * (u[:-1] + u[1:])
+              + (0.25 * h) * np.diff(udot, axis=0))
+    slow = (ends <= fastest).all() and (np.abs(middle).max(axis=0) <= fastest).all()
+    return bool(above and below and slow)
 
 
-def check_efforts(t: Array, tau: Array, bound: Array, names: Sequence[str], given: Array) -> None:
+def check_efforts(t: Array, tau: Array, bound: Array, names: Sequence[str],
+                  given: Array) -> None:
     """Raise InputError if an effort, (K, n), exceeds its bound, (n,)."""
-    _check('effort', t, tau, -bound * (1.0 + ROUNDING), bound * (1.0 + ROUNDING), names, given)
+    _check('effort', t, tau, -bound * (1.0 + ROUNDING), bound * (1.0 + ROUNDING), names,
+           given)
 
 
-def _check(what: str, t: Array, values: Array, low: Array, high: Array, names: Sequence[str],
-           given: Array) -> None:
-    """Raise InputError that names the joint, the point, the value and the limit of an excess."""
+def _check(what: str, t: Array, values: Array, low: Array, high: Array,
+           names: Sequence[str], given: Array) -> None:
+    """Raise InputError for an excess; names joint, point, value and limit."""
     wrong = (values < low) | (values > high)
     if not wrong.any():
         return
-    beyond = np.maximum(low - values, values - high)
-    k, j = divmod(int(np.argmax(np.where(wrong, beyond, -np.inf))), values.shape[1])
-    value, least, most = (float(x) for x in (values[k, j], low[j], high[j]))
-    expected = f'at most {most:.6g}' if value > most else f'at least {least:.6g}'
+    # The largest excess.
+    excess = np.where(wrong, np.maximum(low - values, values - high), -np.inf)
+    k, j = divmod(int(np.argmax(excess)), values.shape[1])
+    value = float(values[k, j])
+    expected = f'at least {low[j]:.6g}'
+    if value > high[j]:
+        expected = f'at most {high[j]:.6g}'
     raise InputError(f"joint '{names[j]}': {what} {value:.6g} "
                      f'{described_time(float(t[k]), given)}; expected {expected}')
 
@@ -99,10 +110,15 @@ def described_time(t: float, given: Array) -> str:
 
 
 def _control_points(points: ControllerPoints) -> tuple[Array, Array]:
-    """Return control points of position and velocity in every segment, (6 or 5, K - 1, n)."""
+    """Return control points of position and velocity, (6 or 5, K - 1, n)."""
     h = np.diff(points.t)[:, None]
-    (q0, q1), (d0, d1), (c0, c1) = (
-        (factor * values[:-1], factor * values[1:]) for factor, values in (
-            (1.0, points.q), (h / 5.0, points.u), (h * h / 20.0, points.udot)))
-    position = np.array([q0, q0 + d0, q0 + 2.0 * d0 + c0, q1 - 2.0 * d1 + c1, q1 - d1, q1])
+    q_0 = points.q[:-1]
+    q_1 = points.q[1:]
+    # Steps from control point to control point, by the derivatives at both ends.
+    first_0 = h / 5.0 * points.u[:-1]
+    first_1 = h / 5.0 * points.u[1:]
+    second_0 = h * h / 20.0 * points.udot[:-1]
+    second_1 = h * h / 20.0 * points.udot[1:]
+    position = np.array([q_0, q_0 + first_0, q_0 + 2.0 * first_0 + second_0,
+                         q_1 - 2.0 * first_1 + second_1, q_1 - first_1, q_1])
     return position, np.diff(position, axis=0) * (5.0 / h)
