@@ -1,8 +1,25 @@
-"""Computed torque on a desired motion, for simulations."""
+"""
+Computed torque: the law, traced into one program for all of its uses, and the torque source.
+
+As many joints as there are independent speeds follow the motion; the others follow from the
+constraints. With q' = T u + X, and the rows of these joints marked by c,
+
+    T_c udot = q''_d + kd (q'_d - q'_c) + kp (q_d - q_c) - q''_c(udot = 0),
+
+so that the errors of these joints obey e'' + kd e' + kp e = 0 for every choice of speeds. The
+torque is T^T times the joint forces of that motion, with friction at the desired joint rates:
+compensation at the measured rates would accelerate an arm at rest. In joint rates without
+constraints T = 1, all joints follow, and the law is
+
+    tau = ID_rigid(q, u, udot_d + kd (u_d - u) + kp (q_d - q)) + friction(u_d).
+
+`Controller` calls it as a kernel; native simulation and sweeps call it as a subroutine of their
+steps.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 import warnings
@@ -10,18 +27,250 @@ import warnings
 from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.frozen import freeze
-from kane_dynamics._util.typing import Array
-from kane_dynamics.control.constrained_law import (followed_joints, motion_columns,
-                                                   require_closed, require_rigid)
+from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.mechanics.constraints.conditioning import guarded
+from kane_dynamics.mechanics.constraints.transmission import (require_transmission,
+                                                              transmission_margin)
 from kane_dynamics.motion.motion import Motion, State
+from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import Program, Shape
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot
+import numpy as np
 from numpy.typing import ArrayLike
 
+NAME = 'computed_torque'
+DESIRED = ('q_d', 'u_d', 'udot_d')  # of the joints that follow
 KP, KD = 100.0, 20.0  # default gains, 1/s^2 and 1/s: critically damped
 
+
+# -------------------------------------------------------------------------------------
+# The joints that follow.
+
+def followed_joints(robot: Robot, followed: Sequence[str] | None = None) -> tuple[int, ...]:
+    """
+    Return the indices of the joints that follow a motion, as many as independent speeds.
+
+    Parameters
+    ----------
+    robot : Robot
+    followed : sequence of str, optional
+        Their names. Default: all joints without constraints; else those whose rates are the
+        independent speeds, or else those with actuators.
+
+    Raises
+    ------
+    InputError
+        An unknown joint, another number of joints, no default, or a robot with beams.
+
+    """
+    require_rigid(robot)
+    names = robot.coordinate_names
+    n = robot.n
+    if followed is None:
+        followed = _default_joints(robot)
+    distinct = set(followed)
+    if not len(followed) == len(distinct) == n or not distinct <= set(names):
+        raise InputError(f'followed: {list(followed)}; expected {n} of the joints '
+                         f'{list(names)}, as many as there are independent speeds')
+    return tuple(names.index(name) for name in followed)
+
+
+def _default_joints(robot: Robot) -> Sequence[str]:
+    """Return the joints that follow by default; InputError if there is no default."""
+    names = robot.coordinate_names
+    if robot.n == robot.n_q:
+        return names
+    if robot.mechanism.speeds.key and set(robot.speed_names) <= set(names):
+        return robot.speed_names
+    actuated = robot.equations.actuated
+    if actuated is not None and len(actuated) == robot.n:
+        return tuple(names[k] for k in actuated)
+    raise InputError(f'followed: missing; expected {robot.n} of the joints {list(names)}, '
+                     'which follow the motion, because the independent speeds are not joint '
+                     'rates')
+
+
+def joints_that_follow(robot: Robot) -> tuple[int, ...]:
+    """Return the indices of the joints that follow motions: all of them in joint rates."""
+    if robot.equations.in_joint_rates:
+        return tuple(range(robot.n_q))
+    return followed_joints(robot)
+
+
+def require_rigid(robot: Robot) -> None:
+    """Raise InputError if a robot has beams, which feedforward would bend at will."""
+    if robot.model.modal_coordinates:
+        raise InputError('robot: with beams; expected the rigid model, such as '
+                         'stiffened(model), because no actuator moves the coordinates of '
+                         'bending')
+
+
+def motion_columns(robot: Robot, followed: Sequence[int], names: Sequence[str]) -> list[int]:
+    """
+    Return the columns of a motion's joints that are those that follow it.
+
+    InputError unless the motion is of these joints, in their order, or of all joints in theirs.
+    """
+    joints = robot.coordinate_names
+    following = [joints[k] for k in followed]
+    if list(names) == following:
+        return list(range(len(followed)))
+    if tuple(names) == tuple(joints):
+        return list(followed)
+    expected = str(following)
+    if following != list(joints):
+        expected += f', or all: {list(joints)}'
+    raise InputError(f'motion: of the joints {list(names)}; expected {expected}')
+
+
+def require_closed(robot: Robot, positions: Array, times: Array) -> None:
+    """
+    Raise InputError unless points of a motion of all joints, (K, n_q), satisfy the constraints.
+
+    The limit is `closure_tolerance`; None for none.
+    """
+    limits = robot.parameters.closure_tolerance
+    if not robot.constraint_names or limits is None or positions.shape[1] != robot.n_q:
+        return
+    residual = np.abs(robot.constraint_residual(positions, t=times))
+    allowed = np.where(robot.mechanism.turning, limits[1], limits[0])
+    if (residual <= allowed).all():
+        return
+    point, row = np.unravel_index(np.argmax(residual / allowed), residual.shape)
+    raise InputError(f"motion: the residual of '{robot.constraint_names[row]}' is "
+                     f'{residual[point, row]:.3g} (m or rad) in point {point + 1}; expected '
+                     'closed configurations, as from robot.closed_posture, or a motion of the '
+                     'independent joints')
+
+
+# -------------------------------------------------------------------------------------
+# The law.
+
+def corrected_acceleration(q: Vector, u: Vector, q_d: Vector, u_d: Vector, udot_d: Vector,
+                           kp: Vector, kd: Vector) -> Vector:
+    """Return the corrected acceleration of computed torque, (n,) or (N, n)."""
+    return udot_d + (kd * (u_d - u) + kp * (q_d - q))
+
+
+def law_program(robot: Robot, followed: Sequence[int] | None = None,
+                commanded: bool = False) -> Program:
+    """
+    Trace the law; arguments as of `law_kernel`, then the robot's parameters.
+
+    The result is dual to the independent speeds, (n,), without a check of the configuration.
+    With `commanded` it is the torques of the joints, (n_q,), NaN where calls of the robot are
+    refused. In joint rates both are the same.
+    """
+    law = _law(robot, followed, commanded)
+    return robot.kernels.function(law, NAME, _inputs(robot)).program()
+
+
+def _law(robot: Robot, followed: Sequence[int] | None, commanded: bool
+         ) -> Callable[..., Vector]:
+    """Return the function of `law_program`; all joints follow by default."""
+    equations = robot.equations
+    mechanism = equations.mechanism
+    tree = equations.tree
+    n = equations.n
+    places = list(range(n))
+    if followed is not None:
+        places = list(followed)
+
+    def law(q: Vector, u: Vector, q_d: Vector, u_d: Vector, udot_d: Vector, gains: Vector,
+            wrench: Any, t: Scalar, parameters: Vector, limits: Vector) -> Vector:
+        motion = equations.joint_motion(q, u, equations.zeros, t)
+        T_c = motion.T[places]
+
+        # Accelerations of all joints for the corrected ones of those that follow, and rates of
+        # all joints for the desired ones.
+        corrected = corrected_acceleration(q[places], motion.qdot[places], q_d, u_d, udot_d,
+                                           gains[:n], gains[n:])
+        udot = mechanism.solved(T_c, corrected - motion.qddot[places])
+        qddot = motion.qddot + motion.T @ udot
+        du = mechanism.solved(T_c, u_d - motion.qdot[places])
+        qdot_d = motion.qdot + motion.T @ du
+
+        rigid = tree.rigid_dynamics(q, motion.qdot, qddot, wrench, parameters)
+        tau = motion.projected(np.array(rigid) + tree.friction_force(qdot_d))
+        if not commanded:
+            return tau
+        # The torques of the actuators, with NaN where they or the followed joints do not
+        # determine the motion, or where the configuration is open or singular.
+        tau = equations.joint_torques(tau, q, t)
+        if equations.watched:
+            tau = guarded(tau, equations.margin(q, t, limits))
+        return guarded(tau, transmission_margin(mechanism, motion.T, places))
+    return law
+
+
+def law_kernel(robot: Robot, followed: Sequence[int] | None = None,
+               commanded: bool = False) -> Kernel:
+    """
+    Return the law as a kernel of the robot; results as of `law_program`.
+
+    Its arguments are q (n_q,), u (n,); q, q', q'' desired of the joints that follow, (n,) each;
+    the gains: kp, then kd, (2 n,); then wrenches and time where the robot has them.
+    """
+    if robot.equations.in_joint_rates:
+        law = _law(robot, None, commanded=False)
+        return robot.kernels.compiled(law, NAME, _inputs(robot), (robot.n,))
+    assert followed is not None
+    name = f'{NAME}_{"_".join(map(str, followed))}'
+    size = robot.n_q
+    if not commanded:
+        name += '_anywhere'
+        size = robot.n
+
+    def reason(state: dict[str, Array]) -> Kernel | None:
+        """Return the law in speeds that are regular at a state; raise the error otherwise."""
+        regular = robot.speed_sets.instead(robot.mechanism, state)
+        t = float(state.get('t', np.zeros(())))
+        require_following(robot, followed, state['q'], t)
+        if regular is None or regular.equations.in_joint_rates:
+            return None
+        choice = regular.equations.mechanism
+        return law_kernel(robot.in_choice(choice.free, choice.kept), followed, commanded)
+    law = _law(robot, followed, commanded)
+    return robot.kernels.compiled(law, name, _inputs(robot), (size,), reason=reason)
+
+
+def _inputs(robot: Robot) -> dict[str, Shape | Argument]:
+    """Return the inputs of the law: measured, then desired; gains."""
+    n = robot.n
+    desired: dict[str, Shape | Argument] = {}
+    for name in DESIRED:
+        desired[name] = (n,)
+        if robot.equations.in_joint_rates:  # errors name the joints
+            desired[name] = Argument(name, (n,), robot.coordinate_names)
+    return {'q': (robot.n_q,), 'u': (n,), **desired, 'gains': (2 * n,)}
+
+
+def require_following(robot: Robot, followed: Sequence[int], q: Array, t: float,
+                      where: str = '', share: float = 1.0) -> None:
+    """Raise ConstraintError where followed or actuated joints do not determine the motion."""
+    equations = robot.equations
+    T = np.array(equations.at_rest(q, t).T, dtype=np.float64)
+    if equations.actuated is not None:
+        require_transmission(robot.mechanism, T, equations.actuated, True, q, where, share)
+    require_transmission(robot.mechanism, T, followed, False, q, where, share)
+
+
+def law_margin(robot: Robot, followed: Sequence[int], q: Vector, t: Scalar) -> Scalar:
+    """Return a number that is positive where `require_following` raises no error; traced."""
+    equations = robot.equations
+    T = equations.at_rest(q, t).T
+    margin = transmission_margin(equations.mechanism, T, followed)
+    if equations.actuated is None:
+        return margin
+    return margin + transmission_margin(equations.mechanism, T, equations.actuated) - 1.0
+
+
+# -------------------------------------------------------------------------------------
+# The torque source.
 
 @fixed
 @dataclass(frozen=True, eq=False, init=False)
@@ -32,7 +281,7 @@ class ComputedTorque:
     ``tau = ID(q, u, udot_d + kd (u_d - u) + kp (q_d - q))``, with the dynamics of `robot`.
 
     With chosen speeds or constraints, as many joints as there are independent speeds follow the
-    motion, with the errors ``e'' + kd e' + kp e = 0``; see `control.constrained_law`.
+    motion, with the errors ``e'' + kd e' + kp e = 0``; see the module.
 
     Parameters
     ----------
@@ -86,7 +335,8 @@ class ComputedTorque:
         if not isinstance(motion, Motion):
             raise InputError(f'motion: a {type(motion).__name__}; expected a Motion: the order is '
                              '(robot, motion, kp, kd)')
-        places = columns = list(range(motion.n))
+        places = list(range(motion.n))
+        columns = places
         if simulated is not None:
             places, columns = _followed(simulated, motion, followed)
         freeze(self, 'robot', simulated)
@@ -94,8 +344,8 @@ class ComputedTorque:
         freeze(self, 'followed', tuple(places))
         freeze(self, 'columns', columns)
         names = [motion.joint_names[k] for k in columns]
-        for name, gain, default in (('kp', kp, KP), ('kd', kd, KD)):
-            freeze(self, name, per_joint(default if gain is None else gain, name, names))
+        freeze(self, 'kp', per_joint(KP if kp is None else kp, 'kp', names))
+        freeze(self, 'kd', per_joint(KD if kd is None else kd, 'kd', names))
 
     def desired(self, t: Array) -> State:
         """Return q, u, udot of the followed joints at times (K,), s, (K, n) arrays."""
@@ -109,16 +359,16 @@ def _followed(robot: Robot, motion: Motion, followed: Sequence[str] | None
               ) -> tuple[list[int], list[int]]:
     """Return the indices of the followed joints, and their columns of the motion."""
     require_rigid(robot)
-    constrained = not robot.equations.in_joint_rates
-    if not constrained and motion.joint_names != robot.joint_names:
-        raise InputError(f'motion: of the joints {list(motion.joint_names)}; expected '
-                         f'{list(robot.joint_names)}')
-    if not constrained and followed is not None:
-        raise InputError(f'followed: {list(followed)}; expected None, because all joints of this '
-                         'robot follow the motion')
-    if constrained and followed is None and motion.n == robot.n:
+    if robot.equations.in_joint_rates:
+        if motion.joint_names != robot.joint_names:
+            raise InputError(f'motion: of the joints {list(motion.joint_names)}; expected '
+                             f'{list(robot.joint_names)}')
+        if followed is not None:
+            raise InputError(f'followed: {list(followed)}; expected None, because all joints '
+                             'of this robot follow the motion')
+    elif followed is None and motion.n == robot.n:
         followed = motion.joint_names
-    places = followed_joints(robot, followed) if constrained else tuple(range(motion.n))
+    places = followed_joints(robot, followed)
     columns = motion_columns(robot, places, motion.joint_names)
     if motion.n == robot.n_q:
         warn_of_degrees(robot, motion.positions, 'motion', stacklevel=5)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 import math
+from typing import Any
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import finite_row
+from kane_dynamics._util.checks import constant, finite_row, per_joint
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
-from kane_dynamics.control.computed_torque import KD, KP
-from kane_dynamics.control.computed_torque_law import corrected_acceleration, law_kernel
-from kane_dynamics.control.constrained_law import require_rigid
-from kane_dynamics.control.constrained_torques import ConstrainedTorques
-from kane_dynamics.control.controller_settings import ControllerSettings
+from kane_dynamics.control.computed_torque import (corrected_acceleration, KD, KP,
+                                                   law_kernel, require_rigid)
+from kane_dynamics.control.followed_motion import FollowedMotion
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import EVERY_TERM, Mode, Terms
 from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
@@ -21,15 +21,18 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
-from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
 from numpy.typing import ArrayLike
 
 __all__ = ['Controller', 'Mode', 'Terms']
 
+CORIOLIS = TORQUE_TERMS.index('coriolis')
+FRICTION = TORQUE_TERMS.index('friction')
+
 
 @fixed
-class Controller(ControllerSettings):
+class Controller:
     """
     Computes torque commands for successive measured states.
 
@@ -88,43 +91,132 @@ class Controller(ControllerSettings):
                  bending: QuasiStatic | None = None, followed: Sequence[str] | None = None,
                  preload: ArrayLike | None = None) -> None:
         require_rigid(robot)
-        self.robot, self.bending = robot, bending
-        self._names = self._speeds = self._follow = tuple(robot.joint_names)
-        self._constrained: ConstrainedTorques | None = None
-        if not robot.equations.in_joint_rates:
+        self.robot = robot
+        self.bending = bending
+        self._source = robot if bending is None else bending
+        self._timed = robot.equations.timed
+        # In joint rates the torques are those of the joints, and all joints follow motions.
+        self._direct = robot.equations.in_joint_rates
+        if not self._direct:
             require_angles(robot.model, 'Controller')
-            self._constrained = ConstrainedTorques(robot, followed, preload, bending)
-            self._speeds, self._follow = robot.speed_names, self._constrained.followed
         elif followed is not None or preload is not None:
             raise InputError('followed, preload: given; expected a robot with chosen speeds or '
                              'constraints')
+        self._motion = FollowedMotion(robot, followed)
+        self._names = tuple(robot.joint_names)  # of the commands
+        self._speeds = robot.speed_names
+        self._follow = self._motion.names  # of the gains
         if bending is not None:
+            if not self._direct:
+                bending.require_drives('followed', self._follow)
+                bending.require_drives('actuated', robot.actuated_names)
             bending.require_rigid_model(robot)
-        self._source = bending or robot
+        self._preload: Array | None = None
+        if preload is not None:
+            self._preload = _checked_preload(robot, preload)
         self._zero = np.zeros(len(self._follow))
         self._zero.flags.writeable = False
         self._pose: Array | None = None  # held while there is no motion
-        self._motion: Motion | None = None  # the last one whose joints were found to fit
+        self._fitting: Motion | None = None  # the last motion whose joints fit
         self._limiter = TorqueLimiter(self._names)
-        self._mode, self._kp, self._kd = Mode(Mode.INVERSE_DYNAMICS), self._zero, self._zero
+        self._mode = Mode.INVERSE_DYNAMICS
+        self._kp = self._zero
+        self._kd = self._zero
         self.update(mode=mode, compensate=compensate, kp=kp, kd=kd, effort_limit=effort_limit,
                     rate_limit=rate_limit)
 
-    @lazy_property
-    def _law(self) -> Callable[..., Array]:
-        """Return the entry point of the computed-torque kernel, with all terms."""
-        kernel = law_kernel(self.robot)
-        more = [None] if len(self.robot.kernels.no_wrench) else []
-        return kernel.entry('', lambda *given: kernel(*given, *more))
+    # Settings, which may change between two commands.
+
+    def update(self, *, mode: Mode | str | None = None, compensate: Terms | None = None,
+               kp: ArrayLike | None = None, kd: ArrayLike | None = None,
+               effort_limit: ArrayLike | None = None,
+               rate_limit: ArrayLike | None = None) -> None:
+        """
+        Change settings between two commands; None keeps a setting.
+
+        On an InputError no setting changes. The rate limit continues from the last command; a new
+        mode holds a new pose.
+        """
+        # All checks come before the first change.
+        if mode is not None and mode not in list(Mode):
+            raise InputError(f'mode: {mode!r}; expected one of {", ".join(Mode)}')
+        names = self._names
+        new_kp = self._kp if kp is None else per_joint(kp, 'kp', self._follow)
+        new_kd = self._kd if kd is None else per_joint(kd, 'kd', self._follow)
+        effort: Array | None = None
+        rate: Array | None = None
+        if effort_limit is not None:
+            stated = np.asarray(self.robot.limits.effort, dtype=np.float64)
+            effort = np.minimum(per_joint(effort_limit, 'effort_limit', names, finite=False),
+                                stated)
+        if rate_limit is not None:
+            rate = per_joint(rate_limit, 'rate_limit', names, finite=False)
+        self._kp = new_kp
+        self._kd = new_kd
+        self._gains = np.concatenate([new_kp, new_kd])
+        if effort is not None:
+            self._limiter.set_effort(effort)
+        if rate is not None:
+            self._limiter.set_rate(rate)
+        if mode is not None and mode != self._mode:
+            self._mode = Mode(mode)
+            self._pose = None
+        if compensate is not None:
+            self._compensate = compensate
+            # Feedback acts through M in any case; friction is added at the desired speed.
+            self._back = replace(compensate, inertia=True, friction=False).weights
+
+    @property
+    def followed(self) -> tuple[str, ...]:
+        """Return the names of the joints that follow motions, in the order of the gains."""
+        return self._follow
+
+    @property
+    def mode(self) -> Mode:
+        """Return the mode; `update` changes it."""
+        return self._mode
+
+    @property
+    def compensate(self) -> Terms:
+        """Return the torque terms of the command; `update` changes them."""
+        return self._compensate
+
+    @property
+    def kp(self) -> Array:
+        """Return the gains of the position, (n,) 1/s^2; `update` changes them."""
+        return self._kp
+
+    @property
+    def kd(self) -> Array:
+        """Return the gains of the speed, (n,) 1/s; `update` changes them."""
+        return self._kd
+
+    @property
+    def pose(self) -> Array | None:
+        """Return the positions that computed torque holds, (n,) rad or m; None with a motion."""
+        return self._pose
+
+    @property
+    def effort_limit(self) -> Array:
+        """Return the effort limits, (n,) N m or N: the minimum of the robot's and given ones."""
+        return self._limiter.effort
+
+    @property
+    def rate_limit(self) -> Array:
+        """Return the largest change of each torque, (n,) N m/s or N/s."""
+        return self._limiter.rate
 
     def compile(self) -> None:  # noqa: A003
         """Compile the kernels that commands need in addition to those of the robot."""
-        if self._constrained is not None:
-            self._constrained.compile()
-        elif self.bending is None:
+        if self.bending is None:
             self._law  # noqa: B018
         else:
             self.bending.robot.compile('inverse_dynamics', 'torque_terms', 'gravity_force')
+        if not self._direct:
+            self.robot.compile('joint_torques')
+        self._motion.compile()
+
+    # Commands.
 
     def command(self, t: float, q: ArrayLike, u: ArrayLike | None = None,
                 motion: Motion | None = None, motion_time: float | None = None,
@@ -166,23 +258,20 @@ class Controller(ControllerSettings):
         q = finite_row(q, 'the measured position', self._names)
         if u is not None:
             u = finite_row(u, 'the measured speed', self._speeds)
-        elif self._mode is not Mode.GRAVITY_COMPENSATION:
+        elif self._mode is Mode.GRAVITY_COMPENSATION:
+            u = np.zeros(len(self._speeds))
+        else:
             raise InputError(f'u: missing; expected the measured speeds, which {self._mode} '
                              'needs')
-        if motion is not None and motion is not self._motion:
-            if self._constrained is not None:
-                self._constrained.check(motion)
-            elif motion.joint_names != self._names:
-                raise InputError(f'motion: of the joints {list(motion.joint_names)}; '
-                                 f'expected {list(self._names)}')
+        if motion is not None and motion is not self._fitting:
+            self._motion.check(motion)
             if motion.n == len(self._names):
                 warn_of_degrees(self.robot, motion.positions, 'motion')
-            self._motion = motion
-        external = None if external is None else finite_row(
-            external, 'the measured external torque', self._speeds)
-        u = np.zeros(len(self._speeds)) if u is None else u
-        return self.command_checked(t, q, u, motion,
-                                    t if motion_time is None else motion_time, external)
+            self._fitting = motion
+        if external is not None:
+            external = finite_row(external, 'the measured external torque', self._speeds)
+        moment = t if motion_time is None else motion_time
+        return self.command_checked(t, q, u, motion, moment, external)
 
     def command_checked(self, t: float, q: Array, u: Array, motion: Motion | None,
                         moment: float, external: Array | None = None) -> Command:
@@ -197,25 +286,22 @@ class Controller(ControllerSettings):
     def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
                external: Array | None = None, t: float = 0.0) -> Array:
         """Return the torques, (n,), before the limits; arguments as for `command_checked`."""
-        if self._constrained is not None:
-            return self._shared(t, q, u, motion, moment, external)
+        at = q  # the configuration at which the model is evaluated
         if self._mode is Mode.COMPUTED_TORQUE:
-            tau = self._computed_torque(q, u, motion, moment)
+            tau = self._computed_torque(q, u, motion, moment, t)
         elif self._mode is Mode.INVERSE_DYNAMICS and motion is not None:
-            tau = self._compensate.inverse_dynamics(self._source, *motion.sample(moment))
+            at, tau = self._feedforward(q, motion, moment, t)
         else:
-            tau = self.gravity_torque(q)
+            tau = self._joint_torques(self._gravity(q, t), q, t)
         if external is not None and self._mode is not Mode.GRAVITY_COMPENSATION:
-            tau = tau - external
+            tau = tau - self._shared(external, at, t)
         return tau
 
     def gravity_torque(self, q: Array, t: float = 0.0) -> Array:
-        """Return the torque that holds q, (n,), against gravity; zeros if it is switched off."""
+        """Return the torque that holds q, (n,), against gravity; zeros if switched off."""
         if not self._compensate.gravity:
             return np.zeros(len(self._names))
-        if self._constrained is not None:
-            return self._constrained.joint_torques(self._constrained.gravity(q, t), q, t)
-        return self._source.gravity_force(q)
+        return self._joint_torques(self._gravity(q, t), q, t)
 
     def limit(self, t: float, tau: Array) -> Command:
         """Return `tau`, (n,), within the limits, as the command at stamp `t`, s."""
@@ -233,54 +319,133 @@ class Controller(ControllerSettings):
 
     def _restart(self) -> None:
         self._pose = None
-        if self._constrained is not None:
-            self._constrained.restart()
+        self._motion.restart()
+
+    # Computed torque.
 
     def _computed_torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
-                         t: float = 0.0) -> Array:
+                         t: float) -> Array:
         """Return the torque towards the motion, or towards the pose that is held without one."""
-        law = self._constrained
         if motion is not None:
-            self._pose = None  # the pose at the end of the motion is held next
-            desired = motion.sample(moment) if law is None else law.desired(motion, moment)
-            return self._feedback(q, u, *desired, t)
+            if self._pose is not None:  # the pose at the end of the motion is held next
+                self._pose = None
+            return self._feedback(q, u, *self._motion.desired(motion, moment), t)
         if self._pose is not None:
             return self._feedback(q, u, self._pose, self._zero, self._zero, t)
-        here = q if law is None else q[law.places]
-        tau = self._feedback(q, u, here, self._zero, self._zero, t)
+        pose = self._followed(q)
+        tau = self._feedback(q, u, pose, self._zero, self._zero, t)
         if np.isfinite(tau).all():  # a refused state is no pose
-            self._pose = here.copy()
+            self._pose = pose.copy()
         return tau
 
     def _feedback(self, q: Array, u: Array, q_d: Array, u_d: Array, udot_d: Array,
                   t: float) -> Array:
         """Return the torque of the model at the measured state and the corrected acceleration."""
-        if self._constrained is not None:
-            return self._constrained.computed_torque(q, u, (q_d, u_d, udot_d), self._gains,
-                                                     self._compensate, self._back, t)
         if self._compensate.complete and self.bending is None:
-            whole: Array = self._law(q, u, q_d, u_d, udot_d, self._gains)
-            return whole
+            time = (t,) if self._timed else ()
+            tau = self._law(q, u, q_d, u_d, udot_d, self._gains, *time)
+            return tau if self._preload is None else self._preloaded(tau, q, t)
+        rates = u
+        if not self._direct:
+            rates = self._followed(self.robot.joint_rates(q, u, **self._time(t)))
+        feedforward = udot_d if self._compensate.inertia else self._zero
         with np.errstate(over='ignore', invalid='ignore'):  # the kernel raises an error
-            udot = corrected_acceleration(
-                q, u, q_d, u_d, udot_d if self._compensate.inertia else self._zero, self._kp,
-                self._kd)
-        tau: Array = self._back @ self._source.torque_terms(q, u, udot)
-        return tau + self.robot.friction_force(u_d) if self._compensate.friction else tau
+            corrected = corrected_acceleration(self._followed(q), rates, q_d, u_d, feedforward,
+                                               self._kp, self._kd)
+        force: Array = self._back @ self._terms(q, u, corrected, t)
+        if self._compensate.friction:
+            force = force + self._friction(q, u_d, t)
+        return self._joint_torques(force, q, t)
 
-    def _shared(self, t: float, q: Array, u: Array, motion: Motion | None, moment: float,
-                external: Array | None) -> Array:
-        """Return the joint torques, (n_q,), of a robot with chosen speeds or constraints."""
-        law, terms = self._constrained, self._compensate
-        assert law is not None
-        if self._mode is Mode.COMPUTED_TORQUE:
-            at, tau = q, self._computed_torque(q, u, motion, moment, t)
-        elif self._mode is Mode.INVERSE_DYNAMICS and motion is not None:
-            at, force = law.feedforward(q, motion, moment, terms, t)
-            tau = law.joint_torques(force, at, t)
+    @lazy_property
+    def _law(self) -> Callable[..., Array]:
+        """Return the entry point of the computed-torque kernel, with all terms."""
+        kernel = law_kernel(self.robot, self._motion.places, commanded=True)
+        no_wrench = [None] if len(self.robot.kernels.no_wrench) else []
+        if self._timed:
+            return lambda *arguments: kernel(*arguments[:-1], *no_wrench, arguments[-1])
+        return kernel.entry('', lambda *arguments: kernel(*arguments, *no_wrench))
+
+    # Inverse dynamics and gravity.
+
+    def _feedforward(self, q: Array, motion: Motion, moment: float, t: float
+                     ) -> tuple[Array, Array]:
+        """Return the desired configuration and the torques of its motion."""
+        (q_d, u_d, udot_d), accelerations = self._motion.state(q, motion, moment, t)
+        if self._compensate.complete:
+            force = self._source.inverse_dynamics(q_d, u_d, udot_d, **self._time(t))
         else:
-            force = law.gravity(q, t) if terms.gravity else np.zeros(len(self._speeds))
-            at, tau = q, law.joint_torques(force, q, t)
-        if external is not None and self._mode is not Mode.GRAVITY_COMPENSATION:
-            tau = tau - law.share(external, at, t)
-        return tau
+            weights = self._compensate.weights
+            force = np.asarray(weights @ self._terms(q_d, u_d, accelerations, t))
+        return q_d, self._joint_torques(force, q_d, t)
+
+    def _gravity(self, q: Array, t: float) -> Array:
+        """Return the generalized force that balances gravity; zeros if it is switched off."""
+        if not self._compensate.gravity:
+            return np.zeros(len(self._speeds))
+        return self._source.gravity_force(q, **self._time(t))
+
+    def _terms(self, q: Array, u: Array, accelerations: Array, t: float) -> Array:
+        """
+        Return inverse dynamics by source, (5, n), for accelerations of the joints that follow.
+
+        The inertia term is that of these accelerations, not of udot, so that the terms do not
+        depend on the choice of speeds.
+        """
+        if self._direct:
+            return self._source.torque_terms(q, u, accelerations)
+        time = self._time(t)
+        drift = self._motion.speed_rates(q, u, 0.0 * accelerations, t)
+        udot = self._motion.speed_rates(q, u, accelerations, t)
+        rows: Array = self._source.torque_terms(q, u, udot - drift, **time)
+        rows[CORIOLIS] += self.robot.mass_matrix(q, **time) @ drift
+        return rows
+
+    def _friction(self, q: Array, rates: Array, t: float) -> Array:
+        """Return the friction at desired rates of the joints that follow, (n,)."""
+        if self._direct:
+            return self.robot.friction_force(rates)
+        u_d = self._motion.speeds(q, rates, t)
+        terms = self.robot.torque_terms(q, u_d, 0.0 * u_d, **self._time(t))
+        return np.asarray(terms[FRICTION])
+
+    # The torques of the joints with a generalized force.
+
+    def _joint_torques(self, force: Array, q: Array, t: float) -> Array:
+        """Return the torques of the joints, (n_q,), with a generalized force."""
+        return self._preloaded(self._shared(force, q, t), q, t)
+
+    def _shared(self, force: Array, q: Array, t: float) -> Array:
+        """Return the torques of the joints without the preload."""
+        if self._direct:
+            return force
+        return self.robot.joint_torques(force, q, **self._time(t))
+
+    def _preloaded(self, torques: Array, q: Array, t: float) -> Array:
+        """Return joint torques with the part of the preload p that moves nothing."""
+        p = self._preload
+        if p is None:
+            return torques
+        force = self.robot.generalized_force(p, q, **self._time(t))
+        return torques + (p - self._shared(force, q, t))
+
+    def _followed(self, values: Array) -> Array:
+        """Return the entries of the joints that follow, of those of all joints."""
+        return values if self._direct else values[self._motion.places]
+
+    def _time(self, t: float) -> dict[str, Any]:
+        """Return the keyword of the time, which entry points of other robots do not take."""
+        return {'t': t} if self._timed else {}
+
+
+def _checked_preload(robot: Robot, preload: ArrayLike) -> Array:
+    """Return the preload; InputError unless it loads redundant actuators alone."""
+    torques = constant(preload, (robot.n_q,), 'preload', InputError)
+    actuated = robot.equations.actuated or []
+    others = [k for k in np.flatnonzero(torques) if k not in actuated]
+    if len(actuated) <= robot.n or others:
+        raise InputError(f'preload: {torques.tolist()}, with {len(actuated)} actuated joints '
+                         f'and {robot.n} independent speeds; expected torques at actuated '
+                         'joints, of a robot with more of them than independent speeds '
+                         '(Robot(..., actuated=...))')
+    return torques

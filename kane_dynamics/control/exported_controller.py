@@ -3,7 +3,7 @@
 from typing import Any
 
 from kane_dynamics._util.checks import instance
-from kane_dynamics.control.computed_torque_law import law_kernel
+from kane_dynamics.control.computed_torque import law_kernel
 from kane_dynamics.control.momentum_observer import residual_step
 from kane_dynamics.control.torque_limiter import clipped, within_rate
 from kane_dynamics.errors import InputError

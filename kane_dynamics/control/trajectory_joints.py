@@ -5,7 +5,7 @@ import math
 
 from kane_dynamics._util.checks import finite_row, per_joint
 from kane_dynamics._util.typing import Array, Flags
-from kane_dynamics.control.constrained_law import followed_joints, require_rigid
+from kane_dynamics.control.computed_torque import followed_joints, require_rigid
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.control.trajectory_limits import described_time

@@ -20,7 +20,7 @@ import warnings
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, instance, positive_time
 from kane_dynamics._util.typing import Array
-from kane_dynamics.control.computed_torque_law import law_kernel
+from kane_dynamics.control.computed_torque import law_kernel
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.mechanics.ball_joints import require_unit
 from kane_dynamics.mechanics.constraints.conditioning import loosened

@@ -16,15 +16,16 @@ from operator import attrgetter
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.control.computed_torque import ComputedTorque
-from kane_dynamics.control.constrained_law import require_following
+from kane_dynamics.control.computed_torque import ComputedTorque, require_following
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.ball_joints import joint_speeds
-from kane_dynamics.mechanics.constraints.conditioning import (best_choice, constraints_at_fault,
+from kane_dynamics.mechanics.constraints.conditioning import (best_choice,
+                                                              constraints_at_fault,
                                                               described, EXCESS, figure,
                                                               in_lengths, LIMITS, loosened,
-                                                              SHARE, SINGULAR, singular_error,
-                                                              Stack, stacked, WELL_CHOSEN)
+                                                              SHARE, SINGULAR,
+                                                              singular_error, Stack, stacked,
+                                                              WELL_CHOSEN)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep

@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
-from kane_dynamics.control.computed_torque_law import law_program
-from kane_dynamics.control.constrained_law import constrained_law_program, law_margin
+from kane_dynamics.control.computed_torque import law_margin, law_program
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
@@ -131,8 +130,7 @@ class RobotMotion:
         self._wrench = [no_wrench] if len(no_wrench) else []
         self._law: Program | None = None
         if gains is not None:
-            self._law = constrained_law_program(
-                robot, followed) if followed else law_program(robot)
+            self._law = law_program(robot, followed or None)
 
     def torque(self, q: Vector, u: Vector, moment: int, *time: Scalar) -> Vector:
         """Return the held torque, or that of the control law; by default at the moment's time."""

@@ -5,9 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.control.computed_torque import ComputedTorque
-from kane_dynamics.control.computed_torque_law import law_kernel
-from kane_dynamics.control.constrained_law import constrained_law_kernel
+from kane_dynamics.control.computed_torque import ComputedTorque, law_kernel
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.runtime.argument import Argument, checked
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
@@ -163,10 +161,7 @@ class TorqueInput:
         desired = [np.broadcast_to(x, u.shape) for x in torque.desired(t)]
         arguments = [x.reshape(-1, x.shape[-1]) for x in (q, u, *desired)]
         arguments.append(np.tile(gains, (len(arguments[0]), 1)))
-        if self.robot.equations.in_joint_rates:
-            kernel = law_kernel(self.robot)
-        else:
-            kernel = constrained_law_kernel(self.robot, torque.followed)
+        kernel = law_kernel(self.robot, torque.followed)
         options: list[Any] = []
         if len(self.robot.kernels.no_wrench):
             options.append(None)

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics._util.fork_safety import lazy_property
-from kane_dynamics.control.constrained_law import constrained_law_program, law_margin
+from kane_dynamics.control.computed_torque import law_margin, law_program
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
-from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths,
-                                                              loosened, WELL_CHOSEN)
+from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths, loosened,
+                                                              WELL_CHOSEN)
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
@@ -75,7 +75,7 @@ class ConstrainedTrial(Trial):
     def law(self, controller: str, gains: Any, assumed: Any) -> Any:
         """Return the control law: torque from q, u, the desired motion and the time, if any."""
         if controller == Mode.COMPUTED_TORQUE:
-            program = constrained_law_program(self.robot, self.followed)
+            program = law_program(self.robot, self.followed)
             own = [self.tracked.index(k) for k in self.followed]
             return lambda q, u, wanted, time: np.array(call(
                 program, q, u, *(x[own] for x in np.split(wanted, 3)), gains, *time,

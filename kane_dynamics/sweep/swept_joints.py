@@ -4,7 +4,7 @@ import hashlib
 
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
-from kane_dynamics.control.constrained_law import followed_joints, motion_columns
+from kane_dynamics.control.computed_torque import followed_joints, motion_columns
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
 from kane_dynamics.mechanics.ball_joints import angle_places, neutral, on_unit_quaternions

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
-from kane_dynamics.control.computed_torque_law import law_program
+from kane_dynamics.control.computed_torque import law_program
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.integrators import integrator_of

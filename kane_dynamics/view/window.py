@@ -10,7 +10,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics._util.whole_files import whole_file
-from kane_dynamics.control.constrained_law import followed_joints
+from kane_dynamics.control.computed_torque import followed_joints
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.kinematics.body_poses import model_bounds, model_size
 from kane_dynamics.loop_tracking.loop_tracker import velocity_rows

@@ -15,7 +15,7 @@ from kane_dynamics._util.yaml_io import read_yaml
 from kane_dynamics.cli.commands.inspect_command import print_table
 from kane_dynamics.cli.shared import load, model_warnings, print_json
 from kane_dynamics.cli.tables import read_motion
-from kane_dynamics.control.constrained_law import joints_that_follow
+from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.model.model import GRAVITY
 from kane_dynamics.robot.robot import Robot

@@ -13,7 +13,7 @@ import math
 
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
-from kane_dynamics.control.constrained_law import followed_joints
+from kane_dynamics.control.computed_torque import followed_joints
 from kane_dynamics.control.trajectory_joints import driving_joints
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.feasibility.mechanism_path.mechanism_limits import MechanismLimits

@@ -5,7 +5,7 @@ import time
 from typing import NamedTuple
 
 from kane_dynamics.analysis.model_checks import examine_efforts, Finding, listed
-from kane_dynamics.control.constrained_law import joints_that_follow
+from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.loop_tracking.loop_tracker import LoopTracker

@@ -7,7 +7,7 @@ import threading
 import time
 from typing import Any
 
-from kane_dynamics.control.constrained_law import joints_that_follow
+from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.trajectory_joints import compile_trajectories

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from kane_dynamics.control.constrained_torques import ConstrainedTorques
 from kane_dynamics.control.controller import Controller, Mode
+from kane_dynamics.control.followed_motion import FollowedMotion
 from kane_dynamics.errors import KaneError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.conversion import Array
@@ -51,7 +51,7 @@ class TorqueBreakdownTopic:
         self._server, self._publisher, self._controller = server, publisher, controller
         self._wrenches, self._reject = wrenches, reject
         self._latest: BreakdownInput | None = None
-        self._constrained: ConstrainedTorques | None = None  # of the services' robot
+        self._motion: FollowedMotion | None = None  # of the services' robot
         self._timer = server.create_timer(min(1.0 / rate, MAX_PERIOD), self._publish,
                                           clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -83,8 +83,8 @@ class TorqueBreakdownTopic:
             return
         sec, nanosec, q, u, motion, moment, wrench = latest
         served.loads.apply(served.robot)
-        if served.robot.constraint_names and self._constrained is None:
-            self._constrained = ConstrainedTorques(served.robot, self._controller.followed, None)
+        if self._motion is None:
+            self._motion = FollowedMotion(served.robot, self._controller.followed)
         try:
             message = explanation_message(
                 served.robot, self._evaluated_state(q, u, motion, moment), wrench,
@@ -98,16 +98,15 @@ class TorqueBreakdownTopic:
     def _evaluated_state(self, q: Array, u: Array, motion: Motion | None,
                          moment: float) -> tuple[Array, Array, Array]:
         """Return the q, u, udot whose torques are broken down."""
-        rest, loops = np.zeros_like(u), self._constrained
-        if self._controller.mode is Mode.GRAVITY_COMPENSATION:
-            return q, rest, rest
+        at_rest = np.zeros_like(u)
+        mode = self._controller.mode
+        if mode is Mode.GRAVITY_COMPENSATION:
+            return q, at_rest, at_rest
         if motion is None:
-            return (q, rest if self._controller.mode is Mode.INVERSE_DYNAMICS else u, rest)
-        if loops is not None:
-            loops.restart()
-            state, (*_, qddot) = loops.desired_state(q, motion, moment, 0.0)
-            return state if self._controller.mode is Mode.INVERSE_DYNAMICS else (
-                q, u, loops.rates(q, u, qddot, 0.0))
-        desired = motion.sample(moment)
-        return (desired if self._controller.mode is Mode.INVERSE_DYNAMICS
-                else (q, u, desired[2]))
+            return q, at_rest if mode is Mode.INVERSE_DYNAMICS else u, at_rest
+        assert self._motion is not None
+        self._motion.restart()
+        desired, accelerations = self._motion.state(q, motion, moment, 0.0)
+        if mode is Mode.INVERSE_DYNAMICS:
+            return desired
+        return q, u, self._motion.speed_rates(q, u, accelerations, 0.0)

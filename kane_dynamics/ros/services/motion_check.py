@@ -9,7 +9,7 @@ times between them.
 from collections.abc import Sequence
 import math
 
-from kane_dynamics.control.constrained_law import joints_that_follow
+from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.control.trajectory_limits import described_time
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.driven_mechanism import driving_tracker, motion_of_closed

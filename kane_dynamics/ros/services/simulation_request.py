@@ -7,8 +7,7 @@ import time
 from typing import Any
 
 from kane_dynamics._util.checks import positive_time
-from kane_dynamics.control.computed_torque import ComputedTorque
-from kane_dynamics.control.constrained_law import joints_that_follow
+from kane_dynamics.control.computed_torque import ComputedTorque, joints_that_follow
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import (Array, doubles, Index, motion_from_message,

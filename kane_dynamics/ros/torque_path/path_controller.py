@@ -4,7 +4,7 @@ from collections.abc import Mapping
 import math
 from typing import Any
 
-from kane_dynamics.control.constrained_law import joints_that_follow
+from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.quasi_static import rigid_and_bending
 from kane_dynamics.model.model import Model
