@@ -133,8 +133,10 @@ def require_closed(robot: Robot, positions: Array, times: Array) -> None:
 
     The limit is `closure_tolerance`; None for none.
     """
+    if not robot.constraint_names or positions.shape[1] != robot.n_q:
+        return
     limits = robot.parameters.closure_tolerance
-    if not robot.constraint_names or limits is None or positions.shape[1] != robot.n_q:
+    if limits is None:
         return
     residual = np.abs(robot.constraint_residual(positions, t=times))
     allowed = np.where(robot.mechanism.turning, limits[1], limits[0])

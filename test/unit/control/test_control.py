@@ -20,15 +20,17 @@ MASS, ARM, SLIDE, SPRING = 2.0, 0.5, 1.5, 7.0
 class ClosedForm:
     """A pendulum that carries a spring-loaded radial slide: M, Coriolis, gravity by hand."""
 
-    joint_names = coordinate_names = NAMES
-    n = len(NAMES)
+    joint_names = coordinate_names = speed_names = NAMES
+    n = n_q = len(NAMES)
+    constraint_names = ()
 
     def __init__(self, effort=(np.inf, np.inf)):
         none = np.full(self.n, np.inf)
         self.limits = SimpleNamespace(effort=np.array(effort), lower=-none, upper=none)
         self.model = SimpleNamespace(coordinate_names=NAMES, sliding=NAMES[1:],
                                      modal_coordinates=())
-        self.equations = SimpleNamespace(model=self.model, in_joint_rates=True)
+        self.equations = SimpleNamespace(model=self.model, in_joint_rates=True, timed=False,
+                                         n=self.n, mechanism=None, tree=None, actuated=None)
         law = SimpleNamespace(entry=lambda doc, fallback: self.computed_torque)
         self.kernels = SimpleNamespace(compiled=lambda *_: law, no_wrench=())
         self.parameters = SimpleNamespace(block=None)
