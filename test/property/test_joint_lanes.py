@@ -131,7 +131,7 @@ def test_one_state_in_lanes_is_a_state_of_a_batch(name):
     model = shuffled(random_model(8, LARGER, branching=0.6), 8)
     robot = Robot(model, payload_frame='frame3')
     robot.parameters.payload = Inertial(2.0, np.array([0.1, 0.0, 0.2]), 0.01 * np.eye(3))
-    equations = robot.kernels.equations
+    equations = robot.equations.tree
     states = random_state(model, 5)
     found = getattr(robot, name)(*states[:GIVEN[name]])
     expected = getattr(equations, name)(*states[:GIVEN[name]], robot.parameters.block)
@@ -158,7 +158,7 @@ def test_inverse_mass_matrix_of_a_serial_chain_in_rows_is_that_of_the_definition
 
 
 def test_inverse_mass_matrix_of_a_serial_chain_takes_a_third_of_the_instructions():
-    equations = TreeEquations(random_model(8, LARGER, branching=0.0))
+    equations = Robot(random_model(8, LARGER, branching=0.0)).equations
     plain, rows = (trace_program('inverse', function, [('q', (LARGER,)), ('g', (3,))]
                                  ).instruction_count(8) for function in (
         equations.inverse_mass_matrix, in_lanes(equations, 'inverse_mass_matrix')))
