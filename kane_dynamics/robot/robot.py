@@ -14,7 +14,6 @@ from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.text import SHORT, short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.ball_equations import BallEquations
 from kane_dynamics.mechanics.constraints import checked_constraints, checked_names, Constraint
 from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths, LIMITS,
                                                               loosened, RANK, SINGULAR)
@@ -135,7 +134,7 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
             'constraints', 'independent', 'actuated', 'configuration'))
         mechanism = choose_independent(model, speeds, constraints, independent, configuration,
                                        rank_tolerance)
-        tree = (BallEquations if model.balls else TreeEquations)(model, **self._options)
+        tree = TreeEquations(model, **self._options)
         limits = LIMITS if mechanism.labels else 0
         self.parameters = Parameters(model, tree.payload_frame, limits,
                                      loosened(mechanism, EXCESS))

@@ -42,8 +42,8 @@ PARTS = {
         definition
         recursive
         joint_lanes
-        ball_equations
         constraints
+        equations
         energy_form
         integrators
         """,

@@ -1,54 +1,50 @@
 """
-Equations of motion of a kinematic tree, M udot + bias = tau + external, over any scalar type.
+The dynamics of a kinematic tree in joint space, M udot + bias = tau + external, over any scalar.
 
 `TreeEquations` combines the recursive algorithms (RNEA, CRBA, LTDL) with the active forces of a
 Model and the run-time parameters: gravity, a payload, external wrenches. Its methods are pure
 functions; compilation traces them and tests run them on numbers.
+
+With ball joints, every quantity is that of the same tree in its local angles (see `ball_joints`),
+which are zero at q: theta' = u and theta'' = u' - gamma(u). Torques are dual to both.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from kane_dynamics._util.fork_safety import lazy_property
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
-from kane_dynamics.mechanics.ball_joints import free_bodies
+from kane_dynamics.mechanics.ball_joints import (axis_acceleration, axis_rates, Ball, free_bodies,
+                                                 joint_positions, rotations)
+from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.mechanics.recursive import (center_of_mass as masses, composite_inertia,
                                                frame_kinematics, inverse_dynamics,
                                                joint_reactions, regressor)
 from kane_dynamics.mechanics.recursive.derivatives import inverse_dynamics_derivatives
-from kane_dynamics.mechanics.recursive.joint_forces import JointForces, position
 from kane_dynamics.mechanics.recursive.link import homogeneous, Link
 from kane_dynamics.mechanics.recursive.link_frames import (carrying, denavit_hartenberg, linkage,
-                                                           regrouped)
+                                                           posed, regrouped)
 from kane_dynamics.mechanics.recursive.subroutines import directly, Share
-from kane_dynamics.model.model import Body, Frame, Model, WORLD
+from kane_dynamics.model.beam import Beam
+from kane_dynamics.model.model import Body, Frame, Joint, Model, WORLD
 import numpy as np
 
 RESISTS = 1e-9  # of the trace of an inertia: a smaller moment is zero
 RIGID_ONLY = ('inverse_dynamics_derivatives', 'forward_dynamics_derivatives', 'regressor')
 TORQUE_TERMS = ('inertia', 'coriolis', 'gravity', 'friction', 'spring')
+NO_GRAVITY = np.zeros(3).astype(object)
 
 
-def _own_inertia_resists(body: Body, central: bool) -> bool:
+class TreeEquations:
     """
-    Return whether a body's own inertia, or its joint's rotor, resists the joint's motion.
+    The dynamics of a model in joint space: in joint rates and without constraints.
 
-    `central` says that the body's center of mass may stay at rest.
-    """
-    joint, inertial = body.joint, body.inertial
-    if joint.armature > 0.0 or joint.kind == 'prismatic':
-        return joint.armature > 0.0 or inertial.mass > 0.0
-    lever = np.dot(inertial.com, inertial.com)
-    offset = lever * np.eye(3) - np.outer(inertial.com, inertial.com)
-    about_joint = inertial.inertia + (0.0 if central else inertial.mass) * offset
-    return bool(joint.axis @ about_joint @ joint.axis > RESISTS * np.trace(about_joint))
-
-
-class TreeEquations(JointForces):
-    """
-    Equations of motion of a model.
+    Methods take the coordinates q (n_q,), the speeds u and accelerations udot of the joints (n,),
+    wrenches (k, 6) at the declared frames or None, and the run-time parameters: gravity (3,),
+    then the payload's ten inertial parameters if a frame for it is declared.
 
     Parameters
     ----------
@@ -70,14 +66,13 @@ class TreeEquations(JointForces):
         """Resolve the frames; raise InputError for an unknown one."""
         self.model = model
         self.n, self.n_q = model.n, len(model.coordinate_names)
-        self.speed_names = model.joint_names
         self.friction = friction
         self.wrench_frames = tuple(model.frame(name) for name in wrench_frames)
         self.payload_frame = None if payload_frame is None else model.frame(payload_frame)
         self.frame_reduction = frame_reduction
         self.unsupported = RIGID_ONLY if model.flexible else ()  # not available for beams
 
-    timed = False  # no method depends on time
+    # The links, with their inertial parameters and at a configuration.
 
     @lazy_property
     def _raw_links(self) -> tuple[Link, ...]:  # needed only for tracing
@@ -87,31 +82,6 @@ class TreeEquations(JointForces):
     def _links(self) -> tuple[Link, ...]:
         links = self._raw_links
         return denavit_hartenberg(links) if self.frame_reduction else links
-
-    @lazy_property
-    def order(self) -> list[int]:
-        """Return the coordinates, parents first: the order of the LTDL factorization."""
-        return list(dict.fromkeys(k for link in self._raw_links for k in (
-            *([] if link.deflection else [link.coordinate]),
-            *(link.beam.coordinates if link.beam else []))))
-
-    @lazy_property
-    def without_own_inertia(self) -> frozenset[int]:
-        """
-        Return the coordinates that may move without kinetic energy in some configuration.
-
-        With the joints before it at rest, the body of a joint moves along the joint alone. Where
-        its own inertia resists that, as does no thin rod about itself and no body without mass,
-        the pivot of the coordinate is positive. Only at others may the mass matrix be singular.
-        """
-        first: dict[int, Body] = {}
-        for body in self.model.bodies:
-            if body.joint.deflection is None and body.joint.multiplier:
-                first.setdefault(body.joint.coordinate, body)
-        # The slides of a free body are eliminated first, which leaves motions about its center.
-        central = [self.model.bodies[ball.body + 2] for ball in free_bodies(self.model)]
-        return frozenset(k for k, body in first.items() if not _own_inertia_resists(
-            body, any(body is other for other in central)))
 
     @property
     def joint_links(self) -> tuple[Link, ...]:
@@ -123,197 +93,413 @@ class TreeEquations(JointForces):
         """Return the links without a payload, for kinematics."""
         return self._links
 
-    def links(self, parameters: Any) -> tuple[Link, ...]:
+    def links(self, parameters: Vector) -> tuple[Link, ...]:
         """Return the links with full inertial parameters, including the payload."""
         return self._loaded(self._links, parameters)
 
-    def _loaded(self, links: tuple[Link, ...], parameters: Any) -> tuple[Link, ...]:
+    def base_links(self, parameters: Vector) -> tuple[Link, ...]:
+        """Return the links with base inertial parameters only, sufficient for joint forces."""
+        return regrouped(self.links(parameters))
+
+    def _loaded(self, links: tuple[Link, ...], parameters: Vector) -> tuple[Link, ...]:
         """Return links with the payload added."""
         frame = self.payload_frame
         if frame is None or frame.body == WORLD:
             return links
         m, hx, hy, hz, xx, xy, xz, yy, yz, zz = parameters[3:13]
         P = np.array([[xx, xy, xz, hx], [xy, yy, yz, hy], [xz, yz, zz, hz], [hx, hy, hz, m]])
-        return carrying(links, frame.body,
-                        homogeneous(frame.rotation, frame.translation), P)
+        pose = homogeneous(frame.rotation, frame.translation)
+        return carrying(links, frame.body, pose, P)
 
-    def base_links(self, parameters: Any) -> tuple[Link, ...]:
-        """Return the links with base inertial parameters only, sufficient for joint forces."""
-        return regrouped(self.links(parameters))
+    def _at(self, q: Vector, links: tuple[Link, ...]) -> tuple[tuple[Link, ...], Vector]:
+        """Return links with the rotations of ball joints at q, and the joint positions, (n,)."""
+        if not self.model.balls:
+            return links, q
+        return posed(links, self.model, q), joint_positions(self.model, q)
 
-    def inverse_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
+    def _angle_accelerations(self, u: Vector, udot: Vector) -> Vector:
+        """Return the accelerations of the local angles and of the other joints, (n,)."""
+        return udot - axis_acceleration(self.model, u) if self.model.balls else udot
+
+    @property
+    def zeros(self) -> Vector:
+        """Return n zeros, which add no operation to a traced program."""
+        return np.zeros(self.n).astype(object)
+
+    # Inverse dynamics and its parts.
+
+    def inverse_dynamics(self, q: Vector, u: Vector, udot: Vector, wrench: Any,
+                         parameters: Vector) -> Vector:
         """Return tau = M udot + bias - external, (n,), by RNEA."""
         return self.rigid_dynamics(q, u, udot, wrench, parameters) + self.friction_force(u)
 
-    def rigid_dynamics(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
+    def rigid_dynamics(self, q: Vector, u: Vector, udot: Vector, wrench: Any,
+                       parameters: Vector) -> Vector:
         """Return inverse dynamics without friction, (n,)."""
-        rigid = inverse_dynamics.inverse_dynamics(self.base_links(parameters), q, u, udot,
-                                                  parameters[:3])
-        return (rigid + self.armature(udot) + self.spring_force(q)
+        links, x = self._at(q, self.base_links(parameters))
+        acceleration = self._angle_accelerations(u, udot)
+        rigid = inverse_dynamics.inverse_dynamics(links, x, u, acceleration, parameters[:3])
+        return (rigid + self.armature(acceleration) + self.spring_force(x)
                 - self.external_force(q, wrench))
 
-    def bias_force(self, q: Any, u: Any, parameters: Any) -> Any:
+    def bias_force(self, q: Vector, u: Vector, parameters: Vector) -> Vector:
         """Return the bias force h(q, u) without external wrenches, (n,)."""
         return self.inverse_dynamics(q, u, self.zeros, None, parameters)
 
-    def gravity_force(self, q: Any, parameters: Any) -> Any:
+    def gravity_force(self, q: Vector, parameters: Vector) -> Vector:
         """Return the gravity compensation torque, (n,)."""
-        return inverse_dynamics.inverse_dynamics(self.base_links(parameters), q, self.zeros,
-                                                 self.zeros, parameters[:3])
+        links, x = self._at(q, self.base_links(parameters))
+        return inverse_dynamics.inverse_dynamics(links, x, self.zeros, self.zeros,
+                                                 parameters[:3])
 
-    def mass_matrix(self, q: Any, parameters: Any) -> Any:
+    def external_force(self, q: Vector, wrench: Any) -> Vector:
+        """Return the generalized force of wrenches (k, 6) at the declared frames, (n,)."""
+        wrenches = () if wrench is None else zip(self.wrench_frames, wrench)
+        return sum((self.partial_velocities(frame, q).T @ w for frame, w in wrenches), self.zeros)
+
+    def torque_terms(self, q: Vector, u: Vector, udot: Vector, parameters: Vector) -> Matrix:
+        """Return the terms of inverse dynamics, (5, n), rows as `TORQUE_TERMS`."""
+        links, x = self._at(q, self.base_links(parameters))
+        rest = self.zeros
+        # At u' = 0 the local angles of ball joints accelerate: a part of the Coriolis forces.
+        at_rest = self._angle_accelerations(u, rest)
+        inertia = inverse_dynamics.inverse_dynamics(links, x, rest, udot, NO_GRAVITY)
+        return np.stack([
+            inertia + self.armature(udot),
+            inverse_dynamics.inverse_dynamics(links, x, u, at_rest, NO_GRAVITY),
+            self.gravity_force(q, parameters), self.friction_force(u), self.spring_force(x)])
+
+    def body_torques(self, q: Vector, u: Vector, udot: Vector, parameters: Vector) -> Matrix:
+        """Return the torques due to each body with its payload and elasticity, (n_bodies, n)."""
+        links, x = self._at(q, self.links(parameters))
+        torques = joint_reactions.body_torques(links, x, u, self._angle_accelerations(u, udot),
+                                               parameters[:3])
+        for row, body in zip(torques, self.model.bodies):
+            if body.beam is not None:
+                modes = list(body.beam.coordinates)
+                row[modes] = row[modes] + self.elastic_force(body.beam, x, u)
+        return torques
+
+    def joint_reactions(self, q: Vector, u: Vector, udot: Vector, wrench: Any,
+                        parameters: Vector) -> Matrix:
+        """Return the reactions of parent on child at all joints, (n_bodies, 6), world axes."""
+        wrenches = () if wrench is None else tuple(zip(self.wrench_frames, wrench))
+        links, x = self._at(q, self._loaded(self._raw_links, parameters))
+        reactions = joint_reactions.joint_reactions(
+            links, x, u, self._angle_accelerations(u, udot), parameters[:3], wrenches)
+        return np.array(reactions).reshape(len(reactions), 6)
+
+    def regressor(self, q: Vector, u: Vector, udot: Vector, parameters: Vector,
+                  share: Share = directly) -> Matrix:
+        """Return the joint torque regressor of the rigid bodies, (n, 10 n_bodies)."""
+        links, x = self._at(q, self._raw_links)
+        return regressor.regressor(links, x, u, self._angle_accelerations(u, udot),
+                                   parameters[:3], share)
+
+    # Mass matrix and forward dynamics.
+
+    def mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the mass matrix with armature, (n, n), by CRBA."""
-        M = composite_inertia.mass_matrix(self.base_links(parameters), q)
+        links, x = self._at(q, self.base_links(parameters))
+        return self._with_rotors(composite_inertia.mass_matrix(links, x))
+
+    def _with_rotors(self, M: Matrix) -> Matrix:
+        """Return a mass matrix of the bodies with the rotors' inertia."""
         return M + np.diag(self.armature(np.ones(self.n)))
 
-    def inverse_mass_matrix(self, q: Any, parameters: Any) -> Any:
+    def inverse_mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the inverse mass matrix, (n, n), by LTDL."""
         return inverse(self.factors(q, parameters), self.order)
 
-    def forward_dynamics(self, q: Any, u: Any, tau: Any, wrench: Any, parameters: Any) -> Any:
-        """Return udot = M^-1 (tau + external - bias), (n,), by CRBA and LTDL, not by ABA."""
-        held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
-        return solve(self.factors(q, parameters), self.order, tau - held)
-
-    def factors(self, q: Any, parameters: Any, factorized: Any = factorize) -> Any:
+    def factors(self, q: Vector, parameters: Vector, factorized: Any = factorize) -> Any:
         """Return the LTDL factorization of M; raise ModelError if M is structurally singular."""
+        return self._factors(self.mass_matrix(q, parameters), self.order, factorized)
+
+    def _factors(self, M: Matrix, order: list[int], factorized: Any = factorize) -> Any:
+        """Return the factorization of a mass matrix with this order of the coordinates."""
         try:
-            return factorized(self.mass_matrix(q, parameters), self.order,
-                              watched=self.without_own_inertia)
+            return factorized(M, order, watched=self.without_own_inertia)
         except ZeroDivisionError as error:
             name = self.model.joint_names[error.args[0]]
             raise ModelError(f"the mass matrix is singular: joint '{name}' moves no mass; "
                              'expected a body with inertia or a joint with armature') from None
 
-    def coriolis_matrix(self, q: Any, u: Any, parameters: Any,
-                        share: Share = directly) -> Any:
-        """Return the Coriolis matrix C, (n, n), from Christoffel symbols: C = 1/2 d(C u)/du."""
-        none, links = np.zeros(3).astype(object), self.base_links(parameters)
-        if self.model.flexible:  # the analytic derivatives are those of rigid bodies
-            return 0.5 * np.stack([rates(inverse_dynamics.inverse_dynamics(
-                links, q, moving(u, unit), self.zeros, none)) for unit in np.eye(self.n)], axis=1)
-        return 0.5 * inverse_dynamics_derivatives(links, q, u, self.zeros, none, share)[1]
+    def forward_dynamics(self, q: Vector, u: Vector, tau: Vector, wrench: Any,
+                         parameters: Vector) -> Vector:
+        """Return udot = M^-1 (tau + external - bias), (n,), by CRBA and LTDL, not by ABA."""
+        if self._free_balls:
+            return self._forward_dynamics_of_free_bodies(q, u, tau, wrench, parameters)
+        held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
+        return solve(self.factors(q, parameters), self.order, tau - held)
 
-    def inverse_dynamics_derivatives(self, q: Any, u: Any, udot: Any, parameters: Any,
-                                     share: Share = directly) -> Any:
-        """Return dtau/dq, dtau/du and dtau/dudot = M, (3, n, n), without external wrenches."""
+    def _forward_dynamics_of_free_bodies(self, q: Vector, u: Vector, tau: Vector, wrench: Any,
+                                         parameters: Vector) -> Vector:
+        """
+        Return udot of a tree with free bodies, (n,).
+
+        The speeds of a free body are in this function the velocity of its origin along its own
+        axes, as they are at this instant. The rows of M that belong to them are the mass and
+        first moment of all that moves with it. They are eliminated first, which leaves M of
+        motions about the center of mass; not if the body carries several branches, whose common
+        entries of M are zero but would not be then.
+        """
+        slides = {ball.body: slice(ball.speed - 3, ball.speed) for ball in self._free_balls}
+        links = posed(self.base_links(parameters), self.model, q, list(slides))
+        geometry = posed(self._links, self.model, q, list(slides))
+        x, R = joint_positions(self.model, q), rotations(self.model, q)
+        applied = tau - self.friction_force(u)
+        for body, slide in slides.items():
+            # No other force depends on the position and velocity of the origin.
+            x[slide], applied[slide] = 0.0, R[body].T @ applied[slide]
+        acceleration = self._angle_accelerations(u, self.zeros)
+        held = (inverse_dynamics.inverse_dynamics(links, x, u, acceleration, parameters[:3])
+                + self.armature(acceleration) + self.spring_force(x))
+        for frame, w in () if wrench is None else zip(self.wrench_frames, wrench):
+            held = held - frame_kinematics.partial_velocities(geometry, frame, x).T @ w
+        M = self._with_rotors(composite_inertia.mass_matrix(links, x))
+        order = self._free_order
+        udot = solve(self._factors(M, order), order, applied - held)
+        for body, slide in slides.items():  # back to world axes
+            udot[slide] = R[body] @ udot[slide]
+        return udot
+
+    @lazy_property
+    def order(self) -> list[int]:
+        """Return the coordinates, parents first: the order of the LTDL factorization."""
+        coordinates: list[int] = []
+        for link in self._raw_links:
+            if not link.deflection:
+                coordinates.append(link.coordinate)
+            if link.beam:
+                coordinates.extend(link.beam.coordinates)
+        return list(dict.fromkeys(coordinates))
+
+    @lazy_property
+    def _free_balls(self) -> list[Ball]:
+        """Return the free bodies without a payload or wrench on the slides before them."""
+        frames = (self.payload_frame, *self.wrench_frames)
+        loaded = {frame.body for frame in frames if frame is not None}
+        return [ball for ball in free_bodies(self.model)
+                if loaded.isdisjoint(range(ball.body - 3, ball.body))]
+
+    @lazy_property
+    def _free_order(self) -> list[int]:
+        """Return `order`, but with slides at its end if the free body carries one chain."""
+        parents = [body.parent for body in self.model.bodies]
+        branching = {k for k in parents if parents.count(k) > 1 and k != WORLD}
+        carriers = {j for k in branching for j in self.model.path(k)}
+        slides: list[int] = []
+        for ball in self._free_balls:
+            if ball.body not in carriers:
+                slides.extend(range(ball.speed - 3, ball.speed))
+        return [k for k in self.order if k not in slides] + slides
+
+    @lazy_property
+    def without_own_inertia(self) -> frozenset[int]:
+        """
+        Return the coordinates that may move without kinetic energy in some configuration.
+
+        With the joints before it at rest, the body of a joint moves along the joint alone. Where
+        its own inertia resists that, as does no thin rod about itself and no body without mass,
+        the pivot of the coordinate is positive. Only at others may the mass matrix be singular.
+        """
+        bodies = self.model.bodies
+        first: dict[int, int] = {}  # body of each coordinate
+        for k, body in enumerate(bodies):
+            if body.joint.deflection is None and body.joint.multiplier:
+                first.setdefault(body.joint.coordinate, k)
+        # The slides of a free body are eliminated first, which leaves motions about its center.
+        central = {ball.body + 2 for ball in free_bodies(self.model)}
+        return frozenset(coordinate for coordinate, k in first.items()
+                         if not _own_inertia_resists(bodies[k], k in central))
+
+    # Derivatives.
+
+    def coriolis_matrix(self, q: Vector, u: Vector, parameters: Vector,
+                        share: Share = directly) -> Matrix:
+        """
+        Return the Coriolis matrix C, (n, n), from Christoffel symbols: C = 1/2 d(C u)/du.
+
+        With ball joints, C = C_theta - M A with gamma = A u: C_theta are the Christoffel symbols
+        in the local angles, and u = (1 + A dt) theta'.
+        """
+        links, x = self._at(q, self.base_links(parameters))
+        if not self.model.balls:
+            return self._christoffel(links, x, u, share)
+        M = composite_inertia.mass_matrix(links, x)
+        return self._christoffel(links, x, u, share) - M @ axis_rates(self.model, u)
+
+    def _christoffel(self, links: Sequence[Link], x: Vector, u: Vector, share: Share) -> Matrix:
+        """Return the Coriolis matrix in joint positions x, (n, n)."""
+        if self.model.flexible:  # the analytic derivatives are those of rigid bodies
+            columns = [rates(inverse_dynamics.inverse_dynamics(
+                links, x, moving(u, unit), self.zeros, NO_GRAVITY)) for unit in np.eye(self.n)]
+            return 0.5 * np.stack(columns, axis=1)
+        return 0.5 * inverse_dynamics_derivatives(links, x, u, self.zeros, NO_GRAVITY, share)[1]
+
+    def inverse_dynamics_derivatives(self, q: Vector, u: Vector, udot: Vector,
+                                     parameters: Vector, share: Share = directly) -> Matrix:
+        """
+        Return dtau/dq, dtau/du and dtau/dudot = M, (3, n, n), without external wrenches.
+
+        Of rigid bodies, without ball joints.
+        """
         rigid = inverse_dynamics_derivatives(self.base_links(parameters), q, u, udot,
                                              parameters[:3], share)
         return rigid + np.stack([np.diag(x) for x in self.joint_slopes(u)])
 
-    def joint_slopes(self, u: Any) -> tuple[Any, Any, Any]:
+    def joint_slopes(self, u: Vector) -> tuple[Vector, Vector, Vector]:
         """Return what springs, friction and armature add to the diagonals of the derivatives."""
-        return (self._by_coordinate(lambda j: j.multiplier**2 * j.stiffness),
+        return (self._by_coordinate(lambda joint: joint.multiplier**2 * joint.stiffness),
                 self.friction_slope(u), self.armature(np.ones(self.n)))
 
-    def forward_dynamics_derivatives(self, q: Any, u: Any, tau: Any, parameters: Any) -> Any:
+    def forward_dynamics_derivatives(self, q: Vector, u: Vector, tau: Vector,
+                                     parameters: Vector) -> Matrix:
         """Return dudot/dq, dudot/du and dudot/dtau = M^-1, (3, n, n), no external wrenches."""
         udot = self.forward_dynamics(q, u, tau, None, parameters)
         by_q, by_u, _ = self.inverse_dynamics_derivatives(q, u, udot, parameters)
         W = self.inverse_mass_matrix(q, parameters)
         return np.stack([-(W @ by_q), -(W @ by_u), W])
 
-    def regressor(self, q: Any, u: Any, udot: Any, parameters: Any,
-                  share: Share = directly) -> Any:
-        """Return the joint torque regressor of the rigid bodies, (n, 10 n_bodies)."""
-        return regressor.regressor(self._raw_links, q, u, udot, parameters[:3], share)
+    # Forces along the joints: rotor inertia, friction and springs.
 
-    def body_torques(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
-        """Return the torques due to each body with its payload and elasticity, (n_bodies, n)."""
-        found = joint_reactions.body_torques(self.links(parameters), q, u, udot, parameters[:3])
-        for row, body in zip(found, self.model.bodies):
-            if body.beam is not None:
-                modes = list(body.beam.coordinates)
-                row[modes] = row[modes] + self.elastic_force(body.beam, q, u)
-        return found
+    def armature(self, x: Vector) -> Vector:
+        """Return the diagonal matrix of rotor inertias times x, (n,)."""
+        return self._by_coordinate(
+            lambda joint: joint.multiplier**2 * joint.armature * x[joint.coordinate])
 
-    def joint_reactions(self, q: Any, u: Any, udot: Any, wrench: Any, parameters: Any) -> Any:
-        """Return the reactions of parent on child at all joints, (n_bodies, 6), world axes."""
-        wrenches = () if wrench is None else tuple(zip(self.wrench_frames, wrench))
-        links = self._loaded(self._raw_links, parameters)
-        found = joint_reactions.joint_reactions(links, q, u, udot, parameters[:3], wrenches)
-        return np.array(found).reshape(len(found), 6)
+    def friction_force(self, u: Vector) -> Vector:
+        """Return the friction torque d u + mu tanh(u / u_s) + offset of every joint, (n,)."""
+        if not self.friction:
+            return self.zeros
 
-    def joint_reaction(self, body: int, q: Any, u: Any, udot: Any, wrench: Any,
-                       parameters: Any) -> Any:
-        """Return the joint reaction of one body, (6,), world axes."""
-        return self.joint_reactions(q, u, udot, wrench, parameters)[body]
+        def force(joint: Joint) -> Scalar:
+            rate = joint.multiplier * u[joint.coordinate]
+            return joint.multiplier * friction_torque(joint, rate)
+        return self._with_beams(self._by_coordinate(force),
+                                lambda beam: beam.damping @ u[list(beam.coordinates)])
 
-    def torque_terms(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
-        """Return the terms of inverse dynamics, (5, n), rows as `TORQUE_TERMS`."""
-        links, none = self.base_links(parameters), np.zeros(3).astype(object)
-        rest = self.zeros
-        return np.stack([
-            inverse_dynamics.inverse_dynamics(links, q, rest, udot, none) + self.armature(udot),
-            inverse_dynamics.inverse_dynamics(links, q, u, rest, none),
-            self.gravity_force(q, parameters), self.friction_force(u), self.spring_force(q)])
+    def friction_slope(self, u: Vector) -> Vector:
+        """Return d friction_force / du, (n,)."""
+        if not self.friction:
+            return self.zeros
 
-    def kinetic_energy(self, q: Any, u: Any, parameters: Any) -> Any:
-        """Return the kinetic energy including the rotors (armature), J."""
-        return (inverse_dynamics.kinetic_energy(self.links(parameters), q, u)
-                + 0.5 * (u @ self.armature(u)))
+        def slope(joint: Joint) -> Scalar:
+            rate = joint.multiplier * u[joint.coordinate]
+            return joint.multiplier**2 * friction_slope(joint, rate)
+        return self._by_coordinate(slope)
 
-    def potential_energy(self, q: Any, parameters: Any) -> Any:
-        """Return the potential energy of gravity and springs, J."""
-        springs: Any = 0.0
+    def spring_force(self, x: Vector) -> Vector:
+        """Return the torque that balances springs k (position - rest) and beams K eta, (n,)."""
+        def force(joint: Joint) -> Scalar:
+            return joint.multiplier * joint.stiffness * (position(joint, x) - joint.rest)
+        return self._with_beams(self._by_coordinate(force),
+                                lambda beam: beam.stiffness @ x[list(beam.coordinates)])
+
+    def elastic_force(self, beam: Beam, x: Vector, u: Vector) -> Vector:
+        """Return the force on a beam's modes that balances elasticity and damping, (m,)."""
+        modes = list(beam.coordinates)
+        force = beam.stiffness @ x[modes]
+        return force + beam.damping @ u[modes] if self.friction else force
+
+    def _with_beams(self, total: Vector, force: Callable[[Beam], Vector]) -> Vector:
+        """Return a force, (n,), plus the force of all beams on their modes."""
+        result = list(total)
         for body in self.model.bodies:
-            stretch = position(body.joint, q) - body.joint.rest
+            if body.beam is not None:
+                for k, value in zip(body.beam.coordinates, force(body.beam)):
+                    result[k] = result[k] + value
+        return np.array(result)
+
+    def _by_coordinate(self, force: Callable[[Joint], Scalar]) -> Vector:
+        """Sum a force of every joint on its coordinate, (n,)."""
+        total = [0.0] * self.n
+        for joint in (body.joint for body in self.model.bodies):
+            total[joint.coordinate] = total[joint.coordinate] + force(joint)
+        return np.array(total)
+
+    # Energies, center of mass and frames.
+
+    def kinetic_energy(self, q: Vector, u: Vector, parameters: Vector) -> Scalar:
+        """Return the kinetic energy including the rotors (armature), J."""
+        links, x = self._at(q, self.links(parameters))
+        return inverse_dynamics.kinetic_energy(links, x, u) + 0.5 * (u @ self.armature(u))
+
+    def potential_energy(self, q: Vector, parameters: Vector) -> Scalar:
+        """Return the potential energy of gravity and springs, J."""
+        x = joint_positions(self.model, q)
+        springs: Scalar = 0.0
+        for body in self.model.bodies:
+            stretch = position(body.joint, x) - body.joint.rest
             springs = springs + 0.5 * body.joint.stiffness * (stretch * stretch)
             if body.beam is not None:
-                eta = q[list(body.beam.coordinates)]
+                eta = x[list(body.beam.coordinates)]
                 springs = springs + 0.5 * (eta @ (body.beam.stiffness @ eta))
-        links = self.links(parameters)
-        return inverse_dynamics.potential_energy(links, q, parameters[:3]) + springs
+        links, _ = self._at(q, self.links(parameters))
+        return inverse_dynamics.potential_energy(links, x, parameters[:3]) + springs
 
-    def center_of_mass(self, q: Any, parameters: Any) -> Any:
+    def center_of_mass(self, q: Vector, parameters: Vector) -> Vector:
         """Return the center of mass of the moving bodies and the payload, (3,), m."""
-        return masses.center_of_mass(self.links(parameters), q)
+        return masses.center_of_mass(*self._at(q, self.links(parameters)))
 
-    def center_of_mass_jacobian(self, q: Any, parameters: Any) -> Any:
+    def center_of_mass_jacobian(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the velocity of the center of mass per unit of each speed, (3, n)."""
-        return masses.center_of_mass_jacobian(self.links(parameters), q)
+        return masses.center_of_mass_jacobian(*self._at(q, self.links(parameters)))
 
-    def frame_pose(self, frame: Frame, q: Any) -> Any:
+    def frame_pose(self, frame: Frame, q: Vector) -> Matrix:
         """Return the homogeneous transformation from the frame to the world, (4, 4)."""
-        return frame_kinematics.frame_pose(self._links, frame, q)
+        links, x = self._at(q, self._links)
+        return frame_kinematics.frame_pose(links, frame, x)
 
-    def frame_velocity(self, frame: Frame, q: Any, u: Any) -> Any:
+    def frame_velocity(self, frame: Frame, q: Vector, u: Vector) -> Vector:
         """Return the linear, then angular velocity of a frame, (6,)."""
         return self._frame_motion(frame, q, u, self.zeros)[0]
 
-    def frame_acceleration(self, frame: Frame, q: Any, u: Any, udot: Any) -> Any:
+    def frame_acceleration(self, frame: Frame, q: Vector, u: Vector, udot: Vector) -> Vector:
         """Return the linear, then angular acceleration of a frame, (6,)."""
-        return self._frame_motion(frame, q, u, udot)[1]
+        return self._frame_motion(frame, q, u, self._angle_accelerations(u, udot))[1]
 
-    def _frame_motion(self, frame: Frame, q: Any, u: Any, udot: Any) -> Any:
-        poses = frame_kinematics.LinkPoses(self._links, q)
-        return frame_kinematics.frame_motion(frame, poses, u, udot)
+    def _frame_motion(self, frame: Frame, q: Vector, u: Vector, acceleration: Vector) -> Matrix:
+        """Return velocity and acceleration of a frame, (2, 6), for accelerations of angles."""
+        poses = frame_kinematics.LinkPoses(*self._at(q, self._links))
+        return frame_kinematics.frame_motion(frame, poses, u, acceleration)
 
-    def partial_velocities(self, frame: Frame, q: Any) -> Any:
+    def partial_velocities(self, frame: Frame, q: Vector) -> Matrix:
         """Return the Jacobian (partial velocities) of a frame, (6, n): linear, then angular."""
-        return frame_kinematics.partial_velocities(self._links, frame, q)
+        links, x = self._at(q, self._links)
+        return frame_kinematics.partial_velocities(links, frame, x)
 
-    def partial_velocity_rates(self, frame: Frame, q: Any, u: Any) -> Any:
+    def partial_velocity_rates(self, frame: Frame, q: Vector, u: Vector) -> Matrix:
         """Return the time derivative of the Jacobian (partial velocities), (6, n)."""
-        return frame_kinematics.partial_velocity_rates(self._links, frame, q, u)
+        links, x = self._at(q, self._links)
+        J_rate = frame_kinematics.partial_velocity_rates(links, frame, x, u)
+        if not self.model.balls:
+            return J_rate
+        J = frame_kinematics.partial_velocities(links, frame, x)
+        return J_rate - J @ axis_rates(self.model, u)  # as in `coriolis_matrix`
 
-    def joint_rates(self, q: Any, u: Any) -> Any:
-        """Return the rates of the joints, (n,): u itself."""
-        return u
-
-    def joint_accelerations(self, q: Any, u: Any, udot: Any) -> Any:
-        """Return the accelerations of the joints, (n,): udot itself."""
-        return udot
-
-    def joint_torques(self, tau: Any, q: Any) -> Any:
-        """Return the torques of the joints, (n,): tau itself."""
-        return tau
-
-    def joint_origins(self, q: Any) -> list[Any]:
+    def joint_origins(self, q: Vector) -> list[Vector]:
         """Return the joint origins of all bodies, (3,) each, m, world axes."""
-        return [origin for _, origin in frame_kinematics.link_poses(self._raw_links, q)]
+        poses = frame_kinematics.link_poses(*self._at(q, self._raw_links))
+        return [origin for _, origin in poses]
 
-    def external_force(self, q: Any, wrench: Any) -> Any:
-        """Return the generalized force of wrenches (k, 6) at the declared frames, (n,)."""
-        wrenches = () if wrench is None else zip(self.wrench_frames, wrench)
-        return sum((self.partial_velocities(frame, q).T @ w for frame, w in wrenches), self.zeros)
+
+def position(joint: Joint, x: Vector) -> Scalar:
+    """Return the position of a joint, rad or m."""
+    return joint.multiplier * x[joint.coordinate] + joint.offset
+
+
+def _own_inertia_resists(body: Body, central: bool) -> bool:
+    """
+    Return whether a body's own inertia, or its joint's rotor, resists the joint's motion.
+
+    `central` says that the body's center of mass may stay at rest.
+    """
+    joint, inertial = body.joint, body.inertial
+    if joint.armature > 0.0 or joint.kind == 'prismatic':
+        return joint.armature > 0.0 or inertial.mass > 0.0
+    lever = np.dot(inertial.com, inertial.com)
+    offset = lever * np.eye(3) - np.outer(inertial.com, inertial.com)
+    mass = 0.0 if central else inertial.mass
+    about_joint = inertial.inertia + mass * offset
+    return bool(joint.axis @ about_joint @ joint.axis > RESISTS * np.trace(about_joint))
