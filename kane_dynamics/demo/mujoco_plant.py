@@ -17,8 +17,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.demo.demo_settings import DemoRobot, NODE, PLANT, RATE, ROBOTS
 from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.ros.common.command_topic import SIMULATED_ROBOT
 from kane_dynamics.ros.common.process import make_executor
-from kane_dynamics.ros.common.simulated_robots import SIMULATED_ROBOT
 import mujoco
 import numpy as np
 import rclpy

@@ -10,7 +10,7 @@ from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.commanders import commanders, several_commanders
+from kane_dynamics.ros.common.command_topic import commanders, several_commanders
 from kane_dynamics.ros.common.conversion import Array, NANO, nanoseconds
 from kane_dynamics.ros.common.qos import EXAMINED_STATES
 import numpy as np

@@ -15,7 +15,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.mechanism_path.path_mechanism import compile_mechanism_timing
 from kane_dynamics.feasibility.path_timing import compile_timing
 from kane_dynamics.model.model import Model
-from kane_dynamics.ros.common.commanders import CommanderCount
+from kane_dynamics.ros.common.command_topic import CommanderCount
 from kane_dynamics.ros.common.lost_messages import LostMessages, with_info
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
@@ -93,7 +93,7 @@ class ConfiguredRobot:
         self.robot, bending = controller.robot, controller.bending
         model = self.robot.model
         self.values, self._node, self._server, self._warn = values, node, server, warn
-        self._statistics, self._clock = statistics, node.get_clock()
+        self.statistics, self._clock = statistics, node.get_clock()
         self._simulated_time = bool(self._clock.ros_time_is_active)
         self._lock = threading.Lock()  # guards the loads, which two threads change
         self.loads: GravityAndPayload = parameter_loads(model, values)
@@ -151,7 +151,7 @@ class ConfiguredRobot:
             values['stamped_commands']) else None
         self.path = TorquePath(
             controller, self._commands, publisher(JointState, '~/joint_torques', qos), self._now,
-            values, self._statistics,
+            values, self.statistics,
             lambda reason, detail: warn(f'joint states: {reason}', detail), stamped,
             None if self.fault else closed_loop_reader(controller, values),
             lambda reason, detail: warn.error(f'joint states: {reason}', detail))
@@ -282,7 +282,7 @@ class ConfiguredRobot:
 
     def _reject(self, reason: str, detail: str) -> None:
         """Count a rejected message and warn."""
-        self._statistics.rejected[reason] += 1
+        self.statistics.rejected[reason] += 1
         self._warn(reason, detail)
 
     def _change(self, **changes: Any) -> None:

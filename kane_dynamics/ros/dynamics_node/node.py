@@ -1,24 +1,27 @@
 """The lifecycle node: loads the URDF, compiles the robot, and runs the torque path."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from pathlib import Path
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from kane_dynamics.analysis.known_arms import words
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.ros.common import realtime
+from kane_dynamics.ros.common.command_topic import not_simulated, SubscriberWatch
 from kane_dynamics.ros.common.configuration_files import load_model, resolve_path
-from kane_dynamics.ros.common.node_statistics import Statistics
-from kane_dynamics.ros.common.qos import LATCHED
+from kane_dynamics.ros.common.node_statistics import Statistics, status
+from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
 from kane_dynamics.ros.common.service_errors import answer_service_errors
-from kane_dynamics.ros.common.simulated_robots import not_simulated, SubscriberWatch
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.configured_robot import (ACKNOWLEDGE_TIMEOUT,
                                                               ConfiguredRobot)
-from kane_dynamics.ros.dynamics_node.node_timers import NodeTimers
-from kane_dynamics.ros.dynamics_node.sim_time_watchdog import SimTimeWatchdog
+from kane_dynamics.ros.dynamics_node.node_diagnostics import (active_status, arm_figures,
+                                                              GraphLog, OK,
+                                                              state_in_words, WARN)
+from kane_dynamics.ros.dynamics_node.sim_time_watchdog import LOST_CLOCK, SimTimeWatchdog
 from kane_dynamics.ros.parameters.arm_statement import examine_statement
 from kane_dynamics.ros.parameters.live_parameters import LiveParameters
 from kane_dynamics.ros.parameters.parameter_table import SPECS
@@ -29,20 +32,31 @@ from kane_dynamics_interfaces.srv import SetPayload
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
 from std_msgs.msg import String
 
 BACK = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1),
                      on_clock_change=False)
 ACTIVATION_PERIOD = 0.05  # s between two looks at what subscribes to `commands`
+LEAST_WITHOUT_ARM = 0.9  # s between two reports of a node that is not configured
 DEACTIVATED = ('deactivated: {name} subscribes to {topic} and is no simulated robot; expected '
-               'simulated robots alone while activation is simulated. Stop it, or check the arm '
-               'and activate the node again')
+               'simulated robots alone while activation is simulated. Stop it, or check the '
+               'arm and activate the node again')
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
 class DynamicsNode(LifecycleNode):
     """
     The lifecycle node `kane_dynamics`.
+
+    Attributes
+    ----------
+    arm : ConfiguredRobot or None
+        The robot, from configure to cleanup.
+    server : Services
+        The node of services and requests, in its own thread.
+    statistics : Statistics
+        Counters since the node was configured.
 
     Raises
     ------
@@ -67,17 +81,21 @@ class DynamicsNode(LifecycleNode):
         self._configure_fault = ''
         self._contradictions: list[str] = []  # of the parameters to the table of arms
         self._warn = ThrottledWarning(self.get_logger())
+        self._graph_log = GraphLog(self.get_logger())
         self._simulated_time = bool(self.get_clock().ros_time_is_active)
         self._jumps = self.get_clock().create_jump_callback(
             BACK, post_callback=self._on_jump)  # active while referenced
-        self.sim_time = SimTimeWatchdog(self)
+        self._sim_time = SimTimeWatchdog(self)
         self.create_subscription(String, 'robot_description', self._on_description, LATCHED)
-        self.server = Services(self, self._on_trajectory, self._on_payload,
-                               lambda reason: self._reject_trajectory('trajectory', reason))
-        self.create_timer(ACTIVATION_PERIOD, self._check_activation,
-                          clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._node_timers = NodeTimers(self)
-        self._node_timers.start(self._simulated_time)
+        self.server = Services(
+            self, self._on_trajectory, self._on_payload,
+            lambda reason: self._reject_trajectory('trajectory', reason))
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(ACTIVATION_PERIOD, self._check_activation, clock=self._steady)
+        self._reported_at = time.monotonic()
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
+        self._timers_of_parameters: list[tuple[Node, Any]] = []  # with their owners
+        self._start_timers()
 
     @property
     def values(self) -> dict[str, Any]:
@@ -89,9 +107,11 @@ class DynamicsNode(LifecycleNode):
         """Return the label of the lifecycle state."""
         return str(self._state_machine.current_state[1])
 
+    # Start: the URDF becomes known, autostart configures, `activation` decides what follows.
+
     def autostart(self) -> None:
-        """Configure once, if parameter autostart is true and the URDF is known, and activate."""
-        if not self.values['autostart'] or self._was_configured or self.state != 'unconfigured':
+        """Configure once, if autostart is true and the URDF is known, and activate."""
+        if not self._may_autostart:
             return
         if not self._has_urdf:
             self.get_logger().info(self.waiting_for)
@@ -105,29 +125,49 @@ class DynamicsNode(LifecycleNode):
                                        'subscribe to `commands` (activation: simulated)')
 
     @property
+    def _may_autostart(self) -> bool:
+        """Return whether autostart is still to configure the node."""
+        return (self.values['autostart'] and not self._was_configured
+                and self.state == 'unconfigured')
+
+    @property
     def _has_urdf(self) -> bool:
-        return bool(self.values['robot_description'] or self.values['urdf'] or self._description)
+        return bool(self.values['robot_description'] or self.values['urdf']
+                    or self._description)
 
     @property
     def waiting_for(self) -> str:
         """Return what a node with autostart waits for, and why; empty: for nothing."""
         if self._real_subscriber and self.state == 'inactive':
-            return DEACTIVATED.format(name=self._real_subscriber,
-                                      topic=self.resolve_topic_name('commands'))
+            return self._deactivation_reason()
         if self._activates_itself and self.state == 'inactive':
-            return (f'{not_simulated(self, "commands") or "activating"}; activation is simulated, '
-                    'so the node activates itself for simulated robots only; check the arm, then '
-                    'activate the node, or set activation: at_once')
-        if not self.values['autostart'] or self._was_configured or self.state != 'unconfigured':
+            reason = not_simulated(self, 'commands') or 'activating'
+            return (f'{reason}; activation is simulated, so the node activates itself for '
+                    'simulated robots only; check the arm, then activate the node, or set '
+                    'activation: at_once')
+        if not self._may_autostart:
             return ''
         if self._has_urdf:
             return self._configure_fault and f'not configured: {self._configure_fault}'
         topic = self.resolve_topic_name('robot_description')
         publishers = self.count_publishers(topic)
-        return (f'waiting for a URDF on topic robot_description ({topic}: '
-                + (f'{publishers} publishers, but no message; expected durability transient local'
-                   if publishers else 'no publisher')
-                + '), because the parameters urdf and robot_description are empty')
+        topic_state = 'no publisher'
+        if publishers:
+            topic_state = (f'{publishers} publishers, but no message; expected durability '
+                           'transient local')
+        return (f'waiting for a URDF on topic robot_description ({topic}: {topic_state}), '
+                'because the parameters urdf and robot_description are empty')
+
+    def _check_activation(self) -> None:
+        """Activate the node, or deactivate it when a robot that is not simulated subscribes."""
+        self._activate_if_allowed()
+        if self._subscriber_watch is None or self._simulated_time:
+            return
+        real_subscriber = self._subscriber_watch.real_subscriber()
+        if real_subscriber:
+            self._real_subscriber = real_subscriber
+            self.get_logger().error(self._deactivation_reason())
+            self.trigger_deactivate()
 
     def _activate_if_allowed(self) -> None:
         """Activate a node with autostart, if parameter activation allows it now."""
@@ -140,17 +180,14 @@ class DynamicsNode(LifecycleNode):
         if self.trigger_activate() == SUCCESS and simulated:
             self._subscriber_watch = SubscriberWatch(self, 'commands')
 
-    def _check_activation(self) -> None:
-        """Activate the node, or deactivate it when a robot that is not simulated subscribes."""
-        self._activate_if_allowed()
-        watch = self._subscriber_watch
-        if watch is None or self._simulated_time:
-            return
-        if name := watch.real_subscriber():
-            self._real_subscriber = name
-            self.get_logger().error(DEACTIVATED.format(
-                name=name, topic=self.resolve_topic_name('commands')))
-            self.trigger_deactivate()
+    def _real_robot(self) -> str:
+        """Return why `commands` may reach a robot that is not simulated; empty: they cannot."""
+        return '' if self._simulated_time else not_simulated(self, 'commands')
+
+    def _deactivation_reason(self) -> str:
+        """Return why the node deactivated itself."""
+        return DEACTIVATED.format(name=self._real_subscriber,
+                                  topic=self.resolve_topic_name('commands'))
 
     def _urdf(self) -> str | Path:
         """Return the URDF as text or path; empty if it is unknown."""
@@ -160,20 +197,23 @@ class DynamicsNode(LifecycleNode):
 
     def _on_description(self, message: String) -> None:
         """Store the URDF from the topic, unless a parameter gives it."""
-        if self.values['robot_description'] or self.values['urdf'] or (
-                message.data == self._description):
+        if self.values['robot_description'] or self.values['urdf']:
+            return
+        if message.data == self._description:
             return
         self._description = message.data
         if self.state == 'active':
             self.statistics.rejected['robot_description'] += 1
             self.get_logger().error('robot_description: changed while the node is active and '
-                                    'ignored; deactivate, clean up and configure the node to use '
-                                    'it')
+                                    'ignored; deactivate, clean up and configure the node to '
+                                    'use it')
         elif self.state == 'inactive':
-            self.get_logger().warning('robot_description: changed; clean up and configure the '
-                                      'node to use it')
+            self.get_logger().warning('robot_description: changed; clean up and configure '
+                                      'the node to use it')
         else:
             self.autostart()
+
+    # Transitions of the lifecycle.
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load the URDF, compile and verify the kernels, and open the topics."""
@@ -209,10 +249,6 @@ class DynamicsNode(LifecycleNode):
                 'expected guard.enabled: true and a torque_guard, as the launch file starts them')
         return result
 
-    def _real_robot(self) -> str:
-        """Return why `commands` may reach a robot that is not simulated; empty if they cannot."""
-        return '' if self._simulated_time else not_simulated(self, 'commands')
-
     def _activation_fault(self) -> str:
         """Return why this arm cannot be commanded; empty if it can."""
         assert self.arm is not None
@@ -245,6 +281,8 @@ class DynamicsNode(LifecycleNode):
         if self.arm is not None and not self.arm.halt():
             self.get_logger().error('commands: zeros not acknowledged by a subscriber within '
                                     f'{ACKNOWLEDGE_TIMEOUT} s')
+
+    # What the transitions do.
 
     def _configure(self) -> None:
         """Load, compile and verify the robot, and apply the real-time settings."""
@@ -285,8 +323,10 @@ class DynamicsNode(LifecycleNode):
         if arm is not None:
             arm.close()
 
+    # Messages and requests, in the services' thread.
+
     def _on_trajectory(self, data: bytes, received: int) -> None:
-        """Schedule a new desired motion; called in the services' thread."""
+        """Schedule a new desired motion."""
         try:
             served = self.server.served
             if self.arm is None or served is None or not self.arm.path.running:
@@ -305,34 +345,120 @@ class DynamicsNode(LifecycleNode):
         self.get_logger().error(f'{topic} rejected: {reason}')
 
     def _on_payload(self, request: SetPayload.Request) -> None:
-        """Set the payload; called in the services' thread."""
+        """Set the payload."""
         if self.arm is None:
             raise InputError('node: not configured; expected a configured node')
         self.arm.set_payload(request)
         self.get_logger().info(f'payload: {request.payload.m:g} kg')
+
+    # Parameters and clock.
 
     def _frozen(self) -> str:
         """Return why only live parameters may change now; empty if all may."""
         return '' if self.state == 'unconfigured' else (
             f'expected no change while the node is {self.state}; deactivate it and clean up first')
 
-    def _check_parameters(self, values: Mapping[str, Any], given: Collection[str]) -> None:
+    def _check_parameters(self, values: Mapping[str, Any], changed: Collection[str]) -> None:
+        """Raise KaneError unless new parameters fit the robot."""
         if self.arm is not None:
-            self.arm.check(values, given)
+            self.arm.check(values, changed)
 
-    def _apply_parameters(self, before: Mapping[str, Any], given: Collection[str]) -> None:
+    def _apply_parameters(self, previous: Mapping[str, Any],
+                          changed: Collection[str]) -> None:
         """Apply checked parameters; cycles run in the same thread and do not interleave."""
-        simulated = bool(self.get_clock().ros_time_is_active)
-        replaced, self._simulated_time = simulated != self._simulated_time, simulated
-        if replaced or any(before[name] != self.values[name]
-                           for name in ('diagnostics_rate', 'state_timeout')):
-            self._node_timers.start(simulated)
+        simulated_time = bool(self.get_clock().ros_time_is_active)
+        clock_replaced = simulated_time != self._simulated_time
+        self._simulated_time = simulated_time
+        periods_changed = any(previous[name] != self.values[name]
+                              for name in ('diagnostics_rate', 'state_timeout'))
+        if clock_replaced or periods_changed:
+            self._start_timers()
         if self.arm is not None:
-            self.arm.update(self.values, given)
-            if replaced:
+            self.arm.update(self.values, changed)
+            if clock_replaced:
                 self.arm.on_clock_jump(replaced=True)
 
     def _on_jump(self, jump: TimeJump) -> None:
         """Handle a backward jump of the clock."""
         if self.arm is not None:
             self.arm.on_clock_jump()
+
+    # Timers: watchdogs and diagnostics.
+
+    def _start_timers(self) -> None:
+        """
+        Start the timers, or restart them after a change of clock or parameters.
+
+        The watchdog of joint states uses the node's clock if time is simulated, because no
+        state becomes stale while simulated time is paused; a second watchdog then monitors
+        the clock. Otherwise it uses steady time. Diagnostics use steady time in the services'
+        thread, because they take longer than a cycle may wait.
+        """
+        for owner, timer in self._timers_of_parameters:
+            owner.destroy_timer(timer)
+        self._timers_of_parameters = []
+        watchdog_period = max(0.2 * self.values['state_timeout'], 1e-3)
+        watchdog_clock = self.get_clock() if self._simulated_time else self._steady
+        self._start_timer(self, watchdog_period, self._check_timeout, watchdog_clock)
+        self._start_timer(self.server, 1.0 / self.values['diagnostics_rate'],
+                          self._publish_diagnostics, self._steady)
+        if self._simulated_time:
+            self._start_timer(self, LOST_CLOCK / 4.0, self._check_sim_time, self._steady)
+        self.server.spinner.wake()
+
+    def _start_timer(self, owner: Node, period: float, callback: Callable[[], None],
+                     clock: Clock) -> None:
+        """Start a timer that a change of parameters restarts."""
+        timer = owner.create_timer(period, callback, clock=clock)
+        self._timers_of_parameters.append((owner, timer))
+
+    def _check_timeout(self) -> None:
+        if self.arm is not None:
+            self.arm.path.check_timeout()
+
+    def _check_sim_time(self) -> None:
+        self._sim_time.check(None if self.arm is None else self.arm.path)
+
+    def _publish_diagnostics(self) -> None:
+        """Close a reporting period; called in the services' thread."""
+        now = time.monotonic()
+        period = now - self._reported_at
+        if self.arm is None and period < LEAST_WITHOUT_ARM:
+            return  # kernels may be compiled now, with which the reports would compete
+        self._reported_at = now
+        self._sim_time.report()
+        if self.arm is not None:
+            self.arm.count_publishers()
+        message = DiagnosticArray(status=[self._status(period)])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+        realtime.collect_if_disabled()
+        self._graph_log.update(self.state, self.waiting_for, self.arm)
+
+    def _status(self, period: float) -> DiagnosticStatus:
+        """Return the diagnostic status of a reporting period, s."""
+        arm, state, waiting_for = self.arm, self.state, self.waiting_for
+        rate, dropped, figures = self.statistics.period(period)
+        lost_share = 0.0
+        figures['states lost'] = '0'
+        if arm is not None:
+            lost_share, figures['states lost'] = arm.lost_states.period(
+                arm.all_state_publishers)
+        if arm is not None and arm.path.running:
+            level, message = active_status(arm, rate, dropped, lost_share)
+        elif waiting_for:
+            level, message = WARN, f'{state}: {waiting_for}'
+        elif state == 'inactive':
+            level, message = OK, state_in_words(state)
+        else:
+            level, message = WARN, state_in_words(state)
+        if self._sim_time.warning:
+            level = max(level, WARN)
+            message += f'; {self._sim_time.warning}'
+        figures['state'] = state
+        hardware = ''
+        if arm is not None:
+            figures |= arm_figures(arm, str(self.values['mode']))
+            hardware = arm.robot.model.name
+        return status(f'{self.get_fully_qualified_name()}: torques', hardware, level, message,
+                      figures)

@@ -1,30 +1,31 @@
-"""The diagnostics of the dynamics node."""
+"""The diagnostics of the dynamics node, and what it logs about other nodes."""
 
 from collections import Counter
-from typing import TYPE_CHECKING
+import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from kane_dynamics.loop_tracking.loop_error import BRANCH, CONTRADICTION, SINGULAR, UNKNOWN
-from kane_dynamics.ros.common.commanders import several_commanders
+from kane_dynamics.loop_tracking.loop_error import (BRANCH, CONTRADICTION, SINGULAR,
+                                                    UNKNOWN)
+from kane_dynamics.ros.common.command_topic import several_commanders
 from kane_dynamics.ros.common.lost_messages import WARNING_SHARE
-from kane_dynamics.ros.common.node_statistics import status
 from kane_dynamics.ros.dynamics_node.configured_robot import ConfiguredRobot
 from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE, MISSING, NO_CLOCK,
                                                               NO_VELOCITY, STALE)
 from kane_dynamics.ros.torque_path.state_check import JUMP, OUTSIDE, TOO_FAST
 from kane_dynamics.ros.torque_path.torque_path import REFUSED
 
-if TYPE_CHECKING:
-    from kane_dynamics.ros.dynamics_node.node import DynamicsNode
-
-OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+REMINDER = 10.0  # s between two log lines that say what the node waits for
 SEVERAL_STATES = ('publishers on joint_states: expected one with joints of this arm, stop the '
                   'others (those of other joints, such as of a gripper, may go on)')
-# What to do, in words that follow the state or the reason.
-REMEDIES = {'unconfigured': ': no robot; the log says why, then configure and activate the node',
-            'inactive': ': no commands; activate the node',
-            'finalized': ': shut down; restart the process'}
-DROP_REMEDIES = {reason: f'{reason} ({remedy})' for reason, remedy in {
+# What to do in a lifecycle state without commands.
+REMEDIES = {
+    'unconfigured': ': no robot; the log says why, then configure and activate the node',
+    'inactive': ': no commands; activate the node',
+    'finalized': ': shut down; restart the process'}
+# What to do about states that are dropped, by reason.
+DROP_REMEDIES = {
     MISSING: 'compare parameter joints with the names of the driver',
     NO_VELOCITY: 'let the driver publish velocities',
     STALE: 'check delay, clocks and use_sim_time of the driver',
@@ -33,94 +34,168 @@ DROP_REMEDIES = {reason: f'{reason} ({remedy})' for reason, remedy in {
     SINGULAR: 'move the arm away from it, or raise closure.max_conditioning',
     BRANCH: 'compare the constraints file with the arm',
     CONTRADICTION: 'check the encoders, the constraints file and closure.tolerance',
-    UNKNOWN: 'publish all joints, or move the arm to the configuration of the constraints file, '
-             'deactivate and activate the node',
-    JUMP: 'check the encoders, the speed limits of the URDF, limits.velocity and state_check.*',
+    UNKNOWN: 'publish all joints, or move the arm to the configuration of the constraints '
+             'file, deactivate and activate the node',
+    JUMP: 'check the encoders, the speed limits of the URDF, limits.velocity and '
+          'state_check.*',
     TOO_FAST: 'check the encoders, the speed limits of the URDF and state_check.speed_factor',
     OUTSIDE: 'check units (rad), encoders and the position limits of the URDF',
-    REFUSED: 'keep motions away from singular configurations'}.items()}
+    REFUSED: 'keep motions away from singular configurations'}
 
 
-def node_status(node: 'DynamicsNode', period: float) -> DiagnosticStatus:
-    """Close a reporting period of `period` seconds and return its diagnostic status."""
-    rate, dropped, figures = node.statistics.period(period)
-    arm = node.arm
-    level, message = WARN, f'{node.state}{REMEDIES.get(node.state, "")}'
-    lost, figures['states lost'] = (0.0, '0') if arm is None else arm.lost_states.period(
-        arm.all_state_publishers)
-    if arm is not None and arm.path.running:
-        level, message = _active(arm, rate, dropped, lost)
-    elif waiting := node.waiting_for:
-        message = f'{node.state}: {waiting}'
-    elif node.state == 'inactive':
-        level = OK
-    if node.sim_time.warning:
-        level = max(level, WARN)
-        message += f'; {node.sim_time.warning}'
-    figures['state'] = node.state
-    if arm is not None:
-        payload = arm.loads.payload
-        figures |= {'mode': str(node.values['mode']), 'joints': ', '.join(arm.robot.joint_names),
-                    'kernels verified to': f'{arm.verified:.1e}',
-                    'gravity': ' '.join(f'{g:.3f}' for g in arm.loads.gravity) + ' m/s^2',
-                    'payload': f'{0.0 if payload is None else payload.mass:g} kg',
-                    'faults of joint states': str(node.statistics.faults),
-                    'publishers of joint states': str(arm.state_publishers),
-                    'publishers of commands': str(len(arm.commanders))}
-        figures |= arm.optional_topics.figures()
-        if arm.path.loops is not None:
-            figures |= arm.path.loops.figures()
-        if arm.guard is not None:
-            figures['guard'] = arm.guard.warning or 'watching'
-        else:
-            figures['guard'] = 'none: the last torque would stay if this process died'
-    return status(f'{node.get_fully_qualified_name()}: torques',
-                  arm.robot.model.name if arm is not None else '', level, message, figures)
+def state_in_words(state: str) -> str:
+    """Return a lifecycle state, and what to do in it."""
+    return state + REMEDIES.get(state, '')
 
 
-def in_parts(parts: list[tuple[str, ...]]) -> str:
-    """Return the warning about joint states that have a part of the joints each."""
-    lists = ' and '.join(f'[{", ".join(part)}]' for part in parts)
-    return (f'joint_states: in parts, {lists}, which give no torques; expected all joints of the '
-            'arm in each message, as joint_state_broadcaster or joint_state_publisher with '
-            'source_list publish them')
+def arm_figures(arm: ConfiguredRobot, mode: str) -> dict[str, str]:
+    """Return the figures of a configured robot."""
+    payload = arm.loads.payload
+    payload_mass = 0.0 if payload is None else payload.mass
+    gravity = ' '.join(f'{component:.3f}' for component in arm.loads.gravity)
+    figures = {
+        'mode': mode,
+        'joints': ', '.join(arm.robot.joint_names),
+        'kernels verified to': f'{arm.verified:.1e}',
+        'gravity': f'{gravity} m/s^2',
+        'payload': f'{payload_mass:g} kg',
+        'faults of joint states': str(arm.statistics.faults),
+        'publishers of joint states': str(arm.state_publishers),
+        'publishers of commands': str(len(arm.commanders))}
+    figures |= arm.optional_topics.figures()
+    if arm.path.loops is not None:
+        figures |= arm.path.loops.figures()
+    if arm.guard is None:
+        figures['guard'] = 'none: the last torque would stay if this process died'
+    else:
+        figures['guard'] = arm.guard.warning or 'watching'
+    return figures
 
 
-def _active(arm: ConfiguredRobot, rate: float, dropped: Counter[str],
-            lost: float) -> tuple[bytes, str]:
+def active_status(arm: ConfiguredRobot, rate: float, dropped: Counter[str],
+                  lost_share: float) -> tuple[bytes, str]:
     """
     Return level and message of an active node: what is wrong, and what to do.
 
-    Commands per second, the dropped states and the share of lost states are those of the period.
+    Parameters
+    ----------
+    arm : ConfiguredRobot
+        The robot, whose torque path runs.
+    rate : float
+        Commands per second in the reporting period.
+    dropped : Counter
+        States dropped in the period, by reason.
+    lost_share : float
+        Share of the states that were lost in the period.
+
     """
-    level, message = OK, f'active, {rate:.0f} commands/s'
-    warnings = [f"collision at joint '{arm.optional_topics.collision}': check the arm"
-                ] if arm.optional_topics.collision is not None else []
-    if arm.path.timed_out:
-        level = DiagnosticStatus.ERROR
-        message = (('no valid joint state' if not arm.path.now else
-                    f'no valid joint state for {arm.path.state_age:.2f} s') + ': '
-                   + ('commanding zeros' if arm.path.last_update else 'no commands yet')
-                   + '; check the driver, its topic and its stamps')
-    elif arm.path.fault:
-        level = DiagnosticStatus.ERROR
-        message = (f'joint states impossible for {arm.path.state_age:.2f} s: '
-                   f'{arm.path.fault}; {arm.path.reaction}')
-    elif arm.guard is not None and arm.guard.waiting:
-        level, message = WARN, 'active, waiting for torque_guard to hand over `commands`'
+    level, message = _path_status(arm, rate)
+    warnings = _warnings(arm, dropped, lost_share)
+    if warnings:
+        level = max(level, WARN)
+    if len(arm.commanders) > 1:
+        level = ERROR
+    return level, '; '.join([message, *warnings])
+
+
+def _path_status(arm: ConfiguredRobot, rate: float) -> tuple[bytes, str]:
+    """Return level and message of the torque path alone."""
+    path = arm.path
+    if path.timed_out:
+        age = f' for {path.state_age:.2f} s' if path.now else ''
+        reaction = 'commanding zeros' if path.last_update else 'no commands yet'
+        return ERROR, (f'no valid joint state{age}: {reaction}; check the driver, its topic '
+                       'and its stamps')
+    if path.fault:
+        return ERROR, (f'joint states impossible for {path.state_age:.2f} s: {path.fault}; '
+                       f'{path.reaction}')
+    if arm.guard is not None and arm.guard.waiting:
+        return WARN, 'active, waiting for torque_guard to hand over `commands`'
+    return OK, f'active, {rate:.0f} commands/s'
+
+
+def _warnings(arm: ConfiguredRobot, dropped: Counter[str], lost_share: float) -> list[str]:
+    """Return what is wrong beside the torque path itself."""
+    warnings = []
+    if arm.optional_topics.collision is not None:
+        warnings.append(f"collision at joint '{arm.optional_topics.collision}': check the "
+                        'arm')
     if dropped:
-        warnings.append(f'{dropped.total()} joint states dropped: '
-                        + ', '.join(DROP_REMEDIES.get(each, each) for each in dropped))
-    if lost > WARNING_SHARE:
-        warnings.append(f'{lost:.0%} of the joint states lost: the node or the network is too '
-                        'slow for their rate; lower it, free a processor, or set realtime.*')
+        reasons = []
+        for reason in dropped:
+            remedy = DROP_REMEDIES.get(reason)
+            reasons.append(f'{reason} ({remedy})' if remedy else reason)
+        warnings.append(f'{dropped.total()} joint states dropped: {", ".join(reasons)}')
+    if lost_share > WARNING_SHARE:
+        warnings.append(f'{lost_share:.0%} of the joint states lost: the node or the network '
+                        'is too slow for their rate; lower it, free a processor, or set '
+                        'realtime.*')
     if arm.state_publishers > 1:
         warnings.append(f'{arm.state_publishers} {SEVERAL_STATES}')
     if arm.parts_of_states:
         warnings.append(in_parts(arm.parts_of_states))
     if len(arm.commanders) > 1:
-        level = DiagnosticStatus.ERROR
         warnings.append(f'commands: {several_commanders(arm.commanders)}')
     if arm.guard is not None and arm.guard.warning:
         warnings.append(arm.guard.warning)
-    return max(level, WARN) if warnings else level, '; '.join([message, *warnings])
+    return warnings
+
+
+def in_parts(parts: list[tuple[str, ...]]) -> str:
+    """Return the warning about joint states that have a part of the joints each."""
+    lists = ' and '.join(f'[{", ".join(part)}]' for part in parts)
+    return (f'joint_states: in parts, {lists}, which give no torques; expected all joints of '
+            'the arm in each message, as joint_state_broadcaster or joint_state_publisher '
+            'with source_list publish them')
+
+
+class GraphLog:
+    """
+    Logs what concerns other nodes: once, when it begins, and when the guard is found.
+
+    Parameters
+    ----------
+    log : rclpy logger
+
+    """
+
+    def __init__(self, log: Any) -> None:
+        self._log = log
+        self._reminded_at = time.monotonic()
+        self._state_publishers = 1  # at the last update
+        self._commanders: list[str] = []
+        self._reported_parts = False
+        self._unguarded = False
+
+    def update(self, state: str, waiting_for: str, arm: ConfiguredRobot | None) -> None:
+        """Log what changed since the last update."""
+        now = time.monotonic()
+        if now - self._reminded_at > REMINDER:
+            self._reminded_at = now
+            if waiting_for:
+                self._log.warning(f'{state}: {waiting_for}')
+        if arm is None:
+            self._state_publishers = 1
+            self._commanders = []
+            return
+        if arm.state_publishers > 1 and arm.state_publishers != self._state_publishers:
+            self._log.warning(f'{arm.state_publishers} {SEVERAL_STATES}')
+        self._state_publishers = arm.state_publishers
+        if arm.parts_of_states and not self._reported_parts:
+            self._reported_parts = True
+            self._log.error(in_parts(arm.parts_of_states))
+        if len(arm.commanders) > 1 and arm.commanders != self._commanders:
+            self._log.error(f'commands: {several_commanders(arm.commanders)}')
+        self._commanders = arm.commanders
+        if arm.guard is not None and arm.guard.overdue:
+            self._log_guard(arm.guard.warning)
+
+    def _log_guard(self, warning: str) -> None:
+        """Log that the guard is lost, or found again."""
+        if bool(warning) == self._unguarded:
+            return
+        self._unguarded = bool(warning)
+        if warning:
+            self._log.warning(warning)
+        else:
+            self._log.info('torque_guard watches')

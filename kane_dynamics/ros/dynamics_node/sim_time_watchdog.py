@@ -24,25 +24,35 @@ class SimTimeWatchdog:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._now, self._moved = 0, time.perf_counter()
-        self._reported = 0
+        self._now = 0  # simulated time when it was last checked, ns
+        self._advanced_at = time.perf_counter()
+        self._reported = 0  # simulated time at the latest report, ns
         self.warning = ''
 
     def check(self, path: TorquePath | None) -> None:
         """Command zeros if the clock has stopped without a publisher and no states arrive."""
-        now, steady = self._time(), time.perf_counter()
+        now = self._time()
+        steady = time.perf_counter()
         if now != self._now:
-            self._now, self._moved = now, steady
-        elif path is not None and path.commanding and (
-                steady - max(self._moved, path.last_update) > LOST_CLOCK) and (
-                self._node.count_publishers('/clock') == 0):
+            self._now = now
+            self._advanced_at = steady
+            return
+        if path is None or not path.commanding:
+            return
+        # A paused simulator keeps its publisher, and the torques go on.
+        silent = steady - max(self._advanced_at, path.last_update)
+        if silent > LOST_CLOCK and self._node.count_publishers('/clock') == 0:
             path.time_out('/clock has no publisher')
 
     def report(self) -> None:
         """Update `warning`."""
-        before, self._reported = self._reported, self._time()
-        self.warning = '' if before != self._reported else (
-            '/clock does not advance' if before else 'no message on /clock')
+        previous, self._reported = self._reported, self._time()
+        if self._reported != previous:
+            self.warning = ''
+        elif self._reported:
+            self.warning = '/clock does not advance'
+        else:
+            self.warning = 'no message on /clock'
 
     def _time(self) -> int:
         return int(self._node.get_clock().now().nanoseconds)

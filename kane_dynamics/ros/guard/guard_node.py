@@ -5,17 +5,17 @@ from pathlib import Path
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from kane_dynamics.analysis.model_checks import listed
 from kane_dynamics.errors import KaneError
 from kane_dynamics.ros.common import realtime
 from kane_dynamics.ros.common.configuration_files import (load_model, resolve_path,
                                                           robot_options)
+from kane_dynamics.ros.common.node_statistics import status
 from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
 from kane_dynamics.ros.common.service_errors import answer_service_errors
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard
-from kane_dynamics.ros.guard.guard_diagnostics import guard_status
 from kane_dynamics.ros.guard.node_parameters import NodeParameters, SHARED, SIMULATED_TIME
 from kane_dynamics.ros.guard.node_watch import NodeWatch
 from kane_dynamics.ros.parameters.parameter_checks import FOREIGN
@@ -249,7 +249,33 @@ class GuardNode(Node):
         if period < 1.0 / self._values.get('diagnostics_rate', 1.0) - 0.5 * HEARTBEAT_PERIOD:
             return
         self._reported = now
-        message = DiagnosticArray(status=[guard_status(self, period)])
+        message = DiagnosticArray(status=[self._status(period)])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
         realtime.collect_if_disabled()
+
+    def _status(self, period: float) -> DiagnosticStatus:
+        """Close a reporting period, s, and return the diagnostic status."""
+        name = f'{self.get_fully_qualified_name()}: guard'
+        guard = self.guard
+        if guard is None:
+            level = DiagnosticStatus.ERROR if self.refused else DiagnosticStatus.WARN
+            return status(name, '', level, self.reason, {})
+        watch = guard.path.watch
+        level, message = DiagnosticStatus.OK, f'watching {self.target}'
+        if watch.acting:
+            level = DiagnosticStatus.ERROR
+            silent = time.perf_counter() - watch.waiting_since
+            action = 'the guard holds the arm; restart the node and activate it'
+            if guard.path.timed_out:
+                action = 'no joint states, commanding zeros; check the driver'
+            message = f'{self.target} is silent for {silent:.1f} s: {action}'
+        elif not watch.armed:
+            message += ', which commands no torque'
+        _, _, figures = guard.statistics.period(period)
+        figures |= {'takeovers': str(watch.takeovers),
+                    'node alive': str(guard.node_alive),
+                    'missed deadlines': str(guard.missed_deadlines),
+                    'last silence before a takeover': f'{watch.silent_for * 1e3:.1f} ms',
+                    'kernels verified to': f'{guard.verified:.1e}'}
+        return status(name, guard.robot.model.name, level, message, figures)

@@ -5,20 +5,21 @@ from collections.abc import Collection, Mapping
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from kane_dynamics.control.quasi_static import flexible_robot
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.commanders import CommanderCount, several_commanders
-from kane_dynamics.ros.common.configuration_files import load_model, resolve_path, robot_options
+from kane_dynamics.ros.common.command_topic import (CommanderCount, several_commanders,
+                                                    SIMULATED_ROBOT)
+from kane_dynamics.ros.common.configuration_files import (load_model, resolve_path,
+                                                          robot_options)
 from kane_dynamics.ros.common.conversion import NANO, vector
+from kane_dynamics.ros.common.node_statistics import status
 from kane_dynamics.ros.common.qos import LATCHED, RELIABLE, WRENCHES
 from kane_dynamics.ros.common.service_errors import answer_service_errors
-from kane_dynamics.ros.common.simulated_robots import SIMULATED_ROBOT
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.parameters.live_parameters import LiveParameters
-from kane_dynamics.ros.plant.plant_diagnostics import plant_status
 from kane_dynamics.ros.plant.plant_parameters import SPECS
 from kane_dynamics.ros.plant.plant_state import PlantState
 from kane_dynamics.ros.plant.tick_schedule import TickSchedule
@@ -234,7 +235,7 @@ class PlantNode(Node):
         now, (then, ticks) = time.monotonic(), self._reported
         self._reported = now, self.plant.ticks
         speed = (self.plant.ticks - ticks) * self.plant.period / NANO / (now - then)
-        message = DiagnosticArray(status=[plant_status(self, speed)])
+        message = DiagnosticArray(status=[self._status(speed)])
         stamp = message.header.stamp
         stamp.sec, stamp.nanosec = divmod(
             time.time_ns() if self._clock_out is None else self._now(), NANO)
@@ -244,8 +245,56 @@ class PlantNode(Node):
             self._imbalance = warning
             if warning:
                 self.get_logger().warning(warning)
+        self._warn_of_others()
+
+    def _warn_of_others(self) -> None:
+        """Warn of further nodes that publish the time or command the arm."""
         if self._clock_out is not None and (clocks := self.count_publishers('/clock')) > 1:
             self._warn('clock', f'{clocks} publishers on /clock; expected one node with '
                        'publish_clock')
         if len(sources := self._commanders.update()) > 1:
             self._warn('commands', several_commanders(sources))
+
+    def _status(self, speed: float) -> DiagnosticStatus:
+        """Return the diagnostic status of a period at `speed` times real time."""
+        plant, schedule = self.plant, self.schedule
+        level, message = self._state_in_words(speed)
+        if not self.failure and schedule.worst > schedule.period:
+            level = max(level, DiagnosticStatus.WARN)
+            message += f', up to {schedule.worst * 1e-6:.1f} ms late'
+        figures = {
+            'joints': ', '.join(plant.arm.joint_names),
+            'speed': f'{speed:.3f}',
+            'joint states': str(plant.ticks),
+            'overruns': str(schedule.overruns),
+            'largest delay of a tick': f'{schedule.worst * 1e-6:.3f} ms',
+            'skipped to catch up': f'{schedule.skipped:.3f} s',
+            'commands': str(self.received),
+            'command timeouts': str(plant.timeouts),
+            'steps clamped': str(plant.arm.clamped),
+            'steps at stops': str(plant.arm.stop_contacts),
+            'energy balance': plant.arm.energy.warning or 'closes',
+            'at a stop': ', '.join(plant.arm.at_stops) or 'none',
+            'wrenches at': ', '.join(plant.arm.wrenches) or 'none',
+            'joint states dropped': str(plant.states.dropped),
+            'commands dropped': str(plant.commands.dropped)}
+        for topic, count in self.rejected.items():
+            figures[f'rejected: {topic}'] = str(count)
+        return status(f'{self.get_fully_qualified_name()}: simulated robot',
+                      plant.robot.model.name, level, message, figures)
+
+    def _state_in_words(self, speed: float) -> tuple[bytes, str]:
+        """Return level and message of the simulation, without delays of its ticks."""
+        plant = self.plant
+        running = f'running at {speed:.2f} times real time'
+        if self.failure:
+            return DiagnosticStatus.ERROR, f'stopped until ~/reset: {self.failure}'
+        if self.paused:
+            return DiagnosticStatus.OK, 'paused'
+        if plant.braked:
+            return DiagnosticStatus.OK, f'{running}, brakes on until the first command'
+        if plant.timed_out:
+            return DiagnosticStatus.WARN, f'{running}, no command for {plant.command_age:.2f} s'
+        if plant.arm.energy.warning:
+            return DiagnosticStatus.WARN, f'{running}; {plant.arm.energy.warning}'
+        return DiagnosticStatus.OK, running

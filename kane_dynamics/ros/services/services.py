@@ -11,11 +11,11 @@ from typing import Any
 
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.ros.common.qos import RELIABLE, SERVICES
-from kane_dynamics.ros.services.path_timing import timing_request
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.service_calls import (explain, forward_dynamics, get_dynamics,
                                                       inverse_dynamics)
 from kane_dynamics.ros.services.simulation_request import SimulationRequest
+from kane_dynamics.ros.services.time_optimal_request import timing_request
 from kane_dynamics.ros.services.trajectory_filling import (fill_trajectory_tables,
                                                            filled_message)
 from kane_dynamics.ros.services.worker import Worker

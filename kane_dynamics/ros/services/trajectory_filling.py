@@ -11,13 +11,13 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.loop_error import LoopError, UNKNOWN
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.conversion import (Array, check_points, doubles, nanoseconds,
-                                                 point_columns)
+from kane_dynamics.ros.common.conversion import (Array, check_points, doubles, NANO,
+                                                 nanoseconds, point_columns)
 from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
 from kane_dynamics.ros.services.motion_check import refuse_impossible
 from kane_dynamics.ros.services.served_robot import ServedRobot
-from kane_dynamics.ros.services.trajectory_cdr import serialized_trajectory
-from kane_dynamics.ros.torque_path.trajectory_input import read_trajectory
+from kane_dynamics.ros.torque_path.cdr import HEAD, STAMP, STAMP_AT, Writer
+from kane_dynamics.ros.torque_path.trajectory_input import read_trajectory, TrajectoryHeader
 import numpy as np
 
 FIELDS = ('positions', 'velocities', 'accelerations')
@@ -26,7 +26,9 @@ FIELDS = ('positions', 'velocities', 'accelerations')
 @dataclass(frozen=True)
 class FillSettings:
     """
-    Settings of filled trajectories: parameters feedforward.*, arm_compensates and limits.effort.
+    Settings of filled trajectories.
+
+    They are the parameters feedforward.*, arm_compensates and limits.effort.
 
     Attributes
     ----------
@@ -51,10 +53,13 @@ class FillSettings:
     def from_values(cls, values: Mapping[str, Any], joints: Sequence[str]) -> 'FillSettings':
         """Return the settings of the parameters; raise InputError if one does not fit."""
         def if_set(name: str) -> Array | None:
-            return per_joint(values, name, joints, 0.0) if values[name].shape != (0,) else None
-        return cls(terms(values), per_joint(values, 'limits.effort', joints, math.inf),
-                   if_set('feedforward.tolerance'), if_set('feedforward.rest'),
-                   values['feedforward.clip'])
+            if values[name].shape == (0,):
+                return None
+            return per_joint(values, name, joints, 0.0)
+        return cls(compensate=terms(values),
+                   effort_limit=per_joint(values, 'limits.effort', joints, math.inf),
+                   tolerance=if_set('feedforward.tolerance'),
+                   rest=if_set('feedforward.rest'), clip=values['feedforward.clip'])
 
 
 def filled_message(served: ServedRobot, data: bytes) -> bytes:
@@ -63,14 +68,46 @@ def filled_message(served: ServedRobot, data: bytes) -> bytes:
 
     An empty trajectory, which ends the motion of the controller, is returned unchanged.
     """
-    most = served.values['trajectory.max_points']
-    message = read_trajectory(data, most)
+    max_points = served.values['trajectory.max_points']
+    message = read_trajectory(data, max_points)
     if not message.points:
         return data
     names = message.joint_names
-    columns = point_columns(message, names, most)
-    _refuse_impossible(served, names, columns, executed=not nanoseconds(message.header.stamp))
+    columns = point_columns(message, names, max_points)
+    on_receipt = not nanoseconds(message.header.stamp)
+    _refuse_impossible(served, names, columns, executed=on_receipt)
     return serialized_trajectory(message.header, _filled(served, names, columns, None))
+
+
+def serialized_trajectory(header: TrajectoryHeader, filled: FilledTrajectory) -> bytes:
+    """
+    Return a serialized JointTrajectory with all fields.
+
+    All points have the same layout, which numpy writes at once: each field is a count, padding
+    to 8 bytes, and doubles; then the time. Only the first point may begin in the middle of 8
+    bytes; its first count then needs no padding.
+    """
+    writer = Writer()
+    writer.reserve(4, 2)
+    STAMP.pack_into(writer.data, STAMP_AT, *header.stamp)
+    writer.text(header.frame_id)
+    writer.texts(filled.joint_names)
+    writer.word(len(filled.times))
+    n = len(filled.joint_names)
+    fields = (*FIELDS, 'efforts')
+    sequence = [('count', '<u4'), ('padding', '<u4'), ('values', '<f8', (n,))]
+    layout: list[Any] = [(name, sequence) for name in fields]
+    layout += [('sec', '<i4'), ('nanosec', '<u4')]
+    points = np.zeros(len(filled.times), dtype=layout)
+    for name in fields:
+        points[name]['count'] = n
+        points[name]['values'] = getattr(filled, name)
+    times = np.rint(filled.times * NANO).astype(np.int64)
+    points['sec'], points['nanosec'] = np.divmod(times, NANO)
+    body = points.tobytes()
+    if (len(writer.data) - HEAD) % 8:
+        body = body[:4] + body[8:]  # without the padding behind the first count
+    return bytes(writer.data) + body
 
 
 def fill_trajectory_tables(served: ServedRobot, request: Any, response: Any) -> None:
@@ -79,10 +116,12 @@ def fill_trajectory_tables(served: ServedRobot, request: Any, response: Any) -> 
     times = np.array(request.time_from_start)
     check_points(len(times), served.values['trajectory.max_points'])
     columns = [table(request, field, len(times), len(names)) for field in FIELDS]
-    tolerance = np.array(request.tolerance)
+    # No tolerance: that of the parameter; one number: of all joints.
+    tolerance: Any = np.array(request.tolerance) if len(request.tolerance) else None
+    if tolerance is not None and len(tolerance) == 1:
+        tolerance = tolerance[0]
     _refuse_impossible(served, names, (times, *columns), executed=False)
-    filled = _filled(served, names, (times, *columns), (
-        tolerance[0] if len(tolerance) == 1 else tolerance) if len(tolerance) else None)
+    filled = _filled(served, names, (times, *columns), tolerance)
     response.joint_names = list(filled.joint_names)
     response.time_from_start = doubles(filled.times)
     for field in FIELDS:
@@ -127,38 +166,47 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
         Default: parameter feedforward.tolerance.
 
     """
-    joints, loops = served.robot.joint_names, bool(served.robot.constraint_names)
+    joints = served.robot.joint_names
+    loops = bool(served.robot.constraint_names)
     settings = FillSettings.from_values(served.values, joints)
     index = [joints.index(name) for name in names if name in joints]
-    if tolerance is None and settings.tolerance is not None and len(index) == len(names):
+    all_known = len(index) == len(names)  # `fill_trajectory` refuses unknown joints
+    if tolerance is None and settings.tolerance is not None and all_known:
         tolerance = settings.tolerance[index]
-    starts, lacking = points[0][0] > 0.0, len(set(names)) < len(joints)
-    measured = served.measured() if starts or lacking or loops else None
-    if starts and measured is None:
-        raise InputError(f'point 0: time_from_start {points[0][0]:g} s without a measured '
-                         'position; expected 0 s, or an active node that receives joint states')
-    rest = settings.rest if settings.rest is not None else measured
+    # A first point later than 0 s: the motion sets out from where the arm is.
+    first_time = points[0][0]
+    sets_out = first_time > 0.0
+    lacking = len(set(names)) < len(joints)
+    measured = served.measured() if sets_out or lacking or loops else None
+    if sets_out and measured is None:
+        raise InputError(f'point 0: time_from_start {first_time:g} s without a measured '
+                         'position; expected 0 s, or an active node that receives joint '
+                         'states')
+    # Joints that the trajectory lacks rest at the parameter's positions, or where they are.
+    resting = measured if settings.rest is None else settings.rest
     if loops:
-        rest = _assembly_mode(served.robot, measured, settings.rest, lacking)
-    elif lacking and rest is None:
+        resting = _assembly_mode(served.robot, measured, settings.rest, lacking)
+    elif lacking and resting is None:
         missing = [name for name in joints if name not in names]
         raise InputError(f'joint_names: without {", ".join(missing)}; expected all '
-                         'joints, parameter feedforward.rest, or an active node that receives '
-                         'joint states')
-    start = (measured[index], None, None) if (
-        measured is not None and starts and len(index) == len(names)) else None
+                         'joints, parameter feedforward.rest, or an active node that '
+                         'receives joint states')
+    start = None
+    if sets_out and measured is not None and all_known:
+        start = (measured[index], None, None)
     return fill_trajectory(
-        served.robot, *points, joint_names=names, rest=rest, start=start, tolerance=tolerance,
-        compensate=settings.compensate, effort_limit=settings.effort_limit, clip=settings.clip,
+        served.robot, *points, joint_names=names, rest=resting, start=start,
+        tolerance=tolerance, compensate=settings.compensate,
+        effort_limit=settings.effort_limit, clip=settings.clip,
         max_points=served.values['trajectory.max_points'], bending=served.bending,
         loop_tolerance=served.values['closure.tolerance'],
         max_figure=served.values['closure.max_conditioning'])
 
 
-def _assembly_mode(robot: Robot, measured: Array | None, rest: Array | None,
+def _assembly_mode(robot: Robot, measured: Array | None, resting: Array | None,
                    lacking: bool) -> Array | None:
     """Return a configuration in the assembly mode of the latest joint states, if known."""
-    known = measured if measured is not None else rest
+    known = resting if measured is None else measured
     if known is None and lacking and robot.configuration is None:
         raise LoopError(UNKNOWN, 'no joint states, no parameter feedforward.rest, no '
                         '`configuration` in the constraints file; expected one of them, or a '
@@ -168,8 +216,8 @@ def _assembly_mode(robot: Robot, measured: Array | None, rest: Array | None,
 
 def assembly_mode(served: ServedRobot) -> Array | None:
     """Return a configuration in the assembly mode of a path of the joints with actuators."""
-    rest = FillSettings.from_values(served.values, served.robot.joint_names).rest
-    return _assembly_mode(served.robot, served.measured(), rest, lacking=True)
+    settings = FillSettings.from_values(served.values, served.robot.joint_names)
+    return _assembly_mode(served.robot, served.measured(), settings.rest, lacking=True)
 
 
 def table(request: Any, field: str, points: int, joints: int) -> Array | None:
@@ -178,6 +226,6 @@ def table(request: Any, field: str, points: int, joints: int) -> Array | None:
     if not values.size and field != 'positions':
         return None
     if values.size != points * joints:
-        raise InputError(f'{field}: {values.size} entries; expected {points * joints}, one row of '
-                         f'{joints} for each of {points} points')
+        raise InputError(f'{field}: {values.size} entries; expected {points * joints}, one '
+                         f'row of {joints} for each of {points} points')
     return values.reshape(points, joints)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.model import Model
-from kane_dynamics.ros.common.commanders import GUARD_STATE
+from kane_dynamics.ros.common.command_topic import GUARD_STATE
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 import numpy as np

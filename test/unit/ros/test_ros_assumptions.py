@@ -13,12 +13,12 @@ from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.ros.monitors.applied_torque import AppliedTorque  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_checks import read  # noqa: E402
 from kane_dynamics.ros.parameters.parameter_table import SPECS  # noqa: E402
-from kane_dynamics.ros.services.path_timing import timing_request  # noqa: E402
 from kane_dynamics.ros.services.served_robot import (QUASI_STATIC, RIGID,  # noqa: E402
                                                      ServedRobot)
 from kane_dynamics.ros.services.service_calls import (explain, forward_dynamics,  # noqa: E402
                                                       get_dynamics, inverse_dynamics)
 from kane_dynamics.ros.services.simulation_request import SimulationRequest  # noqa: E402
+from kane_dynamics.ros.services.time_optimal_request import timing_request  # noqa: E402
 from kane_dynamics.ros.torque_path.cycle_observer import Cycle  # noqa: E402
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload  # noqa: E402
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames  # noqa: E402

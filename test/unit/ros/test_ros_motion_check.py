@@ -14,7 +14,7 @@ from kane_dynamics._util.resources import resource_path  # noqa: E402
 from kane_dynamics.loop_tracking.loop_error import LoopError  # noqa: E402
 from kane_dynamics.robot.parameters import JointLimits  # noqa: E402
 from kane_dynamics.ros.services.motion_check import refuse_impossible  # noqa: E402
-from kane_dynamics.ros.services.path_timing import timing_request  # noqa: E402
+from kane_dynamics.ros.services.time_optimal_request import timing_request  # noqa: E402
 from kane_dynamics.ros.services.trajectory_filling import (fill_trajectory_tables,  # noqa: E402
                                                            filled_message)
 from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal  # noqa: E402

@@ -11,9 +11,8 @@ from kane_dynamics.mechanics.joint_stops import resolve_stops
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import TORQUE_TERMS
 from kane_dynamics.ros.parameters.parameter_checks import read
-from kane_dynamics.ros.plant.delay_line import DelayLine, MAX_ITEMS
 from kane_dynamics.ros.plant.plant_parameters import SPECS
-from kane_dynamics.ros.plant.plant_state import PlantState
+from kane_dynamics.ros.plant.plant_state import DelayLine, MAX_ITEMS, PlantState
 from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
 from kane_dynamics.ros.plant.tick_schedule import TickSchedule
 import numpy as np

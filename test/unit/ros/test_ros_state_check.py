@@ -400,8 +400,8 @@ def test_a_speed_limit_for_another_number_of_joints_is_refused():
 
 
 @pytest.mark.parametrize('action', ['zero', 'hold'])
-def test_the_guard_takes_over_from_a_node_that_died_while_states_are_impossible(action,
-                                                                                monkeypatch):
+def test_the_guard_takes_over_from_a_node_that_died_while_states_are_impossible(
+        action, monkeypatch):
     now = [1000.0]
     monkeypatch.setattr(time, 'perf_counter', lambda: now[0])
     rig, there, reports = Rig(), home_moved(1, 1.0), []

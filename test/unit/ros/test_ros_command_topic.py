@@ -2,8 +2,7 @@
 
 from types import SimpleNamespace
 
-from kane_dynamics.ros.common.commanders import CommanderCount
-from kane_dynamics.ros.common.simulated_robots import not_simulated
+from kane_dynamics.ros.common.command_topic import CommanderCount, not_simulated
 import pytest
 
 
