@@ -199,5 +199,5 @@ def test_the_shipped_configuration_starts_the_plant_and_a_missing_urdf_is_an_err
     assert node.end()[0] == 0
     node = start(module=PLANT, robot_description='""')
     assert wait_until(lambda: not node.alive())
-    assert node.end()[0] == 1
+    assert node.end()[0] == 2
     assert "plant_node: URDF: none; expected parameter 'robot_description' or 'urdf'" in node.log
