@@ -1,4 +1,4 @@
-"""A live demonstration: a MuJoCo arm, the dynamics node, a director, and plots of the result."""
+"""A live demonstration: a MuJoCo arm, the dynamics node, a director, and plots."""
 
 from collections.abc import Sequence
 

@@ -36,10 +36,12 @@ class Child:
     """
 
     def __init__(self, name: str, command: Sequence[str]) -> None:
-        self.name, self.lines = name, 0
+        self.name = name
+        self.lines = 0
         self.last: deque[str] = deque(maxlen=SHOWN)
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE,
-                                        stderr=subprocess.STDOUT, text=True, errors='replace')
+                                        stderr=subprocess.STDOUT, text=True,
+                                        errors='replace')
         self._reader = Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -52,7 +54,11 @@ class Child:
 
     @property
     def processor_time(self) -> float:
-        """Return the processor time used so far, s; zero if the system does not provide it."""
+        """
+        Return the processor time used so far, s.
+
+        Zero if the system does not provide it.
+        """
         try:
             fields = Path(f'/proc/{self.process.pid}/stat').read_text(
                 encoding='utf-8').rpartition(')')[2].split()
@@ -85,7 +91,8 @@ class Waiting:
     """
 
     def __init__(self, what: str, children: Sequence[Child]) -> None:
-        self._what, self._children = what, children
+        self._what = what
+        self._children = children
         self._began = self._moved = self._said = time.monotonic()
         self._seen = self._state()
 
@@ -96,23 +103,25 @@ class Waiting:
         """
         Raise DemoError if the stage has failed.
 
-        It has failed if a child has ended, if no child has written a line or used the processor
-        for `PATIENCE`, or if it takes longer than `MOST`.
+        It has failed if a child has ended, if no child has written a line or used the
+        processor for `PATIENCE`, or if it takes longer than `MOST`.
         """
         for child in self._children:
             if (code := child.process.poll()) is not None:
                 raise DemoError(f'{self._what}: {child.name} ended with exit code {code}'
                                 + self._last_lines(child))
-        now, state = time.monotonic(), self._state()
+        now = time.monotonic()
+        state = self._state()
         if any(lines > before or used > then + LEAST
                for (lines, used), (before, then) in zip(state, self._seen, strict=True)):
-            self._seen, self._moved = state, now
+            self._seen = state
+            self._moved = now
         if now - self._said > SAY:
             self._said = now
-            used = ', '.join(f'{child.name} {time_used:.0f} s' for child, (_, time_used) in zip(
-                self._children, state, strict=True))
-            print(f'  waiting for {now - self._began:.0f} s: {self._what}; processor time: {used}',
-                  file=sys.stderr, flush=True)
+            times = [f'{child.name} {seconds:.0f} s'
+                     for child, (_, seconds) in zip(self._children, state, strict=True)]
+            print(f'  waiting for {now - self._began:.0f} s: {self._what}; processor '
+                  f'time: {", ".join(times)}', file=sys.stderr, flush=True)
         if now - self._moved > PATIENCE or now - self._began > MOST:
             raise DemoError(f'{self._what}: no progress for {now - self._began:.0f} s'
                             + ''.join(map(self._last_lines, self._children)))

@@ -1,4 +1,4 @@
-"""The settings of the demo: the robots, their motions and gains, and the names of nodes."""
+"""The settings of the demo: robots, their motions and gains, names of nodes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -29,7 +29,8 @@ class DemoRobot:
     joints : tuple of n str
         The joints with motors, in the order of the node's commands.
     home, amplitude, frequency : (n,) arrays
-        Each joint oscillates about its home, rad, by its amplitude, rad, with its frequency, Hz.
+        Each joint oscillates about its home, rad, by its amplitude, rad, with its
+        frequency, Hz.
     kp, kd : (n,) arrays
         Gains of a soft servo, N m/rad and N m s/rad.
     constraints : Path, optional
@@ -51,7 +52,7 @@ class DemoRobot:
     passive: Mapping[str, float] = field(default_factory=dict)
 
     def motion(self, duration: float = DURATION) -> Motion:
-        """Return a motion in which every joint oscillates about its home, from rest to rest."""
+        """Return a motion of every joint about home, from rest to rest."""
         t = np.linspace(0.0, duration, round(POINTS * duration) + 1)
         envelope = np.sin(np.pi * t / duration)[:, None] ** 2
         wave = np.sin(2.0 * np.pi * np.multiply.outer(t, self.frequency))
@@ -66,7 +67,8 @@ class DemoRobot:
     @property
     def parameters(self) -> dict[str, str]:
         """Return the parameters that describe the robot to the node."""
-        common = {'urdf': str(self.urdf), 'arm_compensates': 'none'}  # MuJoCo adds nothing
+        # MuJoCo adds nothing
+        common = {'urdf': str(self.urdf), 'arm_compensates': 'none'}
         if self.constraints is None:
             return common | {'joints': f'[{",".join(self.joints)}]'}
         return common | {'constraints': str(self.constraints)}

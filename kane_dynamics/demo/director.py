@@ -1,10 +1,10 @@
 """
 The demo's director: starts the arm and the node, moves the arm, and reports the results.
 
-Three processes over Fast DDS: this one, the arm (`plant`, MuJoCo behind ROS topics) and the
-dynamics node. The arm makes the same motion twice, first with its soft servo alone (the node
-deactivated), then with the node's feedforward torques on top. Last it is let go, and its fall is
-held against what the node's simulate service had predicted.
+Three processes over Fast DDS: this one, the arm (`plant`, MuJoCo behind ROS topics) and
+the dynamics node. The arm makes the same motion twice, first with its soft servo alone
+(the node deactivated), then with the node's feedforward torques on top. Last it is let
+go, and its fall is held against what the node's simulate service had predicted.
 """
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
@@ -42,10 +42,12 @@ class Director(Node):
 
     def __init__(self) -> None:
         super().__init__('director')
-        self.children: list[Child] = []  # that are waited for as long as they make progress
+        # That are waited for as long as they make progress
+        self.children: list[Child] = []
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._to_plant = self.create_publisher(JointTrajectory, 'desired', latched)
-        self._to_node = self.create_publisher(JointTrajectory, f'{NODE}/joint_trajectory', 1)
+        self._to_node = self.create_publisher(JointTrajectory,
+                                              f'{NODE}/joint_trajectory', 1)
 
     def ask(self, service: type[Any], name: str, **fields: Any) -> Any:
         """Call a service and return its answer."""
@@ -78,24 +80,26 @@ class Director(Node):
         answer = self.ask(ChangeState, f'{NODE}/change_state',
                           transition=Transition(id=transition))
         if not answer.success:
-            raise DemoError(f'lifecycle transition {transition}: refused by the node; expected '
-                            'success')
+            raise DemoError(f'lifecycle transition {transition}: refused by the node; '
+                            'expected success')
 
     def send(self, motion: Motion, feedforward: bool) -> None:
-        """Send a motion to the arm, and optionally to the node, to start shortly afterwards."""
+        """Send a motion to the arm, and optionally to the node, to start soon."""
         message = JointTrajectory(joint_names=list(motion.joint_names))
         start = time.time_ns() + int(LEAD * 1e9)
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(start, 10**9)
         for t, positions in zip(motion.times, motion.positions):
             point = JointTrajectoryPoint(positions=positions.tolist())
-            point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t * 1e9),
+            point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t
+                                                                                    * 1e9),
                                                                               10**9)
             message.points.append(point)
         self._to_plant.publish(message)
         if feedforward:
             self._to_node.publish(message)
 
-    def perform(self, label: str, motion: Motion, record: Path, feedforward: bool) -> TrackingLog:
+    def perform(self, label: str, motion: Motion, record: Path,
+                feedforward: bool) -> TrackingLog:
         """Make the arm perform a motion from rest; return its record."""
         if self.node_state() == State.PRIMARY_STATE_ACTIVE:
             self.change(Transition.TRANSITION_DEACTIVATE)  # forgets the motion before
@@ -119,12 +123,18 @@ class Director(Node):
             raise DemoError(f'the arm cannot save its record: {answer.message}')
         return TrackingLog.load(record)
 
-    def predict_and_let_go(self, robot: DemoRobot, record: Path) -> tuple[Any, TrackingLog]:
-        """Predict the arm's fall from home, then let it fall; return prediction and record."""
+    def predict_and_let_go(self, robot: DemoRobot, record: Path) -> tuple[Any,
+                                                                          TrackingLog]:
+        """
+        Predict the arm's fall from home, then let it fall.
+
+        Return prediction and record.
+        """
         self.change(Transition.TRANSITION_DEACTIVATE)
         prediction = self.ask(
             Simulate, f'{NODE}/simulate', joint_names=list(robot.positions),
-            position=list(robot.positions.values()), duration=FALL, step=5e-4, sample_period=2e-3)
+            position=list(robot.positions.values()), duration=FALL, step=5e-4,
+            sample_period=2e-3)
         if not prediction.success:
             raise DemoError(f'{NODE}/simulate: {prediction.message}; expected success')
         self.ask(SetBool, f'{PLANT}/reset', data=False)
@@ -147,10 +157,12 @@ def parsed(arguments: Sequence[str]) -> Namespace:
     """Return the options of the demo."""
     parser = ArgumentParser(prog='kane-dynamics demo', description=__doc__)
     parser.add_argument('--robot', choices=ROBOTS, default='fr3',
-                        help='a seven-axis arm, or a palletizer with three closed loops (default: '
+                        help='a seven-axis arm, or a palletizer with three closed loops '
+                        '(default: '
                              '%(default)s)')
     parser.add_argument('--duration', type=_seconds, default=DURATION, metavar='S',
-                        help='duration of the motion, at least 1 s (default: %(default)s)')
+                        help='duration of the motion, at least 1 s (default: '
+                        '%(default)s)')
     parser.add_argument('--output', type=Path, default=Path('demo_output'),
                         help='folder for the pictures (default: %(default)s)')
     return parser.parse_args(list(arguments))
@@ -170,7 +182,8 @@ def _seconds(text: str) -> float:
 def run(arguments: Sequence[str] = ()) -> int:
     """Run the demo; return the exit code."""
     options = parsed(arguments)
-    robot, motion = ROBOTS[options.robot], ROBOTS[options.robot].motion(options.duration)
+    robot = ROBOTS[options.robot]
+    motion = ROBOTS[options.robot].motion(options.duration)
     options.output.mkdir(parents=True, exist_ok=True)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ.setdefault('ROS_DOMAIN_ID', str(random.SystemRandom().randint(1, 100)))

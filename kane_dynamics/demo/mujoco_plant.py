@@ -1,9 +1,10 @@
 """
 The simulated arm of the demo: MuJoCo, an independent engine, behind ROS topics.
 
-It publishes ``joint_states`` at 500 Hz on an absolute schedule and applies the torques of
-``commands`` and of a soft servo, which tracks the motion received on ``desired``. Stamps are
-simulated time; late ticks are caught up. A record of the run is written to a file on request.
+It publishes ``joint_states`` at 500 Hz on an absolute schedule and applies the torques
+of ``commands`` and of a soft servo, which tracks the motion received on ``desired``.
+Stamps are simulated time; late ticks are caught up. A record of the run is written to a
+file on request.
 """
 
 from collections.abc import Sequence
@@ -41,7 +42,8 @@ class MujocoArm:
     """
     The arm in MuJoCo: the URDF's bodies, joints, damping and friction; no contacts.
 
-    Loops are closed by equality constraints of MuJoCo, which joins the origins of two frames.
+    Loops are closed by equality constraints of MuJoCo, which joins the origins of two
+    frames.
 
     Parameters
     ----------
@@ -102,7 +104,8 @@ def _close_loops(spec: Any, path: Path) -> None:
         # All but rigid: the constraint is restored within two steps.
         spec.add_equality(
             type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_SITE,
-            name1=closure.first, name2=closure.second, solref=[2.0 / (RATE * SUBSTEPS), 1.0],
+            name1=closure.first, name2=closure.second,
+            solref=[2.0 / (RATE * SUBSTEPS), 1.0],
             solimp=[0.9999, 0.9999, 1e-3, 0.5, 2.0])
 
 
@@ -112,7 +115,8 @@ class MujocoPlant(Node):
     def __init__(self, arm: MujocoArm, record: str) -> None:
         """Open topics and services; `record` is the file that ~/save writes."""
         super().__init__(PLANT.strip('/'))
-        self.arm, self._robot = arm, arm.robot
+        self.arm = arm
+        self._robot = arm.robot
         self._record = record
         self._motion: Motion | None = None
         self._started = 0.0
@@ -124,7 +128,8 @@ class MujocoPlant(Node):
         self._message = JointState(name=list(arm.robot.joints))
         self._publisher = self.create_publisher(JointState, 'joint_states', BEST_EFFORT)
         reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-        self.create_subscription(Float64MultiArray, 'commands', self._on_command, reliable)
+        self.create_subscription(Float64MultiArray, 'commands', self._on_command,
+                                 reliable)
         self.create_subscription(JointState, f'{NODE}/joint_torques',
                                  self._on_torques, BEST_EFFORT)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -141,7 +146,8 @@ class MujocoPlant(Node):
         servo = self._servo(t, q, u)
         message = self._message
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
-        message.position, message.velocity = q.tolist(), u.tolist()
+        message.position = q.tolist()
+        message.velocity = u.tolist()
         self._sent[stamp] = time.perf_counter_ns()
         self._publisher.publish(message)
         late = (time.time_ns() - stamp) * 1e-9
@@ -152,7 +158,8 @@ class MujocoPlant(Node):
         """Return the torque of the soft servo, N m."""
         if not self._servo_on:
             return np.zeros(len(self._robot.joints))
-        q_d, u_d = self._robot.home, np.zeros(len(self._robot.joints))
+        q_d = self._robot.home
+        u_d = np.zeros(len(self._robot.joints))
         if self._motion is not None:
             q_d, u_d, _ = self._motion.sample(t - self._started)
         return self._robot.kp * (q_d - q) + self._robot.kd * (u_d - u)
@@ -172,7 +179,8 @@ class MujocoPlant(Node):
         start = message.header.stamp
         self._begin_record(start.sec + start.nanosec * 1e-9)
         self._motion = Motion.from_points(
-            [p.time_from_start.sec + p.time_from_start.nanosec * 1e-9 for p in message.points],
+            [p.time_from_start.sec + p.time_from_start.nanosec * 1e-9
+             for p in message.points],
             [p.positions for p in message.points], joint_names=message.joint_names,
             order=self._robot.joints)
 
@@ -194,9 +202,12 @@ class MujocoPlant(Node):
 
     def _save(self, request: Any, response: Any) -> Any:
         """Write the record, and the latencies, to the file."""
-        columns: Any = {name: np.array(values) for name, values in zip(COLUMNS, zip(*self._rows))}
-        np.savez(self._record, latency=np.array(self._latencies).reshape(-1, 2), **columns)
-        response.success, response.message = True, self._record
+        columns: Any = {name: np.array(values) for name,
+                        values in zip(COLUMNS, zip(*self._rows))}
+        np.savez(self._record, latency=np.array(self._latencies).reshape(-1, 2),
+                 **columns)
+        response.success = True
+        response.message = self._record
         return response
 
 

@@ -15,7 +15,8 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf import load_urdf
 import numpy as np
 
-MIN_RATIO = 10.0  # smallest accepted ratio of tracking errors without and with feedforward
+# Smallest accepted ratio of tracking errors without and with feedforward
+MIN_RATIO = 10.0
 MIN_ANSWERED = 0.95  # smallest share of states with torques in a run in real time
 
 
@@ -53,11 +54,11 @@ class TrackingLog:
 
     def within(self, start: float, end: float) -> 'TrackingLog':
         """Return the part of the record between two times."""
-        def kept(table: Array, times: Array) -> Array:
+        def part(table: Array, times: Array) -> Array:
             return table[(times >= start) & (times <= end)]
-        rows = {name: kept(getattr(self, name), self.t) for name in ('t', 'q', 'u', 'command',
-                                                                     'servo', 'late')}
-        return TrackingLog(**rows, latency=kept(self.latency, self.latency[:, 0]))
+        rows = {name: part(getattr(self, name), self.t)
+                for name in ('t', 'q', 'u', 'command', 'servo', 'late')}
+        return TrackingLog(**rows, latency=part(self.latency, self.latency[:, 0]))
 
 
 def tracking_errors(motion: Motion, run: TrackingLog) -> Array:
@@ -74,23 +75,29 @@ def improvement(motion: Motion, alone: TrackingLog, helped: TrackingLog) -> floa
 
 
 def lateness(motion: Motion, run: TrackingLog) -> str | None:
-    """Describe what was late in a run with feedforward; return None if it ran in real time."""
+    """
+    Describe what was late in a run with feedforward.
+
+    Return None if it ran in real time.
+    """
     run = run.within(0.0, motion.duration)
     longest = float(run.late.max(initial=0.0))
     if longest < STATE_TIMEOUT and len(run.latency) >= MIN_ANSWERED * len(run.t):
         return None
     return (f'{len(run.latency)} of {len(run.t)} states were answered, expected '
-            f'{MIN_ANSWERED:.0%}; the latest state was published {1e3 * longest:.0f} ms late, '
-            f'expected less than {1e3 * STATE_TIMEOUT:.0f} ms')
+            f'{MIN_ANSWERED:.0%}; the latest state was published {1e3 * longest:.0f} ms '
+            f'late, expected less than {1e3 * STATE_TIMEOUT:.0f} ms')
 
 
 def repeated_if_late(motion: Motion, alone: TrackingLog,
                      perform: Callable[[], TrackingLog]) -> TrackingLog:
     """
-    Perform the motion with feedforward; repeat it once if it falls short and states were late.
+    Perform the motion with feedforward.
 
-    Late states only increase the error with feedforward, since the servo is computed with the
-    arm. A sufficient ratio is therefore valid in any case.
+    Repeat it once if it falls short and states were late.
+
+    Late states only increase the error with feedforward, since the servo is computed
+    with the arm. A sufficient ratio is therefore valid in any case.
     """
     helped = perform()
     late = lateness(motion, helped)
@@ -102,7 +109,11 @@ def repeated_if_late(motion: Motion, alone: TrackingLog,
 
 def report(robot: DemoRobot, motion: Motion, alone: TrackingLog, helped: TrackingLog,
            prediction: Any, fall: TrackingLog, folder: Path) -> int:
-    """Print the results, save the plot, and return 0 if feedforward is effective, else 1."""
+    """
+    Print the results, and return 0 if feedforward is effective, else 1.
+
+    The plot is saved too.
+    """
     alone, helped = (run.within(0.0, motion.duration) for run in (alone, helped))
     before, after = (tracking_errors(motion, run) for run in (alone, helped))
     print('\nTracking error, RMS in mrad\n'
@@ -119,13 +130,18 @@ def report(robot: DemoRobot, motion: Motion, alone: TrackingLog, helped: Trackin
 
 
 def verdict(ratio: float, late: str | None) -> int:
-    """Print whether the result is valid; return 0 if feedforward is effective, else 1."""
+    """
+    Print whether the result is valid.
+
+    Return 0 if feedforward is effective, else 1.
+    """
     if late is not None:
         print(f'\nThe machine was too busy for real time: {late}.')
     if ratio >= MIN_RATIO:
         return 0
     print(f'\nRatio of tracking errors: {ratio:.1f}; expected at least {MIN_RATIO:g}.'
-          + ('' if late is None else ' The ratio is not valid: run the demo again on an idle '
+          + ('' if late is None
+             else ' The ratio is not valid: run the demo again on an idle '
              'machine.'))
     return 1
 
@@ -136,23 +152,25 @@ def _print_latency(run: TrackingLog) -> None:
         print('\nNo torques received.')
         return
     p50, p90, p99 = (1e6 * np.percentile(run.latency[:, 1], p) for p in (50, 90, 99))
-    print(f'\nLatency from joint state to torque, over DDS: p50 {p50:.0f} us, p90 {p90:.0f} us, '
-          f'p99 {p99:.0f} us ({len(run.latency)} torques for {len(run.t)} states)')
+    print(f'\nLatency from joint state to torque, over DDS: p50 {p50:.0f} us, p90 '
+          f'{p90:.0f} us, p99 {p99:.0f} us ({len(run.latency)} torques for {len(run.t)} '
+          'states)')
 
 
 def _print_fall(robot: DemoRobot, prediction: Any, fall: TrackingLog) -> None:
     """Print the prediction error of the fall of the arm."""
     points = prediction.trajectory.points
     columns = [prediction.trajectory.joint_names.index(name) for name in robot.joints]
-    t = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
+    t = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec
+                  for p in points])
     q = np.array([p.positions for p in points])[:, columns]
     actual = fall.q[:len(t)]
     q = q[:len(actual)]
     moved = np.abs(actual - actual[0]).max(axis=0)
     error = np.abs(q - actual).max(axis=0)
     worst = int(np.argmax(error))
-    print(f'Free fall for {t[-1]:.2g} s: simulate (in {1e3 * prediction.wall_time:.1f} ms) '
-          f'predicted its fall of up to {np.degrees(moved.max()):.0f} deg to within '
+    print(f'Free fall for {t[-1]:.2g} s: simulate (in {1e3 * prediction.wall_time:.1f} '
+          f'ms) predicted its fall of up to {np.degrees(moved.max()):.0f} deg to within '
           f'{np.degrees(error[worst]):.2f} deg ({robot.joints[worst]})')
 
 
@@ -163,7 +181,8 @@ def _draw(robot: DemoRobot, motion: Motion, alone: TrackingLog, helped: Tracking
     runs = {label: (run.t, motion.sample(run.t)[0], run.q)
             for label, run in (('servo alone', alone), ('servo + feedforward', helped))}
     picture = folder / 'demo.png'
-    plot_tracking(runs, robot.joints, picture, sources=(t, torques_by_source(robot, motion, t)),
+    plot_tracking(runs, robot.joints, picture,
+                  sources=(t, torques_by_source(robot, motion, t)),
                   title=f'{robot.title}, with and without feedforward torques')
     print(f'\nPicture: {picture}')
 

@@ -1,9 +1,10 @@
 """
 The nodes at both ends of a topic of commands.
 
-Several dynamics nodes must not command one arm, and a node commands a robot without being asked
-only if the robot is simulated. Queries for the names of nodes hold the interpreter's lock and so
-delay the torque path; they are made only after the number of publishers or subscribers changed.
+Several dynamics nodes must not command one arm, and a node commands a robot without
+being asked only if the robot is simulated. Queries for the names of nodes hold the
+interpreter's lock and so delay the torque path; they are made only after the number of
+publishers or subscribers changed.
 """
 
 import time
@@ -65,16 +66,17 @@ class CommanderCount:
 
 def several_commanders(names: list[str]) -> str:
     """Return the warning about more than one publisher on a topic of commands."""
-    return (f'{len(names)} publishers ({", ".join(sorted(names))}); expected one dynamics '
-            'node with its torque_guard, stop the others (a killed one is listed for 20 s)')
+    return (f'{len(names)} publishers ({", ".join(sorted(names))}); expected one '
+            'dynamics node with its torque_guard, stop the others (a killed one is '
+            'listed for 20 s)')
 
 
 def not_simulated(node: Node, topic: str) -> str:
     """
     Return why a topic of commands is not known to be of simulated robots only.
 
-    A simulated robot publishes a topic whose last name is ``simulated_robot``. Hidden nodes
-    do not count.
+    A simulated robot publishes a topic whose last name is ``simulated_robot``. Hidden
+    nodes do not count.
 
     Parameters
     ----------
@@ -86,7 +88,8 @@ def not_simulated(node: Node, topic: str) -> str:
     Returns
     -------
     str
-        Empty if all nodes that subscribe to the topic, at least one, are simulated robots.
+        Empty if all nodes that subscribe to the topic, at least one, are simulated
+        robots.
 
     """
     topic = node.resolve_topic_name(topic)
@@ -123,7 +126,8 @@ class SubscriberWatch:
         """
         now = time.monotonic()
         count = self._node.count_subscribers(self._topic)
-        # One may end and another begin between two calls, so they are examined now and then.
+        # One may end and another begin between two calls, so they are examined now and
+        # then.
         if count == self._count and now - self._examined_at < IDENTIFICATION:
             return ''
         self._count = count
@@ -153,7 +157,11 @@ def _subscribers(node: Node, topic: str) -> list[tuple[str, str]]:
 
 
 def _first_real(node: Node, subscribers: list[tuple[str, str]]) -> str:
-    """Return the full name of the first node that is no simulated robot; empty without."""
+    """
+    Return the full name of the first node that is no simulated robot.
+
+    Empty without.
+    """
     for name, namespace in subscribers:
         if not _publishes(node, name, namespace, SIMULATED_ROBOT):
             return full_name(name, namespace)
@@ -164,6 +172,7 @@ def _publishes(node: Node, name: str, namespace: str, last_name: str) -> bool:
     """Return whether a node publishes a topic with this last part of its name."""
     try:
         topics = node.get_publisher_names_and_types_by_node(name, namespace)
-    except (NodeNameNonExistentError, RuntimeError):  # it ended, or its name is unknown yet
+    # It ended, or its name is unknown yet
+    except (NodeNameNonExistentError, RuntimeError):
         return False
     return any(topic.rpartition('/')[2] == last_name for topic, _ in topics)

@@ -19,7 +19,9 @@ MAX_URDF_BYTES = 10_000_000  # bytes; URDFs of real arms reach some hundred thou
 
 def resolve_path(parameter: str, name: str) -> Path:
     """
-    Return the path that a parameter gives, either plain or as package://<package>/<path>.
+    Return the path that a parameter gives.
+
+    It is plain, or package://<package>/<path>.
 
     Raise InputError if the package is not installed, or the file does not exist.
     """
@@ -31,19 +33,22 @@ def resolve_path(parameter: str, name: str) -> Path:
         try:
             path = Path(get_package_share_directory(package)) / rest
         except (PackageNotFoundError, ValueError, OSError):
-            raise InputError(f"parameter '{parameter}': package '{package}' of '{name}' is not "
-                             'installed; expected an installed package') from None
+            raise InputError(f"parameter '{parameter}': package '{package}' of '{name}' "
+                             'is not installed; expected an installed package') from None
     else:
         path = Path(name).expanduser()
     if not path.is_file():
-        raise InputError(f"parameter '{parameter}': no file '{path}'; expected an existing file")
+        raise InputError(f"parameter '{parameter}': no file '{path}'; expected an "
+                         'existing file')
     return path
 
 
 def load_model(source: str | Path, values: Mapping[str, Any],
                warn: Callable[[str], object]) -> Model:
     """
-    Load the model that the parameters describe; call `warn` with each warning about the URDF.
+    Load the model that the parameters describe.
+
+    Call `warn` with each warning about the URDF.
 
     Raises
     ------
@@ -54,25 +59,31 @@ def load_model(source: str | Path, values: Mapping[str, Any],
     size = source.stat().st_size if isinstance(source, Path) else len(source.encode())
     if size > MAX_URDF_BYTES:
         raise InputError(f'URDF: {size} bytes; expected at most {MAX_URDF_BYTES}')
-    supplement = (resolve_path('supplement', values['supplement']) if values['supplement']
+    supplement = (resolve_path('supplement', values['supplement'])
+                  if values['supplement']
                   else None)
     if values['xacro_arguments']:
         if not isinstance(source, Path):
-            raise InputError("parameter 'xacro_arguments': given with a URDF as text; expected "
+            raise InputError("parameter 'xacro_arguments': given with a URDF as text; "
+                             'expected '
                              "them with the path of a xacro file in 'urdf'")
         source = expand_xacro(source, arguments_of(values['xacro_arguments']))
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter('always')
         model = load_urdf(source, base=values['base'] or None, tip=values['tip'] or None,
-                          root_joint=values['root_joint'], joints=list(values['joints']) or None,
-                          gravity=values['gravity'], supplement=supplement)
+                          root_joint=values['root_joint'], joints=list(values['joints'])
+                          or None, gravity=values['gravity'], supplement=supplement)
     for warning in found:
         warn(str(warning.message))
     return model.prefixed(values['prefix']) if values['prefix'] else model
 
 
 def robot_options(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of Robot that the parameters give; KaneError for invalid constraints."""
+    """
+    Return the options of Robot that the parameters give.
+
+    KaneError for invalid constraints.
+    """
     options: dict[str, Any] = {'payload_frame': values['payload.frame'] or None,
                                'wrench_frames': values['wrench.frames']}
     if values['constraints']:

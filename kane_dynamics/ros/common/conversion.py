@@ -30,7 +30,7 @@ def duration(seconds: float) -> Duration:
 
 
 def doubles(values: ArrayLike) -> 'array[float]':
-    """Return values as the array of a float64[] field, in row-major order, with one copy."""
+    """Return values as the array of a float64[] field, row by row, with one copy."""
     return array('d', np.ascontiguousarray(values, dtype=np.float64).tobytes())
 
 
@@ -58,8 +58,8 @@ def order(names: Sequence[str], joints: Sequence[str], what: str) -> Index | Non
     if missing or unknown or len(entry) < len(names):
         fault = (f"'{missing[0]}' is missing" if missing else
                  f"'{unknown[0]}' is unknown" if unknown else 'a joint is named twice')
-        raise InputError(f'{what}: {fault}; expected each of {", ".join(joints)} once, or an '
-                         'empty list')
+        raise InputError(f'{what}: {fault}; expected each of {", ".join(joints)} once, '
+                         'or an empty list')
     return np.array([entry[joint] for joint in joints], dtype=np.intp)
 
 
@@ -71,7 +71,8 @@ def vector(values: Sequence[float], index: Index | None, n: int, what: str,
     Raises
     ------
     InputError
-        The length is not n (nor zero, where `empty` is given), or an entry is not finite.
+        The length is not n (nor zero, where `empty` is given), or an entry is not
+        finite.
 
     """
     if len(values) == 0 and empty is not None:
@@ -86,18 +87,23 @@ def vector(values: Sequence[float], index: Index | None, n: int, what: str,
 
 
 def _column(message: JointTrajectory, field: str, index: Index) -> Array | None:
-    """Return one field of all points, (K, n) in the node's order; None if it is unused."""
+    """
+    Return one field of all points, (K, n) in the node's order.
+
+    None if it is unused.
+    """
     rows = [getattr(point, field) for point in message.points]
     if not any(len(row) for row in rows):
         return None
     for k, row in enumerate(rows):
         if len(row) != len(message.joint_names):
-            raise InputError(f'point {k}: {len(row)} {field}; expected one for each of the '
-                             f'{len(message.joint_names)} joint names')
+            raise InputError(f'point {k}: {len(row)} {field}; expected one for each of '
+                             f'the {len(message.joint_names)} joint names')
     values = np.array(rows, dtype=np.float64)[:, index]
     if not np.isfinite(values).all():
         k = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
-        raise InputError(f'point {k}: {field} {values[k].tolist()}; expected finite numbers')
+        raise InputError(f'point {k}: {field} {values[k].tolist()}; expected finite '
+                         'numbers')
     return values
 
 
@@ -111,15 +117,18 @@ def check_points(count: int, max_points: int) -> None:
 def motion_from_message(message: JointTrajectory, joints: Sequence[str], max_points: int,
                         start: State | None = None) -> Motion:
     """
-    Return the desired motion that a JointTrajectory describes; ignore joints not in `joints`.
+    Return the desired motion that a JointTrajectory describes.
 
-    If `start` is given and the first point is later than 0, the motion begins at `start`.
+    Ignore joints not in `joints`.
+
+    If `start` is given and the first point is later than 0, the motion begins at
+    `start`.
 
     Raises
     ------
     InputError
-        The trajectory has no or too many points, lacks a joint, has arrays of the wrong length,
-        times that do not increase, or non-finite numbers.
+        The trajectory has no or too many points, lacks a joint, has arrays of the wrong
+        length, times that do not increase, or non-finite numbers.
 
     """
     times, q, u, udot = point_columns(message, joints, max_points)
@@ -155,11 +164,12 @@ def point_columns(message: JointTrajectory, joints: Sequence[str], max_points: i
     late = np.flatnonzero(np.diff(times) <= 0.0)
     if late.size:
         k = int(late[0])
-        raise InputError(f'point {k + 1}: time_from_start {times[k + 1]:g} s; expected more than '
-                         f'that of point {k}, {times[k]:g} s')
+        raise InputError(f'point {k + 1}: time_from_start {times[k + 1]:g} s; expected '
+                         f'more than that of point {k}, {times[k]:g} s')
     positions = _column(message, 'positions', index)
     if positions is None:
-        raise InputError('positions of the trajectory: none; expected one per joint in each point')
+        raise InputError('positions of the trajectory: none; expected one per joint in '
+                         'each point')
     return (times, positions, _column(message, 'velocities', index),
             _column(message, 'accelerations', index))
 
@@ -169,14 +179,17 @@ def trajectory_message(trajectory: Trajectory, robot: Robot,
     """
     Return a simulated trajectory as a message with the torques as `effort`.
 
-    The columns follow the order of `names`, which holds each of the robot's joints once; default:
-    the robot's order. Under constraints, velocities are of all joints and there are no
-    accelerations.
+    The columns follow the order of `names`, which holds each of the robot's joints once;
+    default: the robot's order. Under constraints, velocities are of all joints and there
+    are no accelerations.
     """
     names = list(names) or list(trajectory.joint_names)
     order = [trajectory.joint_names.index(name) for name in names]
-    q, u, tau = trajectory.q, trajectory.u, trajectory.tau
-    rows = {'positions': q, 'velocities': u, 'accelerations': trajectory.udot, 'effort': tau}
+    q = trajectory.q
+    u = trajectory.u
+    tau = trajectory.tau
+    rows = {'positions': q, 'velocities': u, 'accelerations': trajectory.udot,
+            'effort': tau}
     if robot.constraint_names:
         rows = {'positions': q, 'velocities': robot.joint_rates(q, u),
                 'effort': robot.joint_torques(tau, q)}
@@ -186,9 +199,9 @@ def trajectory_message(trajectory: Trajectory, robot: Robot,
 
 def message_of_points(names: Sequence[str], t: Array, rows: Mapping[str, Array]
                       ) -> JointTrajectory:
-    """Return a message with times, (K,), s, and (K, n) rows of the fields of its points."""
-    # array(typecode, bytes) is several times faster than a conversion from a list of floats; the
-    # torque path shares the interpreter.
+    """Return a message with times, (K,), s, and (K, n) rows of each field."""
+    # array(typecode, bytes) is several times faster than a conversion from a list of
+    # floats; the torque path shares the interpreter.
     columns = {field: np.ascontiguousarray(row) for field, row in rows.items()}
     points = [JointTrajectoryPoint(time_from_start=duration(at), **{
         field: array('d', column[k].tobytes()) for field, column in columns.items()})

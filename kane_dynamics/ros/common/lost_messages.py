@@ -1,4 +1,4 @@
-"""Count the messages that are lost because the node or the network is too slow for them."""
+"""Count messages that are lost because node or network is too slow for them."""
 
 from collections.abc import Callable, Mapping
 from functools import wraps
@@ -11,8 +11,9 @@ def with_info(callback: Callable[[Any, Any], None]) -> Callable[..., None]:
     """
     Return a subscription's callback of a message and its info, for every executor.
 
-    The EventsExecutor of some releases of rclpy (such as 7.1) passes both as one tuple, other
-    executors as two arguments. rclpy passes the info because `callback` has two parameters.
+    The EventsExecutor of some releases of rclpy (such as 7.1) passes both as one tuple,
+    other executors as two arguments. rclpy passes the info because `callback` has two
+    parameters.
     """
     @wraps(callback)
     def call(*given: Any) -> None:
@@ -34,12 +35,17 @@ class LostMessages:
     """
 
     def __init__(self) -> None:
-        self.total, self.numbered = 0, True
+        self.total = 0
+        self.numbered = True
         self._received = self._last = 0
         self._reported = 0, 0
 
     def note(self, info: Mapping[str, Any]) -> None:
-        """Note one received message; a restarted publisher numbers its messages from 1 again."""
+        """
+        Note one received message.
+
+        A restarted publisher numbers its messages from 1 again.
+        """
         number = info['publication_sequence_number']
         if number is None:
             self.numbered = False
@@ -56,8 +62,8 @@ class LostMessages:
         Parameters
         ----------
         publishers : int
-            Number of publishers on the topic. Of several, the numbers are not comparable, and the
-            losses of the period are not counted.
+            Number of publishers on the topic. Of several, the numbers are not
+            comparable, and the losses of the period are not counted.
 
         Returns
         -------
@@ -67,7 +73,8 @@ class LostMessages:
             Number of messages lost so far, or why it is unknown.
 
         """
-        total, received = self.total, self._received
+        total = self.total
+        received = self._received
         lost = total - self._reported[0]
         if publishers > 1:
             self.total = total = self._reported[0]

@@ -28,7 +28,7 @@ class Statistics:
         self._last_dropped: Counter[str] = Counter()
 
     def command(self, latency: float, age: float, clamped: bool) -> None:
-        """Count one command, with the duration of its callback and the age of its state, s."""
+        """Count one command: duration of its callback, age of its state, s."""
         self._latency[self.commands % WINDOW] = latency
         self.commands += 1
         self.clamped += clamped
@@ -51,13 +51,17 @@ class Statistics:
         """
         new = self.commands - self._last_commands
         # Copies, because the torque path counts in another thread.
-        all_dropped, rejected = Counter(dict(self.dropped)), dict(self.rejected)
+        all_dropped = Counter(dict(self.dropped))
+        rejected = dict(self.rejected)
         dropped = all_dropped - self._last_dropped
-        self._last_commands, self._last_dropped = self.commands, all_dropped
+        self._last_commands = self.commands
+        self._last_dropped = all_dropped
         values = {'rate': f'{new / seconds:.1f} Hz', 'commands': str(self.commands)}
         if new:
-            # Not np.percentile: its first call imports modules, for 0.1 s without a command.
-            kept = np.sort(self._latency[(self.commands - 1 - np.arange(min(new, WINDOW)))
+            # Not np.percentile: its first call imports modules, for 0.1 s without a
+            # command.
+            kept = np.sort(self._latency[(self.commands - 1 - np.arange(min(new,
+                                                                            WINDOW)))
                                          % WINDOW]) * 1e6
             for name, share in (('p50', 0.5), ('p99', 0.99), ('max', 1.0)):
                 micros = kept[math.ceil(share * len(kept)) - 1]
@@ -70,13 +74,14 @@ class Statistics:
         values['states of other joints'] = str(self.foreign_states)
         values['states dropped'] = str(all_dropped.total())
         for what, counts in (('states dropped', all_dropped), ('rejected', rejected)):
-            values.update({f'{what}: {reason}': str(count) for reason, count in counts.items()})
+            for reason, count in counts.items():
+                values[f'{what}: {reason}'] = str(count)
         return new / seconds, dropped, values
 
 
 def status(name: str, hardware: str, level: bytes, message: str,
            values: Mapping[str, str]) -> DiagnosticStatus:
     """Return one entry of a DiagnosticArray."""
-    return DiagnosticStatus(name=name, hardware_id=hardware, level=level, message=message,
-                            values=[KeyValue(key=key, value=value)
-                                    for key, value in values.items()])
+    pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+    return DiagnosticStatus(name=name, hardware_id=hardware, level=level,
+                            message=message, values=pairs)

@@ -1,4 +1,4 @@
-"""ROS 2 parameter files: their blocks of parameters, and the nodes for which these take effect."""
+"""ROS 2 parameter files: blocks of parameters, and the nodes that they are for."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -24,15 +24,16 @@ def parameter_blocks(path: Path) -> dict[str, dict[str, Any]]:
     try:
         data = yaml.safe_load(path.read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as error:
-        reason = str(error.strerror).lower() if isinstance(error, OSError) else 'no UTF-8 text'
+        reason = str(error.strerror).lower() if isinstance(error,
+                                                           OSError) else 'no UTF-8 text'
         raise InputError(f"parameter file '{path}': {reason}; expected a readable file") from None
     except yaml.YAMLError as error:
         words = ' '.join(str(error).split())
         raise InputError(f"parameter file '{path}': {words}; expected YAML") from None
     blocks = dict(_nodes('', data))
     if not blocks:
-        raise InputError(f"parameter file '{path}': no ros__parameters; expected them below the "
-                         f'name of a node, or below {WILDCARD}')
+        raise InputError(f"parameter file '{path}': no ros__parameters; expected them "
+                         f'below the name of a node, or below {WILDCARD}')
     return blocks
 
 
@@ -43,8 +44,8 @@ def takes_effect(block: str, node: str) -> bool:
     Parameters
     ----------
     block : str
-        Name of the block, such as /left/kane_dynamics; ``*`` is one part of the name, ``**`` any
-        number of parts.
+        Name of the block, such as /left/kane_dynamics; ``*`` is one part of the name,
+        ``**`` any number of parts.
     node : str
         Full name of the node.
 

@@ -1,7 +1,8 @@
 """
 The process of a node: signal handling, executor, and shutdown.
 
-SIGINT and SIGTERM write to a pipe that a thread reads, so that no callback is interrupted.
+SIGINT and SIGTERM write to a pipe that a thread reads, so that no callback is
+interrupted.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,8 +29,8 @@ def events_executor() -> type | None:
     """
     Return the class EventsExecutor of the installed rclpy, or None.
 
-    Jazzy has it from rclpy 7.1.4 on, Kilted and Lyrical always, as experimental; a later release
-    may keep it beside the other executors.
+    Jazzy has it from rclpy 7.1.4 on, Kilted and Lyrical always, as experimental; a later
+    release may keep it beside the other executors.
     """
     for module in ('rclpy.experimental', 'rclpy.executors'):
         with suppress(ImportError, AttributeError):
@@ -44,8 +45,9 @@ def make_executor(node: Node) -> Any:
     if kind is None:
         kind = SingleThreadedExecutor
         node.get_logger().warning(
-            'rclpy: without EventsExecutor; expected 7.1.4 or newer. The SingleThreadedExecutor '
-            'is used instead: torques come later, and more joint states are lost at high rates')
+            'rclpy: without EventsExecutor; expected 7.1.4 or newer. The '
+            'SingleThreadedExecutor is used instead: torques come later, and more joint '
+            'states are lost at high rates')
     executor = kind()
     executor.add_node(node)
     return executor
@@ -54,7 +56,11 @@ def make_executor(node: Node) -> Any:
 def spin(node: Node, executor: Any, stop: Future,
          timeout: Callable[[], float] = lambda: SPIN_TIMEOUT,
          failed: Callable[[], None] = lambda: None) -> None:
-    """Spin until `stop`, each time for `timeout` s; report a failed callback and call `failed`."""
+    """
+    Spin until `stop`, each time for `timeout` s.
+
+    Report a failed callback and call `failed`.
+    """
     while not stop.done():
         try:
             executor.spin_until_future_complete(stop, timeout())
@@ -67,13 +73,14 @@ def stop_on_signal(stop: Future) -> None:
     """
     Complete the future `stop` on SIGINT or SIGTERM.
 
-    The interpreter's C handler writes the signal number to a pipe immediately; the Python handlers
-    do nothing. Blocking the signals and waiting for them does not work, because threads that
-    libraries start at import do not inherit the mask.
+    The interpreter's C handler writes the signal number to a pipe immediately; the
+    Python handlers do nothing. Blocking the signals and waiting for them does not work,
+    because threads that libraries start at import do not inherit the mask.
     """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
-    signal.set_wakeup_fd(writing, warn_on_full_buffer=False)  # first, so that no signal is lost
+    # First, so that no signal is lost
+    signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
     for number in SIGNALS:
         signal.signal(number, lambda number, frame: None)
 

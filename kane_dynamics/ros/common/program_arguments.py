@@ -1,8 +1,8 @@
 """
 Check the command line of a node before it starts.
 
-rclpy ignores arguments that are not behind ``--ros-args``, and parameters of other nodes: a node
-would run without them, and wait for ever for a URDF that they name.
+rclpy ignores arguments that are not behind ``--ros-args``, and parameters of other
+nodes: a node would run without them, and wait for ever for a URDF that they name.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -48,7 +48,8 @@ class Program:
         """Return the text for --help."""
         usage = '--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...'
         lines = [f'usage: {self.name} {usage}', '', self.purpose,
-                 f'Parameter files name the node, {self.node}, or {WILDCARD}.', '', 'examples:']
+                 f'Parameter files name the node, {self.node}, or {WILDCARD}.', '',
+                 'examples:']
         lines += [f'  {self.name} {example}' for example in self.examples]
         return '\n'.join(lines)
 
@@ -58,7 +59,8 @@ def run_program(program: Program, arguments: Sequence[str] | None,
     """
     Check the command line, then run the program; return its exit code.
 
-    It is `INVALID` if an argument, a parameter or a file is invalid; the reason is printed.
+    It is `INVALID` if an argument, a parameter or a file is invalid; the reason is
+    printed.
 
     Parameters
     ----------
@@ -84,8 +86,10 @@ def run_program(program: Program, arguments: Sequence[str] | None,
         package = str(error.name).partition('.')[0]
         if package == 'kane_dynamics':
             raise
-        print(f"{program.name}: '{package}' is not installed; expected ROS 2 with this package, "
-              "from a sourced workspace or pip install 'kane_dynamics[ros]'", file=sys.stderr)
+        print(f"{program.name}: '{package}' is not installed; expected ROS 2 with this "
+              'package, '
+              "from a sourced workspace or pip install 'kane_dynamics[ros]'",
+              file=sys.stderr)
     return INVALID
 
 
@@ -96,7 +100,11 @@ def _print_help(program: Program) -> int:
 
 
 def _open_standard_streams() -> None:
-    """Open closed standard streams; else a socket gets the number to which logs are written."""
+    """
+    Open closed standard streams.
+
+    Else a socket gets the number to which logs are written.
+    """
     for descriptor in range(3):
         try:
             os.fstat(descriptor)
@@ -138,14 +146,14 @@ def check_arguments(program: Program, outside: Sequence[str],
 
     """
     if outside:
-        raise InputError(f"argument '{outside[0]}': outside of {ROS_ARGUMENTS}; expected "
-                         f'{program.name} {ROS_ARGUMENTS} {_intended(outside)}')
+        raise InputError(f"argument '{outside[0]}': outside of {ROS_ARGUMENTS}; "
+                         f'expected {program.name} {ROS_ARGUMENTS} {_intended(outside)}')
     options = _options(ros_arguments)
     node = _node_name(program, options)
     for option, value in options:
         if not option:
-            raise InputError(f"argument '{value}': after {ROS_ARGUMENTS}; expected {program.name} "
-                             f'{ROS_ARGUMENTS} {_intended([value])}')
+            raise InputError(f"argument '{value}': after {ROS_ARGUMENTS}; expected "
+                             f'{program.name} {ROS_ARGUMENTS} {_intended([value])}')
         if option == '--params-file':
             _check_file(program, Path(value), node)
         elif option in ('-p', '--param'):
@@ -167,7 +175,11 @@ def _intended(outside: Sequence[str]) -> str:
 
 
 def _options(ros_arguments: Sequence[str]) -> list[tuple[str, str]]:
-    """Return options of ROS with their values; an argument without option has an empty one."""
+    """
+    Return options of ROS with their values.
+
+    An argument without option has an empty one.
+    """
     options = []
     pending = ''
     for argument in ros_arguments:
@@ -183,13 +195,15 @@ def _options(ros_arguments: Sequence[str]) -> list[tuple[str, str]]:
 
 def _node_name(program: Program, options: Sequence[tuple[str, str]]) -> str:
     """Return the full name of the node after the remappings of the options."""
-    rules = [value.partition(':=') for option, value in options if option in ('-r', '--remap')]
+    rules = [value.partition(':=') for option, value in options
+             if option in ('-r', '--remap')]
     name = _remapped(program.node, ('__node', '__name'), rules) or program.node
     namespace = _remapped(name, ('__ns',), rules).rstrip('/')
     return f'{namespace}/{name}'
 
 
-def _remapped(node: str, keys: Collection[str], rules: Sequence[tuple[str, str, str]]) -> str:
+def _remapped(node: str, keys: Collection[str],
+              rules: Sequence[tuple[str, str, str]]) -> str:
     """
     Return the value of the first rule for a key, as rcl chooses it; empty without one.
 
@@ -206,8 +220,9 @@ def _check_file(program: Program, path: Path, node: str) -> None:
     """Raise InputError unless a file has parameters of the node."""
     blocks = parameter_blocks(path)
     if not any(takes_effect(block, node) for block in blocks):
-        raise InputError(f"parameter file '{path}': parameters of {', '.join(blocks)}; expected "
-                         f'those of {node}, the node of {program.name}, or of {WILDCARD}')
+        raise InputError(f"parameter file '{path}': parameters of {', '.join(blocks)}; "
+                         f'expected those of {node}, the node of {program.name}, or of '
+                         f'{WILDCARD}')
 
 
 def _check_parameter(rule: str, node: str) -> None:
@@ -217,4 +232,5 @@ def _check_parameter(rule: str, node: str) -> None:
     if not separator:
         raise InputError(f"argument '-p {rule}': without ':='; expected -p NAME:=VALUE")
     if block and not takes_effect(block, node) and block != node.rpartition('/')[2]:
-        raise InputError(f"argument '-p {rule}': a parameter of {block}; expected one of {node}")
+        raise InputError(f"argument '-p {rule}': a parameter of {block}; expected one "
+                         f'of {node}')

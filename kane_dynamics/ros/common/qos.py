@@ -4,7 +4,8 @@ from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
 RELIABLE = QoSProfile(depth=1)
-# As in the sensor data profile: states that arrive during a stall of a few ms are still processed.
+# As in the sensor data profile: states that arrive during a stall of a few ms are still
+# processed.
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Late subscribers receive the latest message.
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -18,7 +19,9 @@ EXAMINED_STATES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFOR
 
 def watched(lease: float, deadline: float, *, watching: bool = False) -> QoSProfile:
     """
-    Return the profile of a topic whose publisher is watched, or of the subscription that does it.
+    Return the profile of a topic whose publisher is watched.
+
+    It is that of the publisher, or of the subscription that watches it.
 
     The subscription is best effort, so that the publisher handles no acknowledgements.
 

@@ -1,9 +1,9 @@
 """
 Real-time settings of the process, from the parameters realtime.*.
 
-They apply to the threads that process a joint state: the main thread and the threads of Fast DDS,
-whose names begin with dds. Services and simulations keep ordinary scheduling, so that a request
-cannot preempt the torque path.
+They apply to the threads that process a joint state: the main thread and the threads of
+Fast DDS, whose names begin with dds. Services and simulations keep ordinary scheduling,
+so that a request cannot preempt the torque path.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -35,7 +35,9 @@ def path_threads() -> list[int]:
 
 def schedule(priority: int) -> None:
     """
-    Schedule the torque path with SCHED_FIFO; threads that it starts later do not inherit it.
+    Schedule the torque path with SCHED_FIFO.
+
+    Threads that it starts later do not inherit it.
 
     Raise OSError if the process lacks the rights, or the system has no SCHED_FIFO.
     """
@@ -45,7 +47,11 @@ def schedule(priority: int) -> None:
 
 
 def pin(cpus: Sequence[int]) -> None:
-    """Pin the torque path to processors; raise OSError if this process may not use them."""
+    """
+    Pin the torque path to processors.
+
+    Raise OSError if this process may not use them.
+    """
     for thread in path_threads():
         os.sched_setaffinity(thread, cpus)
 
@@ -57,8 +63,8 @@ def lock_memory() -> None:
     Raises
     ------
     OSError
-        The process lacks the rights. A finite limit is not used: an allocation beyond it would
-        fail later, at an arbitrary place.
+        The process lacks the rights. A finite limit is not used: an allocation beyond it
+        would fail later, at an arbitrary place.
 
     """
     bound = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
@@ -71,14 +77,18 @@ def lock_memory() -> None:
 
 
 class Awake:
-    """A request that processors do not sleep while idle, as a sleeping one wakes late."""
+    """A request that idle processors stay awake, as a sleeping one wakes late."""
 
     def __init__(self) -> None:
         """Request nothing yet."""
         self._file: int | None = None
 
     def hold(self) -> None:
-        """Make the request; raise OSError if the process lacks the rights. It ends with it."""
+        """
+        Make the request.
+
+        Raise OSError if the process lacks the rights. It ends with it.
+        """
         self.release()
         file = os.open(LATENCY, os.O_WRONLY | os.O_CLOEXEC)
         try:
@@ -89,8 +99,13 @@ class Awake:
         self._file = file
 
     def release(self) -> None:
-        """Close the device, so that processors may sleep again; without effect if it is closed."""
-        file, self._file = self._file, None
+        """
+        Close the device, so that processors may sleep again.
+
+        Without effect if it is closed.
+        """
+        file = self._file
+        self._file = None
         if file is not None:
             os.close(file)
 
@@ -115,7 +130,11 @@ def disable_automatic_collection(disable: bool) -> None:
 
 
 def collect_if_disabled() -> None:
-    """Collect garbage if automatic collection is disabled; fast, as old objects are frozen."""
+    """
+    Collect garbage if automatic collection is disabled.
+
+    Fast, as old objects are frozen.
+    """
     if not gc.isenabled():
         gc.collect()
 
@@ -127,13 +146,14 @@ def exclude_existing_objects() -> None:
 
 
 def release() -> None:
-    """Let processors sleep and collect garbage as in any process again, after cleanup."""
+    """Let processors sleep and collect garbage as in any process again."""
     AWAKE.release()
     gc.unfreeze()
     disable_automatic_collection(False)
 
 
-def apply_realtime_settings(values: Mapping[str, Any], warn: Callable[[str], object]) -> None:
+def apply_realtime_settings(values: Mapping[str, Any],
+                            warn: Callable[[str], object]) -> None:
     """
     Apply the parameters realtime.*; warn of each setting that the system refuses.
 
@@ -145,23 +165,29 @@ def apply_realtime_settings(values: Mapping[str, Any], warn: Callable[[str], obj
         Receives one line for each refused setting: the setting, the reason, the remedy.
 
     """
-    priority, cpus = values['realtime.priority'], values['realtime.cpus']
-    wanted: list[tuple[str, bool, Callable[[], None], str]] = [
-        (f'realtime.priority {priority}', priority > 0, lambda: schedule(priority),
-         'grant the user rtprio in /etc/security/limits.conf, or CAP_SYS_NICE'),
-        (f'realtime.cpus {list(cpus)}', bool(cpus), lambda: pin(cpus),
-         f'expected processors of {sorted(os.sched_getaffinity(0))}'),
-        ('realtime.lock_memory', values['realtime.lock_memory'], lock_memory,
-         'grant the user memlock unlimited in /etc/security/limits.conf, or CAP_IPC_LOCK'),
-        ('realtime.keep_awake', values['realtime.keep_awake'], AWAKE.hold,
-         f'grant the user write access to {LATENCY}, or disable idle states with cpupower')]
-    AWAKE.release()
-    for what, requested, setting, remedy in wanted:
-        if not requested:
-            continue
+    priority = values['realtime.priority']
+    cpus = values['realtime.cpus']
+
+    def attempt(what: str, setting: Callable[[], None], remedy: str) -> None:
         try:
             setting()
         except (OSError, OverflowError) as error:
             reason = getattr(error, 'strerror', None) or error
             warn(f'{what}: refused ({reason}), the node runs without it; {remedy}')
+
+    AWAKE.release()
+    if priority > 0:
+        attempt(f'realtime.priority {priority}', lambda: schedule(priority),
+                'grant the user rtprio in /etc/security/limits.conf, or CAP_SYS_NICE')
+    if cpus:
+        attempt(f'realtime.cpus {list(cpus)}', lambda: pin(cpus),
+                f'expected processors of {sorted(os.sched_getaffinity(0))}')
+    if values['realtime.lock_memory']:
+        attempt('realtime.lock_memory', lock_memory,
+                'grant the user memlock unlimited in /etc/security/limits.conf, or '
+                'CAP_IPC_LOCK')
+    if values['realtime.keep_awake']:
+        attempt('realtime.keep_awake', AWAKE.hold,
+                f'grant the user write access to {LATENCY}, or disable idle states with '
+                'cpupower')
     disable_automatic_collection(values['realtime.collect_rarely'])

@@ -1,8 +1,8 @@
 """
 Answer the standard services of a node when their callbacks raise.
 
-rclpy raises on a lifecycle transition that is not possible and on a parameter value without type.
-The error is returned to the client; it does not stop the torque path.
+rclpy raises on a lifecycle transition that is not possible and on a parameter value
+without type. The error is returned to the client; it does not stop the torque path.
 """
 
 from collections.abc import Callable
@@ -13,12 +13,13 @@ from rclpy.node import Node
 
 
 def answer_service_errors(node: Node) -> None:
-    """Make each existing service of a node answer with a failure when its callback raises."""
+    """Make each service of a node answer with a failure when its callback raises."""
     for service in node.services:
         service.callback = _answering(service.callback, node.get_logger())
 
 
-def _answering(callback: Callable[[Any, Any], Any], log: Any) -> Callable[[Any, Any], Any]:
+def _answering(callback: Callable[[Any, Any], Any], log: Any) -> Callable[[Any, Any],
+                                                                          Any]:
     """Return a service callback that logs errors and does not raise."""
     def answer(request: Any, response: Any) -> Any:
         try:

@@ -8,7 +8,7 @@ PERIOD = 1.0  # s between two warnings for one reason
 
 class ThrottledWarning:
     """
-    Logs warnings about dropped messages and errors, at most one a second for each reason.
+    Logs warnings of dropped messages and errors, one a second for each reason.
 
     Parameters
     ----------
@@ -21,12 +21,12 @@ class ThrottledWarning:
         self._last: dict[str, float] = {}
 
     def __call__(self, reason: str, detail: str) -> None:
-        """Log a warning, unless one for this reason was logged less than a period ago."""
+        """Log a warning, unless a line for this reason was logged just before."""
         if self._is_due(reason):
             self._log.warning(f'{reason}: {detail}')
 
     def error(self, reason: str, detail: str) -> None:
-        """Log an error, unless a line for this reason was logged less than a period ago."""
+        """Log an error, unless a line for this reason was logged just before."""
         if self._is_due(reason):
             self._log.error(f'{reason}: {detail}')
 

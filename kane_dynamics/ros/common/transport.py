@@ -1,8 +1,10 @@
 """
-Which transports Fast DDS uses: UDP alone where the death of a process must not block others.
+The transports of Fast DDS.
 
-A process that dies or stops while it holds the lock of a port in shared memory blocks all that
-send to that port, for about 1 s or until it continues.
+They are UDP alone where the death of a process must not block others.
+
+A process that dies or stops while it holds the lock of a port in shared memory blocks
+all that send to that port, for about 1 s or until it continues.
 """
 
 import os
@@ -11,7 +13,8 @@ from kane_dynamics._util.resources import resource_path
 import rclpy
 
 TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
-PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')  # until 2.x, later
+# Until 2.x, later
+PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 # What the profile for localhost does not know.
 OTHERS = ('ROS_STATIC_PEERS', 'ROS_DISCOVERY_SERVER')
@@ -19,10 +22,12 @@ OTHERS = ('ROS_STATIC_PEERS', 'ROS_DISCOVERY_SERVER')
 
 def without_shared_memory() -> dict[str, str]:
     """
-    Return the environment of a process that uses UDP alone; empty if transports are set there.
+    Return the environment of a process that uses UDP alone.
 
-    With the discovery range LOCALHOST, rmw_fastrtps adds shared memory whatever the environment
-    says; a profile of the same range replaces it.
+    Empty if transports are set there.
+
+    With the discovery range LOCALHOST, rmw_fastrtps adds shared memory whatever the
+    environment says; a profile of the same range replaces it.
     """
     if any(os.environ.get(name) for name in (TRANSPORTS, *PROFILES)) or (
             not rclpy.get_rmw_implementation_identifier().startswith('rmw_fastrtps')):

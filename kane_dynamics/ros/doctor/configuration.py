@@ -13,15 +13,17 @@ from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.model.flexible_model import stiffened
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.configuration_files import (load_model, PACKAGE, resolve_path,
-                                                          robot_options)
+from kane_dynamics.ros.common.configuration_files import (load_model, PACKAGE,
+                                                          resolve_path, robot_options)
 from kane_dynamics.ros.common.parameter_files import parameter_blocks, WILDCARD
 from kane_dynamics.ros.monitors.contact_monitor import observed_frame, UNCALIBRATED
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics
 from kane_dynamics.ros.parameters.arm_statement import examine_statement
-from kane_dynamics.ros.parameters.parameter_checks import (controller_settings, FOREIGN, FRAMES,
-                                                           per_joint, read, unknown_parameters,
+from kane_dynamics.ros.parameters.parameter_checks import (controller_settings, FOREIGN,
+                                                           FRAMES,
+                                                           per_joint, read,
+                                                           unknown_parameters,
                                                            with_prefix)
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
 from kane_dynamics.ros.plant.plant_parameters import SPECS as PLANT_SPECS
@@ -37,19 +39,22 @@ DISABLED: dict[str, Any] = {'wrench.frames': (), 'observer.enabled': False,
 
 
 class ParameterBlock(NamedTuple):
-    """The parameters of one node: `own`, and `given`, which includes the wildcard block."""
+    """The parameters of one node: `own`, and `given` with the wildcard block."""
 
     node: str
     own: Mapping[str, Any]
     given: Mapping[str, Any]
 
 
-def examine_configuration(path: Path, urdf: str, *, prefix: str = '', namespace: str = '',
-                          told: Collection[str] = ()) -> tuple[list[Finding], Robot | None]:
+def examine_configuration(path: Path, urdf: str, *, prefix: str = '',
+                          namespace: str = '',
+                          told: Collection[str] = ()) -> tuple[list[Finding],
+                                                               Robot | None]:
     """
     Check a parameter file of the dynamics node; return the findings and the robot.
 
-    Each block of a dynamics node is checked separately, with the robot that this node would load.
+    Each block of a dynamics node is checked separately, with the robot that this node
+    would load.
 
     Parameters
     ----------
@@ -68,8 +73,9 @@ def examine_configuration(path: Path, urdf: str, *, prefix: str = '', namespace:
     -------
     findings : list of Finding
     robot : Robot or None
-        The robot of the only node in the file, or of the node in the namespace, with gravity and
-        payload of the file; None if there is no such node or it cannot be loaded.
+        The robot of the only node in the file, or of the node in the namespace, with
+        gravity and payload of the file; None if there is no such node or it cannot be
+        loaded.
 
     Raises
     ------
@@ -91,7 +97,9 @@ def examine_configuration(path: Path, urdf: str, *, prefix: str = '', namespace:
 
 def configured_efforts(path: Path, namespace: str = '') -> Efforts | None:
     """
-    Return what the efforts of joint states are, by a parameter file; None if it does not say.
+    Return what the efforts of joint states are, by a parameter file.
+
+    None if it does not say.
 
     Parameters
     ----------
@@ -103,7 +111,8 @@ def configured_efforts(path: Path, namespace: str = '') -> Efforts | None:
     Raises
     ------
     InputError
-        The file has no block for a dynamics node, or the parameters do not fit each other.
+        The file has no block for a dynamics node, or the parameters do not fit each
+        other.
 
     """
     blocks = {block.node: block.given for block in _blocks(path)}
@@ -112,7 +121,8 @@ def configured_efforts(path: Path, namespace: str = '') -> Efforts | None:
     given = blocks.get(_wanted(list(blocks), namespace), {})
     if not any(name.startswith('efforts.') for name in given):
         return None
-    kind, gravity, constants = (read(BY_NAME[name], given.get(name, BY_NAME[name].default))
+    kind, gravity, constants = (read(BY_NAME[name],
+                                     given.get(name, BY_NAME[name].default))
                                 for name in ('efforts.kind', 'efforts.gravity',
                                              'efforts.constants'))
     return Efforts(kind, gravity, constants if constants.size else None)
@@ -141,7 +151,8 @@ class ConfigurationExamination:
     """
 
     def __init__(self, where: str, block: ParameterBlock) -> None:
-        self._where, self._block = where, block
+        self._where = where
+        self._block = block
         self.found: list[Finding] = []
         self._loads = True  # whether the node would load the arm
         self._joints_known = True
@@ -151,12 +162,17 @@ class ConfigurationExamination:
             self._find('problem', warning)
 
     def robot(self, urdf: str, prefix: str, told: Collection[str]) -> Robot | None:
-        """Check the block; return the robot that the node would load, None if it cannot."""
+        """
+        Check the block.
+
+        Return the robot that the node would load, None if it cannot.
+        """
         values = self._read_values()
         values = with_prefix(values | {'prefix': prefix or values['prefix']})
         gravity = values['gravity']
         if gravity[2] > 0.0 or not np.isclose(np.linalg.norm(gravity), 9.81, 0.01):
-            self._find('warning', f'gravity: {gravity.tolist()}; expected [0, 0, -9.81] for an '
+            self._find('warning',
+                       f'gravity: {gravity.tolist()}; expected [0, 0, -9.81] for an '
                        'upright base')
         warnings: list[str] = []
         model = self._load(values, urdf, warnings)
@@ -164,7 +180,8 @@ class ConfigurationExamination:
         stated = values['arm_compensates']
         if model is not None:
             if 'arm_compensates' not in self._invalid:
-                for contradiction in self._attempt(examine_statement, values, model) or []:
+                for contradiction in self._attempt(examine_statement, values,
+                                                   model) or []:
                     self._find('warning', contradiction)
             values['arm_compensates'] = stated or (NO_TERM,)  # for the other checks
             robot = self._fit(values, model)
@@ -179,7 +196,11 @@ class ConfigurationExamination:
         return robot if self._loads else None
 
     def _read_values(self) -> dict[str, Any]:
-        """Return the values of all parameters; invalid ones are reported, and have defaults."""
+        """
+        Return the values of all parameters.
+
+        Invalid ones are reported, and have defaults.
+        """
         values = {}
         for name, spec in BY_NAME.items():
             value = self._attempt(read, spec, self._block.given.get(name, spec.default))
@@ -190,12 +211,13 @@ class ConfigurationExamination:
             values[name] = value
         return values
 
-    def _load(self, values: dict[str, Any], urdf: str, warnings: list[str]) -> Model | None:
+    def _load(self, values: dict[str, Any], urdf: str,
+              warnings: list[str]) -> Model | None:
         """
         Return the model; clear parameters in `values` whose files do not exist.
 
-        If it cannot be loaded, return that of the whole arm, with which further parameters are
-        checked.
+        If it cannot be loaded, return that of the whole arm, with which further
+        parameters are checked.
         """
         for name in ('urdf', 'supplement', 'constraints'):
             if values[name] and self._attempt(resolve_path, name, values[name]) is None:
@@ -226,11 +248,12 @@ class ConfigurationExamination:
             same = False
         if not same:
             what = f"'{values['urdf']}'" if parameter == 'urdf' else 'another URDF'
-            self._find('problem', f"parameter '{parameter}': {what} is loaded, not the examined "
+            self._find('problem',
+                       f"parameter '{parameter}': {what} is loaded, not the examined "
                        'URDF; expected that of the same arm, or to launch with urdf:=')
 
     def _describe_launch(self, values: Mapping[str, Any]) -> None:
-        """Report what a launch loads, for which node, and which parameters take effect."""
+        """Report what a launch loads, for which node, and the parameters that count."""
         if not self._loads:
             return
         node = 'every node' if self._block.node == WILDCARD else f'node {self._block.node}'
@@ -261,13 +284,14 @@ class ConfigurationExamination:
         if self._joints_known:
             self._check_lists(values, robot.joint_names)
         for name in DISABLED:
-            self._attempt(check_optional_topics, {**values, **DISABLED, name: values[name]}, robot)
+            self._attempt(check_optional_topics,
+                          {**values, **DISABLED, name: values[name]}, robot)
         if values['observer.enabled'] and not values['observer.threshold'].size:
             self._find('warning', UNCALIBRATED)
         if values['imu.topic']:
             self._attempt(GravityFromImu, rigid, values['imu.frame'],
-                          float(np.linalg.norm(values['gravity'])), values['imu.time_constant'],
-                          lambda gravity: None)
+                          float(np.linalg.norm(values['gravity'])),
+                          values['imu.time_constant'], lambda gravity: None)
         loads = self._attempt(parameter_loads, rigid, values)
         if loads is not None:
             loads.apply(robot)
@@ -278,10 +302,12 @@ class ConfigurationExamination:
         name = self._block.node.rpartition('/')[2]
         if name == PROGRAM:
             self._loads = False
-            self._find('problem', f"'{name}': the program, whose parameters take no effect; "
+            self._find('problem',
+                       f"'{name}': the program, whose parameters take no effect; "
                        f'expected the name of its node, {PACKAGE}, or {WILDCARD}')
         elif self._block.node != WILDCARD and name != PACKAGE:
-            self._find('warning', f'takes effect only for a node of this name (-r __node:={name})'
+            self._find('warning',
+                       f'takes effect only for a node of this name (-r __node:={name})'
                        f'; expected {PACKAGE}, the name in the launch file')
 
     def _check_lists(self, values: Mapping[str, Any], joints: Sequence[str]) -> None:
@@ -303,14 +329,20 @@ class ConfigurationExamination:
             unknown = [frame for frame in frames
                        if frame and frame not in {each.name for each in model.frames}]
             if unknown and not unused.get(name):
-                self._find('problem', f"parameter '{name}': {listed(unknown)}; expected frames of "
+                self._find('problem',
+                           f"parameter '{name}': {listed(unknown)}; expected frames of "
                            + ', '.join(sorted(each.name for each in model.frames)))
                 values[name] = replacement.get(name, '')
         if values['observer.enabled']:
             self._attempt(model.frame, observed_frame(values, model))
 
-    def _attempt(self, check: Callable[..., Any], *arguments: Any, **keywords: Any) -> Any:
-        """Return the result of `check`; report its error as a finding and return None."""
+    def _attempt(self, check: Callable[..., Any], *arguments: Any,
+                 **keywords: Any) -> Any:
+        """
+        Return the result of `check`.
+
+        Report its error as a finding and return None.
+        """
         try:
             return check(*arguments, **keywords)
         except KaneError as error:
@@ -329,8 +361,9 @@ def _blocks(path: Path) -> list[ParameterBlock]:
     nodes = parameter_blocks(path)
     ours = {node: own for node, own in nodes.items() if _is_ours(node, own)}
     if not ours:
-        raise InputError(f'{path}: ros__parameters of {listed(nodes)}; expected ros__parameters '
-                         f'of a dynamics node, such as {PACKAGE}, or {WILDCARD}')
+        raise InputError(f'{path}: ros__parameters of {listed(nodes)}; expected '
+                         f'ros__parameters of a dynamics node, such as {PACKAGE}, or '
+                         f'{WILDCARD}')
     shared = ours.get(WILDCARD, {})
     return [ParameterBlock(node, own, {**shared, **own}) for node, own in ours.items()]
 
@@ -342,4 +375,5 @@ def _is_ours(node: str, own: Mapping[str, Any]) -> bool:
         return True
     given = {each for each in own if each.partition('.')[0] not in FOREIGN}
     known = len(given & BY_NAME.keys())
-    return name != 'plant' and 2 * known > len(given) and known >= len(given & PLANT_PARAMETERS)
+    return name != 'plant' and 2 * known > len(given) and known >= len(given
+                                                                       & PLANT_PARAMETERS)

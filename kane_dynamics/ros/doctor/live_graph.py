@@ -1,6 +1,7 @@
 """The checks of `kane-dynamics doctor` for a live ROS graph."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import chain
 import time
 from typing import NamedTuple
 
@@ -26,23 +27,23 @@ from sensor_msgs.msg import JointState
 AT_REST = 1e-2  # largest speed of a joint at rest, rad/s or m/s
 SLOW = 50.0  # smallest acceptable rate of joint states, 1/s
 STALE = 0.1  # largest acceptable age of a joint state, s
-# Fast DDS sends missed discovery data with heartbeats, every 3 s: first the endpoints, then, with
-# the next heartbeat, the names of their nodes.
+# Fast DDS sends missed discovery data with heartbeats, every 3 s: first the endpoints,
+# then, with the next heartbeat, the names of their nodes.
 DISCOVERY = 7.0  # s
 WEIGHTLESS = 1e-3  # N m or N: below this gravity torque, zero efforts are plausible
 NAMELESS = '_NODE_NAME_UNKNOWN_'
 
 
 class ReceivedState(NamedTuple):
-    """A joint state and its time of reception, on the steady and the node's clock, ns."""
+    """A joint state and its reception on the steady and the node's clock, ns."""
 
     steady: int
     now: int
     message: JointState
 
 
-def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: str = 'commands',
-                  joint_states: str = 'joint_states',
+def examine_graph(robot: Robot, seconds: float, namespace: str = '',
+                  commands: str = 'commands', joint_states: str = 'joint_states',
                   efforts: Efforts | None = None) -> list[Finding]:
     """
     Subscribe to the topics of a live graph for some time and return the findings.
@@ -67,35 +68,138 @@ def examine_graph(robot: Robot, seconds: float, namespace: str = '', commands: s
     rclpy.init(context=context)
     try:
         node = Node('kane_dynamics_doctor', namespace=namespace, context=context)
-        received: list[ReceivedState] = []
-        node.create_subscription(
-            JointState, joint_states, lambda message: received.append(ReceivedState(
-                time.monotonic_ns(), node.get_clock().now().nanoseconds, message)),
-            EXAMINED_STATES)
-        executor = SingleThreadedExecutor(context=context)
-        executor.add_node(node)
-        _spin(executor, DISCOVERY, lambda: _discovered(node, commands, joint_states))
-        foreign: set[tuple[str, ...]] = set()
-        if _spin(executor, seconds, lambda: node.count_publishers('/clock') > 0):
-            node.set_parameters([Parameter('use_sim_time', value=True)])
-            _spin(executor, DISCOVERY, lambda: node.get_clock().now().nanoseconds > 0)
-            foreign = _foreign_names(robot, received)
-            received.clear()
-            _spin(executor, seconds, lambda: False)
-        if not _named(_lines(node, commands, joint_states)):  # found only now, not heard yet
-            _spin(executor, DISCOVERY, lambda: _named(_lines(node, commands, joint_states)))
-            _spin(executor, seconds, lambda: False)
-        found = [*examine_states(robot, received, seconds, efforts),
-                 *_endpoint_findings(node, commands, joint_states,
-                                     len(foreign | _foreign_names(robot, received)))]
-        executor.remove_node(node)
+        examination = GraphExamination(robot, node, commands, joint_states)
+        findings = examination.run(context, seconds, efforts)
         node.destroy_node()
-        return found
+        return findings
     finally:
         rclpy.try_shutdown(context=context)
 
 
-def _spin(executor: SingleThreadedExecutor, seconds: float, enough: Callable[[], bool]) -> bool:
+class GraphExamination:
+    """
+    Listens to joint states, and lists the nodes at the ends of the topics.
+
+    Parameters
+    ----------
+    robot : Robot
+    node : Node
+        A node of its own context.
+    commands, joint_states : str
+        Names of the topics.
+
+    """
+
+    def __init__(self, robot: Robot, node: Node, commands: str, joint_states: str) -> None:
+        self._robot = robot
+        self._node = node
+        self._commands = commands
+        self._joint_states = joint_states
+        self._received: list[ReceivedState] = []
+        node.create_subscription(JointState, joint_states, self._on_state, EXAMINED_STATES)
+
+    def _on_state(self, message: JointState) -> None:
+        now = self._node.get_clock().now().nanoseconds
+        self._received.append(ReceivedState(time.monotonic_ns(), now, message))
+
+    def run(self, context: Context, seconds: float,
+            efforts: Efforts | None) -> list[Finding]:
+        """Listen for some time, s, and return the findings."""
+        node = self._node
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        _spin(executor, DISCOVERY, self._discovered)
+        foreign: set[tuple[str, ...]] = set()
+        # With a publisher of /clock, ages are those of simulated time: listen again.
+        if _spin(executor, seconds, lambda: node.count_publishers('/clock') > 0):
+            node.set_parameters([Parameter('use_sim_time', value=True)])
+            _spin(executor, DISCOVERY, lambda: node.get_clock().now().nanoseconds > 0)
+            foreign = self._foreign_names()
+            self._received.clear()
+            _spin(executor, seconds, lambda: False)
+        # Nodes that were discovered only during that time have not been heard yet.
+        if not self._all_named():
+            _spin(executor, DISCOVERY, self._all_named)
+            _spin(executor, seconds, lambda: False)
+        executor.remove_node(node)
+        foreign |= self._foreign_names()
+        return [*examine_states(self._robot, self._received, seconds, efforts),
+                *self._state_publishers(len(foreign)), *self._command_ends(),
+                *self._descriptions()]
+
+    def _foreign_names(self) -> set[tuple[str, ...]]:
+        """Return the name lists of joint states without any joint of the robot."""
+        foreign = set()
+        for state in self._received:
+            names = tuple(state.message.name)
+            if not set(names) & set(self._robot.joint_names):
+                foreign.add(names)
+        return foreign
+
+    def _topic_ends(self) -> list[list[TopicEndpointInfo]]:
+        """Return the endpoints of the topics of the torque path."""
+        return [self._node.get_publishers_info_by_topic(self._joint_states),
+                self._node.get_publishers_info_by_topic(self._commands),
+                self._node.get_subscriptions_info_by_topic(self._commands)]
+
+    def _all_named(self) -> bool:
+        """Return whether the nodes of all endpoints are known by name."""
+        every_end = chain.from_iterable(self._topic_ends())
+        return all(end.node_name != NAMELESS for end in every_end)
+
+    def _discovered(self) -> bool:
+        """Return whether all topics of the torque path have ends of known nodes."""
+        return all(self._topic_ends()) and self._all_named()
+
+    def _state_publishers(self, foreign: int) -> list[Finding]:
+        """Return the findings of the publishers of joint states; some are of others."""
+        publishers, _, _ = self._topic_ends()
+        if len(publishers) - foreign <= 1:
+            return []
+        of_others = f', {foreign} of other joints' if foreign else ''
+        return [Finding('problem', f'{self._joint_states}: {len(publishers)} publishers'
+                        f'{of_others}: {_names(publishers)}; expected one')]
+
+    def _command_ends(self) -> list[Finding]:
+        """Return the findings of the publishers and subscribers of commands."""
+        topic = self._commands
+        _, publishers, subscribers = self._topic_ends()
+        findings = []
+        nodes = commanders(self._node, topic)
+        if len(nodes) > 1:
+            findings.append(Finding('problem', f'{topic}: {several_commanders(nodes)}'))
+        elif not publishers:
+            findings.append(Finding('warning', f'{topic}: no publisher; expected the '
+                                    'dynamics node, with this topic of commands '
+                                    '(--commands)'))
+        if not subscribers:
+            findings.append(Finding('warning', f'{topic}: no subscriber; expected an '
+                                    'effort controller, with this topic of commands'))
+        if not publishers or not subscribers:
+            return findings
+        incompatible = _incompatible(publishers[0], subscribers)
+        if incompatible:
+            findings.append(Finding('problem', f'QoS of {topic}: incompatible with '
+                                    f'{_names(incompatible)}; expected a reliable '
+                                    'publisher and a volatile subscriber'))
+        else:
+            findings.append(Finding('fine', f'{topic}: from {_names(publishers)} to '
+                                    f'{_names(subscribers)}'))
+        return findings
+
+    def _descriptions(self) -> list[Finding]:
+        """Return the findings of the publishers of the URDF."""
+        volatile = [end for end in
+                    self._node.get_publishers_info_by_topic('robot_description')
+                    if end.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL]
+        if not volatile:
+            return []
+        return [Finding('problem', f'robot_description of {_names(volatile)}: volatile; '
+                        'expected transient local durability, for nodes that start later')]
+
+
+def _spin(executor: SingleThreadedExecutor, seconds: float,
+          enough: Callable[[], bool]) -> bool:
     """Spin for some time or until `enough` returns True; return its result."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
@@ -105,27 +209,35 @@ def _spin(executor: SingleThreadedExecutor, seconds: float, enough: Callable[[],
     return enough()
 
 
-def _foreign_names(robot: Robot, received: list[ReceivedState]) -> set[tuple[str, ...]]:
-    """Return the name lists of joint states without any joint of the robot."""
-    return {names for each in received
-            if not set(names := tuple(each.message.name)) & set(robot.joint_names)}
+def _incompatible(publisher: TopicEndpointInfo,
+                  subscribers: list[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
+    """Return the subscribers whose QoS does not match that of a volatile publisher."""
+    unreliable = publisher.qos_profile.reliability != ReliabilityPolicy.RELIABLE
+    incompatible = []
+    for end in subscribers:
+        qos = end.qos_profile
+        needs_reliable = qos.reliability == ReliabilityPolicy.RELIABLE
+        if qos.durability == DurabilityPolicy.TRANSIENT_LOCAL or (
+                unreliable and needs_reliable):
+            incompatible.append(end)
+    return incompatible
 
 
 def examine_states(robot: Robot, received: list[ReceivedState], seconds: float,
                    efforts: Efforts | None = None) -> list[Finding]:
     """Return the findings of the joint states received within some time."""
     if not received:
-        return [Finding('problem', f'joint states: none within {seconds:g} s; expected a driver '
-                        'with the same ROS_DOMAIN_ID, namespace and topic '
+        return [Finding('problem', f'joint states: none within {seconds:g} s; expected a '
+                        'driver with the same ROS_DOMAIN_ID, namespace and topic '
                         '(--joint-states)')]
     needed = needed_joints(robot)
-    complete = [each for each in received if set(needed) <= set(each.message.name)]
+    complete = [state for state in received if set(needed) <= set(state.message.name)]
     if not complete:
-        seen = sorted({name for each in received for name in each.message.name})
-        missing = [name for name in needed if name not in seen]
+        published = sorted({name for state in received for name in state.message.name})
+        missing = [name for name in needed if name not in published]
+        expected = 'all joints' if needed == robot.joint_names else listed(needed)
         return [Finding('problem', f'joint states: {listed(missing)} missing among '
-                        f'{listed(seen)}; expected '
-                        + ('all joints' if needed == robot.joint_names else listed(needed)))]
+                        f'{listed(published)}; expected {expected}')]
     return [*_times(complete), *_numbers(robot, complete[-1].message, efforts)]
 
 
@@ -137,49 +249,67 @@ def needed_joints(robot: Robot) -> tuple[str, ...]:
 def _times(received: list[ReceivedState]) -> list[Finding]:
     """Return the findings of rate and stamps."""
     # From first to last, because states were also received during discovery.
-    rate = (len(received) - 1) * NANO / max(received[-1].steady - received[0].steady, 1)
-    found = [Finding('fine' if rate > SLOW else 'warning',
-                     f'{rate:.3g} joint states/s with all joints')]
-    stamped = [(each.now, stamp) for each in received
-               if (stamp := nanoseconds(each.message.header.stamp))]
+    span = max(received[-1].steady - received[0].steady, 1)
+    rate = (len(received) - 1) * NANO / span
+    words = f'{rate:.3g} joint states/s with all joints'
+    findings = [Finding('fine' if rate > SLOW else 'warning', words)]
+    stamped = [state for state in received if nanoseconds(state.message.header.stamp)]
     if not stamped:
-        return [*found, Finding('warning', 'stamps of joint states: zero; expected stamps, '
-                                'without which state_timeout cannot detect delays')]
-    ages = [(now - stamp) / NANO for now, stamp in stamped if now]
-    if not ages:
-        return [*found, Finding('problem', '/clock: a publisher but no message; expected time, '
-                                'which nodes with use_sim_time wait for')]
-    age = float(np.median(ages))
+        return [*findings, Finding('warning', 'stamps of joint states: zero; expected '
+                                   'stamps, without which state_timeout cannot detect '
+                                   'delays')]
+    # Without a message on /clock, the time of reception is zero.
+    timed = [state for state in stamped if state.now]
+    if not timed:
+        return [*findings, Finding('problem', '/clock: a publisher but no message; '
+                                   'expected time, which nodes with use_sim_time wait for')]
+    ages = [state.now - nanoseconds(state.message.header.stamp) for state in timed]
+    age = float(np.median(ages)) / NANO
     if abs(age) > STALE:
-        found.append(Finding('problem', f'stamps of joint states: {age:.3g} s old on arrival; '
-                             'expected the same clock and the same use_sim_time'))
-    return found
+        findings.append(Finding('problem', f'stamps of joint states: {age:.3g} s old on '
+                                'arrival; expected the same clock and the same '
+                                'use_sim_time'))
+    return findings
 
 
-def _numbers(robot: Robot, message: JointState, efforts: Efforts | None) -> list[Finding]:
+def _numbers(robot: Robot, message: JointState,
+             efforts: Efforts | None) -> list[Finding]:
     """Return the findings of the values of one joint state."""
     names = tuple(name for name in robot.joint_names if name in message.name)
-    index = [list(message.name).index(name) for name in names]
-    q, u, effort = (np.array(values, dtype=np.float64)[index]
-                    if len(values) == len(message.name) else None
-                    for values in (message.position, message.velocity, message.effort))
+    q = _column(message, message.position, names)
+    u = _column(message, message.velocity, names)
+    effort = _column(message, message.effort, names)
     if q is None or u is None:
-        return [Finding('problem', f'joint states: no {"position" if q is None else "velocity"}; '
-                        'expected positions and velocities')]
-    found = [Finding('problem', f'{what} of {listed(bad)}: not finite; expected finite numbers, '
-                     'as the dynamics node drops other states')
-             for what, values in (('positions', q), ('velocities', u))
-             if (bad := _not_finite(names, values))]
+        missing = 'position' if q is None else 'velocity'
+        return [Finding('problem', f'joint states: no {missing}; expected positions and '
+                        'velocities')]
+    findings = []
+    for quantity, values in (('positions', q), ('velocities', u)):
+        bad = _not_finite(names, values)
+        if bad:
+            findings.append(Finding('problem', f'{quantity} of {listed(bad)}: not finite; '
+                                    'expected finite numbers, as the dynamics node drops '
+                                    'other states'))
     places = [robot.joint_names.index(name) for name in names]
     with np.errstate(invalid='ignore'):
-        beyond = [name for name, outside in zip(
-            names, (q < robot.limits.lower[places]) | (q > robot.limits.upper[places])) if outside]
-    if beyond:
-        found.append(Finding('problem', f'positions of {listed(beyond)}: outside the limits of '
-                             'the URDF; expected the URDF of this arm, in rad'))
+        outside = (q < robot.limits.lower[places]) | (q > robot.limits.upper[places])
+    if outside.any():
+        beyond = np.array(names)[outside].tolist()
+        findings.append(Finding('problem', f'positions of {listed(beyond)}: outside the '
+                                'limits of the URDF; expected the URDF of this arm, in '
+                                'rad'))
     if robot.constraint_names:
-        return found + _loops(robot, names, q)
-    return found + _efforts(robot, q, u, effort, efforts)
+        return findings + _loops(robot, names, q)
+    return findings + _efforts(robot, q, u, effort, efforts)
+
+
+def _column(message: JointState, values: Sequence[float],
+            names: Sequence[str]) -> Array | None:
+    """Return one field of a message for some joints; None if it is missing."""
+    if len(values) != len(message.name):
+        return None
+    index = [list(message.name).index(name) for name in names]
+    return np.array(values, dtype=np.float64)[index]
 
 
 def _loops(robot: Robot, names: tuple[str, ...], q: Array) -> list[Finding]:
@@ -193,18 +323,22 @@ def _loops(robot: Robot, names: tuple[str, ...], q: Array) -> list[Finding]:
         tracker.update(whole[tracker.places], np.zeros(robot.n), further, whole[further])
     except LoopError as error:
         return [Finding('problem', str(error))]
-    return [Finding('fine', f'closed loops: residual {tracker.residual:.1e}, conditioning '
-                    f'{tracker.figure:.3g}, measured joints within {tracker.deviation:.2g}')]
+    return [Finding('fine',
+                    f'closed loops: residual {tracker.residual:.1e}, conditioning '
+                    f'{tracker.figure:.3g}, measured joints within '
+                    f'{tracker.deviation:.2g}')]
 
 
 def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None,
              efforts: Efforts | None) -> list[Finding]:
     """Return the findings of the efforts of one joint state."""
     if effort is None:
-        return [Finding('warning', 'efforts of joint states: none; the momentum observer then '
+        return [Finding('warning',
+                        'efforts of joint states: none; the momentum observer then '
                         'uses the command')]
     if names := _not_finite(robot.joint_names, effort):
-        return [Finding('warning', f'efforts of {listed(names)}: not finite; the momentum '
+        return [Finding('warning',
+                        f'efforts of {listed(names)}: not finite; the momentum '
                         'observer then uses the command')]
     if not np.isfinite([q, u]).all() or (
             np.abs(u).max(initial=0.0) >= AT_REST):
@@ -217,7 +351,8 @@ def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None,
         return examine_efforts(robot, q, effort)
     if np.abs(robot.gravity_force(q)).max(initial=0.0) < WEIGHTLESS:
         return []
-    return [Finding('warning', 'efforts at rest: all zero, with brakes or without measurement; '
+    return [Finding('warning',
+                    'efforts at rest: all zero, with brakes or without measurement; '
                     'expected observer.torque: command if the driver does not measure '
                     'efforts, because auto uses them')]
 
@@ -231,59 +366,3 @@ def _names(ends: list[TopicEndpointInfo]) -> str:
     """Return the names of the nodes of these endpoints, as text."""
     return listed('an unnamed node' if end.node_name == NAMELESS else end.node_name
                   for end in ends)
-
-
-def _lines(node: Node, commands: str, joint_states: str) -> list[list[TopicEndpointInfo]]:
-    """Return the endpoints of the topics of the torque path."""
-    return [node.get_publishers_info_by_topic(joint_states),
-            node.get_publishers_info_by_topic(commands),
-            node.get_subscriptions_info_by_topic(commands)]
-
-
-def _named(lines: list[list[TopicEndpointInfo]]) -> bool:
-    """Return whether the nodes of all endpoints are known by name."""
-    return all(end.node_name != NAMELESS for line in lines for end in line)
-
-
-def _discovered(node: Node, commands: str, joint_states: str) -> bool:
-    """Return whether all topics of the torque path have endpoints with known node names."""
-    lines = _lines(node, commands, joint_states)
-    return all(lines) and _named(lines)
-
-
-def _endpoint_findings(node: Node, commands: str, joint_states: str,
-                       foreign: int) -> list[Finding]:
-    """Return the findings of the publishers and subscribers of the torque path."""
-    found = []
-    states = node.get_publishers_info_by_topic(joint_states)
-    if len(states) - foreign > 1:
-        others = f', {foreign} of other joints' if foreign else ''
-        found.append(Finding('problem', f'{joint_states}: {len(states)} publishers'
-                             f'{others}: {_names(states)}; expected one'))
-    given = node.get_publishers_info_by_topic(commands)
-    taken = node.get_subscriptions_info_by_topic(commands)
-    if len(sources := commanders(node, commands)) > 1:
-        found.append(Finding('problem', f'{commands}: {several_commanders(sources)}'))
-    elif not given:
-        found.append(Finding('warning', f'{commands}: no publisher; expected the dynamics '
-                             'node, with this topic of commands (--commands)'))
-    if not taken:
-        found.append(Finding('warning', f'{commands}: no subscriber; expected an effort '
-                             'controller, with this topic of commands'))
-    if given and taken:
-        unreliable = given[0].qos_profile.reliability != ReliabilityPolicy.RELIABLE
-        incompatible = [
-            end for end in taken
-            if end.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-            or (unreliable and end.qos_profile.reliability == ReliabilityPolicy.RELIABLE)]
-        found.append(Finding('problem', f'QoS of {commands}: incompatible with '
-                             f'{_names(incompatible)}; expected a reliable publisher and a '
-                             'volatile subscriber') if incompatible else
-                     Finding('fine', f'{commands}: from {_names(given)} to '
-                             f'{_names(taken)}'))
-    volatile = [end for end in node.get_publishers_info_by_topic('robot_description')
-                if end.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL]
-    if volatile:
-        found.append(Finding('problem', f'robot_description of {_names(volatile)}: volatile; '
-                             'expected transient local durability, for nodes that start later'))
-    return found

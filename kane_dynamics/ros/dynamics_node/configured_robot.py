@@ -23,7 +23,8 @@ from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.dynamics_node.guard_link import GuardLink
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
-                                                        joint_command_type, OptionalTopics)
+                                                        joint_command_type,
+                                                        OptionalTopics)
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.trajectory_filling import FillSettings
@@ -54,11 +55,11 @@ class ConfiguredRobot:
     """
     The resources of a configured node, from configure to cleanup.
 
-    The torque path, the services and the simulations run in three threads with one robot each.
-    Gravity and payload are passed to each as one record, which it applies between two cycles or
-    requests. Commanded torques, filled trajectories, inverse dynamics and the torques of the
-    monitors include the quasi-static deflection of flexible links (`QuasiStatic`); all other
-    results treat these links as rigid.
+    The torque path, the services and the simulations run in three threads with one robot
+    each. Gravity and payload are passed to each as one record, which it applies between
+    two cycles or requests. Commanded torques, filled trajectories, inverse dynamics and
+    the torques of the monitors include the quasi-static deflection of flexible links
+    (`QuasiStatic`); all other results treat these links as rigid.
 
     Parameters
     ----------
@@ -70,7 +71,8 @@ class ConfiguredRobot:
         The node's parameters.
     statistics : Statistics
     warn : ThrottledWarning
-        Logs the reason and the details of each dropped message, and lasting faults as errors.
+        Logs the reason and the details of each dropped message, and lasting faults as
+        errors.
 
     Attributes
     ----------
@@ -80,8 +82,8 @@ class ConfiguredRobot:
     Raises
     ------
     KaneError
-        The robot cannot be compiled or verified, or a parameter does not fit it. No topic is open
-        then.
+        The robot cannot be compiled or verified, or a parameter does not fit it. No
+        topic is open then.
 
     """
 
@@ -90,17 +92,23 @@ class ConfiguredRobot:
                  warn: ThrottledWarning) -> None:
         controller = path_controller(model, values)
         self._digest = arm_digest(model, controller.robot.options['constraints'])
-        self.robot, bending = controller.robot, controller.bending
+        self.robot = controller.robot
+        bending = controller.bending
         model = self.robot.model
-        self.values, self._node, self._server, self._warn = values, node, server, warn
-        self.statistics, self._clock = statistics, node.get_clock()
+        self.values = values
+        self._node = node
+        self._server = server
+        self._warn = warn
+        self.statistics = statistics
+        self._clock = node.get_clock()
         self._simulated_time = bool(self._clock.ros_time_is_active)
         self._lock = threading.Lock()  # guards the loads, which two threads change
         self.loads: GravityAndPayload = parameter_loads(model, values)
         self._payload_from_service = False  # whether ~/set_payload set the payload
         self.state_publishers = 1  # publishers of joint states of this arm
         self.all_state_publishers = 1  # with those of other joints only
-        self.parts_of_states: list[tuple[str, ...]] = []  # joints of states that have a part each
+        # Joints of states that have a part each
+        self.parts_of_states: list[tuple[str, ...]] = []
         self.lost_states = LostMessages()
         self._commanders = CommanderCount(node, 'commands')
         self._foreign_joints: set[tuple[str, ...]] = set()
@@ -122,7 +130,8 @@ class ConfiguredRobot:
             compile_timing(self.robot)
             for robot in (self.robot, *([bending.robot] if bending else [])):
                 robot.compile('inverse_dynamics', 'torque_terms', batches=True)
-        self._for_requests, self._for_simulations = self.robot.copy(), self.robot.copy()
+        self._for_requests = self.robot.copy()
+        self._for_simulations = self.robot.copy()
         self._request_frames = WrenchFrames(self._for_requests)
         self._bending_for_requests = bending and QuasiStatic(bending.robot.copy())
         FillSettings.from_values(values, self.robot.joint_names)
@@ -138,20 +147,24 @@ class ConfiguredRobot:
 
     def _open(self, controller: Controller, opened: ExitStack) -> None:
         """Open the topics and register them with `opened`."""
-        node, server, values, warn = self._node, self._server, self.values, self._warn
+        node = self._node
+        server = self._server
+        values = self.values
+        warn = self._warn
 
         def publisher(kind: Any, name: str, qos: QoSProfile) -> Any:
             result = node.create_lifecycle_publisher(kind, name, qos)
             opened.callback(node.destroy_lifecycle_publisher, result)
             return result
         guarded = values['guard.enabled'] and not self.fault
-        qos = watched(values['guard.lease'], values['guard.deadline']) if guarded else RELIABLE
+        qos = watched(values['guard.lease'],
+                      values['guard.deadline']) if guarded else RELIABLE
         self._commands = publisher(Float64MultiArray, 'commands', qos)
         stamped = publisher(joint_command_type(), 'stamped_commands', RELIABLE) if (
             values['stamped_commands']) else None
         self.path = TorquePath(
-            controller, self._commands, publisher(JointState, '~/joint_torques', qos), self._now,
-            values, self.statistics,
+            controller, self._commands, publisher(JointState, '~/joint_torques', qos),
+            self._now, values, self.statistics,
             lambda reason, detail: warn(f'joint states: {reason}', detail), stamped,
             None if self.fault else closed_loop_reader(controller, values),
             lambda reason, detail: warn.error(f'joint states: {reason}', detail))
@@ -167,7 +180,8 @@ class ConfiguredRobot:
         opened.callback(node.destroy_subscription, self._states)
         if self.gravity_source is not None:
             imu = server.create_subscription(
-                Imu, node.resolve_topic_name(values['imu.topic']), self._on_imu, BEST_EFFORT)
+                Imu, node.resolve_topic_name(values['imu.topic']), self._on_imu,
+                BEST_EFFORT)
             opened.callback(server.destroy_subscription, imu)
 
     def _on_state(self, data: bytes, info: Mapping[str, Any]) -> None:
@@ -175,7 +189,11 @@ class ConfiguredRobot:
         self.lost_states.note(info)
 
     def _now(self) -> int:
-        """Return the node's clock, ns; read the system clock directly unless time is simulated."""
+        """
+        Return the node's clock, ns.
+
+        Read the system clock directly unless time is simulated.
+        """
         return int(self._clock.now().nanoseconds) if self._simulated_time else time.time_ns()
 
     def on_clock_jump(self, *, replaced: bool = False) -> None:
@@ -188,23 +206,33 @@ class ConfiguredRobot:
 
     @property
     def commanders(self) -> list[str]:
-        """Return the names of the nodes that publish on `commands`, without the guard."""
+        """Return the names of the nodes that publish on `commands`, but the guard."""
         return self._commanders.names
 
     def count_publishers(self) -> None:
-        """Update `commanders`, and `state_publishers` without publishers of other joints only."""
+        """
+        Update `commanders` and `state_publishers`.
+
+        Publishers of other joints only do not count.
+        """
         self._commanders.update()
         publishers = int(self._states.get_publisher_count())
-        # A publisher of other joints may pause. Which one ended is unknown, so all are forgotten.
+        # A publisher of other joints may pause. Which one ended is unknown, so all are
+        # forgotten.
         if publishers < self.all_state_publishers:
             self._foreign_joints = set()
         self.all_state_publishers = publishers
         self._foreign_joints |= self.path.take_foreign_joints()
-        self.state_publishers = max(publishers - len(self._foreign_joints), min(publishers, 1))
+        self.state_publishers = max(publishers - len(self._foreign_joints),
+                                    min(publishers, 1))
         self.parts_of_states = self.path.take_parts()
 
     def halt(self) -> bool:
-        """Command zeros; return whether all subscribers acknowledge them within the timeout."""
+        """
+        Command zeros.
+
+        Return whether all subscribers acknowledge them within the timeout.
+        """
         if not self.path.running:
             return True
         self.path.stop()
@@ -216,7 +244,7 @@ class ConfiguredRobot:
         self._opened.close()
 
     def check(self, values: Mapping[str, Any], given: Collection[str]) -> None:
-        """Raise InputError unless new parameters, of which `given` are set, fit the robot."""
+        """Raise InputError unless parameters, of which `given` are set, fit."""
         path_settings(values, self.robot)
         speed_limits(self.robot, values)
         FillSettings.from_values(values, self.robot.joint_names)
@@ -224,16 +252,18 @@ class ConfiguredRobot:
         check_optional_topics(values, self.robot)
         if self.gravity_source is not None and (
                 values['gravity'] != self.values['gravity']).any():
-            raise InputError("parameter 'gravity': new value; expected none while imu.topic is "
-                             'set, which gives the direction')
+            raise InputError("parameter 'gravity': new value; expected none while "
+                             'imu.topic is set, which gives the direction')
         if self._payload_from_service and 'payload.mass' not in given and any(
                 name in given for name in PAYLOAD):
-            raise InputError('parameters payload.*: payload set by ~/set_payload; expected '
+            raise InputError('parameters payload.*: payload set by ~/set_payload; '
+                             'expected '
                              "'payload.mass' in the same request")
 
     def update(self, values: Mapping[str, Any], given: Collection[str]) -> None:
-        """Use checked parameters, of which `given` are set, from the next cycle and request on."""
-        before, self.values = self.values, values
+        """Use checked parameters, of which `given` are set, from the next cycle on."""
+        before = self.values
+        self.values = values
         if self.guard is not None:
             self.guard.new_parameters()
         if before['mode'] != values['mode'] and self.path.active_motion.clear():
@@ -250,7 +280,8 @@ class ConfiguredRobot:
         if not np.array_equal(before['gravity'], values['gravity']):
             changes['gravity'] = loads.gravity
         if any(name in given for name in PAYLOAD):
-            changes['payload'], self._payload_from_service = loads.payload, False
+            changes['payload'] = loads.payload
+            self._payload_from_service = False
         self._change(**changes)
 
     def set_payload(self, request: Any) -> None:
@@ -297,6 +328,6 @@ class ConfiguredRobot:
         if self.guard is not None:
             self.guard.publish_loads(self.loads)
         self._server.max_waiting = self.values['simulation.max_waiting']
-        self._server.served = ServedRobot(self._for_requests, self._for_simulations, self.loads,
-                                          self.values, self._request_frames,
+        self._server.served = ServedRobot(self._for_requests, self._for_simulations,
+                                          self.loads, self.values, self._request_frames,
                                           self._bending_for_requests, self.path.measured)

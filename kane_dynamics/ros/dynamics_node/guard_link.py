@@ -1,4 +1,4 @@
-"""The dynamics node's side of torque_guard: who may command, and whether the guard lives."""
+"""The dynamics node's side of torque_guard: who commands, and whether it lives."""
 
 from contextlib import ExitStack
 import time
@@ -6,29 +6,33 @@ import time
 from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
 from kane_dynamics.ros.torque_path.cdr import float64_multi_array
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.guard_messages import (FIELDS, LOADS, loads_to_numbers, LOST,
+from kane_dynamics.ros.torque_path.guard_messages import (FIELDS, LOADS,
+                                                          loads_to_numbers, LOST,
                                                           REQUEST, STATE, STOPPED)
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
-SHARE = 0.75      # of the lease, after which this node may no longer command without a request
+# Of the lease, after which this node may no longer command without a request
+SHARE = 0.75
 PERIODS = 1.5     # the guard takes over after two periods of the states at the earliest
 RELAX = 1.002     # growth of the estimated period for each state
 REPEAT = 0.005    # s between two requests
 ANSWER = 0.05     # s for the answer of a living guard
 STALL = 0.02      # s: of a longer time between two requests, this part was a wait
-DISCOVERY = 3.5   # s after configure for the first heartbeat: Fast DDS may need one of its own
+# S after configure for the first heartbeat: Fast DDS may need one of its own
+DISCOVERY = 3.5
 
 
 class GuardLink:
     """
     Asks torque_guard for `commands` whenever it may have taken over.
 
-    The guard takes over after guard.lease without a command, and after two states without one.
-    Until a part of that time has passed, this node may command without asking; later, and after
-    each activation, it sends a request and is silent until the guard answers that it is silent
-    too. Without a living guard it commands after a short wait.
+    The guard takes over after guard.lease without a command, and after two states
+    without one. Until a part of that time has passed, this node may command without
+    asking; later, and after each activation, it sends a request and is silent until the
+    guard answers that it is silent too. Without a living guard it commands after a short
+    wait.
 
     Parameters
     ----------
@@ -50,19 +54,25 @@ class GuardLink:
                  count: int, digest: float) -> None:
         self._digest = digest
         self._guard = 0.0  # identity of the guard
-        self._path, self._log = path, node.get_logger()
+        self._path = path
+        self._log = node.get_logger()
         self._shortest = SHARE * lease
         self._seen = 0.0  # time of the last heartbeat; 0: none yet
         self._last = 0.0  # time of the last command, s
-        self._arrived, self._period = 0.0, 0.0  # last state; estimate of their period, s; 0: none
+        # Last state; estimate of their period, s; 0: none
+        self._arrived = 0.0
+        self._period = 0.0
         self._asked = False  # whether a request has no answer yet
-        self._sent = self._repeated = 0.0  # first and last time at which it was sent; 0: not yet
+        # First and last time at which it was sent; 0: not yet
+        self._sent = self._repeated = 0.0
         self._waited = 0.0  # s, without stalls of this process
         self._opened = time.perf_counter()
         self.new_parameters()
         self._number = self._configuration
-        self._request, self._state = float64_multi_array(1), float64_multi_array(FIELDS + count)
-        self._requests = node.create_publisher(Float64MultiArray, f'~/{REQUEST}', RELIABLE)
+        self._request = float64_multi_array(1)
+        self._state = float64_multi_array(FIELDS + count)
+        self._requests = node.create_publisher(Float64MultiArray, f'~/{REQUEST}',
+                                               RELIABLE)
         opened.callback(node.destroy_publisher, self._requests)
         self._loads = node.create_publisher(Float64MultiArray, f'~/{LOADS}', LATCHED)
         opened.callback(node.destroy_publisher, self._loads)
@@ -71,7 +81,8 @@ class GuardLink:
 
     def new_parameters(self) -> None:
         """Let the guard read the parameters of this node again, with the next loads."""
-        self._configuration = float(time.time_ns() // 1000)  # exact in a double until 2255
+        # Exact in a double until 2255
+        self._configuration = float(time.time_ns() // 1000)
 
     def publish_loads(self, loads: GravityAndPayload) -> None:
         """Publish gravity and payload for the guard; callable from any thread."""
@@ -84,9 +95,10 @@ class GuardLink:
         silent = time.perf_counter() - self._seen if self._seen else None
         if silent is not None and silent < LOST:
             return ''
-        return ('torque_guard ' + ('not found' if silent is None else f'silent for {silent:.1f} s')
-                + ': the last torque would stay if this node died; start torque_guard, or read in '
-                'its log why it does not guard')
+        return ('torque_guard ' + ('not found' if silent is None
+                                   else f'silent for {silent:.1f} s')
+                + ': the last torque would stay if this node died; start torque_guard, '
+                'or read in its log why it does not guard')
 
     @property
     def overdue(self) -> bool:
@@ -103,7 +115,11 @@ class GuardLink:
         self._ask(time.perf_counter())
 
     def may_command(self, now: float) -> bool:
-        """Return whether this node may command; ask the guard if it may have taken over."""
+        """
+        Return whether this node may command.
+
+        Ask the guard if it may have taken over.
+        """
         if self._arrived:
             gap = now - self._arrived
             self._period = min(gap, RELAX * self._period) if self._period else gap
@@ -134,7 +150,7 @@ class GuardLink:
         self._requests.publish(self._request.serialized())
 
     def confirm(self, now: float) -> bool:
-        """Return whether the computation of the command was not interrupted for too long."""
+        """Return whether computing the command was not interrupted for too long."""
         if now - self._last > self._shortest and self._last - self._seen < LOST:
             self._ask(now)
             return False
@@ -144,7 +160,8 @@ class GuardLink:
         """Return whether the wait for an answer is over; repeat the request."""
         if now > self._opened + DISCOVERY if not self._seen else self._waited > ANSWER:
             self._log.warning('torque_guard does not answer; commanding without it')
-            self._asked, self._last = False, now
+            self._asked = False
+            self._last = now
             return True
         self._send(now)
         return False
@@ -152,15 +169,18 @@ class GuardLink:
     def _ask(self, now: float) -> None:
         self._asked = True
         self._number += 1.0
-        self._sent, self._repeated, self._waited = 0.0, now - REPEAT, 0.0
+        self._sent = 0.0
+        self._repeated = now - REPEAT
+        self._waited = 0.0
         self._send(now)
 
     def _send(self, now: float) -> None:
-        """Send the request, at most once every REPEAT, to a guard whose answer will arrive."""
+        """Send the request, at most once every REPEAT, to a guard that can answer."""
         if not self._seen or now - self._repeated < REPEAT:
             return
         self._waited += min(now - self._repeated, STALL)
-        self._sent, self._repeated = self._sent or now, now
+        self._sent = self._sent or now
+        self._repeated = now
         self._request.numbers[0] = self._number
         self._requests.publish(self._request.serialized())
 
@@ -173,7 +193,8 @@ class GuardLink:
         if guard > self._guard > 0.0 and now - self._seen < LOST:
             return  # of a second guard, which stops when it finds the first one
         self._guard = guard
-        first, self._seen = not self._seen, now
+        first = not self._seen
+        self._seen = now
         if not self._asked:
             return
         if number != self._number:
@@ -182,7 +203,8 @@ class GuardLink:
             return
         silent = now - self._last
         # The guard counts its lease from the request on.
-        self._asked, self._last = False, self._sent
+        self._asked = False
+        self._last = self._sent
         if commanded:
             dropped = self._path.resume(self._state.numbers[FIELDS:].copy())
             if acting:

@@ -1,10 +1,11 @@
 """
 The program `dynamics_node`: entry point, executors, threads, shutdown.
 
-The torque path spins in the main thread on the EventsExecutor, whose overhead for each message is
-an order of magnitude lower than that of the other executors; the services spin in a second thread.
-Signals do not interrupt callbacks, and the node commands zeros before it exits. They are handled
-before the long imports begin, which is why functions import here.
+The torque path spins in the main thread on the EventsExecutor, whose overhead for each
+message is an order of magnitude lower than that of the other executors; the services
+spin in a second thread. Signals do not interrupt callbacks, and the node commands zeros
+before it exits. They are handled before the long imports begin, which is why functions
+import here.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,8 @@ from typing import Any
 
 from kane_dynamics.ros.common.early_signals import exit_on_signal
 
-# Longest time for which another thread holds the interpreter while the torque path waits, s.
+# Longest time for which another thread holds the interpreter while the torque path
+# waits, s.
 SWITCH_INTERVAL = 5e-5
 
 
@@ -22,12 +24,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run `dynamics_node`; return the exit code."""
     exit_on_signal()
     from kane_dynamics.ros.common.program_arguments import Program, run_program
+    to_controller = '-r commands:=/forward_effort_controller/commands'
     program = Program(
         'dynamics_node', 'kane_dynamics',
         'Publish the torques of an arm for each of its joint states.',
         ('--ros-args -p urdf:=arm.urdf -p arm_compensates:=none',
          '--ros-args --params-file arm.yaml',
-         '--ros-args --params-file arm.yaml -r commands:=/forward_effort_controller/commands'))
+         f'--ros-args --params-file arm.yaml {to_controller}'))
     return run_program(program, arguments, run_node)
 
 

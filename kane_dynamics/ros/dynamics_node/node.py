@@ -39,9 +39,9 @@ BACK = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1),
                      on_clock_change=False)
 ACTIVATION_PERIOD = 0.05  # s between two looks at what subscribes to `commands`
 LEAST_WITHOUT_ARM = 0.9  # s between two reports of a node that is not configured
-DEACTIVATED = ('deactivated: {name} subscribes to {topic} and is no simulated robot; expected '
-               'simulated robots alone while activation is simulated. Stop it, or check the '
-               'arm and activate the node again')
+DEACTIVATED = ('deactivated: {name} subscribes to {topic} and is no simulated robot; '
+               'expected simulated robots alone while activation is simulated. Stop it, '
+               'or check the arm and activate the node again')
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
@@ -86,14 +86,16 @@ class DynamicsNode(LifecycleNode):
         self._jumps = self.get_clock().create_jump_callback(
             BACK, post_callback=self._on_jump)  # active while referenced
         self._sim_time = SimTimeWatchdog(self)
-        self.create_subscription(String, 'robot_description', self._on_description, LATCHED)
+        self.create_subscription(String, 'robot_description', self._on_description,
+                                 LATCHED)
         self.server = Services(
             self, self._on_trajectory, self._on_payload,
             lambda reason: self._reject_trajectory('trajectory', reason))
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(ACTIVATION_PERIOD, self._check_activation, clock=self._steady)
         self._reported_at = time.monotonic()
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics',
+                                                  RELIABLE)
         self._timers_of_parameters: list[tuple[Node, Any]] = []  # with their owners
         self._start_timers()
 
@@ -107,7 +109,8 @@ class DynamicsNode(LifecycleNode):
         """Return the label of the lifecycle state."""
         return str(self._state_machine.current_state[1])
 
-    # Start: the URDF becomes known, autostart configures, `activation` decides what follows.
+    # Start: the URDF becomes known, autostart configures, `activation` decides what
+    # follows.
 
     def autostart(self) -> None:
         """Configure once, if autostart is true and the URDF is known, and activate."""
@@ -121,8 +124,9 @@ class DynamicsNode(LifecycleNode):
             self._activate_if_allowed()
             if self._activates_itself:
                 # Scripts search the log for `active`.
-                self.get_logger().info('configured; commands begin once only simulated robots '
-                                       'subscribe to `commands` (activation: simulated)')
+                self.get_logger().info('configured; commands begin once only simulated '
+                                       'robots subscribe to `commands` (activation: '
+                                       'simulated)')
 
     @property
     def _may_autostart(self) -> bool:
@@ -142,9 +146,9 @@ class DynamicsNode(LifecycleNode):
             return self._deactivation_reason()
         if self._activates_itself and self.state == 'inactive':
             reason = not_simulated(self, 'commands') or 'activating'
-            return (f'{reason}; activation is simulated, so the node activates itself for '
-                    'simulated robots only; check the arm, then activate the node, or set '
-                    'activation: at_once')
+            return (f'{reason}; activation is simulated, so the node activates itself '
+                    'for simulated robots only; check the arm, then activate the node, '
+                    'or set activation: at_once')
         if not self._may_autostart:
             return ''
         if self._has_urdf:
@@ -153,13 +157,14 @@ class DynamicsNode(LifecycleNode):
         publishers = self.count_publishers(topic)
         topic_state = 'no publisher'
         if publishers:
-            topic_state = (f'{publishers} publishers, but no message; expected durability '
-                           'transient local')
-        return (f'waiting for a URDF on topic robot_description ({topic}: {topic_state}), '
-                'because the parameters urdf and robot_description are empty')
+            topic_state = (f'{publishers} publishers, but no message; expected '
+                           'durability transient local')
+        return (f'waiting for a URDF on topic robot_description ({topic}: '
+                f'{topic_state}), because the parameters urdf and robot_description are '
+                'empty')
 
     def _check_activation(self) -> None:
-        """Activate the node, or deactivate it when a robot that is not simulated subscribes."""
+        """Activate the node, or deactivate it when a real robot subscribes."""
         self._activate_if_allowed()
         if self._subscriber_watch is None or self._simulated_time:
             return
@@ -181,7 +186,11 @@ class DynamicsNode(LifecycleNode):
             self._subscriber_watch = SubscriberWatch(self, 'commands')
 
     def _real_robot(self) -> str:
-        """Return why `commands` may reach a robot that is not simulated; empty: they cannot."""
+        """
+        Return why `commands` may reach a robot that is not simulated.
+
+        Empty: they cannot.
+        """
         return '' if self._simulated_time else not_simulated(self, 'commands')
 
     def _deactivation_reason(self) -> str:
@@ -204,12 +213,12 @@ class DynamicsNode(LifecycleNode):
         self._description = message.data
         if self.state == 'active':
             self.statistics.rejected['robot_description'] += 1
-            self.get_logger().error('robot_description: changed while the node is active and '
-                                    'ignored; deactivate, clean up and configure the node to '
-                                    'use it')
+            self.get_logger().error('robot_description: changed while the node is '
+                                    'active and ignored; deactivate, clean up and '
+                                    'configure the node to use it')
         elif self.state == 'inactive':
-            self.get_logger().warning('robot_description: changed; clean up and configure '
-                                      'the node to use it')
+            self.get_logger().warning('robot_description: changed; clean up and '
+                                      'configure the node to use it')
         else:
             self.autostart()
 
@@ -245,8 +254,9 @@ class DynamicsNode(LifecycleNode):
                 self.get_logger().warning(contradiction)
         if real_robot and self.arm.guard is None:
             self.get_logger().warning(
-                'active without torque_guard: if this process died, the last torque would stay; '
-                'expected guard.enabled: true and a torque_guard, as the launch file starts them')
+                'active without torque_guard: if this process died, the last torque '
+                'would stay; expected guard.enabled: true and a torque_guard, as the '
+                'launch file starts them')
         return result
 
     def _activation_fault(self) -> str:
@@ -279,8 +289,8 @@ class DynamicsNode(LifecycleNode):
     def halt(self) -> None:
         """Command zeros and wait, with a timeout, until subscribers acknowledge them."""
         if self.arm is not None and not self.arm.halt():
-            self.get_logger().error('commands: zeros not acknowledged by a subscriber within '
-                                    f'{ACKNOWLEDGE_TIMEOUT} s')
+            self.get_logger().error('commands: zeros not acknowledged by a subscriber '
+                                    f'within {ACKNOWLEDGE_TIMEOUT} s')
 
     # What the transitions do.
 
@@ -289,27 +299,31 @@ class DynamicsNode(LifecycleNode):
         began = time.perf_counter()
         source = self._urdf()
         if not source:
-            raise InputError("URDF: none; expected parameter 'robot_description' or 'urdf', or a "
+            raise InputError("URDF: none; expected parameter 'robot_description' or "
+                             "'urdf', or a "
                              'message on topic robot_description')
         log = self.get_logger()
         model = load_model(source, self.values, log.warning)
         self._contradictions = examine_statement(self.values, model)
         self.statistics = Statistics()
-        self.arm = ConfiguredRobot(self, self.server, model, self.values, self.statistics,
-                                   self._warn)
+        self.arm = ConfiguredRobot(self, self.server, model, self.values,
+                                   self.statistics, self._warn)
         realtime.exclude_existing_objects()
         realtime.apply_realtime_settings(self.values, log.warning)
         joints = self.arm.robot.joint_names
         if model.flexible:
             modes = ', '.join(model.coordinate_names[k] for k in model.modal_coordinates)
-            log.info('commands, filled trajectories, ~/inverse_dynamics, observer and payload '
-                     f'estimate include the quasi-static deflection {modes}; other services and '
-                     '~/torque_by_source treat flexible links as rigid')
-        log.info(f'{model.name}: {len(joints)} joints ({", ".join(joints)}), kernels ready in '
-                 f'{time.perf_counter() - began:.2f} s, verified to {self.arm.verified:.1e}')
+            log.info('commands, filled trajectories, ~/inverse_dynamics, observer and '
+                     f'payload estimate include the quasi-static deflection {modes}; '
+                     'other services and ~/torque_by_source treat flexible links as '
+                     'rigid')
+        log.info(f'{model.name}: {len(joints)} joints ({", ".join(joints)}), kernels '
+                 f'ready in {time.perf_counter() - began:.2f} s, verified to '
+                 f'{self.arm.verified:.1e}')
         added = words(self.values['arm_compensates'])
         log.info(f'the arm adds {added} to commanded efforts itself')
-        # Only now, when it is known whether the robot is a simulated one, which may add less.
+        # Only now, when it is known whether the robot is a simulated one, which may add
+        # less.
         report = log.warning if self._real_robot() else log.info
         for contradiction in self._contradictions:
             report(contradiction)
@@ -319,7 +333,8 @@ class DynamicsNode(LifecycleNode):
     def _release(self) -> None:
         """Release the robot and close its topics."""
         realtime.release()
-        arm, self.arm = self.arm, None
+        arm = self.arm
+        self.arm = None
         if arm is not None:
             arm.close()
 
@@ -356,16 +371,22 @@ class DynamicsNode(LifecycleNode):
     def _frozen(self) -> str:
         """Return why only live parameters may change now; empty if all may."""
         return '' if self.state == 'unconfigured' else (
-            f'expected no change while the node is {self.state}; deactivate it and clean up first')
+            f'expected no change while the node is {self.state}; deactivate it and '
+            'clean up first')
 
-    def _check_parameters(self, values: Mapping[str, Any], changed: Collection[str]) -> None:
+    def _check_parameters(self, values: Mapping[str, Any],
+                          changed: Collection[str]) -> None:
         """Raise KaneError unless new parameters fit the robot."""
         if self.arm is not None:
             self.arm.check(values, changed)
 
     def _apply_parameters(self, previous: Mapping[str, Any],
                           changed: Collection[str]) -> None:
-        """Apply checked parameters; cycles run in the same thread and do not interleave."""
+        """
+        Apply checked parameters.
+
+        Cycles run in the same thread and do not interleave.
+        """
         simulated_time = bool(self.get_clock().ros_time_is_active)
         clock_replaced = simulated_time != self._simulated_time
         self._simulated_time = simulated_time
@@ -389,10 +410,10 @@ class DynamicsNode(LifecycleNode):
         """
         Start the timers, or restart them after a change of clock or parameters.
 
-        The watchdog of joint states uses the node's clock if time is simulated, because no
-        state becomes stale while simulated time is paused; a second watchdog then monitors
-        the clock. Otherwise it uses steady time. Diagnostics use steady time in the services'
-        thread, because they take longer than a cycle may wait.
+        The watchdog of joint states uses the node's clock if time is simulated, because
+        no state becomes stale while simulated time is paused; a second watchdog then
+        monitors the clock. Otherwise it uses steady time. Diagnostics use steady time in
+        the services' thread, because they take longer than a cycle may wait.
         """
         for owner, timer in self._timers_of_parameters:
             owner.destroy_timer(timer)
@@ -437,7 +458,9 @@ class DynamicsNode(LifecycleNode):
 
     def _status(self, period: float) -> DiagnosticStatus:
         """Return the diagnostic status of a reporting period, s."""
-        arm, state, waiting_for = self.arm, self.state, self.waiting_for
+        arm = self.arm
+        state = self.state
+        waiting_for = self.waiting_for
         rate, dropped, figures = self.statistics.period(period)
         lost_share = 0.0
         figures['states lost'] = '0'
@@ -447,11 +470,14 @@ class DynamicsNode(LifecycleNode):
         if arm is not None and arm.path.running:
             level, message = active_status(arm, rate, dropped, lost_share)
         elif waiting_for:
-            level, message = WARN, f'{state}: {waiting_for}'
+            level = WARN
+            message = f'{state}: {waiting_for}'
         elif state == 'inactive':
-            level, message = OK, state_in_words(state)
+            level = OK
+            message = state_in_words(state)
         else:
-            level, message = WARN, state_in_words(state)
+            level = WARN
+            message = state_in_words(state)
         if self._sim_time.warning:
             level = max(level, WARN)
             message += f'; {self._sim_time.warning}'
@@ -460,5 +486,5 @@ class DynamicsNode(LifecycleNode):
         if arm is not None:
             figures |= arm_figures(arm, str(self.values['mode']))
             hardware = arm.robot.model.name
-        return status(f'{self.get_fully_qualified_name()}: torques', hardware, level, message,
-                      figures)
+        return status(f'{self.get_fully_qualified_name()}: torques', hardware, level,
+                      message, figures)

@@ -17,8 +17,9 @@ from kane_dynamics.ros.torque_path.torque_path import REFUSED
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 REMINDER = 10.0  # s between two log lines that say what the node waits for
-SEVERAL_STATES = ('publishers on joint_states: expected one with joints of this arm, stop the '
-                  'others (those of other joints, such as of a gripper, may go on)')
+SEVERAL_STATES = ('publishers on joint_states: expected one with joints of this arm, '
+                  'stop the others (those of other joints, such as of a gripper, may go '
+                  'on)')
 # What to do in a lifecycle state without commands.
 REMEDIES = {
     'unconfigured': ': no robot; the log says why, then configure and activate the node',
@@ -34,11 +35,13 @@ DROP_REMEDIES = {
     SINGULAR: 'move the arm away from it, or raise closure.max_conditioning',
     BRANCH: 'compare the constraints file with the arm',
     CONTRADICTION: 'check the encoders, the constraints file and closure.tolerance',
-    UNKNOWN: 'publish all joints, or move the arm to the configuration of the constraints '
+    UNKNOWN: 'publish all joints, or move the arm to the configuration of the '
+    'constraints '
              'file, deactivate and activate the node',
     JUMP: 'check the encoders, the speed limits of the URDF, limits.velocity and '
           'state_check.*',
-    TOO_FAST: 'check the encoders, the speed limits of the URDF and state_check.speed_factor',
+    TOO_FAST: 'check the encoders, the speed limits of the URDF and '
+    'state_check.speed_factor',
     OUTSIDE: 'check units (rad), encoders and the position limits of the URDF',
     REFUSED: 'keep motions away from singular configurations'}
 
@@ -104,22 +107,23 @@ def _path_status(arm: ConfiguredRobot, rate: float) -> tuple[bytes, str]:
     if path.timed_out:
         age = f' for {path.state_age:.2f} s' if path.now else ''
         reaction = 'commanding zeros' if path.last_update else 'no commands yet'
-        return ERROR, (f'no valid joint state{age}: {reaction}; check the driver, its topic '
-                       'and its stamps')
+        return ERROR, (f'no valid joint state{age}: {reaction}; check the driver, its '
+                       'topic and its stamps')
     if path.fault:
-        return ERROR, (f'joint states impossible for {path.state_age:.2f} s: {path.fault}; '
-                       f'{path.reaction}')
+        return ERROR, (f'joint states impossible for {path.state_age:.2f} s: '
+                       f'{path.fault}; {path.reaction}')
     if arm.guard is not None and arm.guard.waiting:
         return WARN, 'active, waiting for torque_guard to hand over `commands`'
     return OK, f'active, {rate:.0f} commands/s'
 
 
-def _warnings(arm: ConfiguredRobot, dropped: Counter[str], lost_share: float) -> list[str]:
+def _warnings(arm: ConfiguredRobot, dropped: Counter[str],
+              lost_share: float) -> list[str]:
     """Return what is wrong beside the torque path itself."""
     warnings = []
     if arm.optional_topics.collision is not None:
-        warnings.append(f"collision at joint '{arm.optional_topics.collision}': check the "
-                        'arm')
+        warnings.append(f"collision at joint '{arm.optional_topics.collision}': check "
+                        'the arm')
     if dropped:
         reasons = []
         for reason in dropped:
@@ -127,9 +131,9 @@ def _warnings(arm: ConfiguredRobot, dropped: Counter[str], lost_share: float) ->
             reasons.append(f'{reason} ({remedy})' if remedy else reason)
         warnings.append(f'{dropped.total()} joint states dropped: {", ".join(reasons)}')
     if lost_share > WARNING_SHARE:
-        warnings.append(f'{lost_share:.0%} of the joint states lost: the node or the network '
-                        'is too slow for their rate; lower it, free a processor, or set '
-                        'realtime.*')
+        warnings.append(f'{lost_share:.0%} of the joint states lost: the node or the '
+                        'network is too slow for their rate; lower it, free a '
+                        'processor, or set realtime.*')
     if arm.state_publishers > 1:
         warnings.append(f'{arm.state_publishers} {SEVERAL_STATES}')
     if arm.parts_of_states:
@@ -144,9 +148,9 @@ def _warnings(arm: ConfiguredRobot, dropped: Counter[str], lost_share: float) ->
 def in_parts(parts: list[tuple[str, ...]]) -> str:
     """Return the warning about joint states that have a part of the joints each."""
     lists = ' and '.join(f'[{", ".join(part)}]' for part in parts)
-    return (f'joint_states: in parts, {lists}, which give no torques; expected all joints of '
-            'the arm in each message, as joint_state_broadcaster or joint_state_publisher '
-            'with source_list publish them')
+    return (f'joint_states: in parts, {lists}, which give no torques; expected all '
+            'joints of the arm in each message, as joint_state_broadcaster or '
+            'joint_state_publisher with source_list publish them')
 
 
 class GraphLog:

@@ -12,8 +12,9 @@ class SimTimeWatchdog:
     """
     Monitors simulated time with the steady clock.
 
-    While simulated time is paused, no message becomes stale. When its publisher disappears, no
-    timeout on simulated time would ever expire; the watchdog then commands zeros.
+    While simulated time is paused, no message becomes stale. When its publisher
+    disappears, no timeout on simulated time would ever expire; the watchdog then
+    commands zeros.
 
     Attributes
     ----------
@@ -30,7 +31,7 @@ class SimTimeWatchdog:
         self.warning = ''
 
     def check(self, path: TorquePath | None) -> None:
-        """Command zeros if the clock has stopped without a publisher and no states arrive."""
+        """Command zeros if the clock has lost its publisher and no states arrive."""
         now = self._time()
         steady = time.perf_counter()
         if now != self._now:
@@ -46,7 +47,8 @@ class SimTimeWatchdog:
 
     def report(self) -> None:
         """Update `warning`."""
-        previous, self._reported = self._reported, self._time()
+        previous = self._reported
+        self._reported = self._time()
         if self._reported != previous:
             self.warning = ''
         elif self._reported:

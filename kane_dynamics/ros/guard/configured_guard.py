@@ -12,8 +12,8 @@ from kane_dynamics.ros.guard.guard_path import GuardPath
 from kane_dynamics.ros.torque_path.cdr import float64_multi_array
 from kane_dynamics.ros.torque_path.closed_loop_reader import commanded_joints
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
-from kane_dynamics.ros.torque_path.guard_messages import (arm_digest, FIELDS, LOST, REQUEST,
-                                                          STATE, STOPPED)
+from kane_dynamics.ros.torque_path.guard_messages import (arm_digest, FIELDS, LOST,
+                                                          REQUEST, STATE, STOPPED)
 from kane_dynamics.ros.torque_path.path_controller import path_controller
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
@@ -43,8 +43,8 @@ class ConfiguredGuard:
     warn : callable
         Called with the reason and the details of each dropped state.
     report : callable
-        Called with level ('error' or 'info') and text of each change between watching and
-        commanding.
+        Called with level ('error' or 'info') and text of each change between watching
+        and commanding.
     identity : float
         Number of this guard, which no other one has.
 
@@ -61,13 +61,16 @@ class ConfiguredGuard:
         self._identity = identity
         controller = path_controller(model, values)
         self.digest = arm_digest(model, controller.robot.options['constraints'])
-        self.robot, self.statistics = controller.robot, Statistics()
+        self.robot = controller.robot
+        self.statistics = Statistics()
         self.verified = max(robot.verify() for robot in (
             self.robot, *([controller.bending.robot] if controller.bending else [])))
         controller.compile()
         self._clock = node.get_clock()
         self._simulated_time = bool(self._clock.ros_time_is_active)
-        self.missed_deadlines, self.node_alive, self._heartbeats = 0, False, 0
+        self.missed_deadlines = 0
+        self.node_alive = False
+        self._heartbeats = 0
         self._message = float64_multi_array(FIELDS + len(commanded_joints(
             self.robot, controller.followed)))
         self._request = float64_multi_array(1)
@@ -85,12 +88,14 @@ class ConfiguredGuard:
             opened.callback(node.destroy_publisher, result)
             return result
 
-        def subscribe(kind: Any, name: str, callback: Any, qos: Any, **options: Any) -> None:
+        def subscribe(kind: Any, name: str, callback: Any, qos: Any,
+                      **options: Any) -> None:
             opened.callback(node.destroy_subscription, node.create_subscription(
                 kind, name, callback, qos, raw=True, **options))
         self._commands = publisher(Float64MultiArray, 'commands')
         self._state = publisher(Float64MultiArray, f'{target}/{STATE}')
-        self.path = GuardPath(controller, self._commands, publisher(JointState, '~/joint_torques'),
+        self.path = GuardPath(controller, self._commands,
+                              publisher(JointState, '~/joint_torques'),
                               self.now, values, self.statistics, warn, report)
         self._report = report
         timer = node.create_timer(values['guard.lease'] / TICKS, self._tick,
@@ -98,7 +103,8 @@ class ConfiguredGuard:
         opened.callback(node.destroy_timer, timer)
         subscribe(JointState, 'joint_states', self.path.on_state, BEST_EFFORT)
         subscribe(JointState, f'{target}/joint_torques', self.path.on_torques,
-                  watched(values['guard.lease'], values['guard.deadline'], watching=True),
+                  watched(values['guard.lease'], values['guard.deadline'],
+                          watching=True),
                   event_callbacks=SubscriptionEventCallbacks(
                       deadline=self._on_deadline, liveliness=self._on_liveliness))
         subscribe(Float64MultiArray, f'{target}/{REQUEST}', self._on_request, RELIABLE)
@@ -108,7 +114,8 @@ class ConfiguredGuard:
         watch = self.path.watch
         watch.tick(time.perf_counter())
         if watch.stopped_for > 0.0:
-            self._report('warning', f'torque_guard did not run for {watch.stopped_for:.2f} s; '
+            self._report('warning',
+                         f'torque_guard did not run for {watch.stopped_for:.2f} s; '
                          f'listening for {LOST:g} s whether another guard holds the arm')
             watch.stopped_for = 0.0
 
@@ -132,8 +139,13 @@ class ConfiguredGuard:
         self.path.watch.known |= self._heartbeats >= HEARTBEATS
 
     def _send(self, number: float, acting: bool) -> None:
-        """Send the state of the guard, as the answer to a request; not while it listens."""
-        watch, now = self.path.watch, time.perf_counter()
+        """
+        Send the state of the guard, as the answer to a request.
+
+        Not while it listens.
+        """
+        watch = self.path.watch
+        now = time.perf_counter()
         watch.tick(now)
         if watch.listens(now):
             return
@@ -175,6 +187,7 @@ class ConfiguredGuard:
         self.path.stop()
         if acting and not self._commands.wait_for_all_acked(
                 Duration(seconds=ACKNOWLEDGE_TIMEOUT)):
-            self._report('error', 'commands: zeros not acknowledged by a subscriber within '
+            self._report('error',
+                         'commands: zeros not acknowledged by a subscriber within '
                          f'{ACKNOWLEDGE_TIMEOUT} s')
         self._opened.close()

@@ -1,4 +1,4 @@
-"""The node torque_guard: follows the configuration of the dynamics node, and guards it."""
+"""The node torque_guard: follows the dynamics node's configuration, and guards it."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,9 +19,11 @@ from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard
 from kane_dynamics.ros.guard.node_parameters import NodeParameters, SHARED, SIMULATED_TIME
 from kane_dynamics.ros.guard.node_watch import NodeWatch
 from kane_dynamics.ros.parameters.parameter_checks import FOREIGN
-from kane_dynamics.ros.torque_path.guard_messages import (arm_digest, FIELDS, HEARTBEAT_PERIOD,
+from kane_dynamics.ros.torque_path.guard_messages import (arm_digest, FIELDS,
+                                                          HEARTBEAT_PERIOD,
                                                           LOADS, loads_from_numbers,
-                                                          LOADS_LENGTH, LOST, NodeLoads, STATE)
+                                                          LOADS_LENGTH, LOST, NodeLoads,
+                                                          STATE)
 import numpy as np
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
@@ -32,10 +34,10 @@ from std_msgs.msg import Float64MultiArray, String
 BACK = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1),
                      on_clock_change=False)
 FIXED = tuple(spec.name for spec in SHARED if not spec.live)
-DIFFERENT = ('{model}: another arm than that of {target}, so this guard does not hold it; '
-             'expected the same URDF, supplement and constraints for both processes')
-ANOTHER = ('another torque_guard guards this arm, so this one commands nothing until that one '
-           'ends; expected one guard for each arm')
+DIFFERENT = ('{model}: another arm than that of {target}, so this guard does not hold '
+             'it; expected the same URDF, supplement and constraints for both processes')
+ANOTHER = ('another torque_guard guards this arm, so this one commands nothing until '
+           'that one ends; expected one guard for each arm')
 PERIOD = 0.02  # s between two checks of the joint states and of the dynamics node
 REMINDER = 10.0  # s between two log lines that say why the guard does not guard
 
@@ -44,9 +46,10 @@ class GuardNode(Node):
     """
     The node `torque_guard`.
 
-    It reads the parameters of the dynamics node whenever ~/loads of that node has a new id, and
-    builds the same robot. While its torque acts, a new configuration waits. It refuses to guard an
-    arm of other equations of motion, and one that another guard guards already.
+    It reads the parameters of the dynamics node whenever ~/loads of that node has a new
+    id, and builds the same robot. While its torque acts, a new configuration waits. It
+    refuses to guard an arm of other equations of motion, and one that another guard
+    guards already.
     """
 
     def __init__(self) -> None:
@@ -55,28 +58,33 @@ class GuardNode(Node):
         self.target = str(self.declare_parameter('node', 'kane_dynamics').value)
         self._warn_of_ignored_parameters()
         self.guard: ConfiguredGuard | None = None
-        self.reason = (f'no message on {self.target}/{LOADS}; expected a configured node with '
-                       'guard.enabled true')
+        self.reason = (f'no message on {self.target}/{LOADS}; expected a configured '
+                       'node with guard.enabled true')
         self.get_logger().info(f'not guarding yet: {self.reason}')
         self._warn = ThrottledWarning(self.get_logger())
         self._description = ''
         self._configuration = 0.0
         self._loads: NodeLoads | None = None
         self.refused = False  # whether this guard refuses to guard
-        # The start, on a clock that is never set back; microseconds are exact in a double.
+        # The start, on a clock that is never set back; microseconds are exact in a
+        # double.
         self._identity = float(time.monotonic_ns() // 1000)
         self._other_heard = -LOST  # time of the last message of another guard, s
-        self._others_listed = 0.0  # since when the graph lists other guards, s; 0: it lists none
+        # Since when the graph lists other guards, s; 0: it lists none
+        self._others_listed = 0.0
         self._values: Mapping[str, Any] = {}
         self._next: Mapping[str, Any] | None = None  # parameters that wait
         self._source = NodeParameters(self, self.target, self._on_parameters)
-        self._jumps = self.get_clock().create_jump_callback(BACK, post_callback=self._on_jump)
-        self.create_subscription(String, 'robot_description', self._on_description, LATCHED)
-        self.create_subscription(Float64MultiArray, f'{self.target}/{LOADS}', self._on_loads,
+        self._jumps = self.get_clock().create_jump_callback(BACK,
+                                                            post_callback=self._on_jump)
+        self.create_subscription(String, 'robot_description', self._on_description,
                                  LATCHED)
+        self.create_subscription(Float64MultiArray, f'{self.target}/{LOADS}',
+                                 self._on_loads, LATCHED)
         self.create_subscription(Float64MultiArray, f'{self.target}/{STATE}',
                                  self._on_guard_state, RELIABLE)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics',
+                                                  RELIABLE)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._reported = self._reminded = time.monotonic()
         self.create_timer(HEARTBEAT_PERIOD, self._heartbeat, clock=steady)
@@ -89,7 +97,8 @@ class GuardNode(Node):
                    if name != 'node' and name.partition('.')[0] not in FOREIGN]
         if ignored:
             self.get_logger().warning(
-                f'parameters {listed(ignored)}: ignored, since the guard reads them from '
+                f'parameters {listed(ignored)}: ignored, since the guard reads them '
+                'from '
                 f"{self.target}; expected 'node' alone")
 
     def _on_description(self, message: String) -> None:
@@ -101,8 +110,9 @@ class GuardNode(Node):
     def _on_loads(self, message: Float64MultiArray) -> None:
         """Use gravity and payload; read the parameters if their id is new."""
         if len(message.data) != LOADS_LENGTH:
-            self._warn(LOADS, f'{len(message.data)} numbers; expected {LOADS_LENGTH}, from a node '
-                       'of the same version')
+            self._warn(LOADS,
+                       f'{len(message.data)} numbers; expected {LOADS_LENGTH}, from a '
+                       'node of the same version')
             return
         self._loads = loads_from_numbers(np.array(message.data))
         if self._loads.configuration != self._configuration:
@@ -115,21 +125,23 @@ class GuardNode(Node):
         """Stop guarding if another guard is to guard the same arm."""
         if len(message.data) < FIELDS or message.data[FIELDS - 1] == self._identity:
             return  # of this guard
-        if self.guard is not None and not self._yields(self.guard.path.watch, message.data):
+        if self.guard is not None and not self._yields(self.guard.path.watch,
+                                                       message.data):
             return  # the other one stops
         self._other_heard = time.monotonic()
         if self.guard is not None:
             self._refuse(ANOTHER)
             self._next = self._next or self._values
-            guard, self.guard = self.guard, None
+            guard = self.guard
+            self.guard = None
             guard.abandon()
 
     def _yields(self, watch: NodeWatch, state: Sequence[float]) -> bool:
         """
         Return whether this guard yields to another one, which sends its state.
 
-        A guard that was stopped yields to any other, then one without a torque of its own yields
-        to one that holds the arm, then the younger one yields.
+        A guard that was stopped yields to any other, then one without a torque of its
+        own yields to one that holds the arm, then the younger one yields.
         """
         now = time.perf_counter()
         watch.tick(now)
@@ -157,7 +169,8 @@ class GuardNode(Node):
 
     def _refuse(self, reason: str) -> None:
         """Report that this guard does not guard."""
-        self.refused, self.reason = True, reason
+        self.refused = True
+        self.reason = reason
         self._reminded = time.monotonic()
         self.get_logger().error(reason)
 
@@ -166,29 +179,38 @@ class GuardNode(Node):
         self._check()
 
     def _check(self) -> None:
-        """Apply a waiting configuration, unless the guard commands; check the joint states."""
+        """
+        Apply a waiting configuration, unless the guard commands.
+
+        Check the joint states.
+        """
         self._source.poll()
         if self.guard is not None:
             self.guard.path.check_timeout()
         holding = self.guard is not None and self.guard.path.watch.holding
-        if self._next is not None and not holding and (self.guard or not self._other_guards()):
-            values, self._next = self._next, None
+        if self._next is not None and not holding and (self.guard or
+                                                       not self._other_guards()):
+            values = self._next
+            self._next = None
             try:
                 self._configure(values)
             except Exception as error:
-                kind = '' if isinstance(error, KaneError) else f'{type(error).__name__}: '
+                kind = '' if isinstance(error,
+                                        KaneError) else f'{type(error).__name__}: '
                 self._refuse(f'not configured: {kind}{error}')
                 self.close()
 
     def _configure(self, values: Mapping[str, Any]) -> None:
         """Build the robot if it changed, and use the parameters."""
-        before, self._values = self._values, values
+        before = self._values
+        self._values = values
         simulated = values[SIMULATED_TIME]
         if self.get_parameter(SIMULATED_TIME).value != simulated:
             self.set_parameters([Parameter(SIMULATED_TIME, value=simulated)])
         digest = None if self._loads is None else self._loads.digest
         same = self.guard is not None and self.guard.digest == digest and all(
-            np.array_equal(before[name], values[name]) for name in (*FIXED, SIMULATED_TIME))
+            np.array_equal(before[name], values[name])
+            for name in (*FIXED, SIMULATED_TIME))
         if not same:
             self.close()
             self._build(values)
@@ -199,13 +221,16 @@ class GuardNode(Node):
 
     def _build(self, values: Mapping[str, Any]) -> None:
         """Compile the robot and open the topics; `reason` says why not."""
-        began, log = time.perf_counter(), self.get_logger()
+        began = time.perf_counter()
+        log = self.get_logger()
         source: str | Path = values['robot_description'] or (
-            resolve_path('urdf', values['urdf']) if values['urdf'] else self._description)
+            resolve_path('urdf', values['urdf']) if values['urdf']
+            else self._description)
         self.refused = False
         self.reason = ('guard.enabled of the dynamics node is false; expected true'
                        if not values['guard.enabled'] else
-                       'waiting for a URDF on topic robot_description' if not source else '')
+                       'waiting for a URDF on topic robot_description' if not source
+                       else '')
         if self.reason:
             log.warning(self.reason)
             return
@@ -214,12 +239,13 @@ class GuardNode(Node):
         if self._loads is not None and digest != self._loads.digest:
             self._refuse(DIFFERENT.format(model=model.name, target=self.target))
             return
-        self.guard = ConfiguredGuard(self, self.target, model, values, self._warn, self._report,
-                                     self._identity)
+        self.guard = ConfiguredGuard(self, self.target, model, values, self._warn,
+                                     self._report, self._identity)
         realtime.exclude_existing_objects()
         realtime.apply_realtime_settings(values, log.warning)
         log.info(f'{model.name}: watching {self.target}, kernels ready in '
-                 f'{time.perf_counter() - began:.2f} s, verified to {self.guard.verified:.1e}')
+                 f'{time.perf_counter() - began:.2f} s, verified to '
+                 f'{self.guard.verified:.1e}')
         self.guard.send_heartbeat()
 
     def _report(self, level: str, text: str) -> None:
@@ -229,7 +255,8 @@ class GuardNode(Node):
     def close(self) -> None:
         """Close the topics; command zeros first if the guard commands."""
         realtime.release()
-        guard, self.guard = self.guard, None
+        guard = self.guard
+        self.guard = None
         if guard is not None:
             guard.close()
 
@@ -246,7 +273,8 @@ class GuardNode(Node):
             self._reminded = now
             self.get_logger().warning(f'not guarding: {self.reason}')
         period = now - self._reported
-        if period < 1.0 / self._values.get('diagnostics_rate', 1.0) - 0.5 * HEARTBEAT_PERIOD:
+        if period < 1.0 / self._values.get('diagnostics_rate',
+                                           1.0) - 0.5 * HEARTBEAT_PERIOD:
             return
         self._reported = now
         message = DiagnosticArray(status=[self._status(period)])
@@ -262,7 +290,8 @@ class GuardNode(Node):
             level = DiagnosticStatus.ERROR if self.refused else DiagnosticStatus.WARN
             return status(name, '', level, self.reason, {})
         watch = guard.path.watch
-        level, message = DiagnosticStatus.OK, f'watching {self.target}'
+        level = DiagnosticStatus.OK
+        message = f'watching {self.target}'
         if watch.acting:
             level = DiagnosticStatus.ERROR
             silent = time.perf_counter() - watch.waiting_since

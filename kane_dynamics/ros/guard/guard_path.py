@@ -25,8 +25,8 @@ def guard_settings(values: Mapping[str, Any], controller: Controller) -> dict[st
     """
     Return the settings of the guard's Controller.
 
-    Computed torque without position gain at zero desired speed is gravity, Coriolis force, and
-    damping by the inertia: M(q) (-kd u) + h(q, u).
+    Computed torque without position gain at zero desired speed is gravity, Coriolis
+    force, and damping by the inertia: M(q) (-kd u) + h(q, u).
     """
     joints = controller.robot.joint_names
     follow = [joints.index(name) for name in controller.followed]
@@ -40,10 +40,10 @@ class GuardPath(TorquePath):
     """
     Commands while the guard acts, and otherwise only checks the joint states.
 
-    The torque is h(q, u) - M(q) (damping u), scaled by guard.action. The difference from the last
-    torque of the node fades out during guard.ramp, or during the longer time that a joint needs
-    within its rate limit: joints that were limited one by one would throw lighter ones about.
-    Then the limits of the node apply.
+    The torque is h(q, u) - M(q) (damping u), scaled by guard.action. The difference from
+    the last torque of the node fades out during guard.ramp, or during the longer time
+    that a joint needs within its rate limit: joints that were limited one by one would
+    throw lighter ones about. Then the limits of the node apply.
 
     Parameters
     ----------
@@ -58,25 +58,33 @@ class GuardPath(TorquePath):
     warn : callable
         As for TorquePath.
     report : callable
-        Called with level ('error' or 'info') and text of each change between watching and
-        commanding.
+        Called with level ('error' or 'info') and text of each change between watching
+        and commanding.
 
     """
 
     def __init__(self, controller: Controller, commands: Publisher, torques: Publisher,
-                 now: Callable[[], int], values: Mapping[str, Any], statistics: Statistics,
-                 warn: Callable[[str, str], None], report: Callable[[str, str], None]) -> None:
+                 now: Callable[[], int], values: Mapping[str, Any],
+                 statistics: Statistics,
+                 warn: Callable[[str, str], None],
+                 report: Callable[[str, str], None]) -> None:
         super().__init__(
             controller, commands, torques, now, values, statistics, warn,
             loops=closed_loop_reader(controller, values),
-            report_fault=lambda reason, detail: report('error', f'joint states: {detail}'))
+            report_fault=lambda reason, detail: report('error',
+                                                       f'joint states: {detail}'))
         joints = self.messages.joints
         self.watch = NodeWatch(values['guard.lease'], len(joints))
         self.arbiter = self.watch
-        self._report, self._pending_report = report, ''
+        self._report = report
+        self._pending_report = ''
         self._node_torques = joint_state_of_efforts(joints)
-        self._takeovers, self._took_over = 0, 0  # those begun; stamp of the last one, ns
-        self._offset, self._ramp = np.zeros(controller.robot.n_q), 0.0  # N m; s
+        # Those begun; stamp of the last one, ns
+        self._takeovers = 0
+        self._took_over = 0
+        # N m; s
+        self._offset = np.zeros(controller.robot.n_q)
+        self._ramp = 0.0
         self.update(values)
 
     def update(self, values: Mapping[str, Any]) -> None:
@@ -97,19 +105,23 @@ class GuardPath(TorquePath):
         super().on_state(data)
         self.commanding &= self.watch.acting
         if self._pending_report:  # after the command, which must not wait for the log
-            text, self._pending_report = self._pending_report, ''
+            text = self._pending_report
+            self._pending_report = ''
             self._report('error', text)
 
     def _command(self, stamp: int, motion: Motion | None, moment: float,
                  external: Array | None) -> Command:
         """Return the guard's torques at the latest state."""
-        controller, reader, values = self.controller, self._reader, self._values
+        controller = self.controller
+        reader = self._reader
+        values = self._values
         mode = Mode.COMPUTED_TORQUE if reader.has_velocity else Mode.GRAVITY_COMPENSATION
         if controller.mode is not mode:
             controller.update(mode=mode)
         continues = self._takeovers == self.watch.takeovers
         if not continues:
-            self._takeovers, self._took_over = self.watch.takeovers, stamp
+            self._takeovers = self.watch.takeovers
+            self._took_over = stamp
         elapsed = max(stamp - self._took_over, 0) / NANO
         tau = controller.torque(reader.q, reader.u, None, 0.0)
         faded = min(elapsed / values['guard.fade'], 1.0)
@@ -121,9 +133,11 @@ class GuardPath(TorquePath):
             self._offset = self.messages.of_all(self.watch.torque) - tau
             rate = controller.rate_limit
             self._ramp = max(values['guard.ramp'], *np.divide(
-                np.abs(self._offset), rate, out=np.zeros(len(rate)), where=rate > 0.0).tolist())
+                np.abs(self._offset), rate, out=np.zeros(len(rate)), where=rate
+                > 0.0).tolist())
             self.resume(self.watch.torque)
-            self._pending_report = (f'no command for {self.watch.silent_for * 1e3:.1f} ms: '
+            self._pending_report = (f'no command for {self.watch.silent_for * 1e3:.1f} '
+                                    'ms: '
                                     f"commanding '{values['guard.action']}'")
         if elapsed < self._ramp:
             tau = tau + (1.0 - elapsed / self._ramp) * self._offset
@@ -133,17 +147,21 @@ class GuardPath(TorquePath):
         """Note a command of the node, a serialized JointState."""
         if not self._node_torques.read(data):
             self._warn('joint_torques', f'{len(data)} bytes; expected '
-                       f'{self._node_torques.bytes.size}, with the joints of the parameters')
+                       f'{self._node_torques.bytes.size}, with the joints of the '
+                       'parameters')
             return
         sec, nanosec = STAMP.unpack_from(data, STAMP_AT)
-        torque, now = self._node_torques.numbers.copy(), time.perf_counter()
+        torque = self._node_torques.numbers.copy()
+        now = time.perf_counter()
         if self.watch.acting:
-            if 0 < sec * NANO + nanosec <= self._took_over:  # computed before the node hung
+            # Computed before the node hung
+            if 0 < sec * NANO + nanosec <= self._took_over:
                 return
             if not torque.any():
                 self.on_stopped()
                 return
-            self._report('info', 'the dynamics node commands without a request; watching it')
+            self._report('info',
+                         'the dynamics node commands without a request; watching it')
         self.commanding = False
         if self.fault and torque.any() and not self.watch.armed:
             self._forget_states()  # the node was activated again and accepts the states
@@ -157,24 +175,28 @@ class GuardPath(TorquePath):
             self.command_zeros()
             self._report('info', 'the dynamics node commands zeros; watching it')
         self.commanding = False
-        self.watch.note_node_command(np.zeros(len(self.messages.joints)), time.perf_counter())
+        self.watch.note_node_command(np.zeros(len(self.messages.joints)),
+                                     time.perf_counter())
 
     def hand_over(self) -> bool:
         """Stop commanding; return whether the guard commanded."""
-        acted, self.commanding = self.watch.acting, False
+        acted = self.watch.acting
+        self.commanding = False
         self.watch.wait_for_node(time.perf_counter())
         return acted
 
     def check_timeout(self) -> None:
-        """Start to command if states are stale or impossible and the node does not react."""
+        """Command if states are stale or impossible and the node does not react."""
         if self.watch.acting:
             super().check_timeout()
             return
-        now, late = time.perf_counter(), LATE * self._timeout
+        now = time.perf_counter()
+        late = LATE * self._timeout
         if self.watch.may_take_over(now):
             if self._now() - self._last_heard > late:
                 self.watch.take_over(now)
-                self._takeovers, self._took_over = self.watch.takeovers, self._now()
+                self._takeovers = self.watch.takeovers
+                self._took_over = self._now()
                 self.commanding = True
                 self.time_out('and no zeros from the dynamics node')
             elif self.fault and now - self.watch.waiting_since > late / NANO:
@@ -186,7 +208,8 @@ class GuardPath(TorquePath):
         self._took_over = self._now()
         self.resume(self.watch.torque)
         self.controller.resume(self._last_heard / NANO, self.messages.last)
-        self._report('error', f'no command for {self.watch.silent_for * 1e3:.1f} ms, and joint '
+        self._report('error',
+                     f'no command for {self.watch.silent_for * 1e3:.1f} ms, and joint '
                      f'states are impossible ({self.fault}): {self.reaction}')
 
     def command_zeros(self) -> None:

@@ -17,7 +17,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from kane_dynamics.ros.common.program_arguments import Program, run_program
     program = Program(
         'torque_guard', 'torque_guard',
-        'Hold the arm when its dynamics node dies or hangs; all settings are those of that node.',
+        'Hold the arm when its dynamics node dies or hangs; all settings are those of '
+        'that node.',
         ('--ros-args', '--ros-args -p node:=kane_dynamics -r __ns:=/left',
          '--ros-args -r commands:=/forward_effort_controller/commands'))
     return run_program(program, arguments, run_guard)

@@ -9,7 +9,8 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
-UNUSED = ('efforts', 'imu', 'observer', 'estimator', 'explanation', 'trajectory', 'simulation')
+UNUSED = ('efforts', 'imu', 'observer', 'estimator', 'explanation', 'trajectory',
+          'simulation')
 SHARED = tuple(spec for spec in SPECS if spec.name.partition('.')[0] not in UNUSED)
 SIMULATED_TIME = 'use_sim_time'
 NAMES = (*(spec.name for spec in SHARED), SIMULATED_TIME)
@@ -26,12 +27,13 @@ class NodeParameters:
     target : str
         Name of the dynamics node.
     use : callable
-        Called with the checked values by name, including `use_sim_time`; frame names include the
-        prefix. An InputError of a value is passed on to the executor.
+        Called with the checked values by name, including `use_sim_time`; frame names
+        include the prefix. An InputError of a value is passed on to the executor.
 
     """
 
-    def __init__(self, node: Node, target: str, use: Callable[[Mapping[str, Any]], None]) -> None:
+    def __init__(self, node: Node, target: str,
+                 use: Callable[[Mapping[str, Any]], None]) -> None:
         self._client = node.create_client(GetParameters, f'{target}/get_parameters')
         self._use = use
         self._wanted = False

@@ -7,20 +7,23 @@ from kane_dynamics.ros.torque_path.guard_messages import LOST
 import numpy as np
 
 UNANSWERED = 2      # states without a command before a takeover: one may be lost
-OWN_STALL = 0.03    # s; after a longer stall of the guard the node may have given up on it
-SHARE = 0.9         # of the lease, after which a loss of liveliness counts; DDS rounds down
+# S; after a longer stall of the guard the node may have given up on it
+OWN_STALL = 0.03
+# Of the lease, after which a loss of liveliness counts; DDS rounds down
+SHARE = 0.9
 
 
 class NodeWatch:
     """
     Decides which process commands; an `Arbiter` of the torque path.
 
-    The guard takes over if torques act, `lease` has passed since the last command of the node, and
-    two valid states were received since then. All times are of `time.perf_counter`, s.
+    The guard takes over if torques act, `lease` has passed since the last command of the
+    node, and two valid states were received since then. All times are of
+    `time.perf_counter`, s.
 
-    A guard that was stopped for longer than `LOST` counted as dead meanwhile, and another guard
-    may hold the arm now, from torques that this one does not know. It therefore listens for
-    `LOST`, silently, before it takes over again.
+    A guard that was stopped for longer than `LOST` counted as dead meanwhile, and
+    another guard may hold the arm now, from torques that this one does not know. It
+    therefore listens for `LOST`, silently, before it takes over again.
 
     Parameters
     ----------
@@ -76,26 +79,36 @@ class NodeWatch:
 
     def note(self, torque: Array, own: bool) -> None:
         """Note a command of the node or of the guard."""
-        self.torque, self.armed, self.commanded_last = torque, bool(torque.any()), own
+        self.torque = torque
+        self.armed = bool(torque.any())
+        self.commanded_last = own
 
     def wait_for_node(self, now: float) -> None:
         """Let the node command; wait for its next command as if it had sent one now."""
-        self.acting, self._unanswered, self.waiting_since = False, 0, now
+        self.acting = False
+        self._unanswered = 0
+        self.waiting_since = now
 
     def tick(self, now: float) -> None:
-        """Note that the guard runs, several times in a lease; after a stall of its own, wait."""
-        stall, self._alive = now - self._alive, now
+        """
+        Note that the guard runs, several times in a lease.
+
+        After a stall of its own, wait.
+        """
+        stall = now - self._alive
+        self._alive = now
         if stall > (OWN_STALL if self.acting else self._lease):
             self.wait_for_node(now)  # messages of the node may still be in the queue
         if stall > LOST:
-            self.stopped_for, self._listens_until = stall, now + LOST
+            self.stopped_for = stall
+            self._listens_until = now + LOST
 
     def listens(self, now: float) -> bool:
         """Return whether this guard was stopped and still listens for another one."""
         return now < self._listens_until
 
     def may_take_over(self, now: float) -> bool:
-        """Return whether there is a torque to hold, and no other guard that may hold it."""
+        """Return whether there is a torque to hold that no other guard may hold."""
         return self.armed and self.known and not self.acting and not self.listens(now)
 
     def may_command(self, now: float) -> bool:
@@ -124,9 +137,10 @@ class NodeWatch:
 
     def check(self, now: float, lost: bool = False) -> None:
         """
-        Start to command if the lease has expired, states are not answered and torques act.
+        Command if the lease has expired, states are not answered and torques act.
 
-        `lost` says that DDS reports the loss of liveliness, with its own measure of the lease.
+        `lost` says that DDS reports the loss of liveliness, with its own measure of the
+        lease.
         """
         lease = SHARE * self._lease if lost else self._lease
         expired = now - self.waiting_since > lease and self._unanswered >= UNANSWERED
@@ -135,5 +149,6 @@ class NodeWatch:
 
     def take_over(self, now: float) -> None:
         """Command from the next state on."""
-        self.acting, self.silent_for = True, now - self.waiting_since
+        self.acting = True
+        self.silent_for = now - self.waiting_since
         self.takeovers += 1

@@ -24,8 +24,8 @@ def stated_efforts(values: Mapping[str, Any], robot: Robot) -> Efforts:
     Raises
     ------
     InputError
-        They do not fit each other or the robot, or efforts are external torques, which observer
-        and estimator cannot use.
+        They do not fit each other or the robot, or efforts are external torques, which
+        observer and estimator cannot use.
 
     """
     constants = values['efforts.constants']
@@ -37,12 +37,13 @@ def stated_efforts(values: Mapping[str, Any], robot: Robot) -> Efforts:
     if values['observer.torque'] == 'command':
         return efforts  # not used
     if efforts.kind is EffortKind.EXTERNAL_TORQUE:
-        raise InputError("parameter 'efforts.kind': external_torque, which observer and estimator "
-                         'would have to find; expected the torque of the arm itself, or '
+        raise InputError("parameter 'efforts.kind': external_torque, which observer and "
+                         'estimator would have to find; expected the torque of the arm '
+                         'itself, or '
                          "observer.torque 'command'")
     if robot.constraint_names and not efforts.plain:
-        raise InputError(f"parameters 'efforts.*': {efforts}, of an arm with closed loops; "
-                         'expected motor torques with gravity')
+        raise InputError(f"parameters 'efforts.*': {efforts}, of an arm with closed "
+                         'loops; expected motor torques with gravity')
     per_joint(values, 'efforts.constants', robot.joint_names, 1.0)
     return efforts
 
@@ -51,12 +52,13 @@ class AppliedTorque:
     """
     Determines the torque that acts on the joints.
 
-    Parameter `observer.torque` selects the effort of the joint states, converted by its meaning
-    (efforts.*) and compared with the model once at rest, or the command of the node plus the terms
-    that the arm adds itself (arm_compensates).
+    Parameter `observer.torque` selects the effort of the joint states, converted by its
+    meaning (efforts.*) and compared with the model once at rest, or the command of the
+    node plus the terms that the arm adds itself (arm_compensates).
 
-    Of an arm with beams it is the torque on the rigid model: without what the quasi-static
-    deflection at the measured state, without acceleration, adds to its inverse dynamics.
+    Of an arm with beams it is the torque on the rigid model: without what the
+    quasi-static deflection at the measured state, without acceleration, adds to its
+    inverse dynamics.
 
     Parameters
     ----------
@@ -65,8 +67,8 @@ class AppliedTorque:
     values : mapping
         The node's parameters.
     reject : callable
-        Called with the reason and the details of each state without velocities, or without the
-        effort that `observer.torque` requires.
+        Called with the reason and the details of each state without velocities, or
+        without the effort that `observer.torque` requires.
     bending : QuasiStatic, optional
         The flexible arm of which `robot` is the rigid model.
 
@@ -81,7 +83,9 @@ class AppliedTorque:
                  reject: Callable[[str, str], None],
                  bending: QuasiStatic | None = None) -> None:
         self._bending = bending
-        self._robot, self._reject, self._zero = robot, reject, np.zeros(robot.n)
+        self._robot = robot
+        self._reject = reject
+        self._zero = np.zeros(robot.n)
         self._actuated = list(commanded_joints(robot, robot.speed_names)) if (
             robot.constraint_names) else None
         self.measured = False
@@ -108,11 +112,13 @@ class AppliedTorque:
         """
         state = cycle.state
         if not state.has_velocity:
-            self._reject('no velocity', 'joint states without velocities; the observer needs them')
+            self._reject('no velocity',
+                         'joint states without velocities; the observer needs them')
             return None
         self.measured = self._source != 'command' and state.has_effort
         if self._source == 'effort' and not self.measured:
-            self._reject('no effort', 'joint states without a finite effort for each joint; '
+            self._reject('no effort',
+                         'joint states without a finite effort for each joint; '
                          "observer.torque is 'effort'")
             return None
         torque = self._converted(state) if self.measured else cycle.tau
@@ -124,7 +130,8 @@ class AppliedTorque:
                 torque = torque + self._arm_terms @ source.torque_terms(state.q, state.u,
                                                                         self._zero)
             if self._bending is not None:
-                torque = torque - self._deflection_torque(self._bending, state.q, state.u)
+                torque = torque - self._deflection_torque(self._bending, state.q,
+                                                          state.u)
         except KaneError as error:  # no equilibrium, or loops that do not close
             if self._bending is None:
                 raise
@@ -133,8 +140,14 @@ class AppliedTorque:
         return torque if cycle.external is None else torque + cycle.external
 
     def _converted(self, state: Any) -> Array:
-        """Return the measured torques; compare them with the weight, the first time at rest."""
-        efforts, effort, q = self._efforts, state.effort, state.q
+        """
+        Return the measured torques.
+
+        Compare them with the weight, the first time at rest.
+        """
+        efforts = self._efforts
+        effort = state.effort
+        q = state.q
         at_rest = np.abs(state.u).max(initial=0.0) < AT_REST
         if not self._compared and at_rest and effort.any() and self._actuated is None:
             self._compared = True
@@ -146,13 +159,13 @@ class AppliedTorque:
         return torque
 
     def _deflection_torque(self, bending: QuasiStatic, q: Array, u: Array) -> Array:
-        """Return what the deflection adds to the torque of a motion without acceleration."""
+        """Return what the deflection adds to the torque without acceleration."""
         flexible, rigid = (each.inverse_dynamics(q, u, self._zero)
                            for each in (bending, self._robot))
         return np.asarray(flexible - rigid)
 
     def _generalized(self, torque: Array, q: Array) -> Array:
-        """Return the generalized force, (n,), of all torques or of those of the actuators."""
+        """Return the generalized force, (n,), of all torques or of the actuators'."""
         whole = torque
         if self.measured:
             whole = np.zeros(len(q))

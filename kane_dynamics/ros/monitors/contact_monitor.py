@@ -22,12 +22,13 @@ from std_msgs.msg import Bool
 
 DAMPING = 0.05  # m, of the wrench: estimated torques are noisy, and divided by it
 OBSERVED_BENDING = 'quasi-static deflection at the measured state, not of acceleration and contact'
-UNCALIBRATED = ('observer.threshold: empty, so ~/collision stays silent; expected thresholds, as '
-                'of `kane-dynamics collision-thresholds` for a recording without contact')
+UNCALIBRATED = ('observer.threshold: empty, so ~/collision stays silent; expected '
+                'thresholds, as of `kane-dynamics collision-thresholds` for a recording '
+                'without contact')
 
 
 class ContactPublishers(NamedTuple):
-    """Publishers of external torques and wrench (serialized messages), and of the flag."""
+    """Publishers of external torques and wrench, serialized, and of the flag."""
 
     torques: Publisher
     wrench: Publisher
@@ -38,7 +39,8 @@ def observer_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]
     """
     Return the settings of momentum observer and collision detector.
 
-    The thresholds are infinite if none are set. Raise InputError if a list has the wrong length.
+    The thresholds are infinite if none are set. Raise InputError if a list has the wrong
+    length.
     """
     joints = robot.speed_names  # all joints, or with closed loops the independent ones
     return {'gain': per_joint(values, 'observer.gain', joints, 0.0),
@@ -48,22 +50,33 @@ def observer_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]
 
 
 def friction_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
-    """Return the arguments of `FrictionError`; raise InputError if a list has a wrong length."""
+    """
+    Return the arguments of `FrictionError`.
+
+    Raise InputError if a list has a wrong length.
+    """
     joints = robot.speed_names
     settings: dict[str, Any] = {
         name: per_joint(values, f'observer.friction.{name}', joints, 0.0)
         for name in ('coulomb', 'damping', 'offset')}
-    settings['friction_speed'] = per_joint(values, 'observer.friction.speed', joints, 0.0)
+    settings['friction_speed'] = per_joint(values, 'observer.friction.speed', joints,
+                                           0.0)
     threshold = per_joint(values, 'observer.threshold', joints, np.inf)
-    # Without thresholds nothing tells contact from friction: the friction stays as stated.
+    # Without thresholds nothing tells contact from friction: the friction stays as
+    # stated.
     calibrated = bool(np.isfinite(threshold).all())
     settings['memory'] = values['observer.friction.memory'] if calibrated else np.inf
     return settings | {'largest': threshold}
 
 
 def observed_frame(values: Mapping[str, Any], model: Model) -> str:
-    """Return the frame of the estimated wrench: observer.frame, else tip, else the last link."""
-    return str(values['observer.frame'] or (values['tip'] and values['prefix'] + values['tip'])
+    """
+    Return the frame of the estimated wrench.
+
+    It is observer.frame, else tip, else the last link.
+    """
+    return str(values['observer.frame'] or (values['tip'] and values['prefix']
+                                            + values['tip'])
                or model.bodies[-1].name)
 
 
@@ -77,8 +90,8 @@ class ContactMonitor:
     """
     Estimates external torques, detects collisions, and publishes both.
 
-    Wrenches on `~/wrench` are known and not part of the estimate. With closed loops the torques
-    are the generalized forces of the independent joints.
+    Wrenches on `~/wrench` are known and not part of the estimate. With closed loops the
+    torques are the generalized forces of the independent joints.
 
     Parameters
     ----------
@@ -89,7 +102,8 @@ class ContactMonitor:
     publishers : ContactPublishers
     log : rcutils logger
     reject : callable
-        Called with the reason and the details of each state that the observer cannot use.
+        Called with the reason and the details of each state that the observer cannot
+        use.
     bending : QuasiStatic, optional
         The flexible arm of which `robot` is the rigid model.
 
@@ -100,13 +114,18 @@ class ContactMonitor:
 
     """
 
-    def __init__(self, robot: Robot, values: Mapping[str, Any], publishers: ContactPublishers,
+    def __init__(self, robot: Robot, values: Mapping[str, Any],
+                 publishers: ContactPublishers,
                  log: Any, reject: Callable[[str, str], None],
                  bending: QuasiStatic | None = None) -> None:
-        self._robot, self._publishers, self._log, self._reject = robot, publishers, log, reject
+        self._robot = robot
+        self._publishers = publishers
+        self._log = log
+        self._reject = reject
         self.collisions: Counter[str] = Counter()  # by joint
         self._bending = bending
-        joints, given = robot.speed_names, observer_settings(values, robot)
+        joints = robot.speed_names
+        given = observer_settings(values, robot)
         robot.compile(*OBSERVED)
         self._applied_torque = AppliedTorque(robot, values, reject, bending)
         self._observer = MomentumObserver(robot, gain=given.pop('gain'))
@@ -129,7 +148,8 @@ class ContactMonitor:
         self._observer.tune(given.pop('gain'), values['state_timeout'])
         self.detector.tune(**given)
         self._thresholds = given['threshold']
-        was_silent, self._silent = self._silent, not values['observer.threshold'].size
+        was_silent = self._silent
+        self._silent = not values['observer.threshold'].size
         if self._silent and not was_silent:
             self._log.warning(UNCALIBRATED)
         if self._started and was_silent and not self._silent:
@@ -137,12 +157,17 @@ class ContactMonitor:
         friction = friction_settings(values, self._robot)
         if not _same(friction, self._friction):  # else what it has adapted to stays
             self._friction = friction
-            self._observer.friction_error = FrictionError(self._robot.speed_names, **friction)
+            self._observer.friction_error = FrictionError(self._robot.speed_names,
+                                                          **friction)
         self._applied_torque.update(values)
         self._period = round(NANO / values['observer.rate'])
 
     def start(self) -> None:
-        """Reset observer and detector; publish that there is no collision if it is known."""
+        """
+        Reset observer and detector.
+
+        Publish that there is no collision if it is known.
+        """
         self._observer.reset()
         self.detector.reset()
         self._origin = self._last = 0
@@ -153,16 +178,18 @@ class ContactMonitor:
     stop = start
 
     def on_loads_changed(self) -> None:
-        """Adapt the observer to the new gravity and payload, without a jump of the estimate."""
+        """Adapt the observer to new gravity and payload, without a jump."""
         self._observer.refresh()
 
     def on_cycle(self, cycle: Cycle) -> None:
         """Update the estimate with one state and its command; publish what is due."""
-        state, applied = cycle.state, self._applied_torque.torque(cycle)
+        state = cycle.state
+        applied = self._applied_torque.torque(cycle)
         if applied is None:
             self._observer.reset()
             return
-        if self._applied_torque.measured == self._observer.held:  # the source has changed
+        # The source has changed
+        if self._applied_torque.measured == self._observer.held:
             self._observer.reset()
             self._observer.held = not self._applied_torque.measured
         self._origin = self._origin or cycle.stamp
@@ -189,8 +216,8 @@ class ContactMonitor:
         words = ', '.join(
             f"'{name}' {torque[k]:.3g} (threshold {self._thresholds[k]:.3g})"
             for k, name in enumerate(joints) if name in self.detector.beyond)
-        self._log.warning(f"collision at joint '{self.detector.joint}'; external torques, N m or "
-                          f'N: {words}')
+        self._log.warning(f"collision at joint '{self.detector.joint}'; external "
+                          f'torques, N m or N: {words}')
 
     def _publish(self, sec: int, nanosec: int, q: Array, torque: Array) -> None:
         """Publish the torques, and the wrench in the axes of its frame."""

@@ -1,9 +1,9 @@
 """
 Estimate the direction of gravity from an IMU on the base of the arm.
 
-At rest an accelerometer measures the specific force f = -g, so that g = -R f in world axes, where
-R is the rotation of the IMU. Only the direction is used, because accelerometers have scale errors;
-the magnitude is that of parameter `gravity`.
+At rest an accelerometer measures the specific force f = -g, so that g = -R f in world
+axes, where R is the rotation of the IMU. Only the direction is used, because
+accelerometers have scale errors; the magnitude is that of parameter `gravity`.
 """
 
 from collections.abc import Callable
@@ -47,13 +47,16 @@ class GravityFromImu:
 
     def __init__(self, model: Model, frame: str, magnitude: float, time_constant: float,
                  use: Callable[[Array], None]) -> None:
-        self._model, self._frame, self._magnitude = model, frame, magnitude
-        self.time_constant, self._use = time_constant, use
+        self._model = model
+        self._frame = frame
+        self._magnitude = magnitude
+        self.time_constant = time_constant
+        self._use = use
         if frame:
             self._rotation(frame)
         if magnitude == 0.0:
-            raise InputError("parameter 'gravity': zero; expected a magnitude above zero, as the "
-                             'IMU gives the direction only')
+            raise InputError("parameter 'gravity': zero; expected a magnitude above "
+                             'zero, as the IMU gives the direction only')
         self._filtered: Array | None = None
         self._used = np.zeros(3)
         self._first = self._last = 0
@@ -71,16 +74,20 @@ class GravityFromImu:
         f = self._force_at_rest(message)
         g = -self._magnitude / float(np.linalg.norm(f)) * f
         stamp = nanoseconds(message.header.stamp) or now
-        elapsed, follows = (stamp - self._last) / NANO, self._last > 0
+        elapsed = (stamp - self._last) / NANO
+        follows = self._last > 0
         if self._filtered is None or not 0.0 <= elapsed <= GAP * self.time_constant:
-            self._filtered, self._first = g, stamp
+            self._filtered = g
+            self._first = stamp
         else:
-            self._filtered = self._filtered + -math.expm1(-elapsed / self.time_constant) * (
+            self._filtered = self._filtered + -math.expm1(-elapsed
+                                                          / self.time_constant) * (
                 g - self._filtered)
         self._last = stamp
         if follows and elapsed > GAP * self.time_constant:
-            raise InputError(f'time since the previous message: {elapsed:.3g} s; expected at '
-                             f'most {GAP:g} times imu.time_constant, {self.time_constant:g} s')
+            raise InputError(f'time since the previous message: {elapsed:.3g} s; '
+                             f'expected at most {GAP:g} times imu.time_constant, '
+                             f'{self.time_constant:g} s')
         if (stamp - self._first) / NANO >= SETTLED * self.time_constant:
             found = self._magnitude / float(np.linalg.norm(self._filtered)) * self._filtered
             if np.abs(found - self._used).max() > STEP * self._magnitude:
@@ -90,18 +97,19 @@ class GravityFromImu:
     def _force_at_rest(self, message: Imu) -> Array:
         """Return the specific force at rest, (3,) m/s^2 in world axes."""
         if message.linear_acceleration_covariance[0] == -1.0:
-            raise InputError('acceleration of the IMU: not measured (covariance -1); expected an '
-                             'accelerometer')
-        a, w = message.linear_acceleration, message.angular_velocity
+            raise InputError('acceleration of the IMU: not measured (covariance -1); '
+                             'expected an accelerometer')
+        a = message.linear_acceleration
+        w = message.angular_velocity
         force = np.array([a.x, a.y, a.z])
         size = math.hypot(a.x, a.y, a.z)
         if not abs(size - self._magnitude) <= REST_FORCE * self._magnitude:
-            raise InputError(f'acceleration of the IMU: {size:.3g} m/s^2; expected, at rest, '
-                             f'{self._magnitude:.3g} within {REST_FORCE:.0%}')
+            raise InputError(f'acceleration of the IMU: {size:.3g} m/s^2; expected, at '
+                             f'rest, {self._magnitude:.3g} within {REST_FORCE:.0%}')
         turn = math.hypot(w.x, w.y, w.z)
         if message.angular_velocity_covariance[0] != -1.0 and not turn <= REST_RATE:
-            raise InputError(f'angular velocity of the IMU: {turn:.3g} rad/s; expected, at rest, '
-                             f'at most {REST_RATE:g} rad/s')
+            raise InputError(f'angular velocity of the IMU: {turn:.3g} rad/s; expected, '
+                             f'at rest, at most {REST_RATE:g} rad/s')
         world: Array = self._rotation(self._frame or message.header.frame_id) @ force
         return world
 
@@ -111,6 +119,6 @@ class GravityFromImu:
         if frame.body != WORLD:
             expected = ', '.join(sorted(each.name for each in self._model.frames
                                         if each.body == WORLD))
-            raise InputError(f"frame of the IMU: '{name}', which moves; expected one fixed to the "
-                             f'base: {expected}')
+            raise InputError(f"frame of the IMU: '{name}', which moves; expected one "
+                             f'fixed to the base: {expected}')
         return frame.rotation

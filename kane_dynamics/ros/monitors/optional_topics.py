@@ -1,4 +1,4 @@
-"""The optional topics beside the torque path: wrenches, contact, payload, torque breakdown."""
+"""The optional topics: wrenches, contact, payload, torque breakdown."""
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -10,8 +10,10 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.qos import BEST_EFFORT, LATCHED, RELIABLE
 from kane_dynamics.ros.monitors.applied_torque import stated_efforts
-from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor, ContactPublishers,
-                                                        friction_settings, observed_frame,
+from kane_dynamics.ros.monitors.contact_monitor import (ContactMonitor,
+                                                        ContactPublishers,
+                                                        friction_settings,
+                                                        observed_frame,
                                                         observer_settings)
 from kane_dynamics.ros.monitors.payload_monitor import estimator_settings, PayloadMonitor
 from kane_dynamics.ros.monitors.torque_breakdown_topic import TorqueBreakdownTopic
@@ -28,13 +30,17 @@ from std_msgs.msg import Bool
 
 
 def joint_command_type() -> Any:
-    """Return the message type control_msgs/JointCommand; raise InputError if not installed."""
+    """
+    Return the message type control_msgs/JointCommand.
+
+    Raise InputError if not installed.
+    """
     try:
         return import_module('control_msgs.msg').JointCommand
     except (ImportError, AttributeError) as error:
-        raise InputError("parameter 'stamped_commands': true without control_msgs/JointCommand "
-                         f'({error}); expected false, or an installed package control_msgs with '
-                         'that message') from None
+        raise InputError("parameter 'stamped_commands': true without "
+                         f'control_msgs/JointCommand ({error}); expected false, or an '
+                         'installed package control_msgs with that message') from None
 
 
 def _check_topic(parameter: str, name: str) -> None:
@@ -58,7 +64,8 @@ def check_optional_topics(values: Mapping[str, Any], robot: Robot) -> None:
     if values['observer.enabled']:
         observer_settings(values, robot)
         friction_settings(values, robot)
-        check_frames(robot.model, [observed_frame(values, robot.model)], 'observer.frame')
+        check_frames(robot.model, [observed_frame(values, robot.model)],
+                     'observer.frame')
     if values['estimator.enabled']:
         estimator_settings(values, robot)
     if values['observer.enabled'] or values['estimator.enabled']:
@@ -92,9 +99,11 @@ class OptionalTopics:
     def __init__(self, node: LifecycleNode, server: Services, path: TorquePath,
                  values: Mapping[str, Any], now: Callable[[], int],
                  reject: Callable[[str, str], None],
-                 publisher: Callable[[Any, str, QoSProfile], Any], opened: ExitStack) -> None:
+                 publisher: Callable[[Any, str, QoSProfile], Any],
+                 opened: ExitStack) -> None:
         self._path = path
-        robot, bending = path.controller.robot, path.controller.bending
+        robot = path.controller.robot
+        bending = path.controller.bending
         self.contact: ContactMonitor | None = None
         self._estimator: PayloadMonitor | None = None
         if values['observer.enabled']:
@@ -106,9 +115,11 @@ class OptionalTopics:
             path.add_observer(self.contact, need_effort=True)
         if values['wrench.frames']:
             path.wrenches = WrenchInput(robot, now, values,
-                                        lambda reason, detail: reject(f'wrench: {reason}', detail))
+                                        lambda reason,
+                                        detail: reject(f'wrench: {reason}', detail))
             opened.callback(node.destroy_subscription, node.create_subscription(
-                WrenchStamped, '~/wrench', path.wrenches.on_message, BEST_EFFORT, raw=True))
+                WrenchStamped, '~/wrench', path.wrenches.on_message, BEST_EFFORT,
+                raw=True))
         if values['estimator.enabled']:
             self._estimator = PayloadMonitor(
                 robot, values, server,

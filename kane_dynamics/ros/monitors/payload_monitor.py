@@ -39,14 +39,15 @@ def estimator_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any
     """
     Return the settings of the payload estimator.
 
-    Raise InputError if payload.frame is empty, a list has the wrong length, or a joint has no
-    deviation and no effort limit.
+    Raise InputError if payload.frame is empty, a list has the wrong length, or a joint
+    has no deviation and no effort limit.
     """
     if not values['payload.frame']:
-        raise InputError("parameter 'payload.frame': empty; expected the frame of the payload, "
-                         'as estimator.enabled is true')
+        raise InputError("parameter 'payload.frame': empty; expected the frame of the "
+                         'payload, as estimator.enabled is true')
     names = recorded_joints(robot)
-    effort = np.array(robot.limits.effort)[[robot.joint_names.index(name) for name in names]]
+    effort = np.array(robot.limits.effort)[[robot.joint_names.index(name)
+                                            for name in names]]
     sigma = per_joint_of_effort(values, 'estimator.torque_deviation', names, effort,
                                 DEFAULT_DEVIATION)
     return {'frame': values['payload.frame'], 'sigma': sigma,
@@ -57,8 +58,8 @@ class PayloadMonitor:
     """
     Estimates the payload and publishes it at the rate estimator.rate.
 
-    The torque path queues samples; the services' thread processes them. Wrenches on `~/wrench` are
-    known and not part of the estimate.
+    The torque path queues samples; the services' thread processes them. Wrenches on
+    `~/wrench` are known and not part of the estimate.
 
     Parameters
     ----------
@@ -85,7 +86,9 @@ class PayloadMonitor:
     def __init__(self, robot: Robot, values: Mapping[str, Any], server: Services,
                  publisher: Publisher, reject: Callable[[str, str], None],
                  bending: QuasiStatic | None = None) -> None:
-        self._robot, self._server, self._publisher = robot, server, publisher
+        self._robot = robot
+        self._server = server
+        self._publisher = publisher
         self._reject = reject
         self._applied_torque = AppliedTorque(robot, values, reject, bending)
         settings = estimator_settings(values, robot)
@@ -127,8 +130,8 @@ class PayloadMonitor:
         if torque is not None:
             self._last = cycle.stamp
             state = cycle.state
-            self._samples.append(TorqueSample(cycle.stamp, state.q.copy(), state.u.copy(),
-                                              torque.copy()))
+            self._samples.append(TorqueSample(cycle.stamp, state.q.copy(),
+                                              state.u.copy(), torque.copy()))
 
     def close(self) -> None:
         """Stop publishing."""
@@ -136,9 +139,11 @@ class PayloadMonitor:
 
     def _publish(self) -> None:
         """Process the queued samples and publish the estimate."""
-        used, estimator = 0, self._estimator
+        used = 0
+        estimator = self._estimator
         if self._reset_pending:
-            self._reset_pending, self._recent = False, []
+            self._reset_pending = False
+            self._recent = []
             estimator.reset()
         for _ in range(len(self._samples)):
             try:
@@ -149,7 +154,8 @@ class PayloadMonitor:
             used += self._update_estimate(estimator)
         if not used:
             return
-        message = PayloadEstimate(mass=estimator.mass, mass_deviation=estimator.mass_deviation,
+        message = PayloadEstimate(mass=estimator.mass,
+                                  mass_deviation=estimator.mass_deviation,
                                   com=_vector(estimator.com),
                                   com_deviation=_vector(estimator.com_deviation))
         message.header.frame_id = self._frame
@@ -158,7 +164,11 @@ class PayloadMonitor:
         self._publisher.publish(message)
 
     def _update_estimate(self, estimator: PayloadEstimator) -> bool:
-        """Use the middle one of three consecutive samples; return whether it was used."""
+        """
+        Use the middle one of three consecutive samples.
+
+        Return whether it was used.
+        """
         if len(self._recent) < 3:
             return False
         before, now, after = self._recent

@@ -11,7 +11,9 @@ from kane_dynamics.ros.parameters.parameter_checks import unstated
 
 def examine_statement(values: Mapping[str, Any], model: Model) -> list[str]:
     """
-    Return how parameters contradict the table of arms: arm_compensates, and efforts.* if used.
+    Return how parameters contradict the table of arms.
+
+    The parameters are arm_compensates, and efforts.* if they are used.
 
     Parameters
     ----------
@@ -38,5 +40,6 @@ def examine_statement(values: Mapping[str, Any], model: Model) -> list[str]:
             found += [effort_contradiction(rows, values['efforts.kind'],
                                            values['efforts.gravity'])]
         return [words for words in found if words]
-    listed = [f'{", ".join(row.compensates)} for {row}' for row in rows if row.compensates]
+    listed = [f'{", ".join(row.compensates)} for {row}' for row in rows
+              if row.compensates]
     raise unstated(f'. {model.name} is known: ' + '; or '.join(listed) if listed else '')

@@ -1,11 +1,16 @@
-"""Parameters that may change while a node runs; a set of changes is applied as a whole or not."""
+"""
+Parameters that may change while a node runs.
+
+A set of changes is applied as a whole or not.
+"""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.ros.parameters.parameter_checks import (as_text, declare, read,
-                                                           unknown_parameters, with_prefix)
+                                                           unknown_parameters,
+                                                           with_prefix)
 from kane_dynamics.ros.parameters.parameter_table import Spec
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
@@ -17,8 +22,8 @@ class LiveParameters:
     """
     The declared and checked parameters of a node.
 
-    All changes of one request are checked together before any of them is applied. They are applied
-    in the thread of the node's callbacks, between two callbacks.
+    All changes of one request are checked together before any of them is applied. They
+    are applied in the thread of the node's callbacks, between two callbacks.
 
     Parameters
     ----------
@@ -27,11 +32,11 @@ class LiveParameters:
     frozen : callable
         Returns why parameters that are not live cannot change now; empty: they can.
     check : callable
-        Receives the new values of all parameters and the names of those in the request; raises
-        KaneError to refuse the request.
+        Receives the new values of all parameters and the names of those in the request;
+        raises KaneError to refuse the request.
     changed : callable
-        Called after a change with the previous values and the names of the parameters in the
-        request; `values` holds the new ones.
+        Called after a change with the previous values and the names of the parameters in
+        the request; `values` holds the new ones.
 
     Attributes
     ----------
@@ -49,7 +54,9 @@ class LiveParameters:
                  check: Callable[[Mapping[str, Any], Collection[str]], None],
                  changed: Callable[[Mapping[str, Any], Collection[str]], None]) -> None:
         self._specs = {spec.name: spec for spec in specs}
-        self._frozen, self._check, self._changed = frozen, check, changed
+        self._frozen = frozen
+        self._check = check
+        self._changed = changed
         self._given = self._staged = declare(node, specs)
         self.values = with_prefix(self._given)
         given = list(getattr(node, '_parameter_overrides', {}))
@@ -67,11 +74,13 @@ class LiveParameters:
                 if spec is None:  # a parameter of ROS
                     continue
                 value = read(spec, change.value)
-                reason = '' if spec.live or np.array_equal(value, staged[spec.name]) else (
+                reason = '' if spec.live or np.array_equal(value,
+                                                           staged[spec.name]) else (
                     self._frozen())
                 if reason:
                     new_value = as_text(change.value)
-                    raise InputError(f"parameter '{spec.name}': new value {new_value}; {reason}")
+                    raise InputError(f"parameter '{spec.name}': new value {new_value}; "
+                                     f'{reason}')
                 staged[spec.name] = value
             self._check(with_prefix(staged), _names(changes))
         except KaneError as error:
@@ -81,7 +90,8 @@ class LiveParameters:
 
     def _after_set(self, changes: list[Parameter]) -> None:
         self._given = self._staged
-        before, self.values = self.values, with_prefix(self._given)
+        before = self.values
+        self.values = with_prefix(self._given)
         self._changed(before, _names(changes))
 
 

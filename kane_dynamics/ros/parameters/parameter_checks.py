@@ -23,7 +23,8 @@ FRAMES = ('payload.frame', 'imu.frame', 'wrench.frames', 'observer.frame')
 
 def _number(spec: Spec, value: Any) -> float:
     """Return a finite number within the bounds of `spec`."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value) or (
+    if isinstance(value, bool) or not isinstance(value,
+                                                 (int, float)) or math.isnan(value) or (
             math.isinf(value) and not spec.infinite):
         raise ValueError
     if value < spec.low or value > spec.high or (spec.positive and value == 0.0):
@@ -109,14 +110,22 @@ def read(spec: Spec, value: Any) -> Any:
 
 
 def as_text(value: Any) -> str:
-    """Return the text of a parameter's value; arrays are written as lists of plain numbers."""
+    """
+    Return the text of a parameter's value.
+
+    Arrays are written as lists of plain numbers.
+    """
     if isinstance(value, (array, np.ndarray, np.generic)):
         return repr(value.tolist())
     return repr(value)
 
 
 def declare(node: Node, specs: Sequence[Spec]) -> dict[str, Any]:
-    """Declare parameters on `node`; return the checked values by name, or raise InputError."""
+    """
+    Declare parameters on `node`.
+
+    Return the checked values by name, or raise InputError.
+    """
     values = {}
     for spec in specs:
         # Dynamic typing, because `read` checks the type with a clearer error.
@@ -160,8 +169,8 @@ def similar_parameter(name: str, known: Collection[str]) -> str:
     Return the known parameter that is most similar to a name; empty if none is similar.
 
     Names that have all words of `name` in any order come first (``kp``: ``gains.kp``,
-    ``effort_limit``: ``limits.effort``), the shortest of them; then those that share most words
-    with it, the most similar spelling of them; then similar spellings alone.
+    ``effort_limit``: ``limits.effort``), the shortest of them; then those that share
+    most words with it, the most similar spelling of them; then similar spellings alone.
     """
     wanted = _words(name)
     same_words = [candidate for candidate in known if wanted <= _words(candidate)]
@@ -184,7 +193,7 @@ def _words(name: str) -> set[str]:
 def per_joint(values: Mapping[str, Any], name: str, joints: Sequence[str],
               empty: NDArray[np.float64] | float) -> NDArray[np.float64]:
     """
-    Return a per-joint parameter as an (n,) array, or `empty` if the parameter is not set.
+    Return a per-joint parameter as an (n,) array, or `empty` if it is not set.
 
     Raises
     ------
@@ -196,13 +205,15 @@ def per_joint(values: Mapping[str, Any], name: str, joints: Sequence[str],
     if value.shape == (0,):
         value = np.asarray(empty, dtype=np.float64)
     if value.shape not in ((), (len(joints),)):
-        raise InputError(f"parameter '{name}': {value.size} entries; expected one number, or one "
+        raise InputError(f"parameter '{name}': {value.size} entries; expected one "
+                         'number, or one '
                          f"for each of the {len(joints)} joints ({', '.join(joints)})")
     return np.broadcast_to(value, (len(joints),)).copy()
 
 
 def per_joint_of_effort(values: Mapping[str, Any], name: str, joints: Sequence[str],
-                        limits: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+                        limits: NDArray[np.float64],
+                        share: float) -> NDArray[np.float64]:
     """
     Return a per-joint parameter, (n,); if it is not set, a share of the effort limits.
 
@@ -215,28 +226,34 @@ def per_joint_of_effort(values: Mapping[str, Any], name: str, joints: Sequence[s
     result = per_joint(values, name, joints, share * limits)
     if not values[name].size and not np.isfinite(result).all():
         joint = joints[int(np.flatnonzero(~np.isfinite(result))[0])]
-        raise InputError(f"parameter '{name}': empty, and joint '{joint}' has no effort limit; "
-                         'expected one number or one per joint, N m or N')
+        raise InputError(f"parameter '{name}': empty, and joint '{joint}' has no effort "
+                         'limit; expected one number or one per joint, N m or N')
     return result
 
 
 def unstated(hint: str = '') -> InputError:
     """Return the error that parameter arm_compensates is not set, with a hint."""
     return InputError(
-        "parameter 'arm_compensates': not stated; expected what the arm adds to commanded "
-        f'efforts itself, {STATEMENT}: a wrong one doubles the weight or drops the arm'
-        f'{hint}. The table of arms is on the page "Arms with built-in gravity compensation"; '
-        '`kane-dynamics doctor URDF --config FILE` compares a configuration with it')
+        "parameter 'arm_compensates': not stated; expected what the arm adds to "
+        f'commanded efforts itself, {STATEMENT}: a wrong one doubles the weight or '
+        f'drops the arm{hint}. The table of arms is on the page "Arms with built-in '
+        'gravity compensation"; `kane-dynamics doctor URDF --config FILE` compares a '
+        'configuration with it')
 
 
 def terms(values: Mapping[str, Any]) -> Terms:
-    """Return the terms of `commands`; raise InputError if arm_compensates is not stated."""
+    """
+    Return the terms of `commands`.
+
+    Raise InputError if arm_compensates is not stated.
+    """
     if not values['arm_compensates']:
         raise unstated()
     return Terms.beside(values['arm_compensates'])
 
 
-def controller_settings(values: Mapping[str, Any], joints: Sequence[str]) -> dict[str, Any]:
+def controller_settings(values: Mapping[str, Any], joints: Sequence[str]) -> dict[str,
+                                                                                  Any]:
     """Return the settings of a Controller, as keyword arguments."""
     return {'mode': values['mode'], 'compensate': terms(values),
             'kp': per_joint(values, 'gains.kp', joints, 0.0),

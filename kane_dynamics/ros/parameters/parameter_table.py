@@ -1,8 +1,8 @@
 """
 The table of the node's parameters: name, kind, default, meaning, valid values.
 
-Numbers and lists are declared with dynamic typing, so that ``100`` is valid for ``100.0`` and one
-number is valid for a list with one number per joint.
+Numbers and lists are declared with dynamic typing, so that ``100`` is valid for
+``100.0`` and one number is valid for a list with one number per joint.
 """
 
 from dataclasses import dataclass
@@ -23,9 +23,9 @@ class Spec:
     """
     The specification of one parameter.
 
-    `live` parameters may change while the node is active; the others may change only while the
-    node is unconfigured. Numbers lie between `low` and `high`; `positive` excludes zero, and only
-    `infinite` permits infinity.
+    `live` parameters may change while the node is active; the others may change only
+    while the node is unconfigured. Numbers lie between `low` and `high`; `positive`
+    excludes zero, and only `infinite` permits infinity.
     """
 
     name: str
@@ -50,7 +50,8 @@ class Spec:
         if self.high < math.inf:
             number += f', at most {self.high:g}'
         number += ' or infinite' if self.infinite else ''
-        return {'text': 'a string', 'flag': 'true or false', 'names': 'a list of names, each once',
+        return {'text': 'a string', 'flag': 'true or false',
+                'names': 'a list of names, each once',
                 'vector': 'three finite numbers', 'six': 'six finite numbers',
                 'numbers': f'a list of integers, each {number}',
                 'number': f'a number, {number}',
@@ -64,212 +65,296 @@ def live(name: str, kind: Kind, default: Any, description: str, **bounds: Any) -
 
 
 SPECS = (
-    Spec('autostart', 'flag', True, 'configure the node as soon as it has the URDF, then activate '
+    Spec('autostart', 'flag', True,
+         'configure the node as soon as it has the URDF, then activate '
          'it as `activation` says', read_only=True),
-    Spec('activation', 'text', 'simulated', 'when a node with autostart activates itself: '
-         'simulated: once only simulated robots subscribe to `commands`, or with use_sim_time; '
-         'at_once: always; on_request: never', choices=('simulated', 'at_once', 'on_request'),
-         read_only=True),
+    Spec('activation', 'text', 'simulated',
+         'when a node with autostart activates itself: '
+         'simulated: once only simulated robots subscribe to `commands`, or with '
+         'use_sim_time; at_once: always; on_request: never',
+         choices=('simulated', 'at_once', 'on_request'), read_only=True),
     Spec('robot_description', 'text', '', 'URDF as text; overrides `urdf` and the topic '
          'robot_description'),
     Spec('urdf', 'text', '', 'path of the URDF or xacro file; overrides the topic '
          'robot_description'),
-    Spec('xacro_arguments', 'names', [], 'arguments of the xacro file that `urdf` names, each as '
+    Spec('xacro_arguments', 'names', [],
+         'arguments of the xacro file that `urdf` names, each as '
          'name:=value'),
-    Spec('supplement', 'text', '', 'path of the YAML supplement of the URDF: springs, armature, '
+    Spec('supplement', 'text', '',
+         'path of the YAML supplement of the URDF: springs, armature, '
          'friction, payload; empty: none'),
-    Spec('base', 'text', '', 'first link of the part of the robot that moves; empty: the root'),
-    Spec('tip', 'text', '', 'last link of the part of the robot that moves; empty: all branches'),
-    Spec('root_joint', 'text', 'fixed', 'joint between the world and the base link: none, or one '
+    Spec('base', 'text', '',
+         'first link of the part of the robot that moves; empty: the root'),
+    Spec('tip', 'text', '',
+         'last link of the part of the robot that moves; empty: all branches'),
+    Spec('root_joint', 'text', 'fixed',
+         'joint between the world and the base link: none, or one '
          'that moves in space (three angles) or in a plane. Joint states then need its '
-         'coordinates root_joint/x and so on; `commands` leave them out, as they have no motors',
+         'coordinates root_joint/x and so on; `commands` leave them out, as they have '
+         'no motors',
          choices=('fixed', 'floating', 'planar')),
-    Spec('joints', 'names', [], 'joints that move, in the order of `commands`; all other joints '
+    Spec('joints', 'names', [],
+         'joints that move, in the order of `commands`; all other joints '
          'are locked; empty: all joints, parents first'),
     Spec('constraints', 'text', '', 'path of a YAML file with loop closures and other '
-         'constraints; joint states then need the joints of its key `independent`, and `commands` '
-         'are of its `actuated` joints; empty: none'),
-    live('closure.tolerance', 'number', 0.02, 'largest deviation of further measured joints from '
-         'the closed loops, rad or m; beyond it a state is dropped', positive=True, low=0.0,
-         high=1.0),
-    live('closure.max_conditioning', 'number', 200.0, 'largest conditioning figure of the closed '
-         'loops, about one over the distance from a singular configuration in rad; beyond it a '
-         'state is dropped', low=1.0, high=1e4),
-    Spec('prefix', 'text', '', 'prefix of the names of joints and frames in messages, for two '
-         'arms with the same URDF; parameters and the supplement use the names of the URDF'),
+         'constraints; joint states then need the joints of its key `independent`, and '
+         '`commands` are of its `actuated` joints; empty: none'),
+    live('closure.tolerance', 'number', 0.02,
+         'largest deviation of further measured joints from '
+         'the closed loops, rad or m; beyond it a state is dropped', positive=True,
+         low=0.0, high=1.0),
+    live('closure.max_conditioning', 'number', 200.0,
+         'largest conditioning figure of the closed '
+         'loops, about one over the distance from a singular configuration in rad; '
+         'beyond it a state is dropped', low=1.0, high=1e4),
+    Spec('prefix', 'text', '',
+         'prefix of the names of joints and frames in messages, for two '
+         'arms with the same URDF; parameters and the supplement use the names of the '
+         'URDF'),
     live('gravity', 'vector', [0.0, 0.0, -9.81], 'gravity in world axes, m/s^2'),
-    Spec('payload.frame', 'text', '', 'frame in which the payload is given, fixed to the link '
+    Spec('payload.frame', 'text', '',
+         'frame in which the payload is given, fixed to the link '
          'that carries it; empty: no payload'),
-    live('payload.mass', 'number', 0.0, 'mass of the payload, kg, until ~/set_payload changes it',
-         low=0.0),
-    live('payload.com', 'vector', [0.0, 0.0, 0.0], 'center of mass of the payload relative to '
+    live('payload.mass', 'number', 0.0,
+         'mass of the payload, kg, until ~/set_payload changes it', low=0.0),
+    live('payload.com', 'vector', [0.0, 0.0, 0.0],
+         'center of mass of the payload relative to '
          'payload.frame, in its axes, m'),
-    live('payload.inertia', 'six', [0.0] * 6, 'inertia xx, xy, xz, yy, yz, zz of the payload '
+    live('payload.inertia', 'six', [0.0] * 6,
+         'inertia xx, xy, xz, yy, yz, zz of the payload '
          'about its center of mass, kg m^2'),
     live('payload.max_mass', 'number', 50.0, 'largest accepted mass of a payload, kg',
          positive=True, low=0.0),
-    live('payload.max_distance', 'number', 2.0, 'largest accepted distance of its center of mass '
+    live('payload.max_distance', 'number', 2.0,
+         'largest accepted distance of its center of mass '
          'from the frame, m', positive=True, low=0.0),
-    Spec('imu.topic', 'text', '', 'topic (sensor_msgs/Imu) of an IMU at rest on the base, which '
-         'gives the direction of gravity; the magnitude is that of `gravity`; empty: none'),
-    Spec('imu.frame', 'text', '', 'frame of the IMU, fixed to the base; empty: frame_id of its '
+    Spec('imu.topic', 'text', '',
+         'topic (sensor_msgs/Imu) of an IMU at rest on the base, which '
+         'gives the direction of gravity; the magnitude is that of `gravity`; empty: '
+         'none'),
+    Spec('imu.frame', 'text', '',
+         'frame of the IMU, fixed to the base; empty: frame_id of its '
          'messages'),
-    live('imu.time_constant', 'number', 1.0, 'time constant of the low-pass filter of the '
-         'direction, s; the direction is used after this time at rest', positive=True, low=0.0,
-         high=3600.0),
-    Spec('wrench.frames', 'names', [], 'frames at which ~/wrench gives the wrench that the '
+    live('imu.time_constant', 'number', 1.0,
+         'time constant of the low-pass filter of the '
+         'direction, s; the direction is used after this time at rest', positive=True,
+         low=0.0, high=3600.0),
+    Spec('wrench.frames', 'names', [],
+         'frames at which ~/wrench gives the wrench that the '
          'environment exerts on the robot; the torques compensate it, except in mode '
          'gravity_compensation; empty: none'),
-    live('wrench.timeout', 'number', 0.1, 'age, s, above which a wrench is stale and its frame '
+    live('wrench.timeout', 'number', 0.1,
+         'age, s, above which a wrench is stale and its frame '
          'unloaded', positive=True, low=0.0, high=3600.0),
-    live('wrench.max_force', 'number', 1000.0, 'largest accepted component of a force, N',
-         positive=True, low=0.0),
-    live('wrench.max_moment', 'number', 300.0, 'largest accepted component of a moment, N m',
-         positive=True, low=0.0),
-    live('mode', 'text', 'inverse_dynamics', 'control mode, which decides what `commands` '
+    live('wrench.max_force', 'number', 1000.0,
+         'largest accepted component of a force, N', positive=True, low=0.0),
+    live('wrench.max_moment', 'number', 300.0,
+         'largest accepted component of a moment, N m', positive=True, low=0.0),
+    live('mode', 'text', 'inverse_dynamics',
+         'control mode, which decides what `commands` '
          'contains', choices=tuple(Mode)),
-    Spec('arm_compensates', 'terms', [], 'torque terms that the arm adds to commanded efforts '
-         'itself; `commands` leave them out; without this statement the node does not configure'),
-    live('gains.kp', 'per_joint', 100.0, 'mode computed_torque: gain of position errors, '
+    Spec('arm_compensates', 'terms', [],
+         'torque terms that the arm adds to commanded efforts '
+         'itself; `commands` leave them out; without this statement the node does not '
+         'configure'),
+    live('gains.kp', 'per_joint', 100.0,
+         'mode computed_torque: gain of position errors, '
          '1/s^2', low=0.0),
     live('gains.kd', 'per_joint', 20.0, 'mode computed_torque: gain of velocity errors, '
          '1/s', low=0.0),
-    live('limits.effort', 'per_joint', [], 'effort limit, N m or N, in addition to that of the '
+    live('limits.effort', 'per_joint', [],
+         'effort limit, N m or N, in addition to that of the '
          'URDF; the smaller one applies; empty: only that of the URDF', positive=True,
          infinite=True, low=0.0),
-    live('limits.velocity', 'per_joint', [], 'speed limit, rad/s or m/s, in addition to that of '
-         'the URDF; the smaller one applies to checks of joint states and motions, which need '
-         'one; empty: only that of the URDF', positive=True, infinite=True, low=0.0),
-    live('limits.rate', 'per_joint', [], 'limit of the rate of effort, N m/s or N/s; empty: 20 '
+    live('limits.velocity', 'per_joint', [],
+         'speed limit, rad/s or m/s, in addition to that of '
+         'the URDF; the smaller one applies to checks of joint states and motions, '
+         'which need one; empty: only that of the URDF', positive=True, infinite=True,
+         low=0.0),
+    live('limits.rate', 'per_joint', [],
+         'limit of the rate of effort, N m/s or N/s; empty: 20 '
          'times the effort limit each second',
          positive=True, infinite=True, low=0.0),
     Spec('stamped_commands', 'flag', False, 'also publish the commands as '
-         'control_msgs/JointCommand on topic stamped_commands, with joint names and the stamp of '
-         'the joint state; needs the package control_msgs with that message'),
+         'control_msgs/JointCommand on topic stamped_commands, with joint names and the '
+         'stamp of the joint state; needs the package control_msgs with that message'),
     live('feedforward.tolerance', 'per_joint', [], 'largest error of the effort that is '
-         'interpolated between the points of ~/trajectory_with_effort, N m or N; points are '
-         'inserted where it is larger; empty: none are', positive=True, infinite=True, low=0.0),
-    live('feedforward.clip', 'flag', False, 'clamp the efforts of ~/trajectory_with_effort to '
+         'interpolated between the points of ~/trajectory_with_effort, N m or N; points '
+         'are inserted where it is larger; empty: none are', positive=True,
+         infinite=True, low=0.0),
+    live('feedforward.clip', 'flag', False,
+         'clamp the efforts of ~/trajectory_with_effort to '
          'their limits; false: reject a trajectory that exceeds them'),
-    live('feedforward.rest', 'per_joint', [], 'positions at which joints rest that ~/trajectory '
+    live('feedforward.rest', 'per_joint', [],
+         'positions at which joints rest that ~/trajectory '
          'lacks, rad or m; empty: the measured ones'),
-    Spec('efforts.kind', 'text', 'motor_torque', 'what the efforts of joint states are: the '
-         'current of the motor; its torque, behind the gear; the torque of a sensor at the joint, '
-         'which lacks friction and rotor; the torque of the environment',
+    Spec('efforts.kind', 'text', 'motor_torque',
+         'what the efforts of joint states are: the '
+         'current of the motor; its torque, behind the gear; the torque of a sensor at '
+         'the joint, which lacks friction and rotor; the torque of the environment',
          choices=tuple(EffortKind)),
-    Spec('efforts.gravity', 'flag', True, 'whether the weight of the arm is part of the efforts '
+    Spec('efforts.gravity', 'flag', True,
+         'whether the weight of the arm is part of the efforts '
          'of joint states; if not, observer and estimator add the gravity of the model'),
-    Spec('efforts.constants', 'per_joint', [], 'torque on the joint per motor current, N m/A or '
+    Spec('efforts.constants', 'per_joint', [],
+         'torque on the joint per motor current, N m/A or '
          'N/A, gears included; for motor_current only', positive=True, low=0.0),
-    Spec('observer.enabled', 'flag', False, 'estimate external torques with a momentum observer '
+    Spec('observer.enabled', 'flag', False,
+         'estimate external torques with a momentum observer '
          'and publish them and a collision flag'),
-    live('observer.torque', 'text', 'auto', 'source of the torque that acts on the arm: the '
-         'effort of the joint states, the command of this node (valid only if nothing else '
-         'commands the arm), or auto: effort if every joint has one, else command',
+    live('observer.torque', 'text', 'auto',
+         'source of the torque that acts on the arm: the '
+         'effort of the joint states, the command of this node (valid only if nothing '
+         'else commands the arm), or auto: effort if every joint has one, else command',
          choices=('auto', 'effort', 'command')),
-    live('observer.gain', 'per_joint', 50.0, 'bandwidth of the estimate, 1/s; it reaches 63 % of '
+    live('observer.gain', 'per_joint', 50.0,
+         'bandwidth of the estimate, 1/s; it reaches 63 % of '
          'a step after 1/gain', positive=True, low=0.0, high=1e4),
     live('observer.threshold', 'per_joint', [], 'external torque above which there is a '
-         'collision, N m or N, as of `kane-dynamics collision-thresholds` for a recording without '
-         'contact; empty: no collision is detected', positive=True, infinite=True, low=0.0),
-    live('observer.friction.coulomb', 'per_joint', [], 'Coulomb friction beyond that of the '
+         'collision, N m or N, as of `kane-dynamics collision-thresholds` for a '
+         'recording without contact; empty: no collision is detected', positive=True,
+         infinite=True, low=0.0),
+    live('observer.friction.coulomb', 'per_joint', [],
+         'Coulomb friction beyond that of the '
          'model, N m or N, as of `kane-dynamics collision-thresholds`; empty: 0'),
-    live('observer.friction.damping', 'per_joint', [], 'damping beyond that of the model, N m s '
+    live('observer.friction.damping', 'per_joint', [],
+         'damping beyond that of the model, N m s '
          'or N s/m; empty: 0'),
-    live('observer.friction.offset', 'per_joint', [], 'constant torque beyond the model, N m or '
+    live('observer.friction.offset', 'per_joint', [],
+         'constant torque beyond the model, N m or '
          'N; empty: 0'),
-    live('observer.friction.speed', 'per_joint', FRICTION_SPEED, 'friction speed of that Coulomb '
+    live('observer.friction.speed', 'per_joint', FRICTION_SPEED,
+         'friction speed of that Coulomb '
          'friction, rad/s or m/s', positive=True, low=0.0),
-    live('observer.friction.memory', 'number', 20.0, 'time constant in which that friction '
+    live('observer.friction.memory', 'number', 20.0,
+         'time constant in which that friction '
          'follows the estimate while the arm moves, s; infinite: never', positive=True,
          infinite=True, low=0.0),
-    live('observer.confirm', 'number', 0.005, 'time above a threshold that confirms a collision, '
+    live('observer.confirm', 'number', 0.005,
+         'time above a threshold that confirms a collision, '
          's', low=0.0, high=10.0),
-    live('observer.release', 'number', 0.8, 'fraction of the thresholds below which a collision '
+    live('observer.release', 'number', 0.8,
+         'fraction of the thresholds below which a collision '
          'ends', positive=True, low=0.0, high=1.0),
-    live('observer.clear', 'number', 0.2, 'time below it after which a collision ends, s', low=0.0,
-         high=60.0),
-    Spec('observer.frame', 'text', '', 'frame of ~/external_wrench; empty: `tip`, or else the '
+    live('observer.clear', 'number', 0.2,
+         'time below it after which a collision ends, s', low=0.0, high=60.0),
+    Spec('observer.frame', 'text', '',
+         'frame of ~/external_wrench; empty: `tip`, or else the '
          'last link'),
     live('observer.rate', 'number', 100.0, 'largest rate of ~/external_torques and '
          '~/external_wrench, 1/s', low=1e-3, high=1e4),
-    Spec('estimator.enabled', 'flag', False, 'estimate the payload by recursive least squares and '
+    Spec('estimator.enabled', 'flag', False,
+         'estimate the payload by recursive least squares and '
          'publish it; the torques do not use the estimate'),
-    Spec('estimator.rate', 'number', 2.0, 'rate of ~/payload_estimate, 1/s', low=1e-3, high=100.0),
-    Spec('estimator.memory', 'number', 20.0, 'time in which the estimator forgets measurements '
+    Spec('estimator.rate', 'number', 2.0, 'rate of ~/payload_estimate, 1/s', low=1e-3,
+         high=100.0),
+    Spec('estimator.memory', 'number', 20.0,
+         'time in which the estimator forgets measurements '
          '(time constant), s', positive=True, low=0.0, high=1e5),
-    Spec('estimator.torque_deviation', 'per_joint', [], 'standard deviation of the torque '
-         'residual of the model, N m or N; empty: 1 % of the effort limits', positive=True,
-         low=0.0),
-    Spec('explanation.rate', 'number', 0.0, 'rate of ~/torque_by_source, 1/s; 0: not published',
-         low=0.0, high=100.0),
-    Spec('guard.enabled', 'flag', False, 'work with torque_guard, which holds the arm when this '
+    Spec('estimator.torque_deviation', 'per_joint', [],
+         'standard deviation of the torque '
+         'residual of the model, N m or N; empty: 1 % of the effort limits',
+         positive=True, low=0.0),
+    Spec('explanation.rate', 'number', 0.0,
+         'rate of ~/torque_by_source, 1/s; 0: not published', low=0.0, high=100.0),
+    Spec('guard.enabled', 'flag', False,
+         'work with torque_guard, which holds the arm when this '
          'node dies or hangs; the launch file sets it'),
-    Spec('guard.lease', 'number', 0.012, 'time without a command, s, after which torque_guard '
-         'takes over; also the lease of liveliness of `commands` and ~/joint_torques', low=2e-3,
-         high=10.0),
+    Spec('guard.lease', 'number', 0.012,
+         'time without a command, s, after which torque_guard '
+         'takes over; also the lease of liveliness of `commands` and ~/joint_torques',
+         low=2e-3, high=10.0),
     Spec('guard.deadline', 'number', 0.012, 'largest time between two messages, s, that '
-         '`commands` and ~/joint_torques offer as DDS deadline; torque_guard counts those missed',
+         '`commands` and ~/joint_torques offer as DDS deadline; torque_guard counts '
+         'those missed',
          low=1e-3, high=10.0),
-    live('guard.action', 'text', 'hold', 'torques of torque_guard: hold: gravity and damping; '
-         'damp: gravity fades out and the arm sinks, damped; zero: both fade out, for an arm with '
-         'brakes', choices=('hold', 'damp', 'zero')),
-    live('guard.damping', 'per_joint', 20.0, 'damping by torque_guard: the rate at which it slows '
-         'a joint, 1/s; the torque is this times speed times inertia', low=0.0, high=1000.0),
-    live('guard.ramp', 'number', 0.005, 'time in which torque_guard changes from the last torque '
+    live('guard.action', 'text', 'hold',
+         'torques of torque_guard: hold: gravity and damping; '
+         'damp: gravity fades out and the arm sinks, damped; zero: both fade out, for '
+         'an arm with brakes', choices=('hold', 'damp', 'zero')),
+    live('guard.damping', 'per_joint', 20.0,
+         'damping by torque_guard: the rate at which it slows '
+         'a joint, 1/s; the torque is this times speed times inertia', low=0.0,
+         high=1000.0),
+    live('guard.ramp', 'number', 0.005,
+         'time in which torque_guard changes from the last torque '
          'of this node to its own, s; longer where limits.rate asks for it', low=0.0,
          high=10.0),
-    live('guard.fade', 'number', 2.0, 'time in which damp and zero fade out, s', positive=True,
-         low=0.0, high=3600.0),
-    live('state_timeout', 'number', 0.1, 'age, s, above which joint states are stale: the node '
+    live('guard.fade', 'number', 2.0, 'time in which damp and zero fade out, s',
+         positive=True, low=0.0, high=3600.0),
+    live('state_timeout', 'number', 0.1,
+         'age, s, above which joint states are stale: the node '
          'commands zeros and drops the desired motion', low=1e-3, high=3600.0),
-    live('state_check.speed_factor', 'number', 2.0, 'factor on the speed limit above which a '
-         'joint cannot move: a joint state with a larger velocity, or whose position moved '
-         'farther than this speed allows, is dropped; infinite: no such check', low=1.0,
-         infinite=True),
-    live('state_check.jitter', 'number', 0.002, 'uncertainty of the stamps of joint states, s, '
+    live('state_check.speed_factor', 'number', 2.0,
+         'factor on the speed limit above which a '
+         'joint cannot move: a joint state with a larger velocity, or whose position '
+         'moved farther than this speed allows, is dropped; infinite: no such check',
+         low=1.0, infinite=True),
+    live('state_check.jitter', 'number', 0.002,
+         'uncertainty of the stamps of joint states, s, '
          'which is added to the time between two of them', low=0.0, high=10.0),
-    live('state_check.noise', 'number', 0.01, 'jump of a position that is no fault, rad or m: '
+    live('state_check.noise', 'number', 0.01,
+         'jump of a position that is no fault, rad or m: '
          'noise and resolution of the sensor', positive=True, low=0.0, infinite=True),
-    live('state_check.position_margin', 'number', 0.2, 'distance, rad or m, by which a measured '
-         'position may lie outside the position limits of its joint; beyond it the state is '
-         'dropped, as it is for degrees; infinite: no such check', low=0.0, infinite=True),
-    live('state_check.grace', 'number', 0.05, 'time, s, in which the last command goes on while '
-         'joint states are dropped as impossible; then state_check.action', low=0.0, high=10.0),
-    live('state_check.action', 'text', 'zero', 'torques after state_check.grace: zero, or hold: '
+    live('state_check.position_margin', 'number', 0.2,
+         'distance, rad or m, by which a measured '
+         'position may lie outside the position limits of its joint; beyond it the '
+         'state is dropped, as it is for degrees; infinite: no such check', low=0.0,
+         infinite=True),
+    live('state_check.grace', 'number', 0.05,
+         'time, s, in which the last command goes on while '
+         'joint states are dropped as impossible; then state_check.action', low=0.0,
+         high=10.0),
+    live('state_check.action', 'text', 'zero',
+         'torques after state_check.grace: zero, or hold: '
          'gravity at the last accepted position, until states are valid again or stop',
          choices=('zero', 'hold')),
-    live('diagnostics_rate', 'number', 1.0, 'rate of /diagnostics, 1/s', low=1e-3, high=100.0),
-    live('trajectory.max_points', 'count', 10_000, 'largest accepted number of points of a '
+    live('diagnostics_rate', 'number', 1.0, 'rate of /diagnostics, 1/s', low=1e-3,
+         high=100.0),
+    live('trajectory.max_points', 'count', 10_000,
+         'largest accepted number of points of a '
          'desired motion', low=1.0, high=1e6),
-    live('trajectory.start_tolerance', 'number', 0.1, 'largest distance of a joint, rad or m, '
-         'from where a motion sets out to where the arm is then; infinite: any', positive=True,
-         low=0.0, infinite=True),
-    live('trajectory.limit_factor', 'number', 1.2, 'factor on the limits of speed and effort '
+    live('trajectory.start_tolerance', 'number', 0.1,
+         'largest distance of a joint, rad or m, '
+         'from where a motion sets out to where the arm is then; infinite: any',
+         positive=True, low=0.0, infinite=True),
+    live('trajectory.limit_factor', 'number', 1.2,
+         'factor on the limits of speed and effort '
          'above which a motion is refused; infinite: none is', low=1.0, infinite=True),
-    live('simulation.max_duration', 'number', 3600.0, 'largest accepted duration of a simulation, '
+    live('simulation.max_duration', 'number', 3600.0,
+         'largest accepted duration of a simulation, '
          's', positive=True, low=0.0),
-    live('simulation.max_steps', 'count', 1_000_000, 'largest accepted number of steps of a '
+    live('simulation.max_steps', 'count', 1_000_000,
+         'largest accepted number of steps of a '
          'simulation', low=1.0, high=1e8),
-    live('simulation.max_points', 'count', 2000, 'largest number of points in a simulated '
-         'trajectory; the torque path is blocked while thousands of points are converted', low=2.0,
+    live('simulation.max_points', 'count', 2000,
+         'largest number of points in a simulated '
+         'trajectory; the torque path is blocked while thousands of points are '
+         'converted', low=2.0,
          high=1e6),
-    Spec('simulation.integrator', 'text', 'rk4', 'integrator of simulations; implicit for '
+    Spec('simulation.integrator', 'text', 'rk4',
+         'integrator of simulations; implicit for '
          'friction, springs and beams that need very short steps with rk4',
          choices=tuple(INTEGRATORS)),
-    live('simulation.stops', 'flag', False, 'put rigid, inelastic stops at the position limits in '
+    live('simulation.stops', 'flag', False,
+         'put rigid, inelastic stops at the position limits in '
          'simulations'),
-    live('simulation.max_waiting', 'count', 8, 'largest number of queued simulations; further '
+    live('simulation.max_waiting', 'count', 8,
+         'largest number of queued simulations; further '
          'requests are answered as busy', low=1.0, high=1000.0),
-    Spec('realtime.priority', 'count', 0, 'real-time priority (SCHED_FIFO) of the threads that '
+    Spec('realtime.priority', 'count', 0,
+         'real-time priority (SCHED_FIFO) of the threads that '
          'compute torques; 0: ordinary scheduling', low=0.0, high=99.0),
-    Spec('realtime.cpus', 'numbers', [], 'processors of the threads that compute torques; '
+    Spec('realtime.cpus', 'numbers', [],
+         'processors of the threads that compute torques; '
          'empty: all', low=0.0),
     Spec('realtime.lock_memory', 'flag', False, 'keep the memory of the process in RAM '
          '(mlockall), so that no torque waits for the disk'),
-    Spec('realtime.keep_awake', 'flag', False, 'keep idle processors of the computer awake '
+    Spec('realtime.keep_awake', 'flag', False,
+         'keep idle processors of the computer awake '
          '(/dev/cpu_dma_latency), since a sleeping one wakes late; costs power'),
-    Spec('realtime.collect_rarely', 'flag', False, 'run the garbage collector of Python only when '
+    Spec('realtime.collect_rarely', 'flag', False,
+         'run the garbage collector of Python only when '
          'diagnostics are published, so that it delays no torque'),
 )
 BY_NAME = {spec.name: spec for spec in SPECS}

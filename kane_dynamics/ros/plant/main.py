@@ -32,7 +32,11 @@ def run_plant(arguments: Sequence[str]) -> int:
 
 
 def spin_plant(stop: Any) -> None:
-    """Make the node and spin it until the future `stop`; ticks come between callbacks."""
+    """
+    Make the node and spin it until the future `stop`.
+
+    Ticks come between callbacks.
+    """
     from kane_dynamics.ros.common.process import make_executor, spin
     from kane_dynamics.ros.common.realtime import exclude_existing_objects
     from kane_dynamics.ros.plant.plant_node import PlantNode

@@ -55,7 +55,8 @@ class PlantNode(Node):
         self._live = LiveParameters(
             self, SPECS, lambda: 'expected no change; restart the node',
             self._check, self._changed)
-        values, log = self.values, self.get_logger()
+        values = self.values
+        log = self.get_logger()
         self._warn = ThrottledWarning(log)
         self.rejected: Counter[str] = Counter()
         self.received = 0
@@ -70,8 +71,10 @@ class PlantNode(Node):
             values['publish_clock']) else None
         self._simulated = self.create_publisher(Bool, f'~/{SIMULATED_ROBOT}', LATCHED)
         self._simulated.publish(Bool(data=True))
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
-        self.create_subscription(Float64MultiArray, 'commands', self._on_command, RELIABLE)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics',
+                                                  RELIABLE)
+        self.create_subscription(Float64MultiArray, 'commands', self._on_command,
+                                 RELIABLE)
         self._commanders = CommanderCount(self, 'commands')
         self.create_subscription(WrenchStamped, '~/wrench', self._on_wrench, WRENCHES)
         self.create_service(Trigger, '~/reset', self._on_reset)
@@ -100,7 +103,8 @@ class PlantNode(Node):
         source = values['robot_description'] or (
             values['urdf'] and resolve_path('urdf', values['urdf']))
         if not source:
-            raise InputError("URDF: none; expected parameter 'robot_description' or 'urdf'")
+            raise InputError("URDF: none; expected parameter 'robot_description' or "
+                             "'urdf'")
         model = load_model(source, values, self.get_logger().warning)
         return flexible_robot(model, robot_options(values))
 
@@ -109,10 +113,11 @@ class PlantNode(Node):
         arm = self.plant.arm
         names = self.values['measured'] or arm.joint_names
         if unknown := [name for name in names if name not in arm.joint_names]:
-            raise InputError(f"parameter 'measured': {', '.join(unknown)}; expected joints of "
-                             f'{", ".join(arm.joint_names)}')
+            raise InputError(f"parameter 'measured': {', '.join(unknown)}; expected "
+                             f'joints of {", ".join(arm.joint_names)}')
         self._measured = [arm.joint_names.index(name) for name in names]
-        robot, n = self.plant.robot, len(names)
+        robot = self.plant.robot
+        n = len(names)
         self._commanded = [k for k in commanded_joints(robot, robot.speed_names)
                            if k < len(arm.joint_names)]  # modes are not commanded
         writer, offsets = write_joint_state(names, '', (n, n, n))
@@ -120,9 +125,14 @@ class PlantNode(Node):
         self._columns = [self._message.doubles(offset, n) for offset in offsets]
 
     def poll(self) -> float:
-        """Execute the tick that is due, if any; return the time until the next one, s."""
+        """
+        Execute the tick that is due, if any.
+
+        Return the time until the next one, s.
+        """
         if self.paused or self.failure:
-            self._publish_time(self._now())  # for nodes that start while the plant is paused
+            # For nodes that start while the plant is paused
+            self._publish_time(self._now())
             return IDLE
         now = time.monotonic_ns()
         if now >= self.schedule.due:
@@ -136,7 +146,11 @@ class PlantNode(Node):
         return EPOCH + self.plant.time
 
     def _tick(self, system: int) -> None:
-        """Advance by one period; `system` is the system time at which the tick was due, ns."""
+        """
+        Advance by one period.
+
+        `system` is the system time at which the tick was due, ns.
+        """
         stamp = system if self._clock_out is None else self._now()
         self._publish_time(stamp)
         try:
@@ -178,7 +192,8 @@ class PlantNode(Node):
         self.rejected[topic] += 1
         self._warn(f'{topic} rejected', str(error))
 
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_reset(self, request: Trigger.Request,
+                  response: Trigger.Response) -> Trigger.Response:
         """Reset the arm to its initial state."""
         reset_clock = self.values['reset_clock'] and self._clock_out is not None
         if reset_clock:
@@ -194,7 +209,8 @@ class PlantNode(Node):
         response.message = 'at rest at ' + ', '.join(f'{q:g}' for q in self.plant.arm.q)
         return response
 
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+    def _on_pause(self, request: SetBool.Request,
+                  response: SetBool.Response) -> SetBool.Response:
         """Pause or resume."""
         self.paused = request.data
         self.schedule.start(time.monotonic_ns())
@@ -202,7 +218,8 @@ class PlantNode(Node):
         response.message = 'paused' if self.paused else 'running'
         return response
 
-    def _on_step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_step(self, request: Trigger.Request,
+                 response: Trigger.Response) -> Trigger.Response:
         """Advance by one tick while paused."""
         if not self.paused:
             response.message = 'plant: running; expected paused by ~/pause'
@@ -216,11 +233,16 @@ class PlantNode(Node):
         PlantState.check(self.plant.robot, values)
 
     def _changed(self, before: Mapping[str, Any], given: Collection[str]) -> None:
-        """Apply checked parameters; ticks run in the same thread and do not interleave."""
+        """
+        Apply checked parameters.
+
+        Ticks run in the same thread and do not interleave.
+        """
         values = self.values
         self.plant.update(values)
         if before['rate_factor'] != values['rate_factor']:
-            self.schedule.start(time.monotonic_ns(), self.plant.period / values['rate_factor'])
+            self.schedule.start(time.monotonic_ns(), self.plant.period
+                                / values['rate_factor'])
         if before['diagnostics_rate'] != values['diagnostics_rate']:
             self._start_diagnostics()
 
@@ -232,7 +254,8 @@ class PlantNode(Node):
                                         self._publish_diagnostics, clock=self._steady)
 
     def _publish_diagnostics(self) -> None:
-        now, (then, ticks) = time.monotonic(), self._reported
+        now = time.monotonic()
+        then, ticks = self._reported
         self._reported = now, self.plant.ticks
         speed = (self.plant.ticks - ticks) * self.plant.period / NANO / (now - then)
         message = DiagnosticArray(status=[self._status(speed)])
@@ -257,7 +280,8 @@ class PlantNode(Node):
 
     def _status(self, speed: float) -> DiagnosticStatus:
         """Return the diagnostic status of a period at `speed` times real time."""
-        plant, schedule = self.plant, self.schedule
+        plant = self.plant
+        schedule = self.schedule
         level, message = self._state_in_words(speed)
         if not self.failure and schedule.worst > schedule.period:
             level = max(level, DiagnosticStatus.WARN)

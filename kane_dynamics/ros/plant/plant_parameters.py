@@ -14,58 +14,81 @@ SPECS = (
     Spec('robot_description', 'text', '', 'URDF as text; overrides `urdf`'),
     Spec('urdf', 'text', '', 'path of the URDF or xacro file'),
     *_shared('xacro_arguments', 'supplement', 'base', 'tip', 'root_joint', 'joints'),
-    replace(BY_NAME['constraints'], description='path of a YAML file with loop closures and other '
+    replace(BY_NAME['constraints'],
+            description='path of a YAML file with loop closures and other '
             'constraints; `commands` are then of its `actuated` joints; empty: none'),
     Spec('measured', 'names', [], 'joints in joint_states; empty: all'),
     *_shared('prefix', 'gravity', 'payload.frame'),
-    replace(BY_NAME['payload.mass'], description='mass of the payload, kg; the dynamics node may '
+    replace(BY_NAME['payload.mass'],
+            description='mass of the payload, kg; the dynamics node may '
             'assume another one'),
-    *_shared('payload.com', 'payload.inertia', 'payload.max_mass', 'payload.max_distance'),
-    Spec('rate', 'number', 500.0, "rate of joint states, 1/s of the plant's time", low=0.01,
-         high=10_000.0),
+    *_shared('payload.com', 'payload.inertia', 'payload.max_mass',
+             'payload.max_distance'),
+    Spec('rate', 'number', 500.0, "rate of joint states, 1/s of the plant's time",
+         low=0.01, high=10_000.0),
     Spec('substeps', 'count', 2, 'integration steps between two joint states', low=1.0,
          high=1000.0),
-    Spec('integrator', 'text', 'rk4', 'integrator; implicit for friction, springs and beams that '
+    Spec('integrator', 'text', 'rk4',
+         'integrator; implicit for friction, springs and beams that '
          'need many substeps with rk4', choices=tuple(INTEGRATORS)),
-    Spec('publish_clock', 'flag', False, 'publish simulated time on /clock, starting at 1 s, for '
+    Spec('publish_clock', 'flag', False,
+         'publish simulated time on /clock, starting at 1 s, for '
          'nodes with use_sim_time; false: use system time'),
-    live('rate_factor', 'number', 1.0, 'rate of simulated time relative to real time; 1 unless '
+    live('rate_factor', 'number', 1.0,
+         'rate of simulated time relative to real time; 1 unless '
          'publish_clock is true', low=1e-3, high=1e3),
     live('reset_clock', 'flag', False, 'let ~/reset set simulated time back to 1 s'),
     Spec('start_paused', 'flag', False, 'start paused; ~/pause resumes'),
-    live('initial.position', 'per_joint', [], 'initial positions, at rest, at the start and after '
-         '~/reset, rad or m; empty: 0, or the limit nearest to it; with closed loops those of the '
-         'independent joints count, and empty is the configuration of the constraints file'),
-    Spec('arm_compensates', 'terms', ['none'], 'torque terms that the simulated arm adds to '
-         'commanded efforts itself, all but inertia; efforts in joint_states are without them'),
-    live('hold_until_command', 'flag', True, 'hold the arm with brakes until the first command; '
+    live('initial.position', 'per_joint', [],
+         'initial positions, at rest, at the start and after '
+         '~/reset, rad or m; empty: 0, or the limit nearest to it; with closed loops '
+         'those of the independent joints count, and empty is the configuration of the '
+         'constraints file'),
+    Spec('arm_compensates', 'terms', ['none'],
+         'torque terms that the simulated arm adds to '
+         'commanded efforts itself, all but inertia; efforts in joint_states are '
+         'without them'),
+    live('hold_until_command', 'flag', True,
+         'hold the arm with brakes until the first command; '
          'false: the arm moves freely from the start'),
-    live('command_timeout', 'number', 0.1, "age, s of the plant's time, above which the last "
+    live('command_timeout', 'number', 0.1,
+         "age, s of the plant's time, above which the last "
          'command has timed out', positive=True, low=0.0, high=3600.0),
-    live('after_timeout', 'text', 'zero', 'torque after a command timeout: zero, or the last '
+    live('after_timeout', 'text', 'zero',
+         'torque after a command timeout: zero, or the last '
          'command, as in most effort controllers', choices=('zero', 'hold')),
-    replace(BY_NAME['limits.effort'], description='effort limit of the motors, N m or N, in '
-            'addition to that of the URDF; the smaller one applies; empty: only that of the URDF'),
+    replace(BY_NAME['limits.effort'],
+            description='effort limit of the motors, N m or N, in '
+            'addition to that of the URDF; the smaller one applies; empty: only that of '
+            'the URDF'),
     Spec('wrench.frames', 'names', [], 'frames at which ~/wrench may act; empty: none'),
-    live('wrench.timeout', 'number', 0.5, 'time for which a wrench acts unless another one '
-         "follows at its frame, s of the plant's time", positive=True, low=0.0, high=3600.0),
+    live('wrench.timeout', 'number', 0.5,
+         'time for which a wrench acts unless another one '
+         "follows at its frame, s of the plant's time", positive=True, low=0.0,
+         high=3600.0),
     *_shared('wrench.max_force', 'wrench.max_moment'),
-    live('noise.position', 'per_joint', 0.0, 'noise of published positions, standard deviation, '
+    live('noise.position', 'per_joint', 0.0,
+         'noise of published positions, standard deviation, '
          'rad or m', low=0.0),
-    live('noise.velocity', 'per_joint', 0.0, 'noise of published velocities, standard deviation, '
+    live('noise.velocity', 'per_joint', 0.0,
+         'noise of published velocities, standard deviation, '
          'rad/s or m/s', low=0.0),
-    live('noise.effort', 'per_joint', 0.0, 'noise of published efforts, standard deviation, N m '
+    live('noise.effort', 'per_joint', 0.0,
+         'noise of published efforts, standard deviation, N m '
          'or N', low=0.0),
-    live('delay.states', 'number', 0.0, 'delay from measurement to publication of joint states, s '
-         "of the plant's time, rounded up to a tick; stamps are those of the measurement", low=0.0,
+    live('delay.states', 'number', 0.0,
+         'delay from measurement to publication of joint states, s '
+         "of the plant's time, rounded up to a tick; stamps are those of the "
+         'measurement', low=0.0,
          high=10.0),
-    live('delay.commands', 'number', 0.0, 'delay from reception to effect of commands, s of the '
+    live('delay.commands', 'number', 0.0,
+         'delay from reception to effect of commands, s of the '
          "plant's time, rounded up to a tick", low=0.0, high=10.0),
-    live('dropout.states', 'number', 0.0, 'fraction of joint states that are dropped', low=0.0,
-         high=1.0),
-    live('dropout.commands', 'number', 0.0, 'fraction of commands that are dropped', low=0.0,
-         high=1.0),
-    live('seed', 'count', 0, 'seed of noise and dropouts; ~/reset restarts the sequence', low=0.0,
-         high=1e9),
+    live('dropout.states', 'number', 0.0, 'fraction of joint states that are dropped',
+         low=0.0, high=1.0),
+    live('dropout.commands', 'number', 0.0, 'fraction of commands that are dropped',
+         low=0.0, high=1.0),
+    live('seed', 'count', 0, 'seed of noise and dropouts; ~/reset restarts the sequence',
+         low=0.0, high=1e9),
     *_shared('diagnostics_rate'),
 )

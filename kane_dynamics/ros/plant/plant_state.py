@@ -1,4 +1,4 @@
-"""The plant without ROS: arm, sensors, motors and communication delays, advanced by ticks."""
+"""The plant without ROS: arm, sensors, motors and communication delays."""
 
 from collections import deque
 from collections.abc import Iterator, Mapping
@@ -15,7 +15,8 @@ from kane_dynamics.ros.torque_path.wrench_input import check_frames
 import numpy as np
 
 T = TypeVar('T')
-MAX_ITEMS = 100_000  # in transit: ten seconds at 10 kHz; none arrives while time is paused
+# In transit: ten seconds at 10 kHz; none arrives while time is paused
+MAX_ITEMS = 100_000
 
 
 class Measurement(NamedTuple):
@@ -31,8 +32,8 @@ class PlantState:
     """
     An arm with sensors, motors and communication lines.
 
-    Each tick measures and sends the state, then advances the arm by one period under the command
-    that has arrived.
+    Each tick measures and sends the state, then advances the arm by one period under the
+    command that has arrived.
 
     Parameters
     ----------
@@ -60,7 +61,8 @@ class PlantState:
 
     def __init__(self, robot: Robot, values: Mapping[str, Any]) -> None:
         self.check(robot, values)
-        self.robot, self._values = robot, values
+        self.robot = robot
+        self._values = values
         self.period: float = NANO / values['rate']  # ns
         self.arm = SimulatedArm(robot, 1.0 / (values['rate'] * values['substeps']),
                                 values['integrator'], values['arm_compensates'])
@@ -75,27 +77,34 @@ class PlantState:
     @staticmethod
     def check(robot: Robot, values: Mapping[str, Any]) -> None:
         """Raise InputError unless the parameters fit the robot and each other."""
-        n, limits = joint_count(robot), robot.limits
+        n = joint_count(robot)
+        limits = robot.limits
         names = robot.joint_names[:n]
-        for name in ('noise.position', 'noise.velocity', 'noise.effort', 'limits.effort'):
+        for name in ('noise.position', 'noise.velocity', 'noise.effort',
+                     'limits.effort'):
             per_joint(values, name, names, 0.0)
         parameter_loads(robot.model, values)
         added_terms(values['arm_compensates'])
         check_frames(robot.model, values['wrench.frames'])
         if values['initial.position'].shape != (0,):
             initial = per_joint(values, 'initial.position', names, 0.0)
-            for name, q, low, high in zip(names, initial, limits.lower[:n], limits.upper[:n],
-                                          strict=True):
+            for name, q, low, high in zip(names, initial, limits.lower[:n],
+                                          limits.upper[:n], strict=True):
                 if not low <= q <= high:
-                    raise InputError(f"parameter 'initial.position' of joint '{name}': {q:g}; "
-                                     f'expected {low:g} to {high:g}')
+                    raise InputError(f"parameter 'initial.position' of joint '{name}': "
+                                     f'{q:g}; expected {low:g} to {high:g}')
         if values['rate_factor'] != 1.0 and not values['publish_clock']:
-            raise InputError(f"parameter 'rate_factor': {values['rate_factor']:g}; expected 1 "
-                             'unless publish_clock is true')
+            raise InputError(f"parameter 'rate_factor': {values['rate_factor']:g}; "
+                             'expected 1 unless publish_clock is true')
 
     def update(self, values: Mapping[str, Any]) -> None:
-        """Use checked parameters from the next tick on; initial.position from the next reset."""
-        before, self._values = self._values, values
+        """
+        Use checked parameters from the next tick on.
+
+        Initial.position from the next reset.
+        """
+        before = self._values
+        self._values = values
         names = self.arm.joint_names
         self._noise = [per_joint(values, f'noise.{what}', names, 0.0)
                        for what in ('position', 'velocity', 'effort')]
@@ -119,7 +128,8 @@ class PlantState:
         self._wrench_until.clear()
         self._torque = self._zero
         self._last_command: int | None = None
-        self.braked, self.timed_out = bool(self._values['hold_until_command']), False
+        self.braked = bool(self._values['hold_until_command'])
+        self.timed_out = False
         self.states.clear()
         self.commands.clear()
         self._reset_generators()
@@ -154,15 +164,15 @@ class PlantState:
 
     def apply_wrench(self, frame: str, wrench: Array) -> None:
         """
-        Apply a wrench at a frame for wrench.timeout, or until the next wrench at this frame.
+        Apply a wrench at a frame, for wrench.timeout or until the next one there.
 
         Parameters
         ----------
         frame : str
             One of parameter wrench.frames.
         wrench : (6,) array
-            Force, then moment of the environment on the arm, at the origin and in the axes of the
-            frame, N and N m.
+            Force, then moment of the environment on the arm, at the origin and in the
+            axes of the frame, N and N m.
 
         Raises
         ------
@@ -171,17 +181,19 @@ class PlantState:
 
         """
         self.arm.frames.row(frame)
-        most = np.repeat([self._values['wrench.max_force'], self._values['wrench.max_moment']], 3)
+        most = np.repeat([self._values['wrench.max_force'],
+                          self._values['wrench.max_moment']], 3)
         if not (np.abs(wrench) <= most).all():
-            raise InputError(f'wrench: {wrench.tolist()}; expected finite numbers, at most '
-                             f'{most[0]:g} N and {most[3]:g} N m (parameters wrench.max_force and '
-                             'wrench.max_moment)')
+            raise InputError(f'wrench: {wrench.tolist()}; expected finite numbers, at '
+                             f'most {most[0]:g} N and {most[3]:g} N m (parameters '
+                             'wrench.max_force and wrench.max_moment)')
         self.arm.wrenches[frame] = wrench
-        self._wrench_until[frame] = self.time + round(self._values['wrench.timeout'] * NANO)
+        self._wrench_until[frame] = self.time + round(self._values['wrench.timeout']
+                                                      * NANO)
 
     def tick(self, stamp: int) -> Iterator[Measurement]:
         """
-        Measure the state, advance by one period, and return the measurements that arrive now.
+        Measure the state, advance by one period, and return what arrives now.
 
         Parameters
         ----------
@@ -208,7 +220,9 @@ class PlantState:
     def _commanded_torque(self, now: int) -> Array:
         """Return the commanded torque, (n,), after arrivals and timeout."""
         for tau in self.commands.receive(now):
-            self._torque, self._last_command, self.braked = tau, now, False
+            self._torque = tau
+            self._last_command = now
+            self.braked = False
         timed_out = self._last_command is not None and now - self._last_command > self._timeout
         self.timeouts += timed_out and not self.timed_out
         self.timed_out = timed_out
@@ -246,7 +260,8 @@ class DelayLine(Generic[T]):
 
     def configure(self, delay: float, dropout: float) -> None:
         """Set the delay, s, and the probability of dropouts for further items."""
-        self._delay, self._dropout = round(delay * NANO), dropout
+        self._delay = round(delay * NANO)
+        self._dropout = dropout
 
     def set_generator(self, random: np.random.Generator) -> None:
         """Draw dropouts from this generator."""

@@ -22,7 +22,9 @@ BLOCK = 2000  # steps that are kept and checked together
 
 def added_terms(arm_compensates: Collection[str]) -> Array | None:
     """
-    Return the weight of each torque term that the simulated arm adds itself; None without any.
+    Return the weight of each torque term that the simulated arm adds itself.
+
+    None without any.
 
     Raises
     ------
@@ -32,8 +34,8 @@ def added_terms(arm_compensates: Collection[str]) -> Array | None:
     """
     commanded = Terms.beside(arm_compensates)
     if not commanded.inertia:
-        raise InputError(f"parameter 'arm_compensates': {list(arm_compensates)}; expected no "
-                         'inertia, which needs a desired acceleration')
+        raise InputError(f"parameter 'arm_compensates': {list(arm_compensates)}; "
+                         'expected no inertia, which needs a desired acceleration')
     if commanded.complete:
         return None
     # The rows are those of `torque_terms`; the springs are part of the arm.
@@ -48,16 +50,16 @@ def joint_count(robot: Robot) -> int:
 
 class SimulatedArm:
     """
-    An arm that is simulated with compiled integration steps, with constant torques in each step.
+    An arm that is simulated with compiled steps, with constant torques in each.
 
-    Motors, sensors and stops act on the joints, which come first among the coordinates. Flexible
-    modes are simulated, but neither actuated nor measured.
+    Motors, sensors and stops act on the joints, which come first among the coordinates.
+    Flexible modes are simulated, but neither actuated nor measured.
 
-    With closed loops the state is that of the independent speeds; the loops are closed again in
-    every step, and the motors act through `Robot.generalized_force`.
+    With closed loops the state is that of the independent speeds; the loops are closed
+    again in every step, and the motors act through `Robot.generalized_force`.
 
-    The native step uses fixed memory. The stops are at the position limits; velocity limits are
-    not enforced.
+    The native step uses fixed memory. The stops are at the position limits; velocity
+    limits are not enforced.
 
     Parameters
     ----------
@@ -68,8 +70,8 @@ class SimulatedArm:
     integrator : str
         One of `step_kernels.INTEGRATORS`.
     arm_compensates : collection of str
-        Torque terms that the arm adds to the commanded torques itself, at the state at the start
-        of each step; effort limits apply to the commanded torques only.
+        Torque terms that the arm adds to the commanded torques itself, at the state at
+        the start of each step; effort limits apply to the commanded torques only.
 
     Attributes
     ----------
@@ -78,14 +80,15 @@ class SimulatedArm:
     q, u : (n,) arrays
         Positions and rates of the joints, rad or m, and s; in fixed memory.
     effort : (n,) array
-        Commanded effort of the last step, within the limits, N m or N: without what the arm adds.
+        Commanded effort of the last step, within the limits, N m or N: without what the
+        arm adds.
     limit : (n,) array
         Effort limit of the motors.
     lower, upper : (n,) arrays
         Positions of the stops.
     wrenches : dict
-        Wrench of the environment on the arm by frame name, (6,): force then moment at the origin
-        and in the axes of the frame, N and N m. Constant until changed.
+        Wrench of the environment on the arm by frame name, (6,): force then moment at
+        the origin and in the axes of the frame, N and N m. Constant until changed.
     stop_contacts : int
         Number of steps with a joint at a stop.
     clamped : int
@@ -106,20 +109,25 @@ class SimulatedArm:
         modes = {robot.model.coordinate_names[k] for k in robot.model.modal_coordinates}
         self._driven = np.array([name not in modes for name in robot.speed_names])
         self._integrator = integrator
-        n, n_q = joint_count(robot), robot.n_q
-        self.robot, self.joint_names = robot, robot.joint_names[:n]
+        n = joint_count(robot)
+        n_q = robot.n_q
+        self.robot = robot
+        self.joint_names = robot.joint_names[:n]
         self._constrained = bool(robot.constraint_names)
         self._bending = QuasiStatic(robot) if n < n_q else None
         self._state, self._next = np.zeros((2, len(state_names(robot))))
         self._total = np.zeros((1, robot.n))
-        self._q, self._u = self._state[:n_q], self._state[n_q:n_q + robot.n]
-        self.q, self.u = self._q[:n], np.zeros(n) if self._constrained else self._u[:n]
+        self._q = self._state[:n_q]
+        self._u = self._state[n_q:n_q + robot.n]
+        self.q = self._q[:n]
+        self.u = np.zeros(n) if self._constrained else self._u[:n]
         self.effort = np.zeros(n)
         self._joint_torques = np.zeros(n_q)
         self.limit = robot.limits.effort[:n].copy()
         self.wrenches: dict[str, Array] = {}
         self.stop_contacts = self.clamped = 0
-        self.lower, self.upper = robot.limits.lower[:n], robot.limits.upper[:n]
+        self.lower = robot.limits.lower[:n]
+        self.upper = robot.limits.upper[:n]
         choice = StepChoice(False, integrator)
         kernel = step_kernel(robot, *choice)
         self._constants = kernel.parameters
@@ -144,7 +152,7 @@ class SimulatedArm:
         return [self.joint_names[k] for k in np.flatnonzero(at_stop)]
 
     def step_warning(self) -> str | None:
-        """Return a warning if the step is too long at the present configuration, else None."""
+        """Return a warning if the step is too long at this configuration, else None."""
         return step_warning(self.robot, self._q, float(self._constants[0]),
                             self._integrator)
 
@@ -158,10 +166,12 @@ class SimulatedArm:
         """
         Put the arm at rest at q, (n,), without torque and wrenches.
 
-        With closed loops the independent joints are at q. None is the configuration of the robot,
-        for a tree `Robot.feasible_configuration`.
+        With closed loops the independent joints are at q. None is the configuration of
+        the robot, for a tree `Robot.feasible_configuration`.
         """
-        self.u[:], self._u[:], self.effort[:] = 0.0, 0.0, 0.0
+        self.u[:] = 0.0
+        self._u[:] = 0.0
+        self.effort[:] = 0.0
         if self._constrained:
             self._q[:] = self._closed(q)
         elif q is None:  # without the modes of beams, which are behind the joints
@@ -216,8 +226,8 @@ class SimulatedArm:
         self._advance()
         if self._constrained and not self._next[-1] > 0.0:
             raise InputError('closed loops: near a singular configuration at '
-                             f'{described(self.robot.mechanism, self._q)}; expected a motion '
-                             'away from it')
+                             f'{described(self.robot.mechanism, self._q)}; expected a '
+                             'motion away from it')
         n = len(self.q)
         if (self._next[:n] < self.lower).any() or (self._next[:n] > self.upper).any():
             self._apply_stops()
@@ -230,14 +240,16 @@ class SimulatedArm:
     def _external(self) -> Array:
         """Return the generalized force of the wrenches at the present configuration."""
         world = self.frames.in_world(self._q, ((self.frames.row(frame), wrench)
-                                               for frame, wrench in self.wrenches.items()))
+                                               for frame,
+                                               wrench in self.wrenches.items()))
         return self.robot.external_force(self._q, wrench=world)
 
     def _apply_stops(self) -> None:
         """Advance by a step with the forces and the impulses of the stops."""
         self.energy.add(self._total[0], self._next)
         self.energy.close()
-        self._state[:] = self._stops.step_end(self._source, self._state.copy(), self._next)
+        self._state[:] = self._stops.step_end(self._source, self._state.copy(),
+                                              self._next)
         self.energy.restart(self._state)
         self.stop_contacts += 1
 
@@ -271,13 +283,16 @@ class EnergyCheck:
 
     def restart(self, state: Array) -> None:
         """Begin a block at a state; the balance does not include earlier motion."""
-        self._states[0, 0], self._count = state, 0
-        self._balance = EnergyBalance(*self._arguments, self._states[:, 0], self._integrator)
+        self._states[0, 0] = state
+        self._count = 0
+        self._balance = EnergyBalance(*self._arguments, self._states[:, 0],
+                                      self._integrator)
 
     def add(self, torque: Array, state: Array) -> None:
         """Add a step: the torques held during it, and the state after it."""
         k = self._count
-        self._torques[0, k], self._states[0, k + 1] = torque, state
+        self._torques[0, k] = torque
+        self._states[0, k + 1] = state
         self._count = k + 1
         if self._count == BLOCK:
             self.close()

@@ -32,7 +32,8 @@ class TickSchedule:
     def start(self, now: int, period: float | None = None) -> None:
         """Start the schedule now, ns, optionally with a new period."""
         self.period = self.period if period is None else period
-        self._origin, self._ticks = now, 0
+        self._origin = now
+        self._ticks = 0
 
     @property
     def due(self) -> int:

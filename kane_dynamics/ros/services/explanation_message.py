@@ -11,7 +11,8 @@ import numpy as np
 
 
 def explanation_message(robot: Robot, state: Sequence[Array], wrench: Array | None,
-                        names: Sequence[str], index: Index | None = None) -> TorqueExplanation:
+                        names: Sequence[str],
+                        index: Index | None = None) -> TorqueExplanation:
     """
     Return the torque breakdown of a motion.
 
@@ -39,7 +40,8 @@ def explanation_message(robot: Robot, state: Sequence[Array], wrench: Array | No
     why = robot.explain(q, u, udot, wrench=wrench)
     power = power_balance(robot, q, u, udot, wrench=wrench)
     return TorqueExplanation(
-        joint_names=list(names), sources=list(why.sources), by_source=table(why.by_source),
+        joint_names=list(names), sources=list(why.sources),
+        by_source=table(why.by_source),
         bodies=list(why.bodies), by_body=table(why.by_body), joint_power=power.joints,
         external_power=power.external, friction_power=power.friction,
         energy_rate=power.energy_rate, power_residual=power.residual)

@@ -10,7 +10,8 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, Index, order
 import numpy as np
 
-MOST_MOVED = 0.1  # rad, or lengths of the mechanism: by the closure of nearly closed loops
+# Rad, or lengths of the mechanism: by the closure of nearly closed loops
+MOST_MOVED = 0.1
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,9 @@ class JointOrder:
     Attributes
     ----------
     joint_names, speed_names : list of str
-        All joints, and the independent joints, in the order of the request. Positions are of all
-        joints, other vectors of the independent ones. Without constraints the lists are equal.
+        All joints, and the independent joints, in the order of the request. Positions
+        are of all joints, other vectors of the independent ones. Without constraints the
+        lists are equal.
     joints, speeds : (n_q,) and (n,) arrays of int, or None
         Index of each of the robot's joints in the request; None if the orders are equal.
 
@@ -35,7 +37,11 @@ class JointOrder:
 
     @classmethod
     def of(cls, robot: Robot, names: Sequence[str]) -> 'JointOrder':
-        """Return the order that the names of a request give; without names, the robot's order."""
+        """
+        Return the order that the names of a request give.
+
+        Without names, the robot's order.
+        """
         index = order(names, robot.joint_names, 'joint_names')
         every = list(names) or list(robot.joint_names)
         free = [name for name in every if name in robot.speed_names]
@@ -44,11 +50,13 @@ class JointOrder:
 
 def close_loops(robot: Robot, q: Array) -> Array:
     """
-    Return the configuration near q that satisfies the constraints; q without constraints.
+    Return the configuration near q that satisfies the constraints.
 
-    The independent joints keep their values. InputError if the constraint residual at q is larger
-    than `NEARLY_CLOSED`, rad or lengths of the mechanism, or if the loops close further than
-    `MOST_MOVED` away.
+    Q without constraints.
+
+    The independent joints keep their values. InputError if the constraint residual at q
+    is larger than `NEARLY_CLOSED`, rad or lengths of the mechanism, or if the loops
+    close further than `MOST_MOVED` away.
     """
     if not robot.constraint_names:
         return q
@@ -56,14 +64,16 @@ def close_loops(robot: Robot, q: Array) -> Array:
     in_units = residual / robot.mechanism.row_units
     if not in_units.max() <= NEARLY_CLOSED:
         worst = int(in_units.argmax())
-        raise InputError(f'position: residual {residual[worst]:.3g} m or rad of constraint '
+        raise InputError(f'position: residual {residual[worst]:.3g} m or rad of '
+                         'constraint '
                          f"'{robot.constraint_names[worst]}'; expected at most "
                          f'{NEARLY_CLOSED * robot.mechanism.row_units[worst]:.3g}')
     closed = robot.closed_posture(q, fixed=robot.speed_names, start=q)
-    moved, units = np.abs(difference(robot.model, q, closed)), robot.mechanism.units
+    moved = np.abs(difference(robot.model, q, closed))
+    units = robot.mechanism.units
     if not (moved / units).max() <= MOST_MOVED:
         k = int((moved / units).argmax())
         raise InputError(f'position: the loops close {moved[k]:.3g} rad or m away in '
-                         f"'{robot.joint_names[k]}'; expected at most {MOST_MOVED:g} rad, or "
-                         'lengths of the mechanism')
+                         f"'{robot.joint_names[k]}'; expected at most {MOST_MOVED:g} "
+                         'rad, or lengths of the mechanism')
     return closed

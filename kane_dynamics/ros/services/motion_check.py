@@ -1,9 +1,9 @@
 """
 Refuse motions that cannot be: one set of rules for every motion that the node receives.
 
-A motion is refused if it leaves the position limits, sets out far from where the arm is, or needs
-speeds or efforts beyond the limits by more than a factor. It is judged at its points and at some
-times between them.
+A motion is refused if it leaves the position limits, sets out far from where the arm is,
+or needs speeds or efforts beyond the limits by more than a factor. It is judged at its
+points and at some times between them.
 """
 
 from collections.abc import Sequence
@@ -36,12 +36,13 @@ def refuse_impossible(served: ServedRobot, motion: Motion, place: Array | None =
     Parameters
     ----------
     served : ServedRobot
-        The robot of the calling thread, with its loads applied, and the node's parameters:
-        trajectory.*, limits.* and arm_compensates are used.
+        The robot of the calling thread, with its loads applied, and the node's
+        parameters: trajectory.*, limits.* and arm_compensates are used.
     motion : Motion
         Of some or all joints of the robot.
     place : (n,) array, optional
-        Where the joints of the motion are at `moment`, rad or m; the motion must be near.
+        Where the joints of the motion are at `moment`, rad or m; the motion must be
+        near.
     moment : float
         Time of the motion, s, from which on it is executed.
 
@@ -65,7 +66,8 @@ def refuse_impossible(served: ServedRobot, motion: Motion, place: Array | None =
         _check_efforts(served, motion)
 
 
-def check_positions(served: ServedRobot, names: Sequence[str], positions: Array, points: Array,
+def check_positions(served: ServedRobot, names: Sequence[str], positions: Array,
+                    points: Array,
                     times: Array | None = None, place: Array | None = None) -> None:
     """
     Raise InputError unless positions are within the limits of their joints.
@@ -88,14 +90,18 @@ def check_positions(served: ServedRobot, names: Sequence[str], positions: Array,
     """
     limits = served.robot.limits
     places = _indices(served, names)
-    lower, upper = limits.lower[places] - ROUNDING, limits.upper[places] + ROUNDING
+    lower = limits.lower[places] - ROUNDING
+    upper = limits.upper[places] + ROUNDING
     if place is not None:
-        lower, upper = np.minimum(lower, place), np.maximum(upper, place)
+        lower = np.minimum(lower, place)
+        upper = np.maximum(upper, place)
     outside = np.maximum(lower - positions, positions - upper)
     if not (outside > 0.0).any():
         return
     k, j = divmod(int(np.argmax(outside)), len(names))
-    value, least, most = float(positions[k, j]), float(lower[j]), float(upper[j])
+    value = float(positions[k, j])
+    least = float(lower[j])
+    most = float(upper[j])
     expected = f'at most {most:.6g}' if value > most else f'at least {least:.6g}'
     hint = looks_like_degrees(value, least, most)
     raise InputError(f"joint '{names[j]}': position {value:.6g} "
@@ -103,7 +109,8 @@ def check_positions(served: ServedRobot, names: Sequence[str], positions: Array,
                      f'expected {expected}{hint}')
 
 
-def _check_start(served: ServedRobot, motion: Motion, place: Array, moment: float) -> None:
+def _check_start(served: ServedRobot, motion: Motion, place: Array,
+                 moment: float) -> None:
     """Raise InputError unless the motion sets out near the place where the arm is."""
     tolerance = served.values['trajectory.start_tolerance']
     q = motion.sample(max(moment, 0.0))[0]
@@ -111,26 +118,31 @@ def _check_start(served: ServedRobot, motion: Motion, place: Array, moment: floa
     if (away <= tolerance).all():
         return
     j = int(np.argmax(away))
-    name, limits = motion.joint_names[j], served.robot.limits
+    name = motion.joint_names[j]
+    limits = served.robot.limits
     at = _indices(served, [name])[0]
     hint = ''
     if abs(math.radians(float(q[j])) - place[j]) < 0.1 * abs(q[j] - place[j]):
-        hint = looks_like_degrees(float(q[j]), float(limits.lower[at]), float(limits.upper[at]))
+        hint = looks_like_degrees(float(q[j]), float(limits.lower[at]),
+                                  float(limits.upper[at]))
     raise InputError(f"joint '{name}': the motion sets out at {q[j]:.6g}, the arm is at "
-                     f'{place[j]:.6g} rad or m; expected at most {tolerance:g} away (parameter '
-                     f'trajectory.start_tolerance), or a first point after 0 s{hint}')
+                     f'{place[j]:.6g} rad or m; expected at most {tolerance:g} away '
+                     '(parameter trajectory.start_tolerance), or a first point after 0 '
+                     f's{hint}')
 
 
 def _check_speeds(served: ServedRobot, motion: Motion, times: Array, u: Array) -> None:
     """Raise InputError if a joint must be faster than its limit times the factor."""
     factor = served.values['trajectory.limit_factor']
-    limit = speed_limits(served.robot, served.values)[_indices(served, motion.joint_names)]
+    limit = speed_limits(served.robot, served.values)[_indices(served,
+                                                               motion.joint_names)]
     _check_limit('speed', motion, motion.joint_names, times, u, limit, factor)
 
 
 def _check_efforts(served: ServedRobot, motion: Motion) -> None:
-    """Raise InputError if the motion needs a larger effort than the limit times the factor."""
-    robot, values = served.robot, served.values
+    """Raise InputError if the motion needs more effort than the factor allows."""
+    robot = served.robot
+    values = served.values
     factor = values['trajectory.limit_factor']
     stated = per_joint(values, 'limits.effort', robot.joint_names, math.inf)
     limit = np.minimum(robot.limits.effort, stated)
@@ -164,7 +176,8 @@ def _constrained_efforts(served: ServedRobot, motion: Motion, times: Array,
     else:
         Q[:, driving] = q
     check_positions(served, robot.joint_names, Q, motion.times, times, served.measured())
-    whole = motion_of_closed(robot, driving, np.zeros(len(times)), Q, rates, accelerations)
+    whole = motion_of_closed(robot, driving, np.zeros(len(times)), Q, rates,
+                             accelerations)
     tau = terms(served.values).inverse_dynamics(served.bending or robot, *whole)
     efforts: Array = robot.joint_torques(tau, whole.q)
     return efforts
@@ -173,7 +186,8 @@ def _constrained_efforts(served: ServedRobot, motion: Motion, times: Array,
 def _closed(served: ServedRobot, motion: Motion, times: Array, q: Array,
             driving: Sequence[int]) -> Array:
     """Return closed configurations, (K, n_q), in the assembly mode of the arm."""
-    robot, values = served.robot, served.values
+    robot = served.robot
+    values = served.values
     tracker = driving_tracker(robot, [robot.joint_names[k] for k in driving],
                               tolerance=values['closure.tolerance'],
                               max_figure=values['closure.max_conditioning'])
@@ -193,22 +207,23 @@ def _closed(served: ServedRobot, motion: Motion, times: Array, q: Array,
     return np.array(rows)
 
 
-def _check_limit(what: str, motion: Motion, names: Sequence[str], times: Array, values: Array,
-                 limit: Array, factor: float) -> None:
+def _check_limit(what: str, motion: Motion, names: Sequence[str], times: Array,
+                 values: Array, limit: Array, factor: float) -> None:
     """Raise InputError if values, (K, n), exceed a limit, (n,), times the factor."""
     excess = np.abs(values) - factor * limit * (1.0 + ROUNDING)
     if not (excess > 0.0).any():
         return
     k, j = divmod(int(np.argmax(np.abs(values) / limit)), len(names))
     raise InputError(f"joint '{names[j]}': {what} {values[k, j]:.6g} "
-                     f'{described_time(float(times[k]), motion.times)}; expected at most '
-                     f'{factor * limit[j]:.6g}, {factor:g} times its limit (parameter '
-                     'trajectory.limit_factor)')
+                     f'{described_time(float(times[k]), motion.times)}; expected at '
+                     f'most {factor * limit[j]:.6g}, {factor:g} times its limit '
+                     '(parameter trajectory.limit_factor)')
 
 
 def _times(motion: Motion, most: int) -> Array:
     """Return times at which a motion is judged: its points, and some between them."""
-    knots, count = motion.times, len(motion.times)
+    knots = motion.times
+    count = len(motion.times)
     if count > most:
         chosen: Array = knots[np.unique(np.linspace(0, count - 1, most).astype(int))]
         return chosen

@@ -12,8 +12,8 @@ from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 
 
 RIGID = 'flexible links treated as rigid'
-QUASI_STATIC = ('effort with the quasi-static deflection of flexible links, reactions and '
-                'constraint forces without')
+QUASI_STATIC = ('effort with the quasi-static deflection of flexible links, reactions '
+                'and constraint forces without')
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class ServedRobot:
     frames : WrenchFrames
         Frames of `robot` at which a request may apply wrenches.
     bending : QuasiStatic, optional
-        The flexible arm of which `robot` is the rigid model, for filled trajectories and inverse
-        dynamics.
+        The flexible arm of which `robot` is the rigid model, for filled trajectories and
+        inverse dynamics.
     measured : callable
         Returns the measured positions, (n,), or None.
 

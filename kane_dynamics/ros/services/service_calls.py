@@ -12,7 +12,11 @@ import numpy as np
 
 
 def _state(robot: Robot, request: Any, *fields: str) -> tuple[Any, ...]:
-    """Return joint order, q and further vectors of a request; an empty velocity means rest."""
+    """
+    Return joint order, q and further vectors of a request.
+
+    An empty velocity means rest.
+    """
     order = JointOrder.of(robot, request.joint_names)
     q = close_loops(robot, vector(request.position, order.joints, robot.n_q, 'position'))
     return order, q, *(vector(getattr(request, field), order.speeds, robot.n, field,
@@ -36,7 +40,7 @@ def _constraint_forces(robot: Robot, response: Any, *state: Any) -> None:
 
 
 def inverse_dynamics(served: ServedRobot, request: Any, response: Any) -> None:
-    """Fill in the torques of a motion, the joint reactions, and the constraint forces."""
+    """Fill in the torques of a motion, joint reactions, and constraint forces."""
     robot = served.robot
     order, q, u, udot = _state(robot, request, 'velocity', 'acceleration')
     tau = robot.inverse_dynamics(q, u, udot)
@@ -48,7 +52,8 @@ def inverse_dynamics(served: ServedRobot, request: Any, response: Any) -> None:
     response.effort = doubles(_reordered(torques, order.joints))
     joints = [body.joint.name for body in robot.model.bodies]
     reactions = robot.joint_reactions(q, u, udot)
-    response.joint_reactions = [as_wrench(reactions[joints.index(name)]) for name in names]
+    response.joint_reactions = [as_wrench(reactions[joints.index(name)])
+                                for name in names]
     _constraint_forces(robot, response, q, u, tau)
 
 
@@ -58,7 +63,8 @@ def forward_dynamics(served: ServedRobot, request: Any, response: Any) -> None:
     response.message = RIGID * (served.bending is not None)
     order, q, u, tau = _state(robot, request, 'velocity', 'effort')
     response.joint_names = order.speed_names
-    response.acceleration = doubles(_reordered(robot.forward_dynamics(q, u, tau), order.speeds))
+    response.acceleration = doubles(_reordered(robot.forward_dynamics(q, u, tau),
+                                               order.speeds))
     _constraint_forces(robot, response, q, u, tau)
 
 
@@ -69,7 +75,8 @@ def get_dynamics(served: ServedRobot, request: Any, response: Any) -> None:
     order, q, u = _state(robot, request, 'velocity')
     response.joint_names = order.speed_names
     response.mass_matrix = doubles(_reordered(robot.mass_matrix(q), order.speeds))
-    friction = robot.torque_terms(q, u, np.zeros(robot.n))[TORQUE_TERMS.index('friction')]
+    friction = robot.torque_terms(q, u,
+                                  np.zeros(robot.n))[TORQUE_TERMS.index('friction')]
     for field, values in (('bias_force', robot.bias_force(q, u)),
                           ('gravity_force', robot.gravity_force(q)),
                           ('friction_force', friction)):

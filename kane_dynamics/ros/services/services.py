@@ -1,8 +1,8 @@
 """
 The node that serves the services and the action, in its own thread.
 
-Requests use their own Robot and never the torque path. Simulations run on a worker thread, which
-releases the interpreter's lock in native code.
+Requests use their own Robot and never the torque path. Simulations run on a worker
+thread, which releases the interpreter's lock in native code.
 """
 
 from collections.abc import Callable
@@ -12,16 +12,18 @@ from typing import Any
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.ros.common.qos import RELIABLE, SERVICES
 from kane_dynamics.ros.services.served_robot import ServedRobot
-from kane_dynamics.ros.services.service_calls import (explain, forward_dynamics, get_dynamics,
-                                                      inverse_dynamics)
+from kane_dynamics.ros.services.service_calls import (explain, forward_dynamics,
+                                                      get_dynamics, inverse_dynamics)
 from kane_dynamics.ros.services.simulation_request import SimulationRequest
 from kane_dynamics.ros.services.time_optimal_request import timing_request
 from kane_dynamics.ros.services.trajectory_filling import (fill_trajectory_tables,
                                                            filled_message)
 from kane_dynamics.ros.services.worker import Worker
 from kane_dynamics_interfaces.action import SimulateMotion
-from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
-                                          InverseDynamics, SetPayload, Simulate, TimeOptimal)
+from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics,
+                                          GetDynamics,
+                                          InverseDynamics, SetPayload, Simulate,
+                                          TimeOptimal)
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -42,8 +44,9 @@ class Services(Node):
     front : rclpy.node.Node
         The node whose name resolves the names of services and topics.
     on_trajectory : callable
-        Called in the services' thread with each serialized JointTrajectory and the system time of
-        its reception, ns; a long trajectory thus does not block the torque path.
+        Called in the services' thread with each serialized JointTrajectory and the
+        system time of its reception, ns; a long trajectory thus does not block the
+        torque path.
     on_payload : callable
         Called with each SetPayload request; raises KaneError to refuse it.
     reject : callable
@@ -52,39 +55,47 @@ class Services(Node):
     """
 
     def __init__(self, front: Node, on_trajectory: Callable[[bytes, int], None],
-                 on_payload: Callable[[Any], None], reject: Callable[[str], None]) -> None:
+                 on_payload: Callable[[Any], None],
+                 reject: Callable[[str], None]) -> None:
         super().__init__(f'{front.get_name()}_services', namespace=front.get_namespace(),
                          use_global_arguments=False, start_parameter_services=False,
                          enable_rosout=False)
         self.served: ServedRobot | None = None
         self.max_waiting = 1
-        self.log, self._reject = front.get_logger(), reject
+        self.log = front.get_logger()
+        self._reject = reject
         self.spinner = SingleThreadedExecutor()
         self.spinner.add_node(self)
         self.worker = Worker(self.spinner.wake)
-        # In the default group a simulation would block all other callbacks until it ends.
+        # In the default group a simulation would block all other callbacks until it
+        # ends.
         waiting = ReentrantCallbackGroup()
         for kind, name, call in ((InverseDynamics, 'inverse_dynamics', inverse_dynamics),
                                  (ForwardDynamics, 'forward_dynamics', forward_dynamics),
                                  (GetDynamics, 'get_dynamics', get_dynamics),
                                  (Explain, 'explain', explain),
-                                 (FillTrajectory, 'fill_trajectory', fill_trajectory_tables),
+                                 (FillTrajectory, 'fill_trajectory',
+                                  fill_trajectory_tables),
                                  (SetPayload, 'set_payload',
-                                  lambda served, request, response: on_payload(request))):
+                                  lambda served, request,
+                                  response: on_payload(request))):
             self.create_service(kind, front.resolve_service_name(f'~/{name}'),
                                 self._answering(call), qos_profile=SERVICES)
-        self.create_service(Simulate, front.resolve_service_name('~/simulate'), self._simulate,
-                            qos_profile=SERVICES, callback_group=waiting)
-        self.create_service(TimeOptimal, front.resolve_service_name('~/time_optimal'), self._time,
-                            qos_profile=SERVICES, callback_group=waiting)
+        self.create_service(Simulate, front.resolve_service_name('~/simulate'),
+                            self._simulate, qos_profile=SERVICES, callback_group=waiting)
+        self.create_service(TimeOptimal, front.resolve_service_name('~/time_optimal'),
+                            self._time, qos_profile=SERVICES, callback_group=waiting)
         self.create_subscription(
             JointTrajectory, front.resolve_topic_name('~/joint_trajectory'),
             lambda data, info: on_trajectory(data, info['received_timestamp']),
             RELIABLE, raw=True)
-        # A plain publisher: filled trajectories are no commands, and an inactive node fills too.
+        # A plain publisher: filled trajectories are no commands, and an inactive node
+        # fills too.
         self._filled = self.create_publisher(
-            JointTrajectory, front.resolve_topic_name('~/trajectory_with_effort'), RELIABLE)
-        self.create_subscription(JointTrajectory, front.resolve_topic_name('~/trajectory'),
+            JointTrajectory, front.resolve_topic_name('~/trajectory_with_effort'),
+            RELIABLE)
+        self.create_subscription(JointTrajectory,
+                                 front.resolve_topic_name('~/trajectory'),
                                  self._fill, RELIABLE, raw=True)
         self.action = ActionServer(
             self, SimulateMotion, front.resolve_service_name('~/simulate_motion'),
@@ -106,7 +117,11 @@ class Services(Node):
         self.spinner.create_task(lambda: None)  # `wake` alone does not end spin_once
 
     def _require(self) -> ServedRobot:
-        """Return the robot that serves requests; raise InputError before it is configured."""
+        """
+        Return the robot that serves requests.
+
+        Raise InputError before it is configured.
+        """
         if self.served is None:
             raise InputError('node: not configured; expected a configured node')
         return self.served
@@ -131,7 +146,8 @@ class Services(Node):
         return response
 
     def _answering(self,
-                   call: Callable[[ServedRobot, Any, Any], None]) -> Callable[[Any, Any], Any]:
+                   call: Callable[[ServedRobot, Any, Any], None]) -> Callable[[Any, Any],
+                                                                              Any]:
         """Return a service callback that calls `call` and handles its errors."""
         def callback(request: Any, response: Any) -> Any:
             try:
@@ -174,7 +190,8 @@ class Services(Node):
         try:
             simulation = SimulationRequest.from_request(handle.request, self._require())
             report = GoalProgress(handle, simulation.duration, self.worker)
-            await self.worker.submit(lambda: simulation.run(result, report), self.max_waiting)
+            await self.worker.submit(lambda: simulation.run(result, report),
+                                     self.max_waiting)
         except Exception as error:
             handle.abort()
             return self._failed(result, error)
@@ -193,9 +210,12 @@ class Services(Node):
 class GoalProgress:
     """Publishes the progress of a goal, and decides whether its simulation continues."""
 
-    def __init__(self, handle: ServerGoalHandle, duration: float, worker: Worker) -> None:
+    def __init__(self, handle: ServerGoalHandle, duration: float,
+                 worker: Worker) -> None:
         self.reached = 0.0
-        self._handle, self._duration, self._worker = handle, duration, worker
+        self._handle = handle
+        self._duration = duration
+        self._worker = worker
         self._due = time.monotonic()
 
     def __call__(self, t: float) -> bool:

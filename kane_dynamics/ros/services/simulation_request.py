@@ -10,7 +10,8 @@ from kane_dynamics._util.checks import positive_time
 from kane_dynamics.control.computed_torque import ComputedTorque, joints_that_follow
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.ros.common.conversion import (Array, doubles, Index, motion_from_message,
+from kane_dynamics.ros.common.conversion import (Array, doubles, Index,
+                                                 motion_from_message,
                                                  trajectory_message, vector)
 from kane_dynamics.ros.parameters.parameter_checks import per_joint
 from kane_dynamics.ros.services.joint_order import close_loops, JointOrder
@@ -27,7 +28,7 @@ DEFAULT_POINTS = 100  # approximate number of points of a trajectory
 
 @dataclass(frozen=True)
 class SimulationRequest:
-    """A checked request: the arguments of `simulate`, and the joint order of the response."""
+    """A checked request: arguments of `simulate`, and the response's joint order."""
 
     robot: Robot
     loads: GravityAndPayload
@@ -44,8 +45,14 @@ class SimulationRequest:
 
     @classmethod
     def from_request(cls, request: Any, served: ServedRobot) -> 'SimulationRequest':
-        """Check a Simulate request or a SimulateMotion goal; InputError names an invalid field."""
-        robot, n, values = served.robot, served.robot.n, served.values
+        """
+        Check a Simulate request or a SimulateMotion goal.
+
+        InputError names an invalid field.
+        """
+        robot = served.robot
+        n = served.robot.n
+        values = served.values
         names = JointOrder.of(robot, request.joint_names)
         index = names.speeds
         duration, step, sample = _times(request, values)
@@ -59,7 +66,8 @@ class SimulationRequest:
                                          values['trajectory.max_points'])
             torque = ComputedTorque(served.simulated, motion, *(
                 vector(getattr(request, name), index, n, name,
-                       per_joint(values, f'gains.{name}', robot.joint_names, 0.0)[follow])
+                       per_joint(values, f'gains.{name}', robot.joint_names,
+                                 0.0)[follow])
                 for name in ('kp', 'kd')))
         elif request.torque_source != request.ZERO:
             raise InputError(f'torque_source: {request.torque_source}; expected ZERO '
@@ -67,17 +75,24 @@ class SimulationRequest:
                              f'{request.COMPUTED_TORQUE}')
         q0 = vector(request.position, names.joints, robot.n_q, 'position')
         return cls(served.simulated, served.loads, names, close_loops(robot, q0),
-                   vector(request.velocity, index, n, 'velocity', 0.0), duration, step, sample,
+                   vector(request.velocity, index, n, 'velocity', 0.0), duration, step,
+                   sample,
                    torque, values['simulation.integrator'], values['simulation.stops'],
                    RIGID * (served.bending is not None))
 
     def run(self, response: Any, proceed: Callable[[float], bool]) -> None:
-        """Simulate and fill in the response; end early when `proceed(t)` returns False."""
+        """
+        Simulate and fill in the response.
+
+        End early when `proceed(t)` returns False.
+        """
         self.loads.apply(self.robot)
         began = time.perf_counter()
         try:
-            trajectory = simulate(self.robot, self.q0, self.u0, self.duration, step=self.step,
-                                  torque=self.torque, sample=self.sample, progress=proceed,
+            trajectory = simulate(self.robot, self.q0, self.u0, self.duration,
+                                  step=self.step,
+                                  torque=self.torque, sample=self.sample,
+                                  progress=proceed,
                                   integrator=self.integrator, stops=self.stops)
         except InputError as error:
             warning = step_warning(self.robot, self.q0, self.step, self.integrator)
@@ -85,10 +100,11 @@ class SimulationRequest:
         wall_time = time.perf_counter() - began
         changes = map(str, [*trajectory.speed_changes[:MOST_CHANGES],
                             *trajectory.stop_events[:MOST_CHANGES]])
-        response.message = '\n'.join([*filter(None, [self.assumption]), *trajectory.warnings,
-                                      *changes])
+        response.message = '\n'.join([*filter(None, [self.assumption]),
+                                      *trajectory.warnings, *changes])
         response.wall_time = wall_time
-        response.trajectory = trajectory_message(trajectory, self.robot, self.order.joint_names)
+        response.trajectory = trajectory_message(trajectory, self.robot,
+                                                 self.order.joint_names)
         response.constraint_names = list(trajectory.constraint_names)
         response.constraint_forces = doubles(trajectory.constraint_forces)
         response.kinetic_energy = doubles(trajectory.energy[:, 0])
@@ -97,11 +113,16 @@ class SimulationRequest:
 
 
 def _seconds(request: Any, field: str, default: float | None = None) -> float:
-    """Return a positive, finite time of the request, s; zero means `default`, if given."""
+    """
+    Return a positive, finite time of the request, s.
+
+    Zero means `default`, if given.
+    """
     value = float(getattr(request, field))
     if value == 0.0 and default is not None:
         return default
-    return positive_time(value, field, '' if default is None else ', or 0 for the default')
+    return positive_time(value, field, '' if default is None
+                         else ', or 0 for the default')
 
 
 def _times(request: Any, values: Mapping[str, Any]) -> tuple[float, float, float]:
@@ -110,17 +131,18 @@ def _times(request: Any, values: Mapping[str, Any]) -> tuple[float, float, float
                                            for name in ('duration', 'steps', 'points'))
     duration = _seconds(request, 'duration')
     if duration > max_duration:
-        raise InputError(f'duration: {duration:g} s; expected at most {max_duration:g} s '
-                         '(parameter simulation.max_duration)')
+        raise InputError(f'duration: {duration:g} s; expected at most {max_duration:g} '
+                         's (parameter simulation.max_duration)')
     step = _seconds(request, 'step', DEFAULT_STEP)
     if step > duration:
-        raise InputError(f'step: {step:g} s; expected at most the duration, {duration:g} s')
+        raise InputError(f'step: {step:g} s; expected at most the duration, '
+                         f'{duration:g} s')
     if duration / step > max_steps * (1.0 + 1e-9):
         raise InputError(f'duration {duration:g} s with step {step:g} s: '
                          f'{duration / step:.0f} steps; expected at most {max_steps} '
                          '(parameter simulation.max_steps)')
-    # A multiple of the step that gives about DEFAULT_POINTS points: the conversion of more points
-    # would block the torque path for too long.
+    # A multiple of the step that gives about DEFAULT_POINTS points: the conversion of
+    # more points would block the torque path for too long.
     default = step * max(1, math.ceil(duration / step / DEFAULT_POINTS - 1e-9))
     sample = _seconds(request, 'sample_period', default)
     if duration / sample + 1.0 > max_points * (1.0 + 1e-9):
@@ -135,17 +157,19 @@ def _torque_table(request: Any, index: Index | None, n: int, duration: float,
     """Return the torques of a request with one row for each step, (steps, n)."""
     period = _seconds(request, 'torque_period', step)
     if len(request.torques) == 0 or len(request.torques) % n:
-        raise InputError(f'torques: {len(request.torques)} entries; expected a positive multiple '
-                         f'of the number of joints, {n}')
+        raise InputError(f'torques: {len(request.torques)} entries; expected a positive '
+                         f'multiple of the number of joints, {n}')
     table = np.array(request.torques, dtype=np.float64).reshape(-1, n)
     if not np.isfinite(table).all():
         row = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
-        raise InputError(f'row {row} of torques: {table[row].tolist()}; expected finite numbers')
+        raise InputError(f'row {row} of torques: {table[row].tolist()}; expected finite '
+                         'numbers')
     steps = math.ceil(duration / step - 1e-9)
     last = (steps - 1) * step / period + 1e-9  # infinite for a denormal period
     if not last < len(table):
-        raise InputError(f'torques: {len(table)} rows of {period:g} s; expected at least '
-                         f'{np.floor(last) + 1.0:.0f} for a duration of {duration:g} s')
+        raise InputError(f'torques: {len(table)} rows of {period:g} s; expected at '
+                         f'least {np.floor(last) + 1.0:.0f} for a duration of '
+                         f'{duration:g} s')
     row_of_step = np.floor(np.arange(steps) * (step / period) + 1e-9).astype(np.intp)
     row_of_step = np.minimum(row_of_step, len(table) - 1)
     held: Array = table[row_of_step]

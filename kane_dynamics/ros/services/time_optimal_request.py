@@ -21,11 +21,14 @@ LIMITED = ('acceleration', 'power', 'jerk', 'torque_rate')  # quantities with a 
 
 def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
     """
-    Return the computation of a TimeOptimal request, which fills in a response, for a worker.
+    Return the computation of a TimeOptimal request, for a worker.
 
-    It uses the robot of the simulations, with the gravity and the payload of now. The path is of
-    the driving joints: all joints without closed loops, else those with actuators, or the
-    independent joints if there are more actuators. The response has further actuators too.
+    It fills in a response.
+
+    It uses the robot of the simulations, with the gravity and the payload of now. The
+    path is of the driving joints: all joints without closed loops, else those with
+    actuators, or the independent joints if there are more actuators. The response has
+    further actuators too.
 
     Raises
     ------
@@ -39,7 +42,8 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
     assembled = assembly_mode(served) if robot.constraint_names else None
     names = list(request.joint_names) or joints
     if sorted(names) != sorted(joints):
-        raise InputError(f'joint_names: {names}; expected each of {", ".join(joints)} once')
+        raise InputError(f'joint_names: {names}; expected each of {", ".join(joints)} '
+                         'once')
     order = [names.index(joint) for joint in joints]  # of the columns of the request
     times, columns = _points(served, request, order)
     points = times if len(times) else np.arange(float(len(columns[0])))
@@ -59,7 +63,8 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
         timing = time_optimal(robot, path, rest=assembled, **limits)
         t, *states = timing.points
         # First the joints of the request, then actuators that follow from them.
-        moved = [*names, *(joint for joint in robot.actuated_names if joint not in names)]
+        moved = [*names, *(joint for joint in robot.actuated_names if joint
+                           not in names)]
         moved_columns = [every_joint.index(joint) for joint in moved]
         response.joint_names = moved
         response.time_from_start = doubles(t)
@@ -105,7 +110,8 @@ def _limit(request: Any, quantity: str, order: Sequence[int], places: Sequence[i
     Return a limit of the request; infinite if it has none.
 
     One number holds for all joints. A list is of the joints of the request, `order` and
-    `places` are their places in it and among all `count` joints; other joints have no limit.
+    `places` are their places in it and among all `count` joints; other joints have no
+    limit.
     """
     values = np.array(getattr(request, f'max_{quantity}'))
     if len(values) == 0:

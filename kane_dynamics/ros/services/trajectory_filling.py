@@ -36,8 +36,8 @@ class FillSettings:
     effort_limit : (n,) array
         N m or N, in addition to that of the robot.
     tolerance, rest : (n,) arrays or None
-        Largest error of the interpolated effort, N m or N, and positions of the joints that a
-        trajectory lacks, rad or m; None if not set.
+        Largest error of the interpolated effort, N m or N, and positions of the joints
+        that a trajectory lacks, rad or m; None if not set.
     clip : bool
         Clamp efforts instead of rejecting a trajectory.
 
@@ -50,8 +50,13 @@ class FillSettings:
     clip: bool
 
     @classmethod
-    def from_values(cls, values: Mapping[str, Any], joints: Sequence[str]) -> 'FillSettings':
-        """Return the settings of the parameters; raise InputError if one does not fit."""
+    def from_values(cls, values: Mapping[str, Any],
+                    joints: Sequence[str]) -> 'FillSettings':
+        """
+        Return the settings of the parameters.
+
+        Raise InputError if one does not fit.
+        """
         def if_set(name: str) -> Array | None:
             if values[name].shape == (0,):
                 return None
@@ -64,7 +69,9 @@ class FillSettings:
 
 def filled_message(served: ServedRobot, data: bytes) -> bytes:
     """
-    Return a serialized JointTrajectory with all fields filled in; raise InputError if invalid.
+    Return a serialized JointTrajectory with all fields filled in.
+
+    Raise InputError if invalid.
 
     An empty trajectory, which ends the motion of the controller, is returned unchanged.
     """
@@ -83,9 +90,9 @@ def serialized_trajectory(header: TrajectoryHeader, filled: FilledTrajectory) ->
     """
     Return a serialized JointTrajectory with all fields.
 
-    All points have the same layout, which numpy writes at once: each field is a count, padding
-    to 8 bytes, and doubles; then the time. Only the first point may begin in the middle of 8
-    bytes; its first count then needs no padding.
+    All points have the same layout, which numpy writes at once: each field is a count,
+    padding to 8 bytes, and doubles; then the time. Only the first point may begin in the
+    middle of 8 bytes; its first count then needs no padding.
     """
     writer = Writer()
     writer.reserve(4, 2)
@@ -135,7 +142,9 @@ def fill_trajectory_tables(served: ServedRobot, request: Any, response: Any) -> 
 def _refuse_impossible(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
                        executed: bool) -> None:
     """
-    Raise InputError unless the arm can move like that; `fill_trajectory` refuses other faults.
+    Raise InputError unless the arm can move like that.
+
+    `fill_trajectory` refuses other faults.
 
     Where the motion sets out is judged only if it is executed on receipt.
     """
@@ -143,7 +152,8 @@ def _refuse_impossible(served: ServedRobot, names: Sequence[str], points: Sequen
     if not set(names) <= set(joints):
         return
     measured = served.measured()
-    place = None if measured is None else measured[[joints.index(name) for name in names]]
+    place = None if measured is None else measured[[joints.index(name)
+                                                    for name in names]]
     start = None if place is None else (place, None, None)
     motion = Motion.from_points(*points, joint_names=names, start=start)
     refuse_impossible(served, motion, place if executed else None)
@@ -182,7 +192,8 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
         raise InputError(f'point 0: time_from_start {first_time:g} s without a measured '
                          'position; expected 0 s, or an active node that receives joint '
                          'states')
-    # Joints that the trajectory lacks rest at the parameter's positions, or where they are.
+    # Joints that the trajectory lacks rest at the parameter's positions, or where they
+    # are.
     resting = measured if settings.rest is None else settings.rest
     if loops:
         resting = _assembly_mode(served.robot, measured, settings.rest, lacking)
@@ -205,17 +216,17 @@ def _filled(served: ServedRobot, names: Sequence[str], points: Sequence[Any],
 
 def _assembly_mode(robot: Robot, measured: Array | None, resting: Array | None,
                    lacking: bool) -> Array | None:
-    """Return a configuration in the assembly mode of the latest joint states, if known."""
+    """Return a configuration in the assembly mode of the latest states, if known."""
     known = resting if measured is None else measured
     if known is None and lacking and robot.configuration is None:
         raise LoopError(UNKNOWN, 'no joint states, no parameter feedforward.rest, no '
-                        '`configuration` in the constraints file; expected one of them, or a '
-                        'trajectory of all joints')
+                        '`configuration` in the constraints file; expected one of them, '
+                        'or a trajectory of all joints')
     return known
 
 
 def assembly_mode(served: ServedRobot) -> Array | None:
-    """Return a configuration in the assembly mode of a path of the joints with actuators."""
+    """Return a configuration in the assembly mode of a path of actuated joints."""
     settings = FillSettings.from_values(served.values, served.robot.joint_names)
     return _assembly_mode(served.robot, served.measured(), settings.rest, lacking=True)
 
@@ -226,6 +237,6 @@ def table(request: Any, field: str, points: int, joints: int) -> Array | None:
     if not values.size and field != 'positions':
         return None
     if values.size != points * joints:
-        raise InputError(f'{field}: {values.size} entries; expected {points * joints}, one '
-                         f'row of {joints} for each of {points} points')
+        raise InputError(f'{field}: {values.size} entries; expected {points * joints}, '
+                         f'one row of {joints} for each of {points} points')
     return values.reshape(points, joints)

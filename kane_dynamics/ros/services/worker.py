@@ -19,8 +19,8 @@ class Worker:
     Parameters
     ----------
     wake : callable
-        Called in the worker's thread after each work item; wakes the executor of the coroutines
-        that await the item.
+        Called in the worker's thread after each work item; wakes the executor of the
+        coroutines that await the item.
 
     """
 
@@ -29,12 +29,15 @@ class Worker:
         self._wake = wake
         self._queue: queue.SimpleQueue[tuple[Callable[[], None], Future] | None] = (
             queue.SimpleQueue())
-        self._thread = threading.Thread(target=self._run, name='simulations', daemon=True)
+        self._thread = threading.Thread(target=self._run, name='simulations',
+                                        daemon=True)
         self._thread.start()
 
     def submit(self, work: Callable[[], None], max_waiting: int) -> Future:
         """
-        Queue `work`; return a future that completes, or gets the exception, when it ends.
+        Queue `work`.
+
+        Return a future that completes, or gets the exception, when it ends.
 
         Raises
         ------
@@ -43,8 +46,8 @@ class Worker:
 
         """
         if self._queue.qsize() >= max_waiting:
-            raise BusyError(f'busy: {max_waiting} simulations queued; expected fewer than '
-                            'parameter simulation.max_waiting; try again later')
+            raise BusyError(f'busy: {max_waiting} simulations queued; expected fewer '
+                            'than parameter simulation.max_waiting; try again later')
         future = Future()
         self._queue.put((work, future))
         return future

@@ -13,9 +13,10 @@ class ActiveMotion:
     """
     The active motion and its successor.
 
-    The services' thread reads motions and sets them. The torque path samples the active motion at
-    each state and clears both motions when it stops, times out, or changes clock or mode. A motion
-    that was received, or whose reading began, before `clear` is rejected.
+    The services' thread reads motions and sets them. The torque path samples the active
+    motion at each state and clears both motions when it stops, times out, or changes
+    clock or mode. A motion that was received, or whose reading began, before `clear` is
+    rejected.
 
     Attributes
     ----------
@@ -29,23 +30,30 @@ class ActiveMotion:
     def __init__(self) -> None:
         self._lock = threading.Lock()  # held by writers
         self._motions: tuple[ScheduledMotion | None, ScheduledMotion | None] = None, None
-        self.generation, self.cleared_at = 0, time.time_ns()
+        self.generation = 0
+        self.cleared_at = time.time_ns()
 
     def at(self, stamp: int) -> tuple[Motion | None, float]:
-        """Return the motion that is active at a time, ns, and the time since its start, s."""
+        """Return the active motion at a time, ns, and the time since its start, s."""
         motion, upcoming = self._motions
         if upcoming is not None and stamp >= upcoming[1]:
             motion = upcoming
         return (None, 0.0) if motion is None else (motion[0], (stamp - motion[1]) / NANO)
 
     def desired(self, stamp: int) -> State | None:
-        """Return the desired q, u and udot at a time, ns; None without an active motion."""
+        """
+        Return the desired q, u and udot at a time, ns.
+
+        None without an active motion.
+        """
         motion, moment = self.at(stamp)
         return None if motion is None else motion.sample(moment)
 
     def follow(self, motion: Motion, start: int, now: int, generation: int) -> bool:
         """
-        Schedule `motion` at time `start`, ns; until then the current motion stays active.
+        Schedule `motion` at time `start`, ns.
+
+        Until then the current motion stays active.
 
         Returns
         -------
@@ -65,7 +73,8 @@ class ActiveMotion:
     def clear(self) -> bool:
         """Drop both motions; return whether there was one."""
         with self._lock:
-            before, self._motions = self._motions, (None, None)
+            before = self._motions
+            self._motions = (None, None)
             self.generation += 1
             self.cleared_at = time.time_ns()
             return before != (None, None)

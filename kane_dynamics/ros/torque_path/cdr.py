@@ -1,11 +1,11 @@
 """
 Read and write serialized messages: plain CDR, version 1.
 
-A message is four bytes of encapsulation and a body. Each number is aligned to a multiple of its
-own size from the start of the body; the content of padding bytes is undefined (Fast DDS does not
-clear them). A string is its length including the final NUL, then its bytes. A sequence is its
-count, then its elements; an empty sequence has no padding. Source: OMG DDSI-RTPS 2.5, chapter 10,
-and CORBA 3.3, section 9.3.
+A message is four bytes of encapsulation and a body. Each number is aligned to a multiple
+of its own size from the start of the body; the content of padding bytes is undefined
+(Fast DDS does not clear them). A string is its length including the final NUL, then its
+bytes. A sequence is its count, then its elements; an empty sequence has no padding.
+Source: OMG DDSI-RTPS 2.5, chapter 10, and CORBA 3.3, section 9.3.
 """
 
 from collections.abc import Sequence
@@ -49,19 +49,21 @@ class Reader:
 
     def __init__(self, data: bytes) -> None:
         if len(data) < HEAD or data[0] != 0 or data[1] > 1:
-            raise InputError(f'encapsulation: {data[:2].hex() or "absent"}; expected 0000 or '
-                             '0001, plain CDR')
-        self._data, self.offset = data, HEAD
+            raise InputError(f'encapsulation: {data[:2].hex() or "absent"}; expected '
+                             '0000 or 0001, plain CDR')
+        self._data = data
+        self.offset = HEAD
         self.order = '<' if data[1] else '>'
-        self._word, self._pair = struct.Struct(self.order + 'I'), struct.Struct(self.order + 'iI')
+        self._word = struct.Struct(self.order + 'I')
+        self._pair = struct.Struct(self.order + 'iI')
 
     def advance(self, size: int, count: int) -> int:
         """Skip `count` numbers of `size` bytes; return their offset."""
         begin = self.offset + -(self.offset - HEAD) % size
         end = begin + size * count
         if end > len(self._data):
-            raise TooShortError(f'message: {len(self._data)} bytes; expected at least {end} for '
-                                f'{count} elements of {size} bytes')
+            raise TooShortError(f'message: {len(self._data)} bytes; expected at least '
+                                f'{end} for {count} elements of {size} bytes')
         self.offset = end
         return begin
 
@@ -80,8 +82,8 @@ class Reader:
         begin = self.advance(1, length)
         body = self._data[begin:self.offset]
         if not body.endswith(b'\0') or body.count(b'\0') > 1:
-            raise InputError(f'string at byte {begin}: {body[:40]!r}; expected a single NUL, at '
-                             'its end')
+            raise InputError(f'string at byte {begin}: {body[:40]!r}; expected a single '
+                             'NUL, at its end')
         try:
             return body[:-1].decode()
         except UnicodeDecodeError:
@@ -210,7 +212,11 @@ class PreparedMessage(MessageBuffer):
         STAMP.pack_into(self.bytes, STAMP_AT, sec, nanosec)
 
     def read(self, data: bytes) -> bool:
-        """Copy a message of this layout into this one; return False if its size differs."""
+        """
+        Copy a message of this layout into this one.
+
+        Return False if its size differs.
+        """
         if len(data) != self.bytes.size:
             return False
         self.bytes[:] = np.frombuffer(data, dtype=np.uint8)
@@ -222,13 +228,13 @@ class PreparedMessage(MessageBuffer):
 
 
 def joint_state_of_efforts(names: Sequence[str]) -> PreparedMessage:
-    """Return a sensor_msgs/JointState with an effort for each name, and no other numbers."""
+    """Return a sensor_msgs/JointState with an effort a name and no other numbers."""
     writer, offsets = write_joint_state(names, '', (0, 0, len(names)))
     return PreparedMessage(writer, offsets[2], len(names))
 
 
 def wrench_stamped(frame_id: str) -> PreparedMessage:
-    """Return a geometry_msgs/WrenchStamped at a frame, with the numbers force, then torque."""
+    """Return a geometry_msgs/WrenchStamped at a frame: force, then torque."""
     writer = Writer()
     writer.reserve(4, 2)
     writer.text(frame_id)
@@ -236,7 +242,7 @@ def wrench_stamped(frame_id: str) -> PreparedMessage:
 
 
 def joint_command(names: Sequence[str], interface: str) -> PreparedMessage:
-    """Return a control_msgs/JointCommand of one interface, with a number for each name."""
+    """Return a control_msgs/JointCommand of one interface, with a number a name."""
     writer = Writer()
     writer.reserve(4, 2)
     writer.text('')

@@ -1,4 +1,4 @@
-"""Joint states of an arm with closed loops: the joints that are not measured follow from them."""
+"""Joint states of an arm with closed loops, which determine all other joints."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,10 +17,12 @@ STANDSTILL = 1e-3  # rad, or lengths of the mechanism: noise of positions at res
 
 
 def commanded_joints(robot: Robot, followed: Sequence[str]) -> tuple[int, ...]:
-    """Return the indices of the joints in `commands`: those with actuators, in their order."""
-    equations, names = robot.equations, robot.joint_names
+    """Return the indices of the joints in `commands`: those with actuators."""
+    equations = robot.equations
+    names = robot.joint_names
     if equations.in_joint_rates:
-        # The joint that parameter `root_joint` adds has no motors; `prefix` may stand before it.
+        # The joint that parameter `root_joint` adds has no motors; `prefix` may stand
+        # before it.
         return tuple(k for k, name in enumerate(names) if f'{ROOT_JOINT}/' not in name)
     if equations.actuated is not None:
         return tuple(equations.actuated)
@@ -34,26 +36,28 @@ def command_fault(controller: Controller) -> str:
         return ''
     rows = LoopTracker(robot, controller.followed).path_rows
     if rows:
-        return (f"parameter 'constraints': {', '.join(rows)} on velocities; expected constraints "
-                'on positions, because joint states do not determine the configuration otherwise')
+        return (f"parameter 'constraints': {', '.join(rows)} on velocities; expected "
+                'constraints on positions, because joint states do not determine the '
+                'configuration otherwise')
     return '' if robot.speeds_are_given else (
-        "parameter 'constraints': no key `independent` in the file; expected it to name the "
-        'joints that are measured and follow motions')
+        "parameter 'constraints': no key `independent` in the file; expected it to name "
+        'the joints that are measured and follow motions')
 
 
 def closed_loop_reader(controller: Controller, values: Mapping[str, Any]
                        ) -> 'ClosedLoopReader | None':
     """Return the reader of an arm with closed loops; None for other arms."""
-    return ClosedLoopReader(controller, values) if controller.robot.constraint_names else None
+    return ClosedLoopReader(controller,
+                            values) if controller.robot.constraint_names else None
 
 
 class ClosedLoopReader(JointStateReader):
     """
     Reads the measured joints and closes the loops from them.
 
-    A message must have the joints that follow motions, as many as there are degrees of freedom; it
-    may have further joints, whose positions are compared with the closed loops. `q` and `u` are
-    the positions of all joints and the independent speeds.
+    A message must have the joints that follow motions, as many as there are degrees of
+    freedom; it may have further joints, whose positions are compared with the closed
+    loops. `q` and `u` are the positions of all joints and the independent speeds.
 
     Parameters
     ----------
@@ -65,17 +69,24 @@ class ClosedLoopReader(JointStateReader):
     """
 
     def __init__(self, controller: Controller, values: Mapping[str, Any]) -> None:
-        robot, followed = controller.robot, controller.followed
-        equations, names = robot.equations, robot.joint_names
+        robot = controller.robot
+        followed = controller.followed
+        equations = robot.equations
+        names = robot.joint_names
         others = [name for name in names if name not in followed]
         super().__init__(followed, others,
                          [names[k] for k in commanded_joints(robot, followed)])
         self._places = [names.index(name) for name in others]
         self.tracker = LoopTracker(robot, followed)
-        self.q, self.u, self.state = self.tracker.q, self.tracker.u, self.tracker.measurement
-        self._q, self._u = np.split(self.state, 2)  # what is read is the tracker's measurement
-        self._compared = self._rows = self.others  # the last others, and their indices in q
-        self._singular = False  # whether a refused state was near a singular configuration
+        self.q = self.tracker.q
+        self.u = self.tracker.u
+        self.state = self.tracker.measurement
+        # What is read is the tracker's measurement
+        self._q, self._u = np.split(self.state, 2)
+        # The last others, and their indices in q
+        self._compared = self._rows = self.others
+        # Whether a refused state was near a singular configuration
+        self._singular = False
         self._before = self.q.copy()  # one accepted state before the last
         self._last = self.q.copy()  # the last one, until the next is accepted
         # The byte views are copied several times as fast as the arrays.
@@ -91,9 +102,10 @@ class ClosedLoopReader(JointStateReader):
         self.tracker.max_figure = values['closure.max_conditioning']
 
     def restart(self) -> None:
-        """Begin with the assembly mode of the constraints file, or of the first state."""
+        """Begin with the assembly mode of the file, or of the first state."""
         self.tracker.restart()
-        self._singular, self._stamps = False, (0, 0)
+        self._singular = False
+        self._stamps = (0, 0)
 
     @property
     def lost(self) -> bool:
@@ -104,14 +116,16 @@ class ClosedLoopReader(JointStateReader):
         """
         Note that states are refused for longer than the grace time.
 
-        If the loops came near a singular configuration meanwhile, the assembly mode is unknown.
+        If the loops came near a singular configuration meanwhile, the assembly mode is
+        unknown.
         """
         if self._singular:
             self.tracker.known = False
 
     def complete(self, stamp: int) -> str | None:
         """Close the loops at the state; return None, or the reason to refuse it."""
-        tracker, known = self.tracker, self.tracker.known
+        tracker = self.tracker
+        known = self.tracker.known
         try:
             if self.others is not self._compared:
                 self._compared = self.others
@@ -125,16 +139,17 @@ class ClosedLoopReader(JointStateReader):
             return error.reason
         self._to_before[:] = self._to_last
         self._to_last[:] = self._from
-        self._singular, self._stamps = False, (self._stamps[1], stamp)
+        self._singular = False
+        self._stamps = (self._stamps[1], stamp)
         return None
 
     def _may_be_singular(self, stamp: int) -> bool:
         """
-        Return whether the arm can have come to a singular configuration since the last state.
+        Return whether the arm can be at a singular configuration by now.
 
-        If it cannot, a state next to one is false, and the assembly mode is that of the last
-        accepted state. The distance is one over the conditioning figure there; the speed is that
-        of the last state, measured and as its change from the one before.
+        If it cannot, a state next to one is false, and the assembly mode is that of the
+        last accepted state. The distance is one over the conditioning figure there; the
+        speed is that of the last state, measured and as its change from the one before.
         """
         before, last = self._stamps
         if not before:
@@ -150,4 +165,5 @@ class ClosedLoopReader(JointStateReader):
         tracker = self.tracker
         return {'closed loops: residual': f'{tracker.residual:.1e} rad or lengths',
                 'closed loops: conditioning': f'{tracker.figure:.1f}',
-                'closed loops: deviation of measured joints': f'{tracker.deviation:.4f} m or rad'}
+                'closed loops: deviation of measured joints': f'{tracker.deviation:.4f} '
+                'm or rad'}

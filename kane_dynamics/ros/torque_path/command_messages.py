@@ -20,7 +20,8 @@ class CommandMessages:
     commanded : sequence of int
         Indices of the joints with actuators.
     commands, torques : Publisher
-        Publishers of Float64MultiArray and of JointState; they receive serialized messages.
+        Publishers of Float64MultiArray and of JointState; they receive serialized
+        messages.
     stamped : Publisher, optional
         Publisher of JointCommand.
 
@@ -31,11 +32,15 @@ class CommandMessages:
 
     """
 
-    def __init__(self, joints: Sequence[str], commanded: Sequence[int], commands: Publisher,
+    def __init__(self, joints: Sequence[str], commanded: Sequence[int],
+                 commands: Publisher,
                  torques: Publisher, stamped: Publisher | None) -> None:
         self.joints = tuple(joints[k] for k in commanded)
-        self._count, self._places = len(joints), np.array(commanded, dtype=np.intp)
-        self._commands, self._torques, self._stamped = commands, torques, stamped
+        self._count = len(joints)
+        self._places = np.array(commanded, dtype=np.intp)
+        self._commands = commands
+        self._torques = torques
+        self._stamped = stamped
         self._command_message = float64_multi_array(len(self.joints))
         self._torque_message = joint_state_of_efforts(self.joints)
         self._stamped_message = joint_command(self.joints, 'effort')
@@ -61,8 +66,9 @@ class CommandMessages:
         self._torques.publish(self._torque_message.serialized())
 
     def resume(self, tau: Array) -> None:
-        """Let `repeat` continue torques of the commanded joints that another process published."""
-        for message in (self._command_message, self._torque_message, self._stamped_message):
+        """Let `repeat` continue torques that another process published."""
+        for message in (self._command_message, self._torque_message,
+                        self._stamped_message):
             message.numbers[:] = tau
 
     @property

@@ -1,4 +1,4 @@
-"""Interfaces that the torque path calls: observers of cycles, and the arbiter of `commands`."""
+"""Interfaces that the torque path calls: observers of cycles, and the arbiter."""
 
 from typing import NamedTuple, Protocol
 
@@ -53,7 +53,11 @@ class CycleObserver(Protocol):
 
 
 class Arbiter(Protocol):
-    """Decides which of two processes publishes on `commands`; times are of `perf_counter`."""
+    """
+    Decides which of two processes publishes on `commands`.
+
+    Times are of `perf_counter`.
+    """
 
     def start(self) -> None:
         """Start, with the torque path."""

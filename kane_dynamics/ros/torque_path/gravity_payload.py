@@ -16,7 +16,7 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class GravityAndPayload:
-    """Gravity, (3,) m/s^2 in world axes, and the payload in the axes of the payload frame."""
+    """Gravity, (3,) m/s^2 in world axes, and payload in those of payload.frame."""
 
     gravity: Array
     payload: Inertial | None = None
@@ -46,8 +46,8 @@ def checked_payload(model: Model, values: Mapping[str, Any], frame: str, mass: f
     values : mapping
         The node's parameters: payload frame, largest accepted mass and distance.
     frame : str
-        Frame of com and inertia, fixed to the same body as the payload frame; empty: the payload
-        frame.
+        Frame of com and inertia, fixed to the same body as the payload frame; empty: the
+        payload frame.
     mass : float
         Mass, kg.
     com : three float
@@ -62,23 +62,25 @@ def checked_payload(model: Model, values: Mapping[str, Any], frame: str, mass: f
 
     """
     carrying, max_mass, max_distance = (values[f'payload.{name}']
-                                        for name in ('frame', 'max_mass', 'max_distance'))
+                                        for name in ('frame', 'max_mass',
+                                                     'max_distance'))
     if not carrying:
-        raise InputError('payload: parameter payload.frame is empty; expected a frame, set before '
-                         'the node configures')
+        raise InputError('payload: parameter payload.frame is empty; expected a frame, '
+                         'set before the node configures')
     if not (math.isfinite(mass) and 0.0 <= mass <= max_mass):
         raise InputError(f'mass: {mass:g} kg; expected 0 to {max_mass:g} kg (parameter '
                          'payload.max_mass)')
     distance = math.hypot(*com)
     if not distance <= max_distance:
-        raise InputError(f'center of mass: {np.asarray(com).tolist()} m; expected finite '
-                         'numbers, at most '
+        raise InputError(f'center of mass: {np.asarray(com).tolist()} m; expected '
+                         'finite numbers, at most '
                          f'{max_distance:g} m from the frame (parameter '
                          'payload.max_distance)')
     xx, xy, xz, yy, yz, zz = inertia
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     _check_inertia(tensor, mass * max_distance ** 2)
-    at, carrier = model.frame(frame or carrying), model.frame(carrying)
+    at = model.frame(frame or carrying)
+    carrier = model.frame(carrying)
     if at.body != carrier.body:
         expected = ', '.join(sorted(each.name for each in model.frames
                                     if each.body == carrier.body))
@@ -97,17 +99,21 @@ def _check_inertia(tensor: Array, most: float) -> None:
         raise InputError(f'inertia: {tensor.tolist()}; expected finite numbers')
     found = principal_moments(tensor, rounding=1e-6)  # rounding of numbers in text
     if not found.possible:
-        raise InputError(f'inertia: principal moments {found}; expected none negative and none '
-                         'larger than the sum of the other two')
+        raise InputError(f'inertia: principal moments {found}; expected none negative '
+                         'and none larger than the sum of the other two')
     largest = found.moments[2]
     if largest > most:
-        raise InputError(f'inertia: principal moment {largest:g} kg m^2; expected at most '
-                         f'{most:g} kg m^2, the mass times the square of parameter '
+        raise InputError(f'inertia: principal moment {largest:g} kg m^2; expected at '
+                         f'most {most:g} kg m^2, the mass times the square of parameter '
                          'payload.max_distance')
 
 
 def parameter_loads(model: Model, values: Mapping[str, Any]) -> GravityAndPayload:
-    """Return gravity and payload of the parameters; raise InputError for an invalid payload."""
+    """
+    Return gravity and payload of the parameters.
+
+    Raise InputError for an invalid payload.
+    """
     payload = None
     if values['payload.frame'] or values['payload.mass'] > 0.0:
         try:

@@ -1,12 +1,12 @@
 """
 The messages between the dynamics node and torque_guard, as std_msgs/Float64MultiArray.
 
-~/loads (node to guard, latched): id of the configuration, gravity, payload, digest of the arm.
-~/guard_request (node to guard): number of a request for the topic `commands`; 0 after zeros.
-~/guard_state (guard to node): number of the request that it answers, whether the guard commanded
-until then, whether the last torques are the guard's, the identity of the guard (its start on the
-monotonic clock of its computer, which is never set back), the last torques. Without a request it
-is sent with number 0 as a heartbeat.
+~/loads (node to guard, latched): id of the configuration, gravity, payload, digest of
+the arm. ~/guard_request (node to guard): number of a request for the topic `commands`; 0
+after zeros. ~/guard_state (guard to node): number of the request that it answers,
+whether the guard commanded until then, whether the last torques are the guard's, the
+identity of the guard (its start on the monotonic clock of its computer, which is never
+set back), the last torques. Without a request it is sent with number 0 as a heartbeat.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,8 @@ from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 import numpy as np
 
-LOADS, REQUEST, STATE = 'loads', 'guard_request', GUARD_STATE  # names of topics of the node
+# Names of topics of the node
+LOADS, REQUEST, STATE = 'loads', 'guard_request', GUARD_STATE
 LOADS_LENGTH = 15
 STOPPED = 0.0  # request number of a node that commanded zeros
 FIELDS = 4  # numbers before the torques
@@ -33,7 +34,7 @@ _UPPER = np.triu_indices(3)
 
 
 class NodeLoads(NamedTuple):
-    """The content of ~/loads: id of the configuration, gravity and payload, digest of the arm."""
+    """The content of ~/loads: id of the configuration, loads, digest of the arm."""
 
     configuration: float
     loads: GravityAndPayload
@@ -62,7 +63,11 @@ def arm_digest(model: Model, constraints: Sequence[Any] | None) -> float:
 
 def loads_to_numbers(configuration: float, loads: GravityAndPayload,
                      digest: float) -> list[float]:
-    """Return the content of ~/loads: id, gravity, mass, com, central inertia (6), digest."""
+    """
+    Return the content of ~/loads as numbers.
+
+    They are id, gravity, mass, com, central inertia (6), digest.
+    """
     payload = loads.payload or Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
     return [configuration, *loads.gravity, payload.mass, *payload.com,
             *payload.inertia[_UPPER], digest]
@@ -70,7 +75,10 @@ def loads_to_numbers(configuration: float, loads: GravityAndPayload,
 
 def loads_from_numbers(numbers: Array) -> NodeLoads:
     """Return the content of a message on ~/loads, (15,)."""
-    configuration, gravity, mass, com = numbers[0], numbers[1:4], numbers[4], numbers[5:8]
+    configuration = numbers[0]
+    gravity = numbers[1:4]
+    mass = numbers[4]
+    com = numbers[5:8]
     inertia = np.zeros((3, 3))
     inertia[_UPPER] = numbers[8:14]
     inertia = inertia + np.triu(inertia, 1).T

@@ -14,12 +14,13 @@ from sensor_msgs.msg import JointState
 
 # Reasons to drop a joint state; the diagnostics count each.
 MISSING, TWICE, SHORT, NO_VELOCITY, NOT_FINITE, MALFORMED = (
-    'joint missing', 'joint named twice', 'arrays of unequal length', 'no velocity', 'not finite',
-    'malformed message')
+    'joint missing', 'joint named twice', 'arrays of unequal length', 'no velocity',
+    'not finite', 'malformed message')
 STALE, FUTURE, OUT_OF_ORDER, NO_CLOCK = (
-    'stale (older than state_timeout)', 'stamp in the future', 'stamp before the latest one',
-    'no message on /clock')
-FOREIGN = 'other joints only'  # for example of a gripper: not a fault, counted separately
+    'stale (older than state_timeout)', 'stamp in the future',
+    'stamp before the latest one', 'no message on /clock')
+# For example of a gripper: not a fault, counted separately
+FOREIGN = 'other joints only'
 MAX_LAYOUTS = 8  # cached layouts, one for each publisher
 
 
@@ -31,7 +32,8 @@ def time_fault(stamp: int, now: int, last: int, timeout: int,
     Parameters
     ----------
     stamp, now, last : int
-        Stamp of the message, time of the node's clock, stamp of the latest valid message, ns.
+        Stamp of the message, time of the node's clock, stamp of the latest valid
+        message, ns.
     timeout : int
         Age above which a message is stale, and largest difference of clocks, ns.
     stale : str
@@ -72,10 +74,10 @@ NO_OTHERS = OtherJoints((), np.zeros(0, dtype=np.intp), None)
 
 class JointStateLayout:
     """
-    The layout of the messages of one publisher: the constant bytes, and the offsets of numbers.
+    The layout of the messages of one publisher: constant bytes, and offsets.
 
-    Two messages have the same layout if encapsulation, frame, names and counts are equal. Numbers,
-    stamp, padding and trailing bytes may differ.
+    Two messages have the same layout if encapsulation, frame, names and counts are
+    equal. Numbers, stamp, padding and trailing bytes may differ.
 
     Parameters
     ----------
@@ -92,31 +94,41 @@ class JointStateLayout:
     def __init__(self, data: bytes) -> None:
         reader = Reader(data)
         reader.pair()
-        frame_id, names = reader.text(), reader.texts()
+        frame_id = reader.text()
+        names = reader.texts()
         counts = [len(reader.doubles()) for _ in range(3)]
         if reader.order != '<' or counts[0] != len(names):
-            raise InputError('message: big endian or positions missing; expected little endian '
-                             'and a position for each name')
-        writer, (positions, velocities, efforts) = write_joint_state(names, frame_id, counts)
+            raise InputError('message: big endian or positions missing; expected little '
+                             'endian and a position for each name')
+        writer, (positions, velocities, efforts) = write_joint_state(names, frame_id,
+                                                                     counts)
         full, _ = write_joint_state(names, frame_id, counts, fill=0xff)
-        # Comparing whole messages as masked integers is the fastest comparison in Python.
+        # Comparing whole messages as masked integers is the fastest comparison in
+        # Python.
         self.expected = int.from_bytes(writer.data, 'little')
         self.mask = int.from_bytes(b'\xff' * len(full.data), 'little') & ~(
             self.expected ^ int.from_bytes(full.data, 'little'))
         block = MessageBuffer(len(data))
         self.buffer = memoryview(block.bytes)
         self.has_velocity = counts[1] == len(names)
-        self.efforts = block.doubles(efforts, len(names)) if counts[2] == len(names) else None
+        self.efforts = block.doubles(efforts,
+                                     len(names)) if counts[2] == len(names) else None
         # One view covers positions and velocities, so that one gather reads both.
         self.velocity_offset = (velocities - positions) // 8
         self.numbers = block.doubles(positions, self.velocity_offset + len(names)
                                      if self.has_velocity else len(names))
         self.entry: Index = np.zeros(0, dtype=np.intp)
-        self.index, self.others = self.entry, NO_OTHERS
+        self.index = self.entry
+        self.others = NO_OTHERS
 
     def select(self, index: Index, others: 'OtherJoints') -> None:
-        """Gather the joints with these indices: positions, then velocities; and other joints."""
-        self.entry, self.others = index, others
+        """
+        Gather the joints with these indices: positions, then velocities.
+
+        And other joints.
+        """
+        self.entry = index
+        self.others = others
         self.index = (np.concatenate([index, index + self.velocity_offset])
                       if self.has_velocity else index)
 
@@ -125,8 +137,8 @@ class JointStateReader:
     """
     Reads serialized joint states into the arrays `q` and `u`, in the order of `joints`.
 
-    A message with a cached layout needs one comparison and two gathers. Any other message is
-    deserialized by rclpy, with the same result, and its layout is cached.
+    A message with a cached layout needs one comparison and two gathers. Any other
+    message is deserialized by rclpy, with the same result, and its layout is cached.
 
     Parameters
     ----------
@@ -158,7 +170,8 @@ class JointStateReader:
     need_effort : bool
         Whether efforts are read; initially False.
     judged : bool
-        Whether the caller refuses states that are not finite (`StateCheck`); initially False.
+        Whether the caller refuses states that are not finite (`StateCheck`); initially
+        False.
     foreign_joints : set
         Name lists of messages that contain none of `joints`; the caller may clear it.
     partial_joints : set
@@ -172,14 +185,18 @@ class JointStateReader:
 
     def __init__(self, joints: Sequence[str], optional: Sequence[str] = (),
                  actuated: Sequence[str] | None = None) -> None:
-        self.joints, self.optional = tuple(joints), tuple(optional)
+        self.joints = tuple(joints)
+        self.optional = tuple(optional)
         self._actuated = None if actuated is None else tuple(actuated)
-        self.need_effort, self.has_velocity, self.judged = False, False, False
+        self.need_effort = False
+        self.has_velocity = False
+        self.judged = False
         self.foreign_joints: set[tuple[str, ...]] = set()
         self.partial_joints: set[tuple[str, ...]] = set()
         self.state = np.zeros(2 * len(self.joints))
         self._q, self._u = np.split(self.state, 2)
-        self.q, self.u = self._q, self._u
+        self.q = self._q
+        self.u = self._u
         self.others: tuple[int, ...] = ()
         self.positions = np.zeros(0)
         self.effort = np.zeros(len(self.joints if actuated is None else actuated))
@@ -197,7 +214,8 @@ class JointStateReader:
     def read(self, data: bytes, need_velocity: bool) -> str | None:
         """Read one message; return None, or the reason to drop it."""
         layout = self._layouts.get(len(data))
-        if layout is None or (int.from_bytes(data, 'little') & layout.mask) != layout.expected or (
+        if layout is None or (int.from_bytes(data, 'little')
+                              & layout.mask) != layout.expected or (
                 need_velocity and not layout.has_velocity):
             return self._parse(data, need_velocity)
         self.sec, self.nanosec = STAMP.unpack_from(data, STAMP_AT)
@@ -212,12 +230,17 @@ class JointStateReader:
             self.others = layout.others.places
             self.positions = layout.numbers[layout.others.entries]
         if self.need_effort:
-            self._gather_effort(layout.efforts, layout.entry if self._actuated is None else
+            self._gather_effort(layout.efforts, layout.entry if self._actuated is None
+                                else
                                 layout.others.efforts)
         return None if self.judged and not self.others else self._finite()
 
     def complete(self, stamp: int) -> str | None:
-        """Compute what a state lacks, with its stamp, ns; return None, or why it is refused."""
+        """
+        Compute what a state lacks, with its stamp, ns.
+
+        Return None, or why it is refused.
+        """
         return None
 
     def _parse(self, data: bytes, need_velocity: bool) -> str | None:
@@ -226,18 +249,21 @@ class JointStateReader:
         layout = None
         try:
             layout = JointStateLayout(data)
-        except TooShortError as error:  # rclpy rejects it too, but prints an error each time
+        # Rclpy rejects it too, but prints an error each time
+        except TooShortError as error:
             self.detail = str(error)
             return MALFORMED
         except InputError:  # rclpy reads more encodings than plain CDR
             pass
         try:
             message = deserialize_message(data, JointState)
-        except (RuntimeError, MemoryError, ValueError) as error:  # RMWError is a RuntimeError
+        # RMWError is a RuntimeError
+        except (RuntimeError, MemoryError, ValueError) as error:
             self.detail = f'{len(data)} bytes: {str(error)[:100]}'
             return MALFORMED
         stamp = message.header.stamp
-        self.sec, self.nanosec = stamp.sec, stamp.nanosec
+        self.sec = stamp.sec
+        self.nanosec = stamp.nanosec
         index = self._index(message.name)
         if isinstance(index, str):
             return index
@@ -255,7 +281,8 @@ class JointStateReader:
         places = tuple(k for k, name in enumerate(self.optional) if name in names)
         actuated = self._actuated or ()
         return OtherJoints(places, _entries(names, [self.optional[k] for k in places]),
-                           _entries(names, actuated) if set(actuated) <= set(names) else None)
+                           _entries(names, actuated) if set(actuated) <= set(names)
+                           else None)
 
     def _gather(self, message: JointState, index: Index, others: OtherJoints,
                 need_velocity: bool) -> str | None:
@@ -265,7 +292,8 @@ class JointStateReader:
             return SHORT
         positions = np.frombuffer(message.position)
         positions.take(index, out=self._q, mode='clip')
-        self.others, self.positions = others.places, positions[others.entries]
+        self.others = others.places
+        self.positions = positions[others.entries]
         speeds = len(message.velocity)
         self.has_velocity = speeds == count
         if self.has_velocity:
@@ -289,7 +317,7 @@ class JointStateReader:
             self.has_effort = math.isfinite(sum(self.effort.tolist()))
 
     def _index(self, names: list[str]) -> Index | str:
-        """Return the index of each joint in `names`, or the reason to drop the message."""
+        """Return the index of each joint in `names`, or the reason to drop."""
         entry = {name: i for i, name in enumerate(names)}
         missing = [joint for joint in self.joints if joint not in entry]
         self.detail = ', '.join(missing)
@@ -297,9 +325,11 @@ class JointStateReader:
             if len(self.foreign_joints) < MAX_LAYOUTS:
                 self.foreign_joints.add(tuple(names))
             return FOREIGN
-        twice = [joint for joint in (*self.joints, *self.optional) if names.count(joint) > 1]
+        twice = [joint for joint in (*self.joints, *self.optional) if names.count(joint)
+                 > 1]
         if missing and len(self.partial_joints) < MAX_LAYOUTS:
-            self.partial_joints.add(tuple(joint for joint in self.joints if joint in entry))
+            self.partial_joints.add(tuple(joint for joint in self.joints
+                                          if joint in entry))
         if missing or twice:
             self.detail = ', '.join(missing or twice)
             return MISSING if missing else TWICE
@@ -320,7 +350,11 @@ class JointStateReader:
         return NOT_FINITE
 
     def _cache_layout(self, data: bytes, layout: JointStateLayout) -> None:
-        """Cache the layout of a valid message; drop the oldest one if the cache is full."""
+        """
+        Cache the layout of a valid message.
+
+        Drop the oldest one if the cache is full.
+        """
         self._layouts.pop(len(data), None)
         if len(self._layouts) >= MAX_LAYOUTS:
             del self._layouts[next(iter(self._layouts))]

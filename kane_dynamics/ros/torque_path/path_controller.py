@@ -34,7 +34,11 @@ def path_controller(model: Model, values: Mapping[str, Any]) -> Controller:
 
 
 def path_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
-    """Return the settings of the controller; the gains are those of the joints that follow."""
+    """
+    Return the settings of the controller.
+
+    The gains are those of the joints that follow.
+    """
     settings = controller_settings(values, robot.joint_names)
     follow = list(joints_that_follow(robot))
     return settings | {name: settings[name][follow] for name in ('kp', 'kd')} | {
@@ -45,9 +49,10 @@ def rate_limit(values: Mapping[str, Any], robot: Robot) -> Array:
     """
     Return the limit of the rate of effort of each joint, (n,) N m/s or N/s.
 
-    It is parameter limits.rate, or else that with which an effort grows from zero to its limit
-    within `RISE`; joints without an effort limit have none.
+    It is parameter limits.rate, or else that with which an effort grows from zero to its
+    limit within `RISE`; joints without an effort limit have none.
     """
     joints = robot.joint_names
-    effort = np.minimum(robot.limits.effort, per_joint(values, 'limits.effort', joints, math.inf))
+    effort = np.minimum(robot.limits.effort, per_joint(values, 'limits.effort', joints,
+                                                       math.inf))
     return per_joint(values, 'limits.rate', joints, effort / RISE)

@@ -1,9 +1,10 @@
 """
-Judge joint states by what the arm can do: limits of position and speed, and the last state.
+Judge joint states by what the arm can do: its limits, and its last state.
 
-A state is impossible if it is not finite, if a joint lies far outside its position limits, is
-faster than it can be, or is farther from its last accepted position than it can have moved since
-then. One native call compares all joints; the reason is found only for a state that is refused.
+A state is impossible if it is not finite, if a joint lies far outside its position
+limits, is faster than it can be, or is farther from its last accepted position than it
+can have moved since then. One native call compares all joints; the reason is found only
+for a state that is refused.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,11 +31,12 @@ WHOLE_TURN = 2.0 * math.pi
 
 class StateCheck:
     """
-    Compares each joint state with the limits of the joints and with the last accepted state.
+    Compares each joint state with the limits and with the last accepted state.
 
-    The first state after `forget` is compared with the next one: a command follows only from two
-    states that agree, so that a false first state is not answered. A first state older than the
-    timeout confirms no other: meanwhile the arm can have moved anywhere.
+    The first state after `forget` is compared with the next one: a command follows only
+    from two states that agree, so that a false first state is not answered. A first
+    state older than the timeout confirms no other: meanwhile the arm can have moved
+    anywhere.
 
     Parameters
     ----------
@@ -43,7 +45,8 @@ class StateCheck:
     joints : sequence of n str
         The joints that are measured.
     state : (2 n,) array
-        Positions and velocities of the state to judge, rad or m and s; overwritten by the caller.
+        Positions and velocities of the state to judge, rad or m and s; overwritten by
+        the caller.
     values : mapping
         The node's parameters; state_check.*, state_timeout and limits.velocity are used.
 
@@ -58,13 +61,17 @@ class StateCheck:
 
     def __init__(self, robot: Robot, joints: Sequence[str], state: Array,
                  values: Mapping[str, Any]) -> None:
-        self._robot, self._joints = robot, tuple(joints)
+        self._robot = robot
+        self._joints = tuple(joints)
         self._places = [robot.coordinate_names.index(name) for name in joints]
         count = len(self._joints)
-        self._state, self.accepted = state, np.zeros(2 * count)
+        self._state = state
+        self.accepted = np.zeros(2 * count)
         # The byte views are copied several times as fast as the arrays.
-        self._from, self._to = memoryview(state).cast('B'), memoryview(self.accepted).cast('B')
-        self._bounds, self._elapsed = np.zeros((5, count)), np.zeros(())
+        self._from = memoryview(state).cast('B')
+        self._to = memoryview(self.accepted).cast('B')
+        self._bounds = np.zeros((5, count))
+        self._elapsed = np.zeros(())
         self._possible = np.zeros(1)
         self._judge = state_kernel(robot, count).bind(
             [state, self.accepted, self._bounds.ravel(), self._elapsed], self._possible,
@@ -75,19 +82,24 @@ class StateCheck:
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next state on."""
-        limits, places = self._robot.limits, self._places
-        margin, factor = values['state_check.position_margin'], values['state_check.speed_factor']
-        noise, jitter = values['state_check.noise'], values['state_check.jitter']
+        limits = self._robot.limits
+        places = self._places
+        margin = values['state_check.position_margin']
+        factor = values['state_check.speed_factor']
+        noise = values['state_check.noise']
+        jitter = values['state_check.jitter']
         fastest = factor * speed_limits(self._robot, values)[places]
         self._turns = values['mode'] != Mode.COMPUTED_TORQUE
         limited = np.isfinite(fastest)
         slope = np.where(limited, fastest, 0.0)
         step = np.where(limited, noise + jitter * slope, UNLIMITED)
         margin += ROUNDING
-        lower, upper = limits.lower[places] - margin, limits.upper[places] + margin
+        lower = limits.lower[places] - margin
+        upper = limits.upper[places] + margin
         self._turning = np.isinf(limits.lower[places]) & np.isinf(limits.upper[places]) & [
             name not in self._robot.model.sliding for name in self._joints]
-        self._bounds[:] = np.clip([lower, upper, fastest, slope, step], -UNLIMITED, UNLIMITED)
+        self._bounds[:] = np.clip([lower, upper, fastest, slope, step], -UNLIMITED,
+                                  UNLIMITED)
         self._compares = bool(limited.any())
         self._grace = round(values['state_check.grace'] * NANO)
         self._timeout = round(values['state_timeout'] * NANO)
@@ -99,7 +111,9 @@ class StateCheck:
 
     def freeze(self) -> None:
         """
-        Let states be compared as if no more than the grace time had passed, until one is accepted.
+        Compare states as if no more than the grace time had passed.
+
+        This ends with the next accepted state.
 
         A fault that lasts must not become possible because time passes.
         """
@@ -111,24 +125,31 @@ class StateCheck:
         return self._confirmed
 
     def reason(self, stamp: int) -> str | None:
-        """Return why the state with this stamp, ns, is refused; None if it is possible."""
+        """
+        Return why the state with this stamp, ns, is refused.
+
+        None if it is possible.
+        """
         confirms = self._confirmed or stamp - self._stamp <= self._timeout
         if not self._stamp or not confirms:
             return self._first(stamp)
-        elapsed = min(stamp, self._latest) - self._stamp if self._latest else stamp - self._stamp
+        elapsed = min(stamp,
+                      self._latest) - self._stamp if self._latest else stamp - self._stamp
         self._elapsed[()] = max(elapsed, 0) / NANO
         if self._is_possible():
             self._confirmed = True
             return None
         reason = self._explain()
         if reason is not None and not self._confirmed and reason is JUMP:
-            self.accept(stamp)  # one of the two is false: compare the next one with this one
+            # One of the two is false: compare the next one with this one
+            self.accept(stamp)
         return reason
 
     def accept(self, stamp: int) -> None:
         """Keep the state as the last accepted one."""
         self._to[:] = self._from
-        self._stamp, self._latest = stamp, 0
+        self._stamp = stamp
+        self._latest = 0
 
     def _first(self, stamp: int) -> str | None:
         """Judge a state without an earlier one."""
@@ -149,7 +170,11 @@ class StateCheck:
         return bool(self._possible[0])
 
     def _explain(self) -> str | None:
-        """Return the reason why the last state is impossible, with details; None if it is not."""
+        """
+        Return the reason why the last state is impossible, with details.
+
+        None if it is not.
+        """
         q, u = np.split(self._state, 2)
         lower, upper, fastest, slope, step = self._bounds
         finite = np.isfinite(q) & np.isfinite(u)
@@ -159,7 +184,8 @@ class StateCheck:
         outside = np.maximum(lower - q, q - upper)
         if not (outside < 0.0).all():
             j = int(np.argmax(outside))
-            limits, place = self._robot.limits, self._places[j]
+            limits = self._robot.limits
+            place = self._places[j]
             self.detail = (f"'{self._joints[j]}' at {q[j]:.6g} rad or m; expected "
                            f'{lower[j]:.4g} to {upper[j]:.4g}, its limits with '
                            'state_check.position_margin'
@@ -168,12 +194,15 @@ class StateCheck:
             return OUTSIDE
         if not (np.abs(u) < fastest).all():
             j = int(np.argmax(np.abs(u) / fastest))
-            self.detail = (f"'{self._joints[j]}' at {u[j]:.6g} rad/s or m/s; expected at most "
-                           f'{fastest[j]:.4g}, its limit times state_check.speed_factor')
+            self.detail = (f"'{self._joints[j]}' at {u[j]:.6g} rad/s or m/s; expected "
+                           f'at most {fastest[j]:.4g}, its limit times '
+                           'state_check.speed_factor')
             return TOO_FAST
         moved = q - self.accepted[:len(q)]
-        if self._turns:  # a driver may publish the angle of such a joint between -pi and pi
-            moved = np.where(self._turning, np.remainder(moved + math.pi, WHOLE_TURN) - math.pi,
+        # A driver may publish the angle of such a joint between -pi and pi
+        if self._turns:
+            moved = np.where(self._turning, np.remainder(moved + math.pi,
+                                                         WHOLE_TURN) - math.pi,
                              moved)
         allowed = step + slope * self._elapsed
         if (np.abs(moved) < allowed).all():
@@ -181,19 +210,24 @@ class StateCheck:
             return None
         j = int(np.argmax(np.abs(moved) / allowed))
         self.detail = (f"'{self._joints[j]}' moved by {moved[j]:.4g} rad or m in "
-                       f'{float(self._elapsed):.4f} s; expected at most {allowed[j]:.4g}, as its '
-                       'speed limit, state_check.speed_factor, jitter and noise allow')
+                       f'{float(self._elapsed):.4f} s; expected at most '
+                       f'{allowed[j]:.4g}, as its speed limit, '
+                       'state_check.speed_factor, jitter and noise allow')
         return JUMP
 
 
 def speed_limits(robot: Robot, values: Mapping[str, Any]) -> Array:
-    """Return the speed limits of the joints, (n_q,); InputError if the parameter does not fit."""
+    """
+    Return the speed limits of the joints, (n_q,).
+
+    InputError if the parameter does not fit.
+    """
     stated = per_joint(values, 'limits.velocity', robot.joint_names, math.inf)
     return np.minimum(robot.limits.velocity, stated)
 
 
 def looks_like_degrees(value: float, lower: float, upper: float) -> str:
-    """Return a hint if a position beyond a turn, outside its limits, is within them as degrees."""
+    """Return a hint if a position outside its limits is within them as degrees."""
     if abs(value) <= WHOLE_TURN:
         return ''
     turned = math.radians(value)
@@ -206,16 +240,18 @@ def state_kernel(robot: Robot, count: int) -> Kernel:
     """
     Return the kernel that judges a state: 1 if every joint is within its bounds, else 0.
 
-    Its arguments are positions and velocities of the state and of the last one, (2 n,) each; the
-    bounds, (5 n,): lower and upper positions, speeds, and the largest change of a position as
-    slope and constant; and the time between the states, s.
+    Its arguments are positions and velocities of the state and of the last one, (2 n,)
+    each; the bounds, (5 n,): lower and upper positions, speeds, and the largest change
+    of a position as slope and constant; and the time between the states, s.
     """
     def judged(state: Any, last: Any, bounds: Any, elapsed: Any) -> Any:
         lower, upper, fastest, slope, step = np.split(bounds, 5)
         possible: Any = 1.0
         for j in range(count):
-            position, speed = state[j], state[count + j]
-            moved, allowed = position - last[j], step[j] + slope[j] * elapsed
+            position = state[j]
+            speed = state[count + j]
+            moved = position - last[j]
+            allowed = step[j] + slope[j] * elapsed
             for small, large in ((lower[j], position), (position, upper[j]),
                                  (-fastest[j], speed), (speed, fastest[j]),
                                  (-allowed, moved), (moved, allowed)):

@@ -22,16 +22,16 @@ from kane_dynamics.ros.torque_path.command_messages import CommandMessages
 from kane_dynamics.ros.torque_path.cycle_observer import Arbiter, Cycle, CycleObserver
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
 from kane_dynamics.ros.torque_path.joint_state_reader import (FOREIGN, JointStateReader,
-                                                              MISSING, NO_CLOCK, NOT_FINITE,
-                                                              time_fault)
+                                                              MISSING, NO_CLOCK,
+                                                              NOT_FINITE, time_fault)
 from kane_dynamics.ros.torque_path.state_check import (FIRST, JUMP, OUTSIDE, StateCheck,
                                                        TOO_FAST)
 from kane_dynamics.ros.torque_path.wrench_input import WrenchInput
 from rclpy.publisher import Publisher
 
 NO_TORQUE, REFUSED = 'no finite torque', 'closed loop without a torque'
-# Reasons that show a false state: after a fault that lasts, states must come back to the last
-# accepted one. Other reasons are of the arm or of the motion.
+# Reasons that show a false state: after a fault that lasts, states must come back to the
+# last accepted one. Other reasons are of the arm or of the motion.
 FALSE = frozenset((NOT_FINITE, JUMP, TOO_FAST, OUTSIDE, CONTRADICTION, BRANCH))
 
 
@@ -43,7 +43,8 @@ class TorquePath:
     ----------
     controller : Controller
     commands, torques : Publisher
-        Publishers of Float64MultiArray and of JointState; they receive serialized messages.
+        Publishers of Float64MultiArray and of JointState; they receive serialized
+        messages.
     now : callable
         Returns the node's clock, ns.
     values : mapping
@@ -66,22 +67,30 @@ class TorquePath:
     """
 
     def __init__(self, controller: Controller, commands: Publisher, torques: Publisher,
-                 now: Callable[[], int], values: Mapping[str, Any], statistics: Statistics,
+                 now: Callable[[], int], values: Mapping[str, Any],
+                 statistics: Statistics,
                  warn: Callable[[str, str], None], stamped: Publisher | None = None,
                  loops: ClosedLoopReader | None = None,
                  report_fault: Callable[[str, str], None] | None = None) -> None:
-        robot, self.controller, self.statistics = controller.robot, controller, statistics
+        robot = controller.robot
+        self.controller = controller
+        self.statistics = statistics
         self.running = False
         self.commanding = False  # whether the last command may be non-zero
         self.timed_out = False
-        self.last_update = 0.0  # time of the last command, s of `perf_counter`; 0: none yet
+        # Time of the last command, s of `perf_counter`; 0: none yet
+        self.last_update = 0.0
         self.active_motion = ActiveMotion()
-        self._now, self._warn, self._report_fault = now, warn, report_fault or warn
-        self._reader, self.loops = loops or JointStateReader(robot.joint_names), loops
+        self._now = now
+        self._warn = warn
+        self._report_fault = report_fault or warn
+        self._reader = loops or JointStateReader(robot.joint_names)
+        self.loops = loops
         self.states = StateCheck(robot, self._reader.joints, self._reader.state, values)
         self._reader.judged = True
         commanded = commanded_joints(robot, controller.followed)
-        self.messages = CommandMessages(robot.joint_names, commanded, commands, torques, stamped)
+        self.messages = CommandMessages(robot.joint_names, commanded, commands, torques,
+                                        stamped)
         self._follow = [robot.joint_names.index(name) for name in controller.followed]
         self.wrenches: WrenchInput | None = None
         self.arbiter: Arbiter | None = None
@@ -102,12 +111,20 @@ class TorquePath:
         self.states.update(values)
 
     def add_observer(self, observer: CycleObserver, need_effort: bool) -> None:
-        """Call `observer` after each command; read the efforts of states if it needs them."""
+        """
+        Call `observer` after each command.
+
+        Read the efforts of states if it needs them.
+        """
         self._observers.append(observer)
         self._reader.need_effort |= need_effort
 
     def desired(self, stamp: int) -> State | None:
-        """Return the initial q, u and udot of a new motion; None before the first state."""
+        """
+        Return the initial q, u and udot of a new motion.
+
+        None before the first state.
+        """
         state = self.active_motion.desired(stamp)
         if state is None and self.last_update and self.states.known:
             pose = self.controller.pose
@@ -116,26 +133,32 @@ class TorquePath:
         return state
 
     def measured(self) -> Array | None:
-        """Return the last accepted positions, (n,), for other threads; None if missing."""
+        """
+        Return the last accepted positions, (n,), for other threads.
+
+        None if missing.
+        """
         lost = self.loops is not None and self.loops.lost
         valid = self.running and self.last_update and self.states.known and not (
             lost or self.timed_out or self.fault)
         return self._accepted() if valid else None
 
     def _accepted(self) -> Array:
-        """Return a copy of the positions of all joints in the last accepted state, (n_q,)."""
+        """Return a copy of all positions in the last accepted state, (n_q,)."""
         if self.loops is not None:
             return self.loops.q.copy()
         return self.states.accepted[:len(self._reader.joints)].copy()
 
     def take_foreign_joints(self) -> set[tuple[str, ...]]:
         """Return and clear the name lists of states that contained other joints only."""
-        foreign, self._reader.foreign_joints = self._reader.foreign_joints, set()
+        foreign = self._reader.foreign_joints
+        self._reader.foreign_joints = set()
         return foreign
 
     def take_parts(self) -> list[tuple[str, ...]]:
-        """Return and clear the joints of states that together, but not alone, have all joints."""
-        parts, self._reader.partial_joints = self._reader.partial_joints, set()
+        """Return and clear the joints of states that together have all joints."""
+        parts = self._reader.partial_joints
+        self._reader.partial_joints = set()
         together = set().union(*parts)
         return sorted(parts) if together == set(self._reader.joints) else []
 
@@ -146,7 +169,8 @@ class TorquePath:
     def start(self) -> None:
         """Start; the first command follows the first state."""
         self.active_motion.clear()
-        self.timed_out, self.last_update = False, 0.0
+        self.timed_out = False
+        self.last_update = 0.0
         self._last_now = self._last_good = self._last_heard = self._now()
         self._last_stamp = 0
         self._forget_states()
@@ -210,8 +234,8 @@ class TorquePath:
     def reaction(self) -> str:
         """Return what is commanded while states are refused, and until when."""
         action = 'holding the last accepted position' if self._holds else 'commanding zeros'
-        return (f'{action} until states are valid again; deactivate and activate the node to '
-                'begin from others')
+        return (f'{action} until states are valid again; deactivate and activate the '
+                'node to begin from others')
 
     @property
     def state_age(self) -> float:
@@ -219,7 +243,7 @@ class TorquePath:
         return (self.now - self._last_good) / NANO
 
     def on_state(self, data: bytes) -> None:
-        """Compute and publish the command for one serialized JointState, at its stamp."""
+        """Compute and publish the command for one serialized JointState."""
         if not self.running:
             return
         began = time.perf_counter()
@@ -234,9 +258,11 @@ class TorquePath:
         # Between two cycles, so that each command is computed with consistent loads.
         if self._loads is not self._applied_loads:
             self._apply_loads()
-        reader, (motion, moment) = self._reader, self.active_motion.at(stamp)
+        reader = self._reader
+        motion, moment = self.active_motion.at(stamp)
         try:
-            external = None if self.wrenches is None else self.wrenches.torques(reader.q, now)
+            external = None if self.wrenches is None else self.wrenches.torques(reader.q,
+                                                                                now)
             command = self._command(stamp, motion, moment, external)
         except InputError as error:  # the torques of a finite state overflowed
             self._refuse(NO_TORQUE, str(error), now)
@@ -248,18 +274,23 @@ class TorquePath:
         self._keep(stamp, now)
         if self.arbiter is not None and not self.arbiter.confirm(time.perf_counter()):
             return
-        self.timed_out, self.commanding, self.last_update = False, True, began
+        self.timed_out = False
+        self.commanding = True
+        self.last_update = began
         self._waiting = b''
         self._publish(command.tau, reader.sec, reader.nanosec)
         self.statistics.command(time.perf_counter() - began, (now - stamp) / NANO,
                                 command.limited)
         self.statistics.full_parses = reader.full_parses
-        for observer in self._observers:  # after the command, which must not wait for them
-            observer.on_cycle(Cycle(stamp, reader, motion, moment, command.tau, external))
+        # After the command, which must not wait for them
+        for observer in self._observers:
+            observer.on_cycle(Cycle(stamp, reader, motion, moment, command.tau,
+                                    external))
 
     def retry(self) -> None:
-        """Answer the state for which the arbiter denied a command, if no later one came."""
-        data, self._waiting = self._waiting, b''
+        """Answer the latest state, if the arbiter denied its command."""
+        data = self._waiting
+        self._waiting = b''
         if data:
             self.on_state(data)
 
@@ -299,24 +330,27 @@ class TorquePath:
 
     def _keep(self, stamp: int, now: int) -> None:
         """Keep the state as the last accepted one."""
-        self._last_good = moment = min(stamp, now)  # a stamp ahead must not delay the next state
+        # A stamp ahead must not delay the next state
+        self._last_good = moment = min(stamp, now)
         self._last_stamp = moment
         self.states.accept(moment)
         if self._refused_since:
-            self._refused_since, self.fault = 0, ''
+            self._refused_since = 0
+            self.fault = ''
 
     def _command(self, stamp: int, motion: Motion | None, moment: float,
                  external: Array | None) -> Command:
         """Return the command at the latest state."""
-        return self.controller.command_checked(stamp / NANO, self._reader.q, self._reader.u,
-                                               motion, moment, external)
+        return self.controller.command_checked(stamp / NANO, self._reader.q,
+                                               self._reader.u, motion, moment, external)
 
     def resume(self, tau: Array) -> bool:
         """
         Continue from commands of another process; return whether a motion was dropped.
 
-        As after a pause of the joint states, the desired motion is dropped if the last command is
-        older than the timeout. The first change of torque is that of one period of the states.
+        As after a pause of the joint states, the desired motion is dropped if the last
+        command is older than the timeout. The first change of torque is that of one
+        period of the states.
         """
         self._last_good = self._last_heard = self._now()
         self.commanding = True
@@ -351,8 +385,8 @@ class TorquePath:
         self._last_good = self._last_heard = self._last_now = self._now()
         self._last_stamp = 0
         self._forget_states()
-        # The torque that acts stays: from zero the limit of its rate would let the arm fall. The
-        # limit counts from the next stamp on.
+        # The torque that acts stays: from zero the limit of its rate would let the arm
+        # fall. The limit counts from the next stamp on.
         acting = self.messages.last if self.commanding else 0.0 * self.messages.last
         self.controller.resume(None, acting)
         if self.wrenches is not None:
@@ -367,7 +401,8 @@ class TorquePath:
     def _forget_states(self) -> None:
         """Compare the next state with none before it."""
         self.states.forget()
-        self._refused_since, self.fault = 0, ''
+        self._refused_since = 0
+        self.fault = ''
 
     def _refuse(self, reason: str, detail: str, now: int) -> None:
         """
@@ -384,7 +419,8 @@ class TorquePath:
         if self.arbiter is not None and not self.arbiter.may_repeat(time.perf_counter()):
             return
         if not self.fault:
-            # The limit of the rate counts from here on: the torque did not change until now.
+            # The limit of the rate counts from here on: the torque did not change until
+            # now.
             self.controller.limit(self._last_heard / NANO, self.messages.last)
             self.messages.repeat()
         elif self._holds:
@@ -393,14 +429,14 @@ class TorquePath:
             self.command_zeros()
 
     def _give_up(self, reason: str, now: int) -> None:
-        """End the desired motion, because states are refused for longer than the grace."""
+        """End the desired motion, as states are refused for longer than the grace."""
         self.fault = reason
         dropped = self.active_motion.clear()
         if reason in FALSE:
             self.states.freeze()
         if self.commanding and self._holds:
-            # The torque continues, but the pose that was held is left: meanwhile the arm can have
-            # moved, and the position gain would throw it back.
+            # The torque continues, but the pose that was held is left: meanwhile the arm
+            # can have moved, and the position gain would throw it back.
             self.controller.resume(self._last_heard / NANO, self.messages.last)
         if self.loops is not None:
             self.loops.give_up()
@@ -411,7 +447,7 @@ class TorquePath:
                                + ', desired motion dropped' * dropped)
 
     def _hold(self, moment: int) -> None:
-        """Command gravity at the last accepted position, within the limits, at a time, ns."""
+        """Command gravity at the last accepted position, at a time, ns."""
         if not self.states.known:
             self.messages.repeat()
             return

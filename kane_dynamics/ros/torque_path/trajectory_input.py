@@ -1,8 +1,9 @@
 """
 Read serialized joint trajectories and schedule them as desired motions.
 
-rclpy converts a message without releasing the interpreter; for thousands of points this blocks the
-torque path for tens of milliseconds. This module reads the message point by point.
+rclpy converts a message without releasing the interpreter; for thousands of points this
+blocks the torque path for tens of milliseconds. This module reads the message point by
+point.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,8 +14,8 @@ from typing import Any, NamedTuple
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
-from kane_dynamics.ros.common.conversion import (Array, check_points, motion_from_message, NANO,
-                                                 nanoseconds)
+from kane_dynamics.ros.common.conversion import (Array, check_points,
+                                                 motion_from_message, NANO, nanoseconds)
 from kane_dynamics.ros.torque_path.cdr import Reader
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 
@@ -79,13 +80,16 @@ def read_trajectory(data: bytes, max_points: int) -> ReceivedTrajectory:
     return ReceivedTrajectory(TrajectoryHeader(stamp, frame_id), names, points)
 
 
-def follow_trajectory(path: TorquePath, data: bytes, received: int, values: Mapping[str, Any],
+def follow_trajectory(path: TorquePath, data: bytes, received: int,
+                      values: Mapping[str, Any],
                       refuse: Callable[[Motion, Array | None, float], None]) -> str:
     """
-    Make the torque path follow a serialized JointTrajectory; an empty one ends the motion.
+    Make the torque path follow a serialized JointTrajectory.
 
-    If the first point is later than 0, the motion begins at the desired state at its start time:
-    that of the previous motion, the held pose, or the last measured state.
+    An empty one ends the motion.
+
+    If the first point is later than 0, the motion begins at the desired state at its
+    start time: that of the previous motion, the held pose, or the last measured state.
 
     Parameters
     ----------
@@ -98,8 +102,9 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int, values: Mapp
     values : mapping
         The node's parameters.
     refuse : callable
-        Called with the motion, the place of its joints when it begins, (n,) rad or m or None, and
-        the time of the motion then, s; raises KaneError if the arm cannot move like that.
+        Called with the motion, the place of its joints when it begins, (n,) rad or m or
+        None, and the time of the motion then, s; raises KaneError if the arm cannot move
+        like that.
 
     Returns
     -------
@@ -109,40 +114,47 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int, values: Mapp
     Raises
     ------
     InputError
-        The message is invalid, the arm cannot move like that, or no motion can be followed now.
+        The message is invalid, the arm cannot move like that, or no motion can be
+        followed now.
 
     """
-    active_motion, now = path.active_motion, path.now
+    active_motion = path.active_motion
+    now = path.now
     generation = active_motion.generation
     if 0 < received < active_motion.cleared_at:
-        raise InputError('joint_trajectory: received before the node was activated, ended its '
-                         'motion, timed out, or changed clock or mode; expected a later one')
+        raise InputError('joint_trajectory: received before the node was activated, '
+                         'ended its motion, timed out, or changed clock or mode; '
+                         'expected a later one')
     message = read_trajectory(data, values['trajectory.max_points'])
     if not message.points:
         active_motion.clear()
         return 'no points; the desired motion ends'
     if path.controller.mode is Mode.GRAVITY_COMPENSATION:
-        raise InputError(f'mode: {Mode.GRAVITY_COMPENSATION}; expected a mode that follows '
-                         'motions')
+        raise InputError(f'mode: {Mode.GRAVITY_COMPENSATION}; expected a mode that '
+                         'follows motions')
     if path.timed_out:
-        raise InputError(f'joint states: none for {path.state_age:.3f} s; expected one within '
-                         'state_timeout')
+        raise InputError(f'joint states: none for {path.state_age:.3f} s; expected one '
+                         'within state_timeout')
     if path.fault:
         raise InputError(f'joint states: {path.fault}; expected possible ones')
     if not now:
-        raise InputError('use_sim_time: true without a message on /clock; expected simulated time')
+        raise InputError('use_sim_time: true without a message on /clock; expected '
+                         'simulated time')
     start = nanoseconds(message.header.stamp) or now
     entry = max(now, start)
     motion = motion_from_message(message, path.controller.followed,
                                  values['trajectory.max_points'], path.desired(start))
     if start != now and start + motion.duration * NANO < now:
-        raise InputError(f'end of the motion: {(now - start) / NANO - motion.duration:.3f} s ago; '
-                         'expected a time in the future')
+        raise InputError('end of the motion: '
+                         f'{(now - start) / NANO - motion.duration:.3f} s ago; expected '
+                         'a time in the future')
     place = path.desired(entry)
     if place is None and values['trajectory.start_tolerance'] < math.inf:
-        raise InputError('joint states: none yet; expected one, from which the motion sets out')
+        raise InputError('joint states: none yet; expected one, from which the motion '
+                         'sets out')
     refuse(motion, None if place is None else place[0], (entry - start) / NANO)
     if not active_motion.follow(motion, start, now, generation):
-        raise InputError('joint_trajectory: received while the node was stopped, ended its '
-                         'motion, timed out, or changed clock or mode; expected a later one')
+        raise InputError('joint_trajectory: received while the node was stopped, ended '
+                         'its motion, timed out, or changed clock or mode; expected a '
+                         'later one')
     return ''

@@ -1,9 +1,9 @@
 """
 Convert wrench messages to joint torques.
 
-A geometry_msgs/WrenchStamped is the wrench that the environment exerts on the robot: force and
-torque in the axes of the frame `header.frame_id`, with the force at its origin. Many force-torque
-sensors report the opposite sign; negate their wrenches.
+A geometry_msgs/WrenchStamped is the wrench that the environment exerts on the robot:
+force and torque in the axes of the frame `header.frame_id`, with the force at its
+origin. Many force-torque sensors report the opposite sign; negate their wrenches.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -24,13 +24,14 @@ STALE, FRAME, TIMED_OUT, LARGE = (
     'timed out after wrench.timeout', 'above wrench.max_force or wrench.max_moment')
 
 
-def check_frames(model: Model, frames: Sequence[str], parameter: str = 'wrench.frames') -> None:
+def check_frames(model: Model, frames: Sequence[str],
+                 parameter: str = 'wrench.frames') -> None:
     """Raise InputError unless each of `frames` exists and moves."""
     for name in frames:
         if model.frame(name).body == WORLD:
             expected = ', '.join(sorted(f.name for f in model.frames if f.body != WORLD))
-            raise InputError(f"parameter '{parameter}': '{name}', a frame that does not move; "
-                             f'expected frames of {expected}')
+            raise InputError(f"parameter '{parameter}': '{name}', a frame that does not "
+                             f'move; expected frames of {expected}')
 
 
 class WrenchFrames:
@@ -47,17 +48,22 @@ class WrenchFrames:
     def __init__(self, robot: Robot) -> None:
         self.names = tuple(frame.name for frame in robot.equations.wrench_frames)
         self._workspace = robot.bind()
-        self._poses = [self._workspace.at_frame('frame_pose', name) for name in self.names]
+        self._poses = [self._workspace.at_frame('frame_pose', name)
+                       for name in self.names]
 
     def row(self, name: str) -> int:
-        """Return the row of a frame; raise InputError for a frame not in wrench.frames."""
+        """
+        Return the row of a frame.
+
+        Raise InputError for a frame not in wrench.frames.
+        """
         if name not in self.names:
             expected = ', '.join(self.names) or 'no wrench: parameter wrench.frames is empty'
             raise InputError(f"frame_id: '{name}'; expected {expected}")
         return self.names.index(name)
 
     def in_world(self, q: Array, wrenches: Iterable[tuple[int, Array]]) -> Array:
-        """Return (k, 6) in world axes, from rows and wrenches, (6,), in the axes of the frames."""
+        """Return (k, 6) in world axes, from rows and wrenches in axes of the frames."""
         rows = np.zeros((len(self.names), 6))
         self._workspace.q[:] = q
         for row, wrench in wrenches:
@@ -70,8 +76,8 @@ class WrenchInput:
     """
     Converts the latest wrench of each frame to joint torques.
 
-    Messages and states are processed in the same thread. A frame whose latest message is stale is
-    unloaded.
+    Messages and states are processed in the same thread. A frame whose latest message is
+    stale is unloaded.
 
     Parameters
     ----------
@@ -88,8 +94,10 @@ class WrenchInput:
 
     def __init__(self, robot: Robot, now: Callable[[], int], values: Mapping[str, Any],
                  reject: Callable[[str, str], None]) -> None:
-        self._frames, self._robot = WrenchFrames(robot), robot
-        self._now, self._reject = now, reject
+        self._frames = WrenchFrames(robot)
+        self._robot = robot
+        self._now = now
+        self._reject = reject
         self.world = np.zeros((len(self._frames.names), 6))  # at the latest state
         self.update(values)
         self.clear()
@@ -97,7 +105,8 @@ class WrenchInput:
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next message on."""
         self._timeout = round(values['wrench.timeout'] * NANO)
-        self._most = np.repeat([values['wrench.max_force'], values['wrench.max_moment']], 3)
+        self._most = np.repeat([values['wrench.max_force'], values['wrench.max_moment']],
+                               3)
 
     def clear(self) -> None:
         """Remove the wrenches of all frames, and reset the stamps."""
@@ -154,7 +163,8 @@ class WrenchInput:
         for row, (stamp, _) in list(self._last.items()):
             if now - stamp > self._timeout:
                 del self._last[row]
-                self._reject(TIMED_OUT, f"'{self._frames.names[row]}': unloaded until the next "
+                self._reject(TIMED_OUT,
+                             f"'{self._frames.names[row]}': unloaded until the next "
                              'wrench')
         self.world[:] = self._frames.in_world(
             q, ((row, wrench) for row, (_, wrench) in self._last.items()))
@@ -162,7 +172,11 @@ class WrenchInput:
 
 
 def _read(data: bytes) -> tuple[int, str, Array]:
-    """Return stamp, ns, frame and numbers of a WrenchStamped; raise InputError if malformed."""
+    """
+    Return stamp, ns, frame and numbers of a WrenchStamped.
+
+    Raise InputError if malformed.
+    """
     try:
         reader = Reader(data)
         sec, nanosec = reader.pair()
@@ -174,16 +188,20 @@ def _read(data: bytes) -> tuple[int, str, Array]:
     except InputError:  # rclpy reads more encodings than plain CDR
         try:
             message = deserialize_message(data, WrenchStamped)
-        except (RuntimeError, MemoryError, ValueError) as error:  # RMWError is a RuntimeError
+        # RMWError is a RuntimeError
+        except (RuntimeError, MemoryError, ValueError) as error:
             raise InputError(f'{len(data)} bytes: {str(error)[:100]}') from None
-        sec, nanosec = message.header.stamp.sec, message.header.stamp.nanosec
-        frame, wrench = message.header.frame_id, wrench_array(message)
+        sec = message.header.stamp.sec
+        nanosec = message.header.stamp.nanosec
+        frame = message.header.frame_id
+        wrench = wrench_array(message)
     return sec * NANO + nanosec, frame, wrench
 
 
 def wrench_array(message: WrenchStamped) -> Array:
     """Return the numbers of a message, (6,): force, then torque."""
-    force, torque = message.wrench.force, message.wrench.torque
+    force = message.wrench.force
+    torque = message.wrench.torque
     return np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
 
 
@@ -196,11 +214,13 @@ def wrenches_of_request(frames: WrenchFrames, q: Array,
     """
     given: dict[int, Array] = {}
     for message in messages:
-        row, wrench = frames.row(message.header.frame_id), wrench_array(message)
+        row = frames.row(message.header.frame_id)
+        wrench = wrench_array(message)
         if row in given:
-            raise InputError(f"wrenches: two at frame '{message.header.frame_id}'; expected one")
+            raise InputError(f"wrenches: two at frame '{message.header.frame_id}'; "
+                             'expected one')
         if not np.isfinite(wrench).all():
-            raise InputError(f"wrench at frame '{message.header.frame_id}': {wrench.tolist()}; "
-                             'expected finite numbers')
+            raise InputError(f"wrench at frame '{message.header.frame_id}': "
+                             f'{wrench.tolist()}; expected finite numbers')
         given[row] = wrench
     return frames.in_world(q, given.items()) if given else None
