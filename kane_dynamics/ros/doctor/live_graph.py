@@ -90,13 +90,15 @@ class GraphExamination:
 
     """
 
-    def __init__(self, robot: Robot, node: Node, commands: str, joint_states: str) -> None:
+    def __init__(self, robot: Robot, node: Node, commands: str,
+                 joint_states: str) -> None:
         self._robot = robot
         self._node = node
         self._commands = commands
         self._joint_states = joint_states
         self._received: list[ReceivedState] = []
-        node.create_subscription(JointState, joint_states, self._on_state, EXAMINED_STATES)
+        node.create_subscription(JointState, joint_states, self._on_state,
+                                 EXAMINED_STATES)
 
     def _on_state(self, message: JointState) -> None:
         now = self._node.get_clock().now().nanoseconds
@@ -195,7 +197,8 @@ class GraphExamination:
         if not volatile:
             return []
         return [Finding('problem', f'robot_description of {_names(volatile)}: volatile; '
-                        'expected transient local durability, for nodes that start later')]
+                        'expected transient local durability, for nodes that start '
+                        'later')]
 
 
 def _spin(executor: SingleThreadedExecutor, seconds: float,
@@ -227,7 +230,8 @@ def examine_states(robot: Robot, received: list[ReceivedState], seconds: float,
                    efforts: Efforts | None = None) -> list[Finding]:
     """Return the findings of the joint states received within some time."""
     if not received:
-        return [Finding('problem', f'joint states: none within {seconds:g} s; expected a '
+        return [Finding('problem',
+                        f'joint states: none within {seconds:g} s; expected a '
                         'driver with the same ROS_DOMAIN_ID, namespace and topic '
                         '(--joint-states)')]
     needed = needed_joints(robot)
@@ -262,7 +266,8 @@ def _times(received: list[ReceivedState]) -> list[Finding]:
     timed = [state for state in stamped if state.now]
     if not timed:
         return [*findings, Finding('problem', '/clock: a publisher but no message; '
-                                   'expected time, which nodes with use_sim_time wait for')]
+                                   'expected time, which nodes with use_sim_time wait '
+                                   'for')]
     ages = [state.now - nanoseconds(state.message.header.stamp) for state in timed]
     age = float(np.median(ages)) / NANO
     if abs(age) > STALE:
@@ -287,9 +292,10 @@ def _numbers(robot: Robot, message: JointState,
     for quantity, values in (('positions', q), ('velocities', u)):
         bad = _not_finite(names, values)
         if bad:
-            findings.append(Finding('problem', f'{quantity} of {listed(bad)}: not finite; '
-                                    'expected finite numbers, as the dynamics node drops '
-                                    'other states'))
+            findings.append(Finding('problem',
+                                    f'{quantity} of {listed(bad)}: not finite; '
+                                    'expected finite numbers, as the dynamics node '
+                                    'drops other states'))
     places = [robot.joint_names.index(name) for name in names]
     with np.errstate(invalid='ignore'):
         outside = (q < robot.limits.lower[places]) | (q > robot.limits.upper[places])

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
+import math
 from pathlib import Path
 import time
 from typing import Any
@@ -38,6 +39,9 @@ from std_msgs.msg import String
 BACK = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1),
                      on_clock_change=False)
 ACTIVATION_PERIOD = 0.05  # s between two looks at what subscribes to `commands`
+# Time for which only simulated robots must subscribe before the node activates itself, s:
+# discovery may find a simulated robot before a real one.
+SETTLING = 0.5
 LEAST_WITHOUT_ARM = 0.9  # s between two reports of a node that is not configured
 DEACTIVATED = ('deactivated: {name} subscribes to {topic} and is no simulated robot; '
                'expected simulated robots alone while activation is simulated. Stop it, '
@@ -75,6 +79,7 @@ class DynamicsNode(LifecycleNode):
         self._description = ''  # URDF from the topic
         self._was_configured = False  # autostart configures the node once
         self._activates_itself = False  # whether autostart is still to activate the node
+        self._simulated_since = math.inf  # since when only simulated robots subscribe, s
         # Exists while the node is active because only simulated robots subscribed.
         self._subscriber_watch: SubscriberWatch | None = None
         self._real_subscriber = ''  # because of which the node deactivated itself
@@ -179,11 +184,20 @@ class DynamicsNode(LifecycleNode):
         if not self._activates_itself or self.state != 'inactive':
             return
         simulated = self.values['activation'] == 'simulated'
-        if simulated and self._real_robot():
+        if simulated and not self._is_simulated_for_long():
             return
         self._activates_itself = False
         if self.trigger_activate() == SUCCESS and simulated:
             self._subscriber_watch = SubscriberWatch(self, 'commands')
+
+    def _is_simulated_for_long(self) -> bool:
+        """Return whether only simulated robots have subscribed for `SETTLING`."""
+        now = time.monotonic()
+        if self._real_robot():
+            self._simulated_since = math.inf
+            return False
+        self._simulated_since = min(self._simulated_since, now)
+        return self._simulated_time or now - self._simulated_since > SETTLING
 
     def _real_robot(self) -> str:
         """

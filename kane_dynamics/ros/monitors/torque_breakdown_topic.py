@@ -24,10 +24,11 @@ class TorqueBreakdownTopic:
     """
     Publishes the torque breakdown of the latest state at the rate explanation.rate.
 
-    The torque path stores the state; the services' thread evaluates it with its own robot. In mode
-    inverse_dynamics with an active motion, the desired state is evaluated; otherwise the measured
-    state with the desired acceleration (in gravity_compensation, at rest). Term switches, feedback
-    and limits are not part of the breakdown.
+    The torque path stores the state; the services' thread evaluates it with its own
+    robot. In mode inverse_dynamics with an active motion, the desired state is
+    evaluated; otherwise the measured state with the desired acceleration (in
+    gravity_compensation, at rest). Term switches, feedback and limits are not part of
+    the breakdown.
 
     Parameters
     ----------
@@ -48,8 +49,11 @@ class TorqueBreakdownTopic:
     def __init__(self, server: Services, publisher: Publisher, rate: float,
                  controller: Controller, wrenches: WrenchInput | None,
                  reject: Callable[[str, str], None]) -> None:
-        self._server, self._publisher, self._controller = server, publisher, controller
-        self._wrenches, self._reject = wrenches, reject
+        self._server = server
+        self._publisher = publisher
+        self._controller = controller
+        self._wrenches = wrenches
+        self._reject = reject
         self._latest: BreakdownInput | None = None
         self._motion: FollowedMotion | None = None  # of the services' robot
         self._timer = server.create_timer(min(1.0 / rate, MAX_PERIOD), self._publish,
@@ -69,15 +73,16 @@ class TorqueBreakdownTopic:
         state = cycle.state
         wrench = None if cycle.external is None or self._wrenches is None else (
             self._wrenches.world.copy())
-        self._latest = (state.sec, state.nanosec, state.q.copy(), state.u.copy(), cycle.motion,
-                        cycle.moment, wrench)
+        self._latest = (state.sec, state.nanosec, state.q.copy(), state.u.copy(),
+                        cycle.motion, cycle.moment, wrench)
 
     def close(self) -> None:
         """Stop publishing."""
         self._server.destroy_timer(self._timer)
 
     def _publish(self) -> None:
-        latest, self._latest = self._latest, None
+        latest = self._latest
+        self._latest = None
         served = self._server.served
         if latest is None or served is None:
             return
@@ -92,7 +97,8 @@ class TorqueBreakdownTopic:
         except KaneError as error:  # overflow from finite numbers, or a singular loop
             self._reject('not finite', str(error))
             return
-        message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+        message.header.stamp.sec = sec
+        message.header.stamp.nanosec = nanosec
         self._publisher.publish(message)
 
     def _evaluated_state(self, q: Array, u: Array, motion: Motion | None,
