@@ -49,7 +49,8 @@ class ReportedEffort:
 
     def __str__(self) -> str:
         """Return kind and gravity in words."""
-        return f'{self.kind} {"with" if self.gravity else "without"} gravity'
+        preposition = 'with' if self.gravity else 'without'
+        return f'{self.kind} {preposition} gravity'
 
 
 @dataclass(frozen=True)
@@ -88,8 +89,9 @@ class KnownArm:
         """Return whether a robot of this name, with these joints, is this arm."""
         if re.fullmatch(self.name, name, re.IGNORECASE):
             return True
-        return bool(self.joints and joint_names) and all(
-            re.fullmatch(self.joints, joint, re.IGNORECASE) for joint in joint_names)
+        if not (self.joints and joint_names):
+            return False
+        return all(re.fullmatch(self.joints, joint, re.IGNORECASE) for joint in joint_names)
 
     def __str__(self) -> str:
         """Return arm and interface in one line."""
@@ -160,10 +162,13 @@ def effort_contradiction(rows: Sequence[KnownArm], kind: str, gravity: bool) -> 
         Whether the weight of the arm is part of the efforts.
 
     """
-    listed = [effort for row in rows for effort in row.efforts if effort.kind != UNCONFIRMED]
-    derived = EffortKind.EXTERNAL_TORQUE  # of another topic than the joint states
-    if not listed or kind == derived or any((effort.kind, effort.gravity) == (kind, gravity)
-                                            for effort in listed):
+    listed: list[ReportedEffort] = []
+    for row in rows:
+        listed += [effort for effort in row.efforts if effort.kind != UNCONFIRMED]
+    if kind == EffortKind.EXTERNAL_TORQUE:
+        return ''  # it is of another topic than the joint states
+    meanings = {(effort.kind, effort.gravity) for effort in listed}
+    if not listed or (kind, gravity) in meanings:
         return ''
     expected = '; or '.join(f'{effort} ({effort.versions})' for effort in listed)
     stated = ReportedEffort(kind, gravity)
@@ -189,9 +194,12 @@ def _row(data: Any, number: int) -> KnownArm:
     if row['compensates'] not in (UNCONFIRMED, NO_INTERFACE):
         compensates = stated_terms(row['compensates'], f'{what}, compensates')
     return KnownArm(
-        row['vendor'], row['arm'], row['interface'], str(row['versions']), row.get('note', ''),
-        row['name'], row.get('joints', ''), compensates, row['compensates'] != NO_INTERFACE,
-        tuple(_effort(entry, what) for entry in row['efforts']), tuple(row['sources']))
+        vendor=row['vendor'], arm=row['arm'], interface=row['interface'],
+        versions=str(row['versions']), note=row.get('note', ''), name=row['name'],
+        joints=row.get('joints', ''), compensates=compensates,
+        commandable=row['compensates'] != NO_INTERFACE,
+        efforts=tuple(_effort(entry, what) for entry in row['efforts']),
+        sources=tuple(row['sources']))
 
 
 def _effort(data: Any, what: str) -> ReportedEffort:
@@ -210,4 +218,7 @@ def _effort(data: Any, what: str) -> ReportedEffort:
 def words(compensates: Collection[str]) -> str:
     """Return what the arm adds itself, in words."""
     terms = [name for name in compensates if name != NO_TERM]
-    return ' and '.join(filter(None, [', '.join(terms[:-1]), *terms[-1:]])) or 'nothing'
+    if not terms:
+        return 'nothing'
+    *first, last = terms
+    return f'{", ".join(first)} and {last}' if first else last

@@ -41,58 +41,81 @@ class Finding:
 
 def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[Finding]:
     """Return the findings about a robot model."""
-    found = [Finding('problem' if warning.startswith(PROBLEMS) else 'warning',
-                     f'URDF: {warning}') for warning in warnings]
-    found += _compensation(model)
-    found += examine_masses(robot)
-    found += examine_units(model)
-    limits, names = robot.limits, model.joint_names
+    findings = []
+    for warning in warnings:
+        level: Level = 'problem' if warning.startswith(PROBLEMS) else 'warning'
+        findings.append(Finding(level, f'URDF: {warning}'))
+    findings += _examine_compensation(model)
+    findings += examine_masses(robot)
+    findings += examine_units(model)
+    findings += _examine_limits(model, robot)
     base = model.floating_base
-    actuated = [name for name in robot.actuated_names  # pins of closed loops have no motor
-                if name not in base]
-    for what, values, consequence in (
-            ('effort limit', limits.effort, 'torques on them are not bounded'),
-            ('speed limit', limits.velocity, 'speeds of motions are not checked')):
-        without = [name for name, value in zip(names, values)
-                   if name in actuated and not np.isfinite(value)]
-        if without:
-            found.append(Finding('warning', f'no {what}: {listed(without)}; {consequence}'))
     if base:
-        found.append(Finding('warning', f"floating base on '{base[0].rpartition('/')[0]}': its "
-                             'contacts, which a URDF does not state, determine the torques that '
-                             'hold the robot; expected a check of your own with wrenches at the '
-                             'contacts'))
+        body = base[0].rpartition('/')[0]
+        findings.append(Finding('warning', f"floating base on '{body}': its contacts, which a "
+                                'URDF does not state, determine the torques that hold the '
+                                'robot; expected a check of your own with wrenches at the '
+                                'contacts'))
     elif not robot.equations.in_joint_rates:
-        found += _weight_of_mechanism(robot)
+        findings += _examine_holding_torques(robot)
     else:
-        found += _weight(robot)
-    joints = model.coordinate_joints
-    for what, missing, consequence in (
-            ('friction', [j.name for j in joints
-                          if not (j.damping or j.friction) and j.name not in base],
-             '`kane-dynamics identify` finds it from a recording'),
-            ('rotor inertia (armature)', [j.name for j in joints
-                                          if j.name in actuated and not j.armature],
-             'behind a gear it can exceed the inertia of the link; set it in the supplement')):
-        if missing:
-            found.append(Finding('warning', f'no {what} is known of {listed(missing)}: '
-                                 f'{consequence}'))
-    return found
+        findings += _examine_weight(robot)
+    findings += _examine_drives(model, robot)
+    return findings
 
 
-def _compensation(model: Model) -> list[Finding]:
+def _driven_joints(model: Model, robot: Robot) -> list[str]:
+    """Return the joints with motors: not those of a floating base, nor pins of closed loops."""
+    return [name for name in robot.actuated_names if name not in model.floating_base]
+
+
+def _examine_compensation(model: Model) -> list[Finding]:
     """Return what a known arm adds to commanded efforts itself."""
     # Only doctor needs the table of arms, whose reader imports yaml.
     from kane_dynamics.analysis.known_arms import arms_named, words
-    found = []
+    findings = []
     for row in arms_named(model.name, model.joint_names):
         if not row.commandable:
-            found.append(Finding('warning', f'efforts cannot be commanded: {row}'))
+            findings.append(Finding('warning', f'efforts cannot be commanded: {row}'))
         elif row.compensates is not None:
-            found.append(Finding(
+            findings.append(Finding(
                 'fine', f'{row} adds {words(row.compensates)} to commanded efforts itself; state '
                 f'it as arm_compensates [{", ".join(row.compensates)}]'))
-    return found
+    return findings
+
+
+def _examine_limits(model: Model, robot: Robot) -> list[Finding]:
+    """Return warnings of driven joints without limits of effort or speed."""
+    driven, limits = _driven_joints(model, robot), robot.limits
+    findings = []
+    for limit, values, consequence in (
+            ('effort limit', limits.effort, 'torques on them are not bounded'),
+            ('speed limit', limits.velocity, 'speeds of motions are not checked')):
+        without = [name for name, value in zip(model.joint_names, values)
+                   if name in driven and not np.isfinite(value)]
+        if without:
+            findings.append(Finding('warning', f'no {limit}: {listed(without)}; {consequence}'))
+    return findings
+
+
+def _examine_drives(model: Model, robot: Robot) -> list[Finding]:
+    """Return warnings of joints whose friction or rotor inertia is not known."""
+    driven = _driven_joints(model, robot)
+    frictionless, without_rotor = [], []
+    for joint in model.coordinate_joints:
+        if joint.name not in model.floating_base and not (joint.damping or joint.friction):
+            frictionless.append(joint.name)
+        if joint.name in driven and not joint.armature:
+            without_rotor.append(joint.name)
+    findings = []
+    if frictionless:
+        findings.append(Finding('warning', f'no friction is known of {listed(frictionless)}: '
+                                '`kane-dynamics identify` finds it from a recording'))
+    if without_rotor:
+        findings.append(Finding(
+            'warning', f'no rotor inertia (armature) is known of {listed(without_rotor)}: behind '
+            'a gear it can exceed the inertia of the link; set it in the supplement'))
+    return findings
 
 
 def examine_units(model: Model) -> list[Finding]:
@@ -102,76 +125,79 @@ def examine_units(model: Model) -> list[Finding]:
     The reach is the length of all links in one line. Masses are compared with a cube of that
     size, radii of gyration and centers of mass with the reach itself.
     """
-    found = []
+    findings = []
     lengths = {body.joint.name: float(np.linalg.norm(body.joint.translation))
                for body in model.bodies}
     reach = sum(lengths.values())
-    long = [f'{name} ({length:.4g} m)' for name, length in lengths.items()
-            if length > LONGEST_LINK]
-    if long:
-        found.append(Finding('problem', f'links of unusual length: {listed(long)}; expected m: '
-                             'are these millimeters?'))
+    too_long = [f'{name} ({length:.4g} m)' for name, length in lengths.items()
+                if length > LONGEST_LINK]
+    if too_long:
+        findings.append(Finding('problem', f'links of unusual length: {listed(too_long)}; '
+                                'expected m: are these millimeters?'))
     elif reach > 0.0:
-        found += _examine_inertias(model, reach)
+        findings += _examine_inertias(model, reach)
     if model.gravity[2] > 0.0:
-        found.append(Finding('warning', f'gravity {model.gravity.tolist()} m/s^2 points upwards '
-                             'in the axes of the base; expected 0 0 -9.81, unless the arm hangs '
-                             'from a ceiling'))
-    return found
+        findings.append(Finding('warning', f'gravity {model.gravity.tolist()} m/s^2 points '
+                                'upwards in the axes of the base; expected 0 0 -9.81, unless the '
+                                'arm hangs from a ceiling'))
+    return findings
 
 
 def _examine_inertias(model: Model, reach: float) -> list[Finding]:
     """Return problems of masses, centers of mass and inertias that do not fit the lengths."""
-    found = []
-    mass = sum(body.inertial.mass for body in model.bodies)
-    if mass > DENSEST * reach**3:
-        found.append(Finding('problem', f'the masses are {mass:.5g} kg together, for a robot '
-                             f'whose links reach {reach:.4g} m in one line; expected kg: are '
-                             'these grams?'))
+    findings = []
+    total = sum(body.inertial.mass for body in model.bodies)
+    if total > DENSEST * reach**3:
+        findings.append(Finding('problem', f'the masses are {total:.5g} kg together, for a robot '
+                                f'whose links reach {reach:.4g} m in one line; expected kg: are '
+                                'these grams?'))
     size = max(reach, SMALLEST_REACH)
-    far = [f'{body.name} ({np.linalg.norm(body.inertial.com):.4g} m)' for body in model.bodies
-           if np.linalg.norm(body.inertial.com) > size]
-    if far:
-        found.append(Finding('problem', f'centers of mass farther away than all links reach in '
-                             f'one line, {reach:.4g} m: {listed(far)}; expected m: are these '
-                             'millimeters?'))
-    wide = []
+    far, wide = [], []
     for body in model.bodies:
+        distance = float(np.linalg.norm(body.inertial.com))
+        if distance > size:
+            far.append(f'{body.name} ({distance:.4g} m)')
         moment = float(np.linalg.eigvalsh(body.inertial.inertia)[-1])
         if moment > body.inertial.mass * size**2 > 0.0:
             radius = (moment / body.inertial.mass)**0.5
             wide.append(f'{body.name} ({radius:.4g} m)')
+    if far:
+        findings.append(Finding('problem', 'centers of mass farther away than all links reach in '
+                                f'one line, {reach:.4g} m: {listed(far)}; expected m: are these '
+                                'millimeters?'))
     if wide:
-        found.append(Finding('problem', 'radii of gyration larger than all links reach in one '
-                             f'line, {reach:.4g} m: {listed(wide)}; expected inertias in kg '
-                             'm^2'))
-    return found
+        findings.append(Finding('problem', 'radii of gyration larger than all links reach in one '
+                                f'line, {reach:.4g} m: {listed(wide)}; expected inertias in kg '
+                                'm^2'))
+    return findings
 
 
 def examine_masses(robot: Robot) -> list[Finding]:
     """Return a problem for joints that move no mass, where M is singular."""
     equations = robot.equations
-    q = np.random.default_rng(0).uniform(-1.0, 1.0, equations.n_q)
     if not equations.in_joint_rates:
         return []  # what a mass is missing from, constraints may hold
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, equations.n_q)
     M = np.array(equations.mass_matrix(q, robot.parameters.block), dtype=np.float64)
-    without = [name for name, moved in zip(robot.joint_names, np.abs(M).max(axis=1, initial=0.0))
-               if moved == 0.0]
-    return [Finding('problem', f'no mass moves with {listed(without)}: no torque determines their '
-                    'acceleration, forward dynamics and simulation fail; expected an <inertial> '
-                    'on what they move, or an armature in the supplement')] if without else []
+    largest = np.abs(M).max(axis=1, initial=0.0)
+    massless = [name for name, entry in zip(robot.joint_names, largest) if entry == 0.0]
+    if not massless:
+        return []
+    return [Finding('problem', f'no mass moves with {listed(massless)}: no torque determines '
+                    'their acceleration, forward dynamics and simulation fail; expected an '
+                    '<inertial> on what they move, or an armature in the supplement')]
 
 
-def _weight(robot: Robot) -> list[Finding]:
+def _examine_weight(robot: Robot) -> list[Finding]:
     """Return whether the effort limits can hold the arm everywhere within its limits."""
-    most = largest_gravity_forces(robot)
+    weights = largest_gravity_forces(robot)
     weak = [f"'{name}' (weight up to {weight:.5g}, effort {limit:.5g})"
-            for name, weight, limit in zip(robot.joint_names, most, robot.limits.effort)
+            for name, weight, limit in zip(robot.joint_names, weights, robot.limits.effort)
             if weight > limit]
     if weak:
         return [Finding('problem', 'the arm cannot hold itself in every configuration: '
                         f'{listed(weak)} N m or N')]
-    if not most.any():
+    if not weights.any():
         return [Finding('warning', 'gravity torques: zero for all joints; expected a base mounted '
                         'as in the URDF, with gravity along its -z')]
     return [Finding('fine', f'the efforts hold the arm in {SAMPLES} random configurations within '
@@ -179,7 +205,7 @@ def _weight(robot: Robot) -> list[Finding]:
                     'finds')]
 
 
-def _weight_of_mechanism(robot: Robot) -> list[Finding]:
+def _examine_holding_torques(robot: Robot) -> list[Finding]:
     """Return whether the actuators can hold the arm in random closed configurations."""
     try:
         q = robot.random_configuration(0, CLOSED_SAMPLES)
@@ -187,9 +213,11 @@ def _weight_of_mechanism(robot: Robot) -> list[Finding]:
     except ConstraintError as error:
         return [Finding('warning', 'holding torques: not examined in random closed '
                         f'configurations; {error}')]
-    weak = [f"'{name}' (torque up to {torque:.5g}, effort {limit:.5g})" for name, torque, limit
-            in zip(robot.joint_names, torques.max(axis=0), robot.limits.effort) if torque > limit]
-    beyond = int((torques > robot.limits.effort).any(axis=1).sum())
+    efforts = robot.limits.effort
+    weak = [f"'{name}' (torque up to {torque:.5g}, effort {limit:.5g})"
+            for name, torque, limit in zip(robot.joint_names, torques.max(axis=0), efforts)
+            if torque > limit]
+    beyond = int((torques > efforts).any(axis=1).sum())
     if weak:
         return [Finding('problem', f'the actuators cannot hold the arm in {beyond} of '
                         f'{CLOSED_SAMPLES} random closed configurations within its limits: '
@@ -213,16 +241,21 @@ def largest_gravity_forces(robot: Robot) -> Array:
     """
     lower, upper = robot.sampling_range()
     q = np.random.default_rng(0).uniform(lower, upper, (SAMPLES, robot.n))
-    weights = np.abs(robot.gravity_force(q))
-    best = np.argsort(weights, axis=0)[-STARTS:].T.ravel()  # separate starts for each joint
+    forces = np.abs(robot.gravity_force(q))
+    # Every joint has its own starts, the samples with its largest forces.
+    starts = np.argsort(forces, axis=0)[-STARTS:].T.ravel()
     joint = np.repeat(np.arange(robot.n), STARTS)
-    q, most, step = q[best], weights[best, joint], np.full(len(best), 0.25)
-    while (going := np.flatnonzero(step > SMALLEST_STEP)).size:
-        there, found = _uphill(robot, q[going], joint[going], step[going, None] * (upper - lower))
-        up = found > most[going] * (1.0 + ROUNDING)
-        q[going[up]], most[going[up]] = there[up], found[up]
-        step[going[~up]] *= 0.5
-    return np.asarray(most.reshape(robot.n, STARTS).max(axis=1))
+    q, largest = q[starts], forces[starts, joint]
+    step = np.full(len(starts), 0.25)  # of the range of each coordinate
+    while (active := np.flatnonzero(step > SMALLEST_STEP)).size:
+        steps = step[active, None] * (upper - lower)
+        neighbours, force = _uphill(robot, q[active], joint[active], steps)
+        higher = force > largest[active] * (1.0 + ROUNDING)
+        moved, stuck = active[higher], active[~higher]
+        q[moved] = neighbours[higher]
+        largest[moved] = force[higher]
+        step[stuck] *= 0.5
+    return np.asarray(largest.reshape(robot.n, STARTS).max(axis=1))
 
 
 def _uphill(robot: Robot, q: Array, joint: NDArray[np.int_], step: Array) -> tuple[Array, Array]:
@@ -234,19 +267,21 @@ def _uphill(robot: Robot, q: Array, joint: NDArray[np.int_], step: Array) -> tup
     lower, upper = robot.sampling_range()
     rows = np.arange(len(q))
 
-    def weights(q: Array) -> Array:
+    def forces(q: Array) -> Array:
         flat = np.abs(robot.gravity_force(q.reshape(-1, robot.n)))
         return np.asarray(flat.reshape(q.shape)[rows, ..., joint])
-    one = step[:, None, None] * np.stack([np.eye(robot.n), -np.eye(robot.n)])  # (k, 2, n, n)
-    tried = np.clip(q[:, None, None] + one, lower, upper)
-    along = weights(tried)  # (k, 2, n): forth and back
-    ways = np.where(along.max(axis=1) > weights(q)[:, None],
-                    np.where(along[:, 0] >= along[:, 1], step, -step), 0.0)
-    together = np.clip(q + ways, lower, upper)[:, None]
-    every = np.concatenate([tried.reshape(len(q), -1, robot.n), together], axis=1)
-    found = np.concatenate([along.reshape(len(q), -1), weights(together)], axis=1)
-    best = found.argmax(axis=1)
-    return every[rows, best], found[rows, best]
+    # Steps along one coordinate, forth and back: (k, 2, n) neighbours.
+    directions = np.stack([np.eye(robot.n), -np.eye(robot.n)])
+    single = np.clip(q[:, None, None] + step[:, None, None] * directions, lower, upper)
+    by_single = forces(single)
+    # One step along all coordinates that increase the force, each in its better direction.
+    better = np.where(by_single[:, 0] >= by_single[:, 1], step, -step)
+    increases = by_single.max(axis=1) > forces(q)[:, None]
+    combined = np.clip(q + np.where(increases, better, 0.0), lower, upper)[:, None]
+    neighbours = np.concatenate([single.reshape(len(q), -1, robot.n), combined], axis=1)
+    force = np.concatenate([by_single.reshape(len(q), -1), forces(combined)], axis=1)
+    highest = force.argmax(axis=1)
+    return neighbours[rows, highest], force[rows, highest]
 
 
 def examine_efforts(robot: Robot, q: Array, effort: Array) -> list[Finding]:
@@ -279,19 +314,21 @@ def examine_efforts(robot: Robot, q: Array, effort: Array) -> list[Finding]:
 
 def listed(names: Iterable[str], most: int = 8) -> str:
     """Return names in one line; of many, the first few and their number."""
-    every = list(names)
-    more = f' and {len(every) - most} more' if len(every) > most else ''
-    return ', '.join(every[:most]) + more
+    all_names = list(names)
+    text = ', '.join(all_names[:most])
+    if len(all_names) > most:
+        text += f' and {len(all_names) - most} more'
+    return text
 
 
-def print_findings(found: Sequence[Finding]) -> None:
+def print_findings(findings: Sequence[Finding]) -> None:
     """Print findings, problems first."""
     counts = []
     for level in ('problem', 'warning', 'fine'):
-        group = [finding for finding in found if finding.level == level]
-        counts.append(len(group))
-        for finding in group:
+        of_level = [finding for finding in findings if finding.level == level]
+        for finding in of_level:
             print(f'{level:>8}: {finding.words}')
-    words = [f'{count} {word}{"s" if count != 1 else ""}'
-             for count, word in zip(counts, ('problem', 'warning'))]
-    print(f'\n{", ".join(words)}, {counts[2]} fine')
+        count = len(of_level)
+        plural = 's' if level != 'fine' and count != 1 else ''
+        counts.append(f'{count} {level}{plural}')
+    print(f'\n{", ".join(counts)}')

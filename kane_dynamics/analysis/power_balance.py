@@ -65,47 +65,53 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
     """
     tau = robot.inverse_dynamics(q, u, udot, wrench=wrench, t=t)
     with np.errstate(over='ignore', invalid='ignore'):  # an error below
+        energy_rate = _energy_rate(robot, q, u, udot, t)
         if not robot.equations.in_joint_rates:
-            powers = _constrained_powers(robot, q, u, tau, wrench, t)
+            balance = _constrained_balance(robot, q, u, tau, wrench, t, energy_rate)
         else:
             external = robot.external_force(q, wrench=wrench)
             friction = robot.torque_terms(q, u, udot)[..., TORQUE_TERMS.index('friction'), :]
-            powers = (*(_product(force, u) for force in (tau, external, friction)),
-                      np.zeros(np.shape(tau)[:-1])[()])
-        joints, external, lost, held = powers
-        balance = PowerBalance(joints, external, lost, _energy_rate(robot, q, u, udot, t), held)
+            balance = PowerBalance(_product(tau, u), _product(external, u),
+                                   _product(friction, u), energy_rate,
+                                   np.zeros(np.shape(tau)[:-1])[()])
     if not np.isfinite(balance).all():
         raise InputError(f'power: not finite, {balance}; expected a motion in a physical range')
     return balance
 
 
-def _constrained_powers(robot: Robot, q: Any, u: Any, tau: Any, wrench: Any, t: Any
-                        ) -> tuple[Any, Any, Any, Any]:
-    """Return the power of joints, environment, friction and constraints."""
+def _constrained_balance(robot: Robot, q: Any, u: Any, tau: Any, wrench: Any, t: Any,
+                         energy_rate: Any) -> PowerBalance:
+    """Return the balance of a robot with chosen speeds or constraints, joint by joint."""
     equations: Any = robot.equations
     rates = joint_speeds(robot.model, np.asarray(q), robot.joint_rates(q, u, t=t))
     joints = _product(robot.joint_torques(tau, q, t=t), rates)
-    friction = np.reshape([equations.tree.friction_force(row).astype(np.float64) @ row
-                           for row in np.atleast_2d(rates)], np.shape(joints))[()]
+    lost = [equations.tree.friction_force(row).astype(np.float64) @ row
+            for row in np.atleast_2d(rates)]
+    friction = np.reshape(lost, np.shape(joints))[()]
     external = 0.0 * joints
-    for k, frame in enumerate(equations.wrench_frames if wrench is not None else ()):
-        external = external + _product(np.asarray(wrench)[..., k, :],
-                                       robot.frame_velocity(frame.name, q, u, t=t))
+    if wrench is not None:
+        for k, frame in enumerate(equations.wrench_frames):
+            velocity = robot.frame_velocity(frame.name, q, u, t=t)
+            external = external + _product(np.asarray(wrench)[..., k, :], velocity)
     forces = robot.constraint_forces(q, u, tau, wrench=wrench, t=t)
-    return joints, external, friction, _product(forces, _prescribed(robot, q, t))
+    constraints = _product(forces, _prescribed(robot, q, t))
+    return PowerBalance(joints, external, friction, energy_rate, constraints)
 
 
 def _prescribed(robot: Robot, q: Any, t: Any) -> Any:
     """Return the velocity that every constraint row prescribes, (m,) or (N, m)."""
-    equations: Any = robot.equations
-    states = np.atleast_2d(np.asarray(q, dtype=np.float64))
-    times = np.broadcast_to(np.asarray(t, dtype=np.float64), len(states))
-    rows = [np.array(equations.mechanism.rows(equations.mechanism.state(at, moment)).b,
-                     dtype=np.float64) for at, moment in zip(states, times)]
-    return np.reshape(rows, (*np.shape(q)[:-1], len(equations.mechanism.labels)))
+    mechanism = robot.mechanism
+    configurations = np.atleast_2d(np.asarray(q, dtype=np.float64))
+    times = np.broadcast_to(np.asarray(t, dtype=np.float64), len(configurations))
+    velocities = []
+    for configuration, time in zip(configurations, times):
+        rows = mechanism.rows(mechanism.state(configuration, time))
+        velocities.append(np.array(rows.b, dtype=np.float64))
+    return np.reshape(velocities, (*np.shape(q)[:-1], len(mechanism.labels)))
 
 
 def _product(force: Any, speed: Any) -> Any:
+    """Return the power of forces at speeds."""
     return np.sum(np.asarray(force) * speed, axis=-1)
 
 
@@ -129,19 +135,29 @@ def unaccounted_energy(t: Array, energy: Array, power: Array) -> Array:
 
 
 def _energy_rate(robot: Robot, q: Any, u: Any, udot: Any, t: Any) -> Any:
+    """Return the rate of the energy, W, by central differences of fourth order."""
     constrained = not robot.equations.in_joint_rates
     rates = joint_speeds(robot.model, np.asarray(q), robot.joint_rates(q, u, t=t))
     # With the accelerations of all joints, loops stay closed to second order.
-    bend = robot.joint_accelerations(q, u, udot, t=t) if constrained else np.zeros_like(rates)
-    fastest, hardest = (np.maximum(*(np.abs(x).max(axis=-1, initial=0.0) for x in pair))
-                        for pair in ((rates, u), (bend, udot)))
-    h = STEP / np.maximum(np.maximum(fastest, np.sqrt(hardest)), STEP)
+    accelerations = np.zeros_like(rates)
+    if constrained:
+        accelerations = robot.joint_accelerations(q, u, udot, t=t)
+    speed = np.maximum(_largest(rates), _largest(u))
+    acceleration = np.maximum(_largest(accelerations), _largest(udot))
+    h = STEP / np.maximum(np.maximum(speed, np.sqrt(acceleration)), STEP)
 
     def energy(steps: float) -> Any:
         ahead = steps * h[..., None]
-        at = moved(robot.model, np.asarray(q), ahead * (rates + 0.5 * ahead * bend))
-        speed = u + ahead * udot
-        moment = {'t': t + steps * h} if constrained else {}
-        return robot.kinetic_energy(at, speed, **moment) + robot.potential_energy(at)
-    near, far = energy(1.0) - energy(-1.0), energy(2.0) - energy(-2.0)
+        along = ahead * (rates + 0.5 * ahead * accelerations)
+        q_ahead = moved(robot.model, np.asarray(q), along)
+        at = {'t': t + steps * h} if constrained else {}
+        kinetic = robot.kinetic_energy(q_ahead, u + ahead * udot, **at)
+        return kinetic + robot.potential_energy(q_ahead)
+    near = energy(1.0) - energy(-1.0)
+    far = energy(2.0) - energy(-2.0)
     return (8.0 * near - far) / (12.0 * h)
+
+
+def _largest(x: Any) -> Any:
+    """Return the largest magnitude along the last axis."""
+    return np.abs(x).max(axis=-1, initial=0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
@@ -86,39 +86,55 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
         if name not in names:
             raise InputError(f"held: no joint '{name}'; expected one of {', '.join(names)}")
     q = require_unit(robot.model, finite_row(q, 'q', robot.coordinate_names), 'q')
-    M, (T, K, size) = robot.mass_matrix(q), _admitted(robot, q)
-    free = _free_motions(T[[names.index(name) for name in held]])
-    M, K, size = free.T @ M @ free, free.T @ K @ free, np.abs(free).T @ size @ np.abs(free)
+    M, motions = robot.mass_matrix(q), _admitted(robot, q)
+    # Only motions that do not move the held joints are left.
+    held_rows = motions.T[[names.index(name) for name in held]]
+    free = _free_motions(held_rows)
+    M = free.T @ M @ free
+    K = free.T @ motions.K @ free
+    size = np.abs(free).T @ motions.size @ np.abs(free)
     if np.abs(K - K.T).max(initial=0.0) > ASYMMETRY * size.max(initial=0.0):
         loaded = [*(ball.name for ball in balls(robot.model)), *robot.constraint_names]
         raise InputError(f'vibrations: ball joints or constraints of velocities, of {loaded}, '
                          'that carry a load; expected an equilibrium without load on them, where '
                          'the stiffness is symmetric')
+    # With M = L L^T and y = L^-T z the problem is z'' + L^-1 K L^-T z = 0.
     try:
         root = np.linalg.inv(np.linalg.cholesky(M))
     except np.linalg.LinAlgError:
         raise InputError('vibrations: the mass matrix is singular (a massless moving body); '
                          'expected mass in every motion that is not held') from None
-    square, vectors = np.linalg.eigh(root @ K @ root.T)
+    squares, vectors = np.linalg.eigh(root @ K @ root.T)
     shapes = root.T @ vectors
     # The eigenvalue of no stiffness is the rounding of K along its shape and of the largest one.
     terms = np.einsum('ij,ik,kj->j', np.abs(shapes), size, np.abs(shapes))
-    rounding = ROUNDING * len(K) * (terms + np.abs(square).max(initial=0.0))
-    square[np.abs(square) <= rounding] = 0.0
-    return Vibration(np.sign(square) * np.sqrt(np.abs(square)), T @ free @ shapes, names)
+    rounding = ROUNDING * len(K) * (terms + np.abs(squares).max(initial=0.0))
+    squares[np.abs(squares) <= rounding] = 0.0
+    frequencies = np.sign(squares) * np.sqrt(np.abs(squares))
+    return Vibration(frequencies, motions.T @ free @ shapes, names)
 
 
-def _admitted(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
-    """Return T, (n_j, n), the stiffness of the admissible motions, (n, n), and its terms' size."""
+class _Stiffness(NamedTuple):
+    """T, (n_j, n), the stiffness of the admissible motions, (n, n), and its terms' size."""
+
+    T: Array
+    K: Array
+    size: Array
+
+
+def _admitted(robot: Robot, q: Array) -> _Stiffness:
+    """Return the stiffness of the motions that the constraints admit."""
     slope, K, size = potential_derivatives(robot, q)
     equations = robot.equations
     if equations.in_joint_rates:
-        return np.eye(robot.n), K, size
+        return _Stiffness(np.eye(robot.n), K, size)
     motions = [equations.mechanism.joint_motion(q, unit, 0.0 * unit) for unit in np.eye(robot.n)]
     T = motions[0].T.astype(np.float64)
-    carried = slope - robot.joint_torques(T.T @ slope, q)  # by constraints
-    turning = np.array([carried @ motion.T_rate for motion in motions], dtype=np.float64).T
-    return T, T.T @ K @ T + turning, np.abs(T).T @ size @ np.abs(T) + np.abs(turning)
+    # The forces that constraints carry act along the curvature of the admissible motions.
+    carried = slope - robot.joint_torques(T.T @ slope, q)
+    curvature = np.array([carried @ motion.T_rate for motion in motions], dtype=np.float64).T
+    size = np.abs(T).T @ size @ np.abs(T) + np.abs(curvature)
+    return _Stiffness(T, T.T @ K @ T + curvature, size)
 
 
 def _free_motions(rows: Array) -> Array:
@@ -143,19 +159,26 @@ def potential_derivatives(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
     frame, payload = robot.equations.payload_frame, robot.parameters.payload
     if frame is not None and payload is not None:
         model = with_payload(model, frame.name, payload)
-    values = [lifted(energies.potential_energy(model, seeded(q, unit, 0, n),
-                                               gravity=robot.parameters.gravity), n)
-              for unit in np.eye(n)]
-    slope, K = values[0].gradient, np.array([value.gradient_rate for value in values])
+    energy_along = []
+    for unit in np.eye(n):
+        energy = energies.potential_energy(model, seeded(q, unit, 0, n),
+                                           gravity=robot.parameters.gravity)
+        energy_along.append(lifted(energy, n))
+    slope = energy_along[0].gradient
+    K = np.array([energy.gradient_rate for energy in energy_along])
     if not model.balls:
         return slope, K, np.abs(K)
-    units = np.eye(model.n)
-    G = np.array([coordinate_rates(model, q, unit) for unit in units], dtype=np.float64).T
-    # q' is linear in q and v, except for what does not depend on q.
-    turned = np.array([[coordinate_rates(model, q + step, unit) for step in G.T]
-                       for unit in units], dtype=np.float64) - G.T[:, None]
-    size = np.abs(G).T @ np.abs(K) @ np.abs(G) + np.abs(turned) @ np.abs(slope)
-    return G.T @ slope, G.T @ K @ G + turned @ slope, size
+
+    def rates(q: Array) -> Array:
+        """Return q' = G v of unit speeds v, one in each row: G^T."""
+        rows = [coordinate_rates(model, q, unit) for unit in np.eye(model.n)]
+        return np.array(rows, dtype=np.float64)
+    G = rates(q).T
+    # q' is linear in q and v, except for what does not depend on q: so its change over G is the
+    # derivative, dG[r, s] of the rates of motion r along motion s.
+    dG = np.stack([rates(q + step) for step in G.T], axis=1) - G.T[:, None]
+    size = np.abs(G).T @ np.abs(K) @ np.abs(G) + np.abs(dG) @ np.abs(slope)
+    return G.T @ slope, G.T @ K @ G + dG @ slope, size
 
 
 def stiffness_matrix(robot: Robot, q: Array) -> Array:
