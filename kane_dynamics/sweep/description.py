@@ -27,6 +27,7 @@ import numpy as np
 
 MOST_SAMPLES = 10**9
 MOST_CHUNK = 100_000  # trials in memory at once
+FIRST_CHUNK = 32  # trials
 MOST_STEPS = 100_000_000
 PAYLOAD_KEYS = ('frame', 'mass', 'com', 'gyration')
 CONTROLLER_KEYS = ('kind', 'kp', 'kd', 'known_payload')
@@ -71,9 +72,11 @@ class Sweep:
         The desired motion; with constraints, of the joints that follow it (as in
         `ComputedTorque`). Default: rest at q0.
     chunk : int
-        Number of trials that are computed and written together; does not affect the results.
-    integrator : {'rk4', 'implicit'}
-        As in `simulate`.
+        Number of trials that are computed and written together; does not affect the results. The
+        first chunk is shorter, so that a refused case and the progress are seen early.
+    integrator : {'rk4', 'implicit'}, optional
+        As in `simulate`. By default the one that `simulate` chooses at the initial state of the
+        first trial.
     t0 : float
         Initial time, s, for functions of time and for the motion.
 
@@ -96,16 +99,16 @@ class Sweep:
     controller: Any = NONE
     motion: Motion | None = None
     chunk: int = 1000
-    integrator: str = 'rk4'
+    integrator: str | None = None
     t0: float = 0.0
     payload_frame: str | None = field(init=False, default=None)
     values: tuple[Value, ...] = field(init=False, default=())
 
     def __post_init__(self) -> None:
         """Check all entries and collect the values in the order in which they are drawn."""
-        for name, least, most in (('samples', 1, MOST_SAMPLES), ('seed', 0, 2**63 - 1),
-                                  ('chunk', 1, MOST_CHUNK)):
-            freeze(self, name, integer(getattr(self, name), name, least, most))
+        for name, least, largest in (('samples', 1, MOST_SAMPLES), ('seed', 0, 2**63 - 1),
+                                     ('chunk', 1, MOST_CHUNK)):
+            freeze(self, name, integer(getattr(self, name), name, least, largest))
         for name in ('duration', 'step'):
             freeze(self, name, number_of(name, getattr(self, name)))
             if not getattr(self, name) > 0.0:
@@ -114,7 +117,8 @@ class Sweep:
         if not 1 <= round(count) <= MOST_STEPS or abs(count - round(count)) > 1e-6 * count:
             raise InputError(f'duration: {self.duration} s, {count:.6g} steps of {self.step} s; '
                              f'expected a whole number of steps, at most {MOST_STEPS}')
-        integrator_of(self.integrator)
+        if self.integrator is not None:
+            integrator_of(self.integrator)
         freeze(self, 't0', number_of('t0', self.t0, signed=True))
         if not isinstance(self.model, Model | Robot):
             raise InputError(f'model: a {type(self.model).__name__}; expected a Model or a Robot')
@@ -146,11 +150,19 @@ class Sweep:
     @property
     def chunks(self) -> int:
         """Return the number of chunks."""
-        return -(-self.samples // self.chunk)
+        later = max(0, self.samples - self._first)
+        return 1 + -(-later // self.chunk)
+
+    @property
+    def _first(self) -> int:
+        """Return the largest number of trials in the first chunk."""
+        return min(self.chunk, FIRST_CHUNK)
 
     def rows(self, chunk: int) -> range:
         """Return the indices of a chunk's trials."""
-        return range(self.samples)[chunk * self.chunk:(chunk + 1) * self.chunk]
+        end = self._first + chunk * self.chunk
+        begin = max(0, end - self.chunk)
+        return range(self.samples)[begin:end]
 
     @lazy_property
     def desired(self) -> Array | None:
@@ -181,52 +193,56 @@ class Sweep:
 
     def _values(self) -> tuple[Value, ...]:
         """Return all values that may vary between trials."""
-        joints, payload, controller = self.joints, self.payload, self.controller
+        joints, payload, robot = self.joints, self.payload, self.robot
         q0, u0 = joints.start(self.motion, self.t0)
-        if not isinstance(controller, Mapping):
+        controller = self.controller
+        # A mapping without one of the keys is a choice of controllers, {choice: [...]}.
+        if not isinstance(controller, Mapping) or not set(controller) & set(CONTROLLER_KEYS):
             controller = {'kind': controller}
-        elif not set(controller) & set(CONTROLLER_KEYS):
-            controller = {'kind': controller}  # {choice: [...]}
         controller = mapping(controller, 'controller', CONTROLLER_KEYS, InputError)
         kind = value_of('controller', controller.get('kind', NONE), names=CONTROLLERS)
         kinds = {CONTROLLERS[int(place)] for place in kind.numbers}
-        robot = self.robot
-        found = [*values_of('q0', self.q0, robot.coordinate_names, q0, signed=True),
-                 *values_of('u0', self.u0, robot.speed_names, u0, signed=True),
-                 *(() if payload is None else self._payload(payload)),
-                 *values_of('friction', self.friction, robot.joint_names, [1.0] * robot.model.n),
-                 kind]
+        values = [*values_of('q0', self.q0, robot.coordinate_names, q0, signed=True),
+                  *values_of('u0', self.u0, robot.speed_names, u0, signed=True)]
+        if payload is not None:
+            values += self._payload(payload)
+        values += values_of('friction', self.friction, robot.joint_names,
+                            [1.0] * robot.model.n)
+        values.append(kind)
         used = {'kind'}
         if Mode.COMPUTED_TORQUE in kinds:
             used |= {'kp', 'kd'}
             followed = joints.followed_names
             for name, usual in (('kp', 100.0), ('kd', 20.0)):
-                found += values_of(name, controller.get(name, usual), followed,
-                                   [usual] * len(followed))
+                values += values_of(name, controller.get(name, usual), followed,
+                                    [usual] * len(followed))
         if payload is not None and kinds != {NONE}:
             used |= {'known_payload'}
-            found.append(value_of('known_payload', controller.get('known_payload', 0.0)))
+            values.append(value_of('known_payload', controller.get('known_payload', 0.0)))
         for name in controller:
             if name not in used:
+                carries = 'without' if payload is None else 'with'
                 raise InputError(f'controller: {name} is given for {", ".join(sorted(kinds))} '
-                                 f'{"without" if payload is None else "with"} a payload, which '
-                                 'does not use it; expected no such key')
-        grids = math.prod(len(value.numbers) for value in found if value.kind == 'grid')
+                                 f'{carries} a payload, which does not use it; expected no such '
+                                 'key')
+        grids = math.prod(len(value.numbers) for value in values if value.kind == 'grid')
         if self.samples % grids:
             raise InputError(f'samples: {self.samples} for {grids} combinations of the grids; '
                              f'expected a multiple of {grids}')
-        return tuple(found)
+        return tuple(values)
 
     def _payload(self, payload: Any) -> list[Value]:
         """Return the varying values of the payload."""
-        given = mapping(payload, 'payload', PAYLOAD_KEYS, InputError)
-        if 'frame' not in given or 'mass' not in given:
+        entries = mapping(payload, 'payload', PAYLOAD_KEYS, InputError)
+        if 'frame' not in entries or 'mass' not in entries:
             raise InputError(f'payload: {SHORT.repr(payload)}; expected frame and mass, and '
                              'optionally com and gyration')
-        freeze(self, 'payload_frame', self.robot.model.frame(given['frame']).name)
-        com = given.get('com', (0.0, 0.0, 0.0))
+        freeze(self, 'payload_frame', self.robot.model.frame(entries['frame']).name)
+        com = entries.get('com', (0.0, 0.0, 0.0))
         if not isinstance(com, Sequence) or isinstance(com, str) or len(com) != 3:
             raise InputError(f'payload.com: {SHORT.repr(com)}; expected three values, m')
-        return [value_of('payload.mass', given['mass']),
-                *(value_of(f'payload.com_{axis}', x, signed=True) for axis, x in zip('xyz', com)),
-                value_of('payload.gyration', given.get('gyration', 0.0))]
+        values = [value_of('payload.mass', entries['mass'])]
+        for axis, x in zip('xyz', com):
+            values.append(value_of(f'payload.com_{axis}', x, signed=True))
+        values.append(value_of('payload.gyration', entries.get('gyration', 0.0)))
+        return values

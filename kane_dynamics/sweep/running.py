@@ -1,5 +1,6 @@
 """Run a sweep: compute and write the chunks that are not in its table yet."""
 
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 import os
@@ -12,7 +13,7 @@ from kane_dynamics.native.runtime.threads import MAX_THREADS, thread_count
 from kane_dynamics.sweep.description import Sweep
 from kane_dynamics.sweep.simulator import Simulator, task
 from kane_dynamics.sweep.table import SweepTable
-from kane_dynamics.sweep.workers import cluster, here, processes
+from kane_dynamics.sweep.workers import cluster, Done, here, processes
 
 
 @dataclass(frozen=True)
@@ -66,30 +67,44 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | No
     Warns
     -----
     ModelWarning
-        If the step is too large for the model, as in `simulate`.
+        If the step is too large for the model, or the integrator 'implicit' is chosen for it, as
+        in `simulate`.
 
     """
     if workers is not None:
         workers = integer(workers, 'workers', 1, MAX_THREADS)
     table, work = SweepTable(sweep, folder), task(sweep)
-    count, made, failed = workers or thread_count(), 0, 0
+    computed = failed = 0
     with table.opened() as finished:
         chunks = [chunk for chunk in range(sweep.chunks) if chunk not in finished]
-        found = sum(len(sweep.rows(chunk)) for chunk in finished)
+        present = sum(len(sweep.rows(chunk)) for chunk in finished)
         if chunks:
             simulator = Simulator(sweep)
             simulator.compile()  # raises errors early; workers load from the cache
             simulator.check_functions()
-            warning = simulator.step_warning()
-            if warning is not None:
-                warnings.warn(warning, ModelWarning, stacklevel=2)
-        with progress_bar('simulating', sweep.samples) as progress, closing(
-                cluster(work, chunks, dask) if dask is not None else
-                here(work, chunks) if min(count, len(chunks)) < 2 else
-                processes(work, chunks, count)) as done:
-            for chunk, columns in done:
+            if simulator.step_text is not None:
+                warnings.warn(simulator.step_text, ModelWarning, stacklevel=2)
+        with (progress_bar('simulating', sweep.samples) as progress,
+              closing(_computed(sweep, work, chunks, workers or thread_count(), dask))
+              as results):
+            for chunk, columns in results:
                 table.write(chunk, columns)
-                made += len(columns['ok'])
+                computed += len(columns['ok'])
                 failed += int((~columns['ok']).sum())
-                progress(found + made)
-    return Summary(found, made, failed, table.digest)
+                progress(present + computed)
+    return Summary(present, computed, failed, table.digest)
+
+
+def _computed(sweep: Sweep, work: bytes, chunks: Sequence[int], workers: int,
+              dask: str | None) -> Done:
+    """Compute chunks; yield them as they finish."""
+    if chunks[:1] == [0] and len(sweep.rows(0)) < sweep.chunk:
+        # A short first chunk comes before workers start, so that its rows are seen early.
+        yield from here(work, [0])
+        chunks = chunks[1:]
+    if dask is not None:
+        yield from cluster(work, chunks, dask)
+    elif min(workers, len(chunks)) < 2:
+        yield from here(work, chunks)
+    else:
+        yield from processes(work, chunks, workers)

@@ -5,20 +5,18 @@ The result of a lane does not depend on the other lanes (`native.runtime.batch_l
 does not depend on chunks, threads or workers.
 """
 
-from collections.abc import Callable
 from functools import lru_cache
+from itertools import pairwise
 import pickle
-from typing import Any
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError, SweepError
-from kane_dynamics.mechanics.integrators import INTEGRATORS
 from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.simulation.discontinuities import JumpWatch
 from kane_dynamics.simulation.energy_balance import RELATIVE, ROUNDING
-from kane_dynamics.simulation.step_size import step_warning
-from kane_dynamics.sweep.constrained_trial import ConstrainedTrial
+from kane_dynamics.simulation.step_size import stable_integrator
 from kane_dynamics.sweep.description import Sweep
 from kane_dynamics.sweep.sampling import controllers, drawn, of_joints, plant, Values
 from kane_dynamics.sweep.trial import CONTROLLERS, Trial
@@ -30,6 +28,34 @@ LOOKED = 10_000  # steps at once in which functions of time are examined
 Columns = dict[str, Any]
 
 
+class Results(NamedTuple):
+    """
+    Results of N trials.
+
+    Attributes
+    ----------
+    ends, low, high : (N, size) arrays
+        Last states, and minimum and maximum of every entry of the states.
+    failed_by : (N,) array of int
+        Step by which a state was found diverged or not acceptable; 0 if neither.
+    refused : (N,) array of bool
+        Whether it was not acceptable: its margin was not positive.
+    drift : (N,) array
+        Change of energy minus the work done, J.
+    worst : (N,) array
+        Largest ratio of that drift, at any check, to the error of the step.
+
+    """
+
+    ends: Array
+    low: Array
+    high: Array
+    failed_by: Any
+    refused: Any
+    drift: Array
+    worst: Array
+
+
 class Simulator:
     """
     Simulator of a sweep: runs the kernels and collects the rows of the table.
@@ -38,18 +64,30 @@ class Simulator:
     ----------
     sweep : Sweep
 
+    Attributes
+    ----------
+    integrator : str
+        That of the sweep, or the one that `simulate` chooses at the first trial's initial state.
+    step_text : str or None
+        Warning about the step, or about the choice of the integrator.
+
     """
 
     def __init__(self, sweep: Sweep) -> None:
-        """Create the simulator; kernels compile at the first use."""
+        """Choose the integrator; kernels compile at the first use."""
         self.sweep = sweep
-        joints, given = sweep.joints, (sweep.robot, sweep.payload_frame, sweep.integrator,
-                                       sweep.joints.tracked)
-        controlled = Mode.COMPUTED_TORQUE in self._controllers
-        self.trial = Trial(*given) if not joints.constrained else ConstrainedTrial(
-            *given, joints.followed if controlled else ())
+        q0, errors = self._closed(drawn(sweep, range(1)))
+        first = q0[:1] if errors[0] is None else q0[:0]
+        self.integrator, self.step_text = stable_integrator(
+            sweep.robot, first, sweep.step, sweep.integrator, sweep.t0)
+        joints = sweep.joints
         # Without computed torque gains are not read, but there is room for them.
-        self._gains = joints.followed_names if controlled else sweep.robot.speed_names
+        followed: tuple[int, ...] = ()
+        self._gains = sweep.robot.speed_names
+        if Mode.COMPUTED_TORQUE in self._controllers:
+            followed, self._gains = joints.followed, joints.followed_names
+        self.trial = Trial(sweep.robot, sweep.payload_frame, self.integrator, joints.tracked,
+                           followed)
         self._shared = self.trial.shared(sweep.step)
 
     @property
@@ -66,16 +104,11 @@ class Simulator:
 
     def check_functions(self) -> None:
         """Raise ConstraintError if a function of time jumps during the sweep."""
-        sweep, (start, _) = self.sweep, self._start(drawn(self.sweep, range(1)))
+        sweep = self.sweep
+        start, _ = self._start(drawn(sweep, range(1)))
         watch = JumpWatch(self.trial.robot, start, sweep.t0, sweep.step, sweep.steps, True)
         for done in range(0, sweep.steps, LOOKED):
             watch.look_ahead(done, min(LOOKED, sweep.steps - done))
-
-    def step_warning(self) -> str | None:
-        """Return a warning if the step is too large at the first trial's initial state."""
-        start, (error,) = self._start(drawn(self.sweep, range(1)))
-        return step_warning(self.trial.robot, start[0, self.trial.parts.q], self.sweep.step,
-                            self.sweep.integrator, self.sweep.t0) if error is None else None
 
     def columns(self, chunk: int) -> Columns:
         """
@@ -88,89 +121,85 @@ class Simulator:
         values = drawn(self.sweep, rows)
         start, errors = self._start(values)
         plants = plant(values, self.sweep.robot.joint_names, self._gains).rows
-        ends, low, high = start.copy(), np.empty_like(start), np.empty_like(start)
-        kinds, lost = np.array(controllers(values)), np.zeros(len(rows), dtype=np.int64)
-        apart = np.zeros(len(rows), dtype=bool)
-        balances = np.empty((2, len(rows)))
-        for kind in np.unique(kinds).tolist():
-            chosen = np.flatnonzero(kinds == kind)
-            own = ends[chosen]
-            (low[chosen], high[chosen], lost[chosen], apart[chosen],
-             balances[:, chosen]) = self._run(kind, own, plants[chosen])
-            ends[chosen] = own
-        failed = lost > 0
-        errors = [given or self._error(*each) for given, *each in zip(
-            errors, lost.tolist(), apart.tolist())]
-        drift, worst = balances
-        for array in (ends, low, high, drift):
+        kinds = np.array(controllers(values))
+        results = self._results(kinds, start, plants)
+        failed = results.failed_by > 0
+        for array in (results.ends, results.low, results.high, results.drift):
             array[failed] = np.nan
-        drawn_values: Columns = {**values, 'controller': kinds.tolist()}
+        for k in np.flatnonzero(failed).tolist():
+            if errors[k] is None:
+                errors[k] = self._error(int(results.failed_by[k]), bool(results.refused[k]))
+        closes = (results.worst <= 1.0) & ~failed
         return {'index': np.asarray(rows), 'seed': np.full(len(rows), self.sweep.seed),
-                **drawn_values, 'ok': ~failed, 'error': errors,
-                **self._outcomes(ends, low, high, drift),
-                'energy_closes': (worst <= 1.0) & ~failed}
+                **values, 'controller': kinds.tolist(), 'ok': ~failed, 'error': errors,
+                **self._outcomes(results), 'energy_closes': closes}
+
+    def _closed(self, values: Values) -> tuple[Array, list[str | None]]:
+        """Return closed initial configurations, (N, n_q), and why a row has none."""
+        names = self.sweep.robot.coordinate_names
+        return self.sweep.joints.closed(of_joints(values, 'q0', names), self.sweep.t0)
 
     def _start(self, values: Values) -> tuple[Array, list[str | None]]:
         """Return the initial states in the layout of `trial`, and why a row has none."""
-        at, robot, sweep = self.trial.parts, self.sweep.robot, self.sweep
-        q0, errors = sweep.joints.closed(of_joints(values, 'q0', robot.coordinate_names), sweep.t0)
+        at = self.trial.parts
+        q0, errors = self._closed(values)
         start = np.zeros((len(q0), at.size))
-        start[:, at.q], start[:, at.u] = q0, of_joints(values, 'u0', robot.speed_names)
-        start[:, at.time], start[:, at.margin] = sweep.t0, 1.0
+        start[:, at.q] = q0
+        start[:, at.u] = of_joints(values, 'u0', self.sweep.robot.speed_names)
+        start[:, at.time] = self.sweep.t0
+        start[:, at.margin] = 1.0
         return start, errors
 
-    def _error(self, steps: int, apart: bool) -> str | None:
-        """Return the message of a trial that failed within these steps; None for 0."""
-        if not steps:
-            return None
-        before = f'before {steps * self.sweep.step:.6g} s'
-        if apart:
+    def _error(self, steps: int, refused: bool) -> str:
+        """Return the message of a trial that failed within these steps."""
+        by_time = f'before {steps * self.sweep.step:.6g} s'
+        if refused:
             names = ', '.join(self.sweep.robot.speed_names)
-            return (f'{before}: the independent speeds {names} become ill-conditioned, a loop '
+            return (f'{by_time}: the independent speeds {names} become ill-conditioned, a loop '
                     f'opens within a step of {self.sweep.step:g} s, or the motion is singular; '
                     'expected other speeds, a shorter step, or `simulate`, which changes speeds')
-        return (f'diverged (non-finite state) {before}: unstable, '
+        return (f'diverged (non-finite state) {by_time}: unstable, '
                 f'or the step of {self.sweep.step:g} s is too large')
 
-    def _run(self, controller: str, states: Array, plants: Array
-             ) -> tuple[Array, Array, Any, Any, Array]:
-        """
-        Integrate the states to the end, in place.
+    def _results(self, kinds: Any, start: Array, plants: Array) -> Results:
+        """Return the results of all trials, whose controllers are `kinds`, (N,)."""
+        N = len(start)
+        results = Results(start.copy(), np.empty_like(start), np.empty_like(start),
+                          np.zeros(N, dtype=np.int64), np.zeros(N, dtype=bool),
+                          np.empty(N), np.empty(N))
+        for kind in np.unique(kinds).tolist():
+            chosen = np.flatnonzero(kinds == kind)
+            of_kind = self._run(kind, start[chosen], plants[chosen])
+            for array, part in zip(results, of_kind):
+                array[chosen] = part
+        return results
 
-        Returns
-        -------
-        (N, size) arrays
-            Minimum and maximum of every entry of the states.
-        (N,) array of int
-            Step by which a state was found diverged or not acceptable; 0 if neither.
-        (N,) array of bool
-            Whether it was not acceptable: its margin was not positive.
-        (2, N) array
-            Change of energy minus the work done, J; and its largest ratio, at any check, to the
-            error of the step.
-
-        """
+    def _run(self, controller: str, states: Array, plants: Array) -> Results:
+        """Return the results of trials with one controller; `states` are overwritten."""
         at, steps = self.trial.parts, self.sweep.steps
         kernel = self.trial.step(controller).lane_address
-        desired, lane, stride = self._desired(states[:, at.q])
+        desired, per_trial, per_step = self._desired(states[:, at.q])
         low, high = states.copy(), states.copy()
-        low[:, at.tau], high[:, at.tau] = np.inf, -np.inf
-        lost, apart = np.zeros(len(states), dtype=np.int64), np.zeros(len(states), dtype=bool)
-        balance = self._balance(plants)
-        balance(states)
-        cuts = np.linspace(0, steps, min(steps, BLOCKS) + 1).astype(int)
-        for begin, end in zip(cuts.tolist(), cuts[1:].tolist()):
-            place = Strided(states.ctypes.data, states.strides[0])
+        low[:, at.tau] = np.inf  # the state has no torque before the first step
+        high[:, at.tau] = -np.inf
+        failed_by = np.zeros(len(states), dtype=np.int64)
+        refused = np.zeros(len(states), dtype=bool)
+        balance = _WorkBalance(self, plants, states)
+        cuts = np.linspace(0, steps, min(steps, BLOCKS) + 1).astype(int).tolist()
+        for begin, end in pairwise(cuts):
+            rows = Strided(states.ctypes.data, states.strides[0])
             run_batch(kernel, [
-                place, Strided(desired.ctypes.data + begin * stride, lane, stride),
+                rows, Strided(desired.ctypes.data + begin * per_step, per_trial, per_step),
                 Strided(plants.ctypes.data, plants.strides[0]),
-                Strided(self._shared.ctypes.data), place,
+                Strided(self._shared.ctypes.data), rows,
             ], len(states), steps=end - begin, extremes=(low, high))
-            bad = (lost == 0) & (low[:, at.margin] <= 0.0).any(axis=1)
-            lost[bad], apart[bad] = end, True
-            lost[(lost == 0) & ~np.isfinite(states).all(axis=1)] = end
-            found = balance(states)
-        return low, high, lost, apart, found
+            # The first reason counts: a state after a refused one may be of any value.
+            no_margin = (failed_by == 0) & (low[:, at.margin] <= 0.0).any(axis=1)
+            failed_by[no_margin] = end
+            refused[no_margin] = True
+            failed_by[(failed_by == 0) & ~np.isfinite(states).all(axis=1)] = end
+            balance.look(states)
+        return Results(states, low, high, failed_by, refused, balance.drift, balance.worst)
 
     def _desired(self, q0: Array) -> tuple[Array, int, int]:
         """Return rows of the desired motion, and the bytes between trials and between steps."""
@@ -182,34 +211,7 @@ class Simulator:
         rest[:, :, :len(tracked)] = q0[:, None, tracked]
         return rest, rest.strides[0], 0
 
-    def _balance(self, plants: Array) -> Callable[[Array], Array]:
-        """
-        Return a function that updates the energy balance of the trials from their states.
-
-        It returns the balance as `_run` does. The work is integrated with the motion, so its error
-        is that of the integrator: of second order for the implicit one.
-        """
-        relative = (10.0 if INTEGRATORS[self.sweep.integrator].damps else 1.0) * RELATIVE
-        work = self.trial.parts.work
-        seen: list[Array] = []
-
-        def look(states: Array) -> Array:
-            with np.errstate(all='ignore'):
-                kinetic, potential = self._energies(states, plants)
-                now = np.array([kinetic, potential, states[:, work]])
-                if not seen:
-                    seen.extend([now, now, now, np.zeros(len(states))])
-                start, low, high, worst = seen
-                seen[1:3] = np.minimum(low, now), np.maximum(high, now)
-                gained = (now - start).T @ [1.0, 1.0, -1.0]
-                turned = seen[2][0] + (seen[2] - seen[1])[1:].sum(axis=0)
-                share = np.abs(gained) / (relative * turned + TINY + ROUNDING * np.abs(
-                    seen[2]).max(axis=0))
-                seen[3] = np.maximum(worst, np.where(np.isfinite(share), share, np.inf))
-            return np.array([gained, seen[3]])
-        return look
-
-    def _energies(self, states: Array, plants: Array) -> Array:
+    def energies(self, states: Array, plants: Array) -> Array:
         """Return kinetic and potential energy of each trial, (2, N), J."""
         energies = np.empty((len(states), 2))
         run_batch(self.trial.energy().lane_address, [
@@ -219,22 +221,24 @@ class Simulator:
             Strided(energies.ctypes.data, energies.strides[0])], len(states))
         return energies.T
 
-    def _outcomes(self, ends: Array, low: Array, high: Array, drift: Array) -> Columns:
+    def _outcomes(self, results: Results) -> Columns:
         """Return the outcome columns of all trials."""
-        at = self.trial.parts
-        robot = self.sweep.robot
-        peak = np.maximum(-low[:, at.tau], high[:, at.tau])
-        rms = np.sqrt(ends[:, at.squared_error] / self.sweep.duration)
-        found: Columns = {}
-        for name, of, joints in (
-                ('q', ends[:, at.q], robot.coordinate_names),
-                ('u', ends[:, at.u], robot.speed_names),
+        at, robot = self.trial.parts, self.sweep.robot
+        peak = np.maximum(-results.low[:, at.tau], results.high[:, at.tau])
+        rms = np.sqrt(results.ends[:, at.squared_error] / self.sweep.duration)
+        columns: Columns = {}
+        for name, values, joints in (
+                ('q', results.ends[:, at.q], robot.coordinate_names),
+                ('u', results.ends[:, at.u], robot.speed_names),
                 ('peak_torque', peak, robot.speed_names),
                 ('rms_error', rms, self.sweep.joints.tracked_names)):
-            found |= {f'{name}.{joint}': of[:, k] for k, joint in enumerate(joints)}
-        passed, words = self._limits_passed(low, high, peak)
-        return {**found, 'energy_drift': drift, 'limit_events': passed.sum(axis=1),
-                'limits': ['; '.join(words[k] for k in np.flatnonzero(row)) for row in passed]}
+            for k, joint in enumerate(joints):
+                columns[f'{name}.{joint}'] = values[:, k]
+        passed, names = self._limits_passed(results.low, results.high, peak)
+        columns['energy_drift'] = results.drift
+        columns['limit_events'] = passed.sum(axis=1)
+        columns['limits'] = ['; '.join(names[k] for k in np.flatnonzero(row)) for row in passed]
+        return columns
 
     def _limits_passed(self, low: Array, high: Array, peak: Array) -> tuple[Any, list[str]]:
         """
@@ -245,18 +249,70 @@ class Simulator:
         """
         at, robot = self.trial.parts, self.trial.robot
         limits, speeds = robot.limits, robot.speed_names
-        own = dict(zip(robot.joint_names, np.transpose([limits.velocity, limits.effort])))
-        velocity, effort = np.array([own.get(name, (np.inf, np.inf)) for name in speeds]).reshape(
-            -1, 2).T
-        if getattr(robot.equations, 'actuated', None) is not None and (
-                set(robot.actuated_names) != set(speeds)):
+        velocity, effort = np.full((2, robot.n), np.inf)
+        for k, name in enumerate(speeds):
+            if name in robot.joint_names:
+                joint = robot.joint_names.index(name)
+                velocity[k] = limits.velocity[joint]
+                effort[k] = limits.effort[joint]
+        actuated = getattr(robot.equations, 'actuated', None)
+        if actuated is not None and set(robot.actuated_names) != set(speeds):
             effort = np.full(robot.n, np.inf)
-        passed = np.concatenate([
-            low[:, at.q] < limits.lower, high[:, at.q] > limits.upper,
-            np.maximum(-low[:, at.u], high[:, at.u]) > velocity, peak > effort], axis=1)
-        return passed, [f'{joint} {limit}' for limit, joints in (
-            ('lower', robot.coordinate_names), ('upper', robot.coordinate_names),
-            ('velocity', speeds), ('effort', speeds)) for joint in joints]
+        fastest = np.maximum(-low[:, at.u], high[:, at.u])
+        passed = np.concatenate([low[:, at.q] < limits.lower, high[:, at.q] > limits.upper,
+                                 fastest > velocity, peak > effort], axis=1)
+        names = []
+        for limit, joints in (('lower', robot.coordinate_names),
+                              ('upper', robot.coordinate_names),
+                              ('velocity', speeds), ('effort', speeds)):
+            names += [f'{joint} {limit}' for joint in joints]
+        return passed, names
+
+
+class _WorkBalance:
+    """
+    The energy balance of trials, whose work is integrated with the motion.
+
+    The error of the work is that of the integrator: of second order for the implicit one.
+
+    Attributes
+    ----------
+    drift, worst : (N,) arrays
+        As of `Results`.
+
+    """
+
+    def __init__(self, simulator: Simulator, plants: Array, states: Array) -> None:
+        """Begin at the initial states."""
+        self._simulator, self._plants = simulator, plants
+        self._relative = RELATIVE
+        if simulator.trial.integrator.damps:
+            self._relative = 10.0 * RELATIVE
+        self._start = self._low = self._high = self._terms(states)
+        self.drift = np.zeros(len(states))
+        self.worst = np.zeros(len(states))
+        self.look(states)
+
+    def _terms(self, states: Array) -> Array:
+        """Return kinetic energy, potential energy and work, (3, N), J."""
+        with np.errstate(all='ignore'):
+            energies = self._simulator.energies(states, self._plants)
+        return np.array([*energies, states[:, self._simulator.trial.parts.work]])
+
+    def look(self, states: Array) -> None:
+        """Update the balance at later states."""
+        with np.errstate(all='ignore'):
+            terms = self._terms(states)
+            self._low = np.minimum(self._low, terms)
+            self._high = np.maximum(self._high, terms)
+            self.drift = (terms - self._start).T @ [1.0, 1.0, -1.0]
+            # The drift is compared with the energy that was exchanged so far.
+            ranges = self._high - self._low
+            exchanged = self._high[0] + ranges[1:].sum(axis=0)
+            largest = np.abs(self._high).max(axis=0)
+            ratio = np.abs(self.drift) / (self._relative * exchanged + TINY + ROUNDING * largest)
+            ratio = np.where(np.isfinite(ratio), ratio, np.inf)
+            self.worst = np.maximum(self.worst, ratio)
 
 
 def task(sweep: Sweep) -> bytes:

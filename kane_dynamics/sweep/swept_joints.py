@@ -77,13 +77,15 @@ class SweptJoints:
         if motion is not None and not self.constrained:
             q, u, _ = motion.sample(t0)
             return q.tolist(), u.tolist()
-        guess = robot.configuration if self.constrained else None
-        q, u = np.array(neutral(robot.model) if guess is None else guess), np.zeros(robot.n)
+        configuration = robot.configuration if self.constrained else None
+        if configuration is None:
+            configuration = neutral(robot.model)
+        q, u = np.array(configuration), np.zeros(robot.n)
         if motion is not None:
-            wanted = [x[None, self.columns(motion)] for x in motion.sample(t0)]
-            q[list(self.followed)] = wanted[0][0]
+            desired = [x[None, self.columns(motion)] for x in motion.sample(t0)]
+            q[list(self.followed)] = desired[0][0]
             if robot.constraint_names:
-                driven = mechanism_motion(robot, self.followed_names, np.array([t0]), *wanted)
+                driven = mechanism_motion(robot, self.followed_names, np.array([t0]), *desired)
                 q, u = driven.q[0], driven.u[0]
         return q.tolist(), u.tolist()
 
@@ -95,26 +97,31 @@ class SweptJoints:
         the assembly mode is that of q0, if its loops are nearly closed, else that of the robot.
         """
         robot = self._robot
-        found = np.array([on_unit_quaternions(robot.model, q) for q in q0])
-        errors: list[str | None] = [None] * len(found)
+        closed = np.array([on_unit_quaternions(robot.model, q) for q in q0])
+        errors: list[str | None] = [None] * len(closed)
         if not robot.constraint_names:
-            return found, errors
-        fixed = [name for name in robot.speed_names if name in robot.coordinate_names]
-        rows, places = np.unique(found, axis=0, return_inverse=True)
-        places = places.ravel()
-        for k, row in enumerate(rows):
-            own = np.flatnonzero(places == k)
+            return closed, errors
+        # Equal configurations are closed once.
+        distinct, numbers = np.unique(closed, axis=0, return_inverse=True)
+        numbers = numbers.ravel()
+        for k, guess in enumerate(distinct):
+            rows = np.flatnonzero(numbers == k)
             try:
-                residual = robot.constraint_residual(row, t=t0) / robot.mechanism.row_units
-                away = np.abs(residual).max(initial=0.0)
-                found[own] = robot.closed_posture(
-                    row, t=t0, fixed=fixed,
-                    start=row if fixed and away <= NEARLY_CLOSED else None)
+                closed[rows] = self._closed_near(guess, t0)
             except ConstraintError as error:
-                found[own] = np.nan
-                for i in own.tolist():
+                closed[rows] = np.nan
+                for i in rows.tolist():
                     errors[i] = f'q0: {error}'
-        return found, errors
+        return closed, errors
+
+    def _closed_near(self, guess: Array, t0: float) -> Array:
+        """Return a closed configuration near a guess, (n_q,), as `closed`."""
+        robot = self._robot
+        fixed = [name for name in robot.speed_names if name in robot.coordinate_names]
+        residual = robot.constraint_residual(guess, t=t0) / robot.mechanism.row_units
+        nearly_closed = np.abs(residual).max(initial=0.0) <= NEARLY_CLOSED
+        start = guess if fixed and nearly_closed else None
+        return robot.closed_posture(guess, t=t0, fixed=fixed, start=start)
 
 
 def robot_digest(robot: Robot) -> str:
@@ -125,5 +132,5 @@ def robot_digest(robot: Robot) -> str:
     limits = robot.limits
     numbers = [robot.parameters.gravity, limits.lower, limits.upper, limits.velocity,
                limits.effort]
-    text = key + repr([x.tolist() for x in map(np.asarray, numbers)])
+    text = key + repr([np.asarray(x).tolist() for x in numbers])
     return hashlib.sha256(text.encode()).hexdigest()

@@ -70,70 +70,78 @@ class SweepTable:
     def write(self, chunk: int, columns: Columns) -> None:
         """Write the rows of a chunk atomically."""
         arrow, failed = self._arrow, ~columns['ok']
-        outcome, arrays = False, {}
+        arrays = {}
+        of_outcome = False  # columns after `error`, which are null in failed trials
         for name, column in columns.items():
-            given = {'mask': failed} if outcome and isinstance(column, np.ndarray) else {}
-            if outcome and not given:
-                column = [None if lost else x for lost, x in zip(failed.tolist(), column)]
-            kind = None if isinstance(column, np.ndarray) else arrow.string()
-            arrays[name] = arrow.array(column, type=kind, **given)
-            outcome = outcome or name == 'error'  # later columns: null if failed
-        rows = arrow.table(arrays).replace_schema_metadata({KEY: self._own(chunk)})
+            if isinstance(column, np.ndarray):
+                mask = failed if of_outcome else None
+                arrays[name] = arrow.array(column, mask=mask)
+            else:
+                texts = list(column)
+                if of_outcome:
+                    for k in np.flatnonzero(failed).tolist():
+                        texts[k] = None
+                arrays[name] = arrow.array(texts, type=arrow.string())
+            of_outcome = of_outcome or name == 'error'
+        metadata = {KEY: self._metadata(chunk)}
+        rows = arrow.table(arrays).replace_schema_metadata(metadata)
 
         def content(file: Any) -> None:
             self._parquet.write_table(rows, file, write_page_checksum=True)
         _write(self.folder / self._name(chunk), content)
 
     def _name(self, chunk: int) -> str:
+        """Return the name of the file of a chunk."""
         return f'part-{self.digest[:SHOWN]}-{chunk:07d}.parquet'
 
-    def _own(self, chunk: int) -> bytes:
+    def _metadata(self, chunk: int) -> bytes:
         """Return the metadata that identifies a part."""
         return f'{self.digest} {chunk}'.encode()
 
     def _claim(self) -> None:
         """Check that the folder belongs to this sweep; create the description if it is empty."""
         path = self.folder / DESCRIPTION
-        other = [entry.name for entry in sorted(self.folder.iterdir())
-                 if entry.name != LOCK and not entry.name.startswith('.')]
-        if path.name in other:
+        content = [entry.name for entry in sorted(self.folder.iterdir())
+                   if entry.name != LOCK and not entry.name.startswith('.')]
+        if path.name in content:
             self._compare(path)
-        elif other:
-            raise InputError(f"{self.folder}: holds '{other[0]}' and no sweep; expected an empty "
-                             'or a new folder')
+        elif content:
+            raise InputError(f"{self.folder}: holds '{content[0]}' and no sweep; expected an "
+                             'empty or a new folder')
         else:
             text = json.dumps({'digest': self.digest, **self.sweep.description}, indent=1)
             _write(path, lambda file: file.write(text.encode()))
 
     def _compare(self, path: Path) -> None:
         """Raise InputError if the folder's description differs from this sweep's."""
-        found = _described(path)
-        if found.get('digest') == self.digest:
+        stored = _described(path)
+        if stored.get('digest') == self.digest:
             return
-        ours = json.loads(json.dumps(self.sweep.description))
-        differing = [key for key in ours if found.get(key) != ours[key]]
+        described = json.loads(json.dumps(self.sweep.description))
+        differing = [key for key in described if stored.get(key) != described[key]]
         if differing == ['values']:
-            theirs = found['values'] if isinstance(found['values'], dict) else {}
-            differing = [name for name in {**ours['values'], **theirs}
-                         if ours['values'].get(name) != theirs.get(name)]
+            stored_values = stored['values'] if isinstance(stored['values'], dict) else {}
+            values = described['values']
+            differing = [name for name in {**values, **stored_values}
+                         if values.get(name) != stored_values.get(name)]
         raise InputError(
-            f'{self.folder}: holds sweep {str(found.get("digest"))[:SHOWN]}, not '
+            f'{self.folder}: holds sweep {str(stored.get("digest"))[:SHOWN]}, not '
             f'{self.digest[:SHOWN]}; they differ in {", ".join(differing)}; expected another '
             'folder')
 
     def _finished(self) -> set[int]:
         """Return the complete chunks; remove damaged files, which are computed again."""
-        for left in self.folder.glob('.*.partial'):
-            left.unlink()
-        found = set()
+        for partial_file in self.folder.glob('.*.partial'):
+            partial_file.unlink()
+        finished = set()
         for chunk in range(self.sweep.chunks):
             path = self.folder / self._name(chunk)
             if path.exists():
                 if self._whole(path, chunk):
-                    found.add(chunk)
+                    finished.add(chunk)
                 else:
                     path.unlink()
-        return found
+        return finished
 
     def _whole(self, path: Path, chunk: int) -> bool:
         """Return whether a part is undamaged, by its page checksums."""
@@ -142,7 +150,7 @@ class SweepTable:
         except (OSError, ValueError):  # Arrow's errors derive from these
             return False
         metadata = rows.schema.metadata or {}
-        return bool(metadata.get(KEY) == self._own(chunk)
+        return bool(metadata.get(KEY) == self._metadata(chunk)
                     and rows['index'].to_pylist() == list(self.sweep.rows(chunk)))
 
 
@@ -172,14 +180,14 @@ def read_table(folder: str | os.PathLike[str]) -> Any:
 def _described(path: Path) -> dict[str, Any]:
     """Return the description stored in a sweep's folder."""
     try:
-        found = json.loads(path.read_text(encoding='utf-8'))
+        description = json.loads(path.read_text(encoding='utf-8'))
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise InputError(f'{path}: {reason}; expected the folder of a sweep') from None
-    if not isinstance(found, dict):
-        raise InputError(f'{path}: description: a {type(found).__name__}; expected the folder '
-                         'of a sweep')
-    return found
+    if not isinstance(description, dict):
+        raise InputError(f'{path}: description: a {type(description).__name__}; expected the '
+                         'folder of a sweep')
+    return description
 
 
 def _write(path: Path, content: Any) -> None:

@@ -2,39 +2,54 @@
 Kernels of one trial: the plant, its controller and the recorded outcomes.
 
 The state of a trial is (q, u, time, work, squared error, margin, tau): coordinates, speeds, the
-time if the equations depend on it, the work of torques and friction, the integrals of the squared
-tracking error of the joints that follow, `conditioning.margin` of constraints, and the torques at
-the beginning of the last step. The Runge-Kutta step integrates everything but margin and tau. The
-implicit step integrates q and u; the integrals then use the trapezoidal rule.
-`constrained_trial` has robots with chosen speeds or constraints.
+time if the equations depend on it, the work of torques and friction, the integrals of the
+squared tracking error of the joints that follow, `conditioning.margin` of constraints, and the
+torques at the beginning of the last step. The Runge-Kutta step integrates everything but margin
+and tau. The implicit step integrates q and u; the integrals then use the trapezoidal rule.
+
+With q' = T u + X and the friction f of the joints, the net generalized force is tau - T^T f. The
+step is that of `simulate`: the integrator, one Newton step on the loops, and the margin of the
+state, which is positive where the independent speeds are well conditioned and the loops closed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.fork_safety import lazy_property
-from kane_dynamics._util.typing import Array
-from kane_dynamics.control.computed_torque import law_program
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
+from kane_dynamics.control.computed_torque import law_margin, law_program
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
+from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths, loosened,
+                                                              WELL_CHOSEN)
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.tracing.program import Program, Shape
+from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.step_kernels import implicit_stage
+from kane_dynamics.robot.speed_sets import limits_of
+from kane_dynamics.simulation.energy_balance import driven_kernel
+from kane_dynamics.simulation.speed_switching import STEP_RESIDUAL
+from kane_dynamics.simulation.step_kernels import (implicit_stage, margin_count,
+                                                   time_input)
 import numpy as np
 
 NONE = 'none'
 CONTROLLERS = (Mode.COMPUTED_TORQUE.value, Mode.GRAVITY_COMPENSATION.value, NONE)
 PAYLOAD = 10  # inertial parameters of a payload, in the order of a robot's parameters
 
+# The torque of a controller from q, u, the desired motion of the tracked joints, (3 m,), and
+# the time, (0 or 1,).
+Law = Callable[[Vector, Vector, Vector, Vector], Vector]
+
 
 class Parts(NamedTuple):
-    """Slices of the entries of a trial's state; time and margin are empty for a tree."""
+    """Slices of the entries of a trial's state; time and margin may be empty."""
 
     q: slice
     u: slice
@@ -46,10 +61,13 @@ class Parts(NamedTuple):
     size: int
 
 
-def parts(n_q: int, n: int, tracked: int, timed: int = 0, margins: int = 0) -> Parts:
-    """Return the slices of a trial's state for numbers of its entries."""
-    ends = np.cumsum([n_q, n, timed, 1, tracked, margins, n]).tolist()
-    q, u, time, work, error, margin, tau = (slice(*x) for x in zip([0, *ends], ends))
+def parts_of(robot: Robot, tracked: int) -> Parts:
+    """Return the slices of a trial's state for a number of tracked joints."""
+    sizes = [robot.n_q, robot.n, int(robot.equations.timed), 1, tracked, margin_count(robot),
+             robot.n]
+    ends = np.cumsum(sizes).tolist()
+    begins = [0, *ends[:-1]]
+    q, u, time, work, error, margin, tau = map(slice, begins, ends)
     return Parts(q, u, time, work.start, error, margin, tau, ends[-1])
 
 
@@ -90,32 +108,38 @@ class Trial:
 
     Parameters
     ----------
-    given : Robot
+    robot : Robot
+        The robot of the user.
     payload_frame : str, optional
         Frame in which payloads are given. Default: no payload.
     integrator : str
-        One of `step_kernels.INTEGRATORS`.
+        One of `mechanics.integrators.INTEGRATORS`.
     tracked : sequence of int
         Indices in q of the joints with a tracking error.
+    followed : sequence of int
+        Indices in q of the joints that follow by computed torque, among the tracked ones.
 
     """
 
-    def __init__(self, given: Robot, payload_frame: str | None, integrator: str,
-                 tracked: Sequence[int]) -> None:
-        """Create the robot; kernels compile at the first use."""
-        options = {**given.options, 'payload_frame': payload_frame, 'wrench_frames': ()}
-        self.robot = Robot(given.model, **options)
-        self.robot.limits = given.limits
-        self.frictionless = Robot(given.model, **{**options, 'friction': False})
-        self.tracked, self.integrator = list(tracked), integrator_of(integrator)
+    def __init__(self, robot: Robot, payload_frame: str | None, integrator: str,
+                 tracked: Sequence[int], followed: Sequence[int] = ()) -> None:
+        """Create the robots; kernels compile at the first use."""
+        options = {**robot.options, 'payload_frame': payload_frame, 'wrench_frames': ()}
+        self.robot = Robot(robot.model, **options)
+        self.robot.limits = robot.limits
+        # The friction of the plant varies, so its equations are those without friction.
+        self.frictionless = Robot(robot.model, **{**options, 'friction': False})
+        self.tracked, self.followed = list(tracked), list(followed)
+        self.integrator = integrator_of(integrator)
         self.equations: Any = self.robot.equations
         self.n = self.robot.n
-        self.parts = self._parts()
-        self._gravity = given.parameters.gravity
+        self.parts = parts_of(self.robot, len(self.tracked))
+        self._gravity = robot.parameters.gravity
         self._carries = payload_frame is not None
-
-    def _parts(self) -> Parts:
-        return parts(self.n, self.n, len(self.tracked))
+        mechanism = self.robot.mechanism
+        self._limits = limits_of(WELL_CHOSEN * float(np.sqrt(mechanism.model.n)),
+                                 in_lengths(mechanism, loosened(mechanism, STEP_RESIDUAL)),
+                                 loosened(mechanism, EXCESS))
 
     def step(self, controller: str) -> Kernel:
         """
@@ -128,7 +152,8 @@ class Trial:
         if controller not in CONTROLLERS:
             raise InputError(f"controller: '{controller}'; expected one of "
                              f"{', '.join(CONTROLLERS)}")
-        name = f'trial_{controller}_{self.integrator.name}_{"_".join(map(str, self.tracked))}'
+        places = '_'.join(map(str, self.tracked))
+        name = f'trial_{controller}_{self.integrator.name}_{places}'
         return self._kernel(name, partial(self._step, controller),
                             ('state', 'desired', 'plant', 'shared'), (self.parts.size,))
 
@@ -140,39 +165,64 @@ class Trial:
         """Return the arguments that all trials share: step (s) and gravity."""
         return np.array([step, *self._gravity])
 
-    def _kernel(self, name: str, program: Any, names: tuple[str, ...], shape: Shape) -> Kernel:
+    def _kernel(self, name: str, function: Any, names: tuple[str, ...], shape: Shape) -> Kernel:
+        """Return the kernel of a function of arguments of these names."""
         shapes = {'state': (self.parts.size,), 'desired': (3, 3 * len(self.tracked)),
                   'plant': (PAYLOAD + 1 + self.robot.model.n + 2 * self.n,), 'shared': (4,)}
         *inputs, constants = names
-        return self.robot.kernels.compiled(program, name, {key: shapes[key] for key in inputs},
+        return self.robot.kernels.compiled(function, name, {key: shapes[key] for key in inputs},
                                            shape, constants=shapes[constants])
 
-    def _step(self, controller: str, state: Any, desired: Any, plant: Any, shared: Any) -> Any:
+    def _step(self, controller: str, state: Vector, desired: Matrix, plant: Vector,
+              shared: Vector) -> list[Scalar]:
         """Return the state after one step."""
-        motion = TrialMotion(self, controller, desired, plant, shared)
-        q, u = state[self.parts.q], state[self.parts.u]
-        after = self.integrator.step(motion, state[:self.parts.tau.start], shared[0])
-        return [*after, *motion.law(q, u, desired[0])]
-
-    def law(self, controller: str, gains: Any, assumed: Any) -> Any:
-        """Return the control law: torque from q, u and the desired q, u, udot."""
-        kernels = self.robot.kernels
+        at, equations = self.parts, self.equations
+        motion = TrialMotion(self, controller, desired, plant, shared, state[at.time])
+        after = self.integrator.step(motion, state[:at.tau.start], shared[0])
+        # The margin of the end, then one Newton step on the loops and unit quaternions.
+        q, t = after[at.q], time_of(after[at.time])
+        watched = range(at.margin.start, at.margin.stop)
+        for k in watched:
+            after[k] = equations.margin(q, t, self._limits)
+        if equations.keeps_positions(q, t):
+            q = equations.closure_step(q, t)
+        q = on_unit_quaternions(self.robot.model, q)
+        after[at.q] = q
+        # The joints that follow must determine the motion too.
         if controller == Mode.COMPUTED_TORQUE:
-            computed = law_program(self.robot)
-            return lambda q, u, wanted: np.array(
-                call(computed, q, u, *np.split(wanted, 3), gains, assumed))
-        if controller == Mode.GRAVITY_COMPENSATION:
-            weight = kernels.program('gravity_force')
-            return lambda q, u, wanted: np.array(call(weight, q, assumed))
-        return lambda q, u, wanted: np.zeros(self.n).astype(object)
+            for k in watched:
+                margin = law_margin(self.robot, self.followed, q, t)
+                if not isinstance(margin, float):
+                    after[k] = select(margin < after[k], margin, after[k])
+        tau = motion.law(state[at.q], state[at.u], desired[0], state[at.time])
+        return [*after, *tau]
 
-    def _energies(self, state: Any, plant: Any, shared: Any) -> Any:
+    def law(self, controller: str, gains: Vector, assumed: Vector) -> Law:
+        """Return a control law with gains and the parameters of the controller's model."""
+        parameters = padded(self.robot, assumed)
+        if controller == NONE:
+            return lambda q, u, desired, time: np.zeros(self.n).astype(object)
+        if controller == Mode.GRAVITY_COMPENSATION:
+            gravity = self.robot.kernels.program('gravity_force')
+            return lambda q, u, desired, time: np.array(call(gravity, q, *time, parameters))
+        program = law_program(self.robot, self.followed)
+        columns = [self.tracked.index(k) for k in self.followed]
+
+        def computed_torque(q: Vector, u: Vector, desired: Vector, time: Vector) -> Vector:
+            motion = (x[columns] for x in np.split(desired, 3))
+            tau: Any = call(program, q, u, *motion, gains, *time, parameters)
+            return np.array(tau)
+        return computed_torque
+
+    def _energies(self, state: Vector, plant: Vector, shared: Vector) -> list[Scalar]:
         """Return the kinetic and the potential energy, J."""
         q, u, equations = state[self.parts.q], state[self.parts.u], self.equations
         carried, _ = self.parameters(plant, shared)
-        return [equations.kinetic_energy(q, u, carried), equations.potential_energy(q, carried)]
+        t = time_of(state[self.parts.time])
+        return [equations.kinetic_energy(q, u, carried, t),
+                equations.potential_energy(q, carried, t)]
 
-    def parameters(self, plant: Any, shared: Any) -> tuple[Any, Any]:
+    def parameters(self, plant: Vector, shared: Vector) -> tuple[Vector, Vector]:
         """Return the parameters of the plant and of the controller's model."""
         gravity, payload = shared[1:], plant[:PAYLOAD]
         if not self._carries:
@@ -180,57 +230,113 @@ class Trial:
         known = plant[PAYLOAD]
         return np.array([*gravity, *payload]), np.array([*gravity, *(known * payload)])
 
+    @lazy_property
+    def motion_program(self) -> Program:
+        """Return the program of q', udot and the power that changes the energy, (n_q + n + 1,)."""
+        free: Any = self.frictionless.equations
+        tree, driven = self.equations.tree, driven_kernel(self.robot) is not None
+
+        def rates(q: Vector, u: Vector, tau: Vector, factors: Vector,
+                  *inputs: Any) -> list[Scalar]:
+            *time, parameters = inputs
+            t = time[0][()] if time else 0.0
+            motion = free.joint_motion(q, u, free.zeros, t)
+            net = tau - motion.projected(factors * tree.friction_force(motion.qdot))
+            power = net @ u
+            if driven:
+                forces = free.actual_joint_forces(q, u, net, parameters, t)
+                power = forces @ motion.qdot
+            return [*free.state_rates(q, u, net, None, parameters, t), power]
+        return trace_program('trial_rates', rates, [
+            ('q', (self.robot.n_q,)), ('u', (self.n,)), ('tau', (self.n,)),
+            ('factors', (self.robot.model.n,)), *time_input(self.robot),
+            ('parameters', (self.robot.parameters.physical,))])
+
 
 class TrialMotion:
-    """A trial during one traced step, in the interface of the integrators (`System`)."""
+    """
+    A trial during one traced step, in the interface of the integrators (`System`).
 
-    def __init__(self, trial: Trial, controller: str, desired: Any, plant: Any,
-                 shared: Any) -> None:
+    Parameters
+    ----------
+    trial : Trial
+        The trial.
+    controller, desired, plant, shared
+        Arguments of the step, as of `Trial.step`.
+    start : (0 or 1,) array
+        The time at its beginning.
+
+    """
+
+    def __init__(self, trial: Trial, controller: str, desired: Matrix, plant: Vector,
+                 shared: Vector, start: Vector) -> None:
         """Split the arguments of the step."""
         self._trial, self._desired, self.equations = trial, desired, trial.equations
+        self._start, self._h = start, shared[0]
         _, _, self._factors, gains = np.split(
             plant, [PAYLOAD, PAYLOAD + 1, PAYLOAD + 1 + trial.robot.model.n])
         self._carried, assumed = trial.parameters(plant, shared)
         self.law = trial.law(controller, gains, assumed)
 
-    def _squared_errors(self, q: Any, moment: int) -> Any:
-        """Return the squared errors of the tracked joints."""
-        tracked = self._trial.tracked
-        error = self._desired[moment][:len(tracked)] - q[tracked]
-        return error * error
+    def _time(self, moment: int) -> Vector:
+        """Return the time at a moment, or nothing if the equations do not depend on it."""
+        return np.array([t + (0.5 * moment) * self._h for t in self._start])
 
-    @lazy_property
-    def _forward(self) -> Program:
-        return self._trial.frictionless.kernels.program('forward_dynamics')
+    def _rates(self, q: Vector, u: Vector, moment: int, time: Vector) -> list[Scalar]:
+        """Return q', udot and the power."""
+        tau = self.law(q, u, self._desired[moment], time)
+        rates: list[Scalar] = call(self._trial.motion_program, q, u, tau, self._factors, *time,
+                                   self._carried)
+        return rates
+
+    def rates(self, state: Vector, moment: int) -> Vector:
+        """Return the time derivative of q, u, time, work, squared errors and margin."""
+        at = self._trial.parts
+        q, time = state[at.q], state[at.time]
+        *motion, power = self._rates(q, state[at.u], moment, time)
+        return np.array([*motion, *self._integrands(q, moment, power)])
+
+    def _integrands(self, q: Vector, moment: int, power: Scalar) -> list[Scalar]:
+        """Return the rates of time, work, squared errors and margin."""
+        tracked, margins = self._trial.tracked, self._trial.parts.margin
+        error = self._desired[moment][:len(tracked)] - q[tracked]
+        return [*(1.0 for _ in self._start), power, *(error * error),
+                *[0.0] * (margins.stop - margins.start)]
+
+    def torque(self, q: Vector, u: Vector, moment: int) -> Vector:
+        """Return the torque of the controller and the plant's deviation from model friction."""
+        time = self._time(moment)
+        motion = self.equations.joint_motion(q, u, self.equations.zeros, time_of(time))
+        friction = self.equations.tree.friction_force(motion.qdot)
+        tau: Vector = (self.law(q, u, self._desired[moment], time)
+                       + motion.projected((1.0 - self._factors) * friction))
+        return tau
 
     @lazy_property
     def _stage(self) -> Program:
         return implicit_stage(self._trial.robot, ImplicitStep(self.equations), varied=True)
 
-    def _net_torque(self, q: Any, u: Any, moment: int) -> Any:
-        """Return the torque of the controller minus the plant's friction."""
-        return (self.law(q, u, self._desired[moment])
-                - self._factors * self.equations.friction_force(u))
-
-    def rates(self, state: Any, moment: int) -> Any:
-        """Return the time derivative of q, u, work and squared errors."""
-        q, u = state[self._trial.parts.q], state[self._trial.parts.u]
-        net = self._net_torque(q, u, moment)
-        return np.array([*u, *call(self._forward, q, u, net, self._carried), net @ u,
-                         *self._squared_errors(q, moment)])
-
-    def torque(self, q: Any, u: Any, moment: int) -> Any:
-        """Return the torque of the controller and the plant's deviation from model friction."""
-        return (self.law(q, u, self._desired[moment])
-                + (1.0 - self._factors) * self.equations.friction_force(u))
-
-    def implicit_stage(self, q: Any, u: Any, tau: Any, before: tuple[Any, Any], g: Any,
-                       moment: int) -> tuple[Any, Any]:
+    def implicit_stage(self, q: Vector, u: Vector, tau: Vector,
+                       before: tuple[Vector, Vector], g: Scalar, moment: int
+                       ) -> tuple[Vector, Vector]:
         """Return joint rates and udot of a stage of the linearly implicit equations."""
-        found = np.array(call(self._stage, q, u, tau, *before, np.array(g), self._factors,
-                              self._carried))
-        return found[:self._trial.n], found[self._trial.n:]
+        robot = self._trial.robot
+        rates: Any = call(self._stage, q, u, tau, *before, np.array(g), self._factors,
+                          *self._time(moment), padded(robot, self._carried))
+        n_j = robot.model.n
+        return np.array(rates[:n_j]), np.array(rates[n_j:])
 
-    def quadratures(self, q: Any, u: Any, moment: int) -> Any:
-        """Return the rates of work and squared errors."""
-        return np.array([self._net_torque(q, u, moment) @ u, *self._squared_errors(q, moment)])
+    def quadratures(self, q: Vector, u: Vector, moment: int) -> Vector:
+        """Return the rates of time, work, squared errors and margin."""
+        *_, power = self._rates(q, u, moment, self._time(moment))
+        return np.array(self._integrands(q, moment, power))
+
+
+def time_of(time: Vector) -> Scalar:
+    """Return the time of an array with one entry, or 0."""
+    return time[0] if len(time) else 0.0
+
+
+def padded(robot: Robot, parameters: Vector) -> Vector:
+    """Return parameters as the robot's own, with limits of margins that no law reads."""
+    return np.array([*parameters, *[0.0] * robot.equations.limits])

@@ -75,9 +75,11 @@ class Value:
             return np.array([math.exp(low + (high - low) * x) for x in uniform.tolist()])
         if self.kind == 'normal':
             return first + last * normal
-        table = np.array(self.numbers)
-        index = (uniform * len(table)).astype(np.int64) if self.kind == 'choice' else place
-        chosen: Array = table[index] if len(table) > 1 else np.full(len(uniform), first)
+        if len(self.numbers) == 1:
+            return np.full(len(uniform), first)
+        if self.kind == 'choice':
+            place = (uniform * len(self.numbers)).astype(np.int64)
+        chosen: Array = np.array(self.numbers)[place]
         return chosen
 
 
@@ -107,12 +109,14 @@ def value_of(name: str, data: Any, *, signed: bool = False,
         return Value(name, FIXED, (_entry(name, data, signed, names),))
     forms = LISTS if names else (*RANGES, *LISTS)
     if len(data) != 1 or next(iter(data)) not in forms:
-        expected = f'one of {", ".join(names)}, or {{choice: [...]}}' if names else FORMS
+        expected = FORMS
+        if names:
+            expected = f'one of {", ".join(names)}, or {{choice: [...]}}'
         raise InputError(f'{name}: {SHORT.repr(data)}; expected {expected}')
-    (kind, given), = data.items()
-    if not isinstance(given, Sequence) or isinstance(given, str) or not given:
-        raise InputError(f'{name}: {kind}: {SHORT.repr(given)}; expected a list')
-    numbers = tuple(_entry(name, x, signed or kind == 'normal', names) for x in given)
+    (kind, entries), = data.items()
+    if not isinstance(entries, Sequence) or isinstance(entries, str) or not entries:
+        raise InputError(f'{name}: {kind}: {SHORT.repr(entries)}; expected a list')
+    numbers = tuple(_entry(name, x, signed or kind == 'normal', names) for x in entries)
     if kind in RANGES:
         _check_range(name, kind, numbers, signed)
     return Value(name, kind, numbers)
@@ -142,22 +146,23 @@ def values_of(name: str, data: Any, joints: Sequence[str], default: Sequence[flo
         If the data is invalid; the message names the joint.
 
     """
-    columns = [f'{name}.{joint}' for joint in joints]
-    if isinstance(data, Mapping) and set(data) == {'each'}:
+    if data is None:
+        data = list(default)
+    elif isinstance(data, Mapping) and set(data) == {'each'}:
         data = [data['each']] * len(joints)
-    elif data is None or (isinstance(data, Mapping) and not set(data) & {*RANGES, *LISTS}):
-        given = {} if data is None else data
-        unknown = [key for key in given if key not in joints]
+    elif isinstance(data, Mapping) and not set(data) & {*RANGES, *LISTS}:
+        unknown = [key for key in data if key not in joints]
         if unknown:
             raise InputError(f'{name}: no joint {SHORT.repr(unknown[0])}; expected '
                              f'{", ".join(joints)}; or {FORMS}')
-        data = [given.get(joint, start) for joint, start in zip(joints, default, strict=True)]
+        data = [data.get(joint, start) for joint, start in zip(joints, default, strict=True)]
     if not isinstance(data, list | tuple | np.ndarray):
         return (value_of(name, data, signed=signed),)
     if len(data) != len(joints):
         raise InputError(f'{name}: {len(data)} entries; expected {len(joints)}, in the order '
                          f'{", ".join(joints)}')
-    return tuple(value_of(column, x, signed=signed) for column, x in zip(columns, data))
+    return tuple(value_of(f'{name}.{joint}', x, signed=signed)
+                 for joint, x in zip(joints, data))
 
 
 def number_of(name: str, value: Any, *, signed: bool = False) -> float:
@@ -169,8 +174,8 @@ def number_of(name: str, value: Any, *, signed: bool = False) -> float:
         except (ValueError, OverflowError):
             number = math.nan
     if not abs(number) < MOST or (number < 0.0 and not signed):
-        raise InputError(f'{name}: {SHORT.repr(value)}; expected a finite number'
-                         f'{"" if signed else " >= 0"}')
+        sign = '' if signed else ' >= 0'
+        raise InputError(f'{name}: {SHORT.repr(value)}; expected a finite number{sign}')
     return number
 
 
@@ -195,7 +200,8 @@ def _check_range(name: str, kind: str, numbers: tuple[float, ...], signed: bool)
             raise InputError(f'{name}: normal: {list(numbers)}; expected [mean, deviation], '
                              'deviation >= 0')
         return
-    if len(numbers) != 2 or not numbers[0] <= numbers[1] or (
-            kind == 'loguniform' and not numbers[0] > 0.0):
-        bounds = '0 < low <= high' if kind == 'loguniform' else 'low <= high'
+    positive = kind == 'loguniform'
+    ascending = len(numbers) == 2 and numbers[0] <= numbers[1]
+    if not ascending or (positive and not numbers[0] > 0.0):
+        bounds = '0 < low <= high' if positive else 'low <= high'
         raise InputError(f'{name}: {kind}: {list(numbers)}; expected [low, high], {bounds}')

@@ -42,9 +42,9 @@ def processes(work: bytes, chunks: Collection[int], count: int) -> Done:
     context = multiprocessing.get_context('spawn')
     while waiting:
         pool = ProcessPoolExecutor(min(count, len(waiting)), context, _begin)
+        finished = 0
         try:
             futures = {pool.submit(compute, work, chunk): chunk for chunk in sorted(waiting)}
-            finished = 0
             for future in as_completed(futures):
                 chunk = futures.pop(future)
                 try:
@@ -55,7 +55,7 @@ def processes(work: bytes, chunks: Collection[int], count: int) -> Done:
                 finished += 1
                 yield chunk, rows
         except BrokenProcessPool:
-            finished = 0  # broken during submission
+            pass  # broken during submission
         finally:
             workers = [*(pool._processes or {}).values()]
             threads.uninterrupted(partial(pool.shutdown, cancel_futures=True))

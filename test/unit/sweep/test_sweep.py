@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import sys
 
-from kane_dynamics import InputError, Motion, Robot
+from kane_dynamics import disc, InputError, ModelBuilder, ModelWarning, Motion, Robot
 from kane_dynamics.errors import SweepError
 from kane_dynamics.mechanics.integrators import INTEGRATORS
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
@@ -336,3 +336,32 @@ def test_folder_contains_the_description_of_its_rows(tmp_path):
     told = json.loads((tmp_path / '_sweep.json').read_text())
     assert told['digest'] == given.digest and told['seed'] == 7
     assert told['values']['friction'] == ['uniform', 0.5, 2.0]
+
+
+def test_the_first_chunk_is_short_and_every_trial_is_in_one_chunk(tmp_path):
+    long = sweep(samples=90, chunk=40)
+    assert [len(long.rows(k)) for k in range(long.chunks)] == [32, 40, 18]
+    assert [i for k in range(long.chunks) for i in long.rows(k)] == list(range(90))
+    for samples, sizes in ((20, [20]), (32, [32]), (72, [32, 40])):
+        few = sweep(samples=samples, chunk=40)
+        assert [len(few.rows(k)) for k in range(few.chunks)] == sizes
+    short = sweep(samples=30, chunk=10)
+    assert [len(short.rows(k)) for k in range(short.chunks)] == [10, 10, 10]
+
+
+def test_a_sweep_chooses_the_integrator_of_simulate(tmp_path):
+    b = ModelBuilder('rotor')
+    b.body('rotor', axis=(0, 0, 1), inertial=disc(0.1, 0.05), damping=5.0)
+    robot = Robot(b.model())
+    chosen = Sweep(robot, 2, duration=0.1, step=1e-3, u0=1.0)
+    with pytest.warns(ModelWarning, match=r"integrator 'implicit' is used: a step of 0\.001 s"):
+        run_sweep(chosen, tmp_path / 'chosen', workers=1)
+    given = Sweep(robot, 2, duration=0.1, step=1e-3, u0=1.0, integrator='implicit')
+    run_sweep(given, tmp_path / 'given', workers=1)
+    for quantity in ('q.rotor', 'u.rotor'):
+        np.testing.assert_array_equal(*(read_table(tmp_path / name)[quantity].to_numpy()
+                                        for name in ('chosen', 'given')))
+    with pytest.warns(ModelWarning, match='too long'):
+        run_sweep(Sweep(robot, 2, duration=0.1, step=1e-3, u0=1.0, integrator='rk4'),
+                  tmp_path / 'rk4', workers=1)
+    assert Simulator(Sweep(robot, 2, duration=0.1, step=1e-6, u0=1.0)).integrator == 'rk4'
