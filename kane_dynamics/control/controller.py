@@ -292,7 +292,9 @@ class Controller:
         elif self._mode is Mode.INVERSE_DYNAMICS and motion is not None:
             at, tau = self._feedforward(q, motion, moment, t)
         else:
-            tau = self._joint_torques(self._gravity(q, t), q, t)
+            tau = self._gravity(q, t)
+            if not self._direct:
+                tau = self._joint_torques(tau, q, t)
         if external is not None and self._mode is not Mode.GRAVITY_COMPENSATION:
             tau = tau - self._shared(external, at, t)
         return tau
@@ -332,7 +334,7 @@ class Controller:
             return self._feedback(q, u, *self._motion.desired(motion, moment), t)
         if self._pose is not None:
             return self._feedback(q, u, self._pose, self._zero, self._zero, t)
-        pose = self._followed(q)
+        pose = q if self._direct else q[self._motion.places]
         tau = self._feedback(q, u, pose, self._zero, self._zero, t)
         if np.isfinite(tau).all():  # a refused state is no pose
             self._pose = pose.copy()
@@ -345,17 +347,19 @@ class Controller:
             time = (t,) if self._timed else ()
             tau = self._law(q, u, q_d, u_d, udot_d, self._gains, *time)
             return tau if self._preload is None else self._preloaded(tau, q, t)
-        rates = u
+        positions, rates = q, u
         if not self._direct:
-            rates = self._followed(self.robot.joint_rates(q, u, **self._time(t)))
+            places = self._motion.places
+            positions = q[places]
+            rates = self.robot.joint_rates(q, u, **self._time(t))[places]
         feedforward = udot_d if self._compensate.inertia else self._zero
         with np.errstate(over='ignore', invalid='ignore'):  # the kernel raises an error
-            corrected = corrected_acceleration(self._followed(q), rates, q_d, u_d, feedforward,
+            corrected = corrected_acceleration(positions, rates, q_d, u_d, feedforward,
                                                self._kp, self._kd)
         force: Array = self._back @ self._terms(q, u, corrected, t)
         if self._compensate.friction:
             force = force + self._friction(q, u_d, t)
-        return self._joint_torques(force, q, t)
+        return force if self._direct else self._joint_torques(force, q, t)
 
     @lazy_property
     def _law(self) -> Callable[..., Array]:
@@ -371,6 +375,10 @@ class Controller:
     def _feedforward(self, q: Array, motion: Motion, moment: float, t: float
                      ) -> tuple[Array, Array]:
         """Return the desired configuration and the torques of its motion."""
+        if self._direct:
+            q_d, u_d, udot_d = motion.sample(moment)
+            tau = self._compensate.inverse_dynamics(self._source, q_d, u_d, udot_d)
+            return q_d, tau
         (q_d, u_d, udot_d), accelerations = self._motion.state(q, motion, moment, t)
         if self._compensate.complete:
             force = self._source.inverse_dynamics(q_d, u_d, udot_d, **self._time(t))
@@ -383,7 +391,9 @@ class Controller:
         """Return the generalized force that balances gravity; zeros if it is switched off."""
         if not self._compensate.gravity:
             return np.zeros(len(self._speeds))
-        return self._source.gravity_force(q, **self._time(t))
+        if self._timed:
+            return self.robot.gravity_force(q, t=t)
+        return self._source.gravity_force(q)
 
     def _terms(self, q: Array, u: Array, accelerations: Array, t: float) -> Array:
         """
@@ -428,10 +438,6 @@ class Controller:
             return torques
         force = self.robot.generalized_force(p, q, **self._time(t))
         return torques + (p - self._shared(force, q, t))
-
-    def _followed(self, values: Array) -> Array:
-        """Return the entries of the joints that follow, of those of all joints."""
-        return values if self._direct else values[self._motion.places]
 
     def _time(self, t: float) -> dict[str, Any]:
         """Return the keyword of the time, which entry points of other robots do not take."""
