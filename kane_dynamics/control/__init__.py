@@ -1,1 +1,1 @@
-"""Control laws: computed torque, gravity compensation, torque limits, collision detection."""
+"""Control laws, gravity compensation, torque limits, collision detection."""

@@ -1,20 +1,20 @@
 """
-Computed torque: the law, traced into one program for all of its uses, and the torque source.
+Computed torque: the law, one program for all of its uses, and the torque source.
 
-As many joints as there are independent speeds follow the motion; the others follow from the
-constraints. With q' = T u + X, and the rows of these joints marked by c,
+As many joints as there are independent speeds follow the motion; the others follow from
+the constraints. With q' = T u + X, and the rows of these joints marked by c,
 
     T_c udot = q''_d + kd (q'_d - q'_c) + kp (q_d - q_c) - q''_c(udot = 0),
 
-so that the errors of these joints obey e'' + kd e' + kp e = 0 for every choice of speeds. The
-torque is T^T times the joint forces of that motion, with friction at the desired joint rates:
-compensation at the measured rates would accelerate an arm at rest. In joint rates without
-constraints T = 1, all joints follow, and the law is
+so that the errors of these joints obey e'' + kd e' + kp e = 0 for every choice of
+speeds. The torque is T^T times the joint forces of that motion, with friction at the
+desired joint rates: compensation at the measured rates would accelerate an arm at rest.
+In joint rates without constraints T = 1, all joints follow, and the law is
 
     tau = ID_rigid(q, u, udot_d + kd (u_d - u) + kp (q_d - q)) + friction(u_d).
 
-`Controller` calls it as a kernel; native simulation and sweeps call it as a subroutine of their
-steps.
+`Controller` calls it as a kernel; native simulation and sweeps call it as a subroutine
+of their steps.
 """
 
 from __future__ import annotations
@@ -50,7 +50,8 @@ KP, KD = 100.0, 20.0  # default gains, 1/s^2 and 1/s: critically damped
 # -------------------------------------------------------------------------------------
 # The joints that follow.
 
-def followed_joints(robot: Robot, followed: Sequence[str] | None = None) -> tuple[int, ...]:
+def followed_joints(robot: Robot, followed: Sequence[str] | None = None) -> tuple[int,
+                                                                                  ...]:
     """
     Return the indices of the joints that follow a motion, as many as independent speeds.
 
@@ -58,8 +59,8 @@ def followed_joints(robot: Robot, followed: Sequence[str] | None = None) -> tupl
     ----------
     robot : Robot
     followed : sequence of str, optional
-        Their names. Default: all joints without constraints; else those whose rates are the
-        independent speeds, or else those with actuators.
+        Their names. Default: all joints without constraints; else those whose rates are
+        the independent speeds, or else those with actuators.
 
     Raises
     ------
@@ -89,13 +90,13 @@ def _default_joints(robot: Robot) -> Sequence[str]:
     actuated = robot.equations.actuated
     if actuated is not None and len(actuated) == robot.n:
         return tuple(names[k] for k in actuated)
-    raise InputError(f'followed: missing; expected {robot.n} of the joints {list(names)}, '
-                     'which follow the motion, because the independent speeds are not joint '
-                     'rates')
+    raise InputError(f'followed: missing; expected {robot.n} of the joints '
+                     f'{list(names)}, which follow the motion, because the independent '
+                     'speeds are not joint rates')
 
 
 def joints_that_follow(robot: Robot) -> tuple[int, ...]:
-    """Return the indices of the joints that follow motions: all of them in joint rates."""
+    """Return the indices of the joints that follow motions: all in joint rates."""
     if robot.equations.in_joint_rates:
         return tuple(range(robot.n_q))
     return followed_joints(robot)
@@ -105,15 +106,17 @@ def require_rigid(robot: Robot) -> None:
     """Raise InputError if a robot has beams, which feedforward would bend at will."""
     if robot.model.modal_coordinates:
         raise InputError('robot: with beams; expected the rigid model, such as '
-                         'stiffened(model), because no actuator moves the coordinates of '
-                         'bending')
+                         'stiffened(model), because no actuator moves the coordinates '
+                         'of bending')
 
 
-def motion_columns(robot: Robot, followed: Sequence[int], names: Sequence[str]) -> list[int]:
+def motion_columns(robot: Robot, followed: Sequence[int],
+                   names: Sequence[str]) -> list[int]:
     """
     Return the columns of a motion's joints that are those that follow it.
 
-    InputError unless the motion is of these joints, in their order, or of all joints in theirs.
+    InputError unless the motion is of these joints, in their order, or of all joints in
+    theirs.
     """
     joints = robot.coordinate_names
     following = [joints[k] for k in followed]
@@ -129,7 +132,7 @@ def motion_columns(robot: Robot, followed: Sequence[int], names: Sequence[str]) 
 
 def require_closed(robot: Robot, positions: Array, times: Array) -> None:
     """
-    Raise InputError unless points of a motion of all joints, (K, n_q), satisfy the constraints.
+    Raise InputError unless points of a motion of all joints, (K, n_q), are closed.
 
     The limit is `closure_tolerance`; None for none.
     """
@@ -144,16 +147,16 @@ def require_closed(robot: Robot, positions: Array, times: Array) -> None:
         return
     point, row = np.unravel_index(np.argmax(residual / allowed), residual.shape)
     raise InputError(f"motion: the residual of '{robot.constraint_names[row]}' is "
-                     f'{residual[point, row]:.3g} (m or rad) in point {point + 1}; expected '
-                     'closed configurations, as from robot.closed_posture, or a motion of the '
-                     'independent joints')
+                     f"{residual[point, row]:.3g} (m or rad) in point {point + 1}; "
+                     "expected closed configurations, as from robot.closed_posture, or "
+                     "a motion of the independent joints")
 
 
 # -------------------------------------------------------------------------------------
 # The law.
 
-def corrected_acceleration(q: Vector, u: Vector, q_d: Vector, u_d: Vector, udot_d: Vector,
-                           kp: Vector, kd: Vector) -> Vector:
+def corrected_acceleration(q: Vector, u: Vector, q_d: Vector, u_d: Vector,
+                           udot_d: Vector, kp: Vector, kd: Vector) -> Vector:
     """Return the corrected acceleration of computed torque, (n,) or (N, n)."""
     return udot_d + (kd * (u_d - u) + kp * (q_d - q))
 
@@ -163,9 +166,9 @@ def law_program(robot: Robot, followed: Sequence[int] | None = None,
     """
     Trace the law; arguments as of `law_kernel`, then the robot's parameters.
 
-    The result is dual to the independent speeds, (n,), without a check of the configuration.
-    With `commanded` it is the torques of the joints, (n_q,), NaN where calls of the robot are
-    refused. In joint rates both are the same.
+    The result is dual to the independent speeds, (n,), without a check of the
+    configuration. With `commanded` it is the torques of the joints, (n_q,), NaN where
+    calls of the robot are refused. In joint rates both are the same.
     """
     law = _law(robot, followed, commanded)
     return robot.kernels.function(law, NAME, _inputs(robot)).program()
@@ -182,15 +185,16 @@ def _law(robot: Robot, followed: Sequence[int] | None, commanded: bool
     if followed is not None:
         places = list(followed)
 
-    def law(q: Vector, u: Vector, q_d: Vector, u_d: Vector, udot_d: Vector, gains: Vector,
-            wrench: Any, t: Scalar, parameters: Vector, limits: Vector) -> Vector:
+    def law(q: Vector, u: Vector, q_d: Vector, u_d: Vector, udot_d: Vector,
+            gains: Vector, wrench: Any, t: Scalar, parameters: Vector,
+            limits: Vector) -> Vector:
         motion = equations.joint_motion(q, u, equations.zeros, t)
         T_c = motion.T[places]
 
-        # Accelerations of all joints for the corrected ones of those that follow, and rates of
-        # all joints for the desired ones.
-        corrected = corrected_acceleration(q[places], motion.qdot[places], q_d, u_d, udot_d,
-                                           gains[:n], gains[n:])
+        # Accelerations of all joints for the corrected ones of those that follow, and
+        # rates of all joints for the desired ones.
+        corrected = corrected_acceleration(q[places], motion.qdot[places], q_d, u_d,
+                                           udot_d, gains[:n], gains[n:])
         udot = mechanism.solved(T_c, corrected - motion.qddot[places])
         qddot = motion.qddot + motion.T @ udot
         du = mechanism.solved(T_c, u_d - motion.qdot[places])
@@ -214,8 +218,9 @@ def law_kernel(robot: Robot, followed: Sequence[int] | None = None,
     """
     Return the law as a kernel of the robot; results as of `law_program`.
 
-    Its arguments are q (n_q,), u (n,); q, q', q'' desired of the joints that follow, (n,) each;
-    the gains: kp, then kd, (2 n,); then wrenches and time where the robot has them.
+    Its arguments are q (n_q,), u (n,); q, q', q'' desired of the joints that follow,
+    (n,) each; the gains: kp, then kd, (2 n,); then wrenches and time where the robot has
+    them.
     """
     if robot.equations.in_joint_rates:
         law = _law(robot, None, commanded=False)
@@ -228,7 +233,7 @@ def law_kernel(robot: Robot, followed: Sequence[int] | None = None,
         size = robot.n
 
     def reason(state: dict[str, Array]) -> Kernel | None:
-        """Return the law in speeds that are regular at a state; raise the error otherwise."""
+        """Return the law in speeds that are regular at a state, or raise the error."""
         regular = robot.speed_sets.instead(robot.mechanism, state)
         t = float(state.get('t', np.zeros(())))
         require_following(robot, followed, state['q'], t)
@@ -253,16 +258,17 @@ def _inputs(robot: Robot) -> dict[str, Shape | Argument]:
 
 def require_following(robot: Robot, followed: Sequence[int], q: Array, t: float,
                       where: str = '', share: float = 1.0) -> None:
-    """Raise ConstraintError where followed or actuated joints do not determine the motion."""
+    """Raise ConstraintError where these joints do not determine the motion."""
     equations = robot.equations
     T = np.array(equations.at_rest(q, t).T, dtype=np.float64)
     if equations.actuated is not None:
-        require_transmission(robot.mechanism, T, equations.actuated, True, q, where, share)
+        require_transmission(robot.mechanism, T, equations.actuated, True, q, where,
+                             share)
     require_transmission(robot.mechanism, T, followed, False, q, where, share)
 
 
 def law_margin(robot: Robot, followed: Sequence[int], q: Vector, t: Scalar) -> Scalar:
-    """Return a number that is positive where `require_following` raises no error; traced."""
+    """Return what is positive where `require_following` raises no error; traced."""
     equations = robot.equations
     T = equations.at_rest(q, t).T
     margin = transmission_margin(equations.mechanism, T, followed)
@@ -280,10 +286,11 @@ class ComputedTorque:
     """
     Computed torque on a desired motion, as a torque source of `simulate`.
 
-    ``tau = ID(q, u, udot_d + kd (u_d - u) + kp (q_d - q))``, with the dynamics of `robot`.
+    ``tau = ID(q, u, udot_d + kd (u_d - u) + kp (q_d - q))``, with the dynamics of
+    `robot`.
 
-    With chosen speeds or constraints, as many joints as there are independent speeds follow the
-    motion, with the errors ``e'' + kd e' + kp e = 0``; see the module.
+    With chosen speeds or constraints, as many joints as there are independent speeds
+    follow the motion, with the errors ``e'' + kd e' + kp e = 0``; see the module.
 
     Parameters
     ----------
@@ -297,15 +304,15 @@ class ComputedTorque:
     kd : float or (n,) array_like
         1/s, finite, not negative; default: 20.
     followed : sequence of str, optional
-        The n joints that follow the motion, in the order of the gains. Default: those of the
-        motion if it has n; else those whose rates are the independent speeds, or the n with
-        actuators. Robots without chosen speeds or constraints: all.
+        The n joints that follow the motion, in the order of the gains. Default: those of
+        the motion if it has n; else those whose rates are the independent speeds, or the
+        n with actuators. Robots without chosen speeds or constraints: all.
 
     Raises
     ------
     InputError
-        Names the argument, or the gain, the joint and the value; or the point of a motion of all
-        joints that violates a constraint. The robot has beams.
+        Names the argument, or the gain, the joint and the value; or the point of a
+        motion of all joints that violates a constraint. The robot has beams.
 
     """
 
@@ -332,11 +339,11 @@ class ComputedTorque:
             simulated = robot
             require_angles(robot.model, 'ComputedTorque')
         else:
-            raise InputError(f'robot: a {type(robot).__name__}; expected a Robot: the order is '
-                             '(robot, motion, kp, kd)')
+            raise InputError(f'robot: a {type(robot).__name__}; expected a Robot: the '
+                             'order is (robot, motion, kp, kd)')
         if not isinstance(motion, Motion):
-            raise InputError(f'motion: a {type(motion).__name__}; expected a Motion: the order is '
-                             '(robot, motion, kp, kd)')
+            raise InputError(f'motion: a {type(motion).__name__}; expected a Motion: '
+                             'the order is (robot, motion, kp, kd)')
         places = list(range(motion.n))
         columns = places
         if simulated is not None:
@@ -363,11 +370,11 @@ def _followed(robot: Robot, motion: Motion, followed: Sequence[str] | None
     require_rigid(robot)
     if robot.equations.in_joint_rates:
         if motion.joint_names != robot.joint_names:
-            raise InputError(f'motion: of the joints {list(motion.joint_names)}; expected '
-                             f'{list(robot.joint_names)}')
+            raise InputError(f'motion: of the joints {list(motion.joint_names)}; '
+                             f'expected {list(robot.joint_names)}')
         if followed is not None:
-            raise InputError(f'followed: {list(followed)}; expected None, because all joints '
-                             'of this robot follow the motion')
+            raise InputError(f'followed: {list(followed)}; expected None, because all '
+                             'joints of this robot follow the motion')
     elif followed is None and motion.n == robot.n:
         followed = motion.joint_names
     places = followed_joints(robot, followed)

@@ -1,4 +1,4 @@
-"""Controller: the torques to command for a measured state and a desired motion, without ROS."""
+"""Controller: torques to command for a measured state and a motion, without ROS."""
 
 from __future__ import annotations
 
@@ -41,19 +41,20 @@ class Controller:
     inverse_dynamics
         The torque of the model at (q_d, u_d, udot_d); without a motion, gravity at q.
     computed_torque
-        The torque of the model at q, u and udot_d + kd (u_d - u) + kp (q_d - q), but friction at
-        the desired speed: compensation at the measured one would accelerate an arm at rest.
-        Without a motion it holds the first measured pose.
+        The torque of the model at q, u and udot_d + kd (u_d - u) + kp (q_d - q), but
+        friction at the desired speed: compensation at the measured one would accelerate
+        an arm at rest. Without a motion it holds the first measured pose.
     gravity_compensation
         Gravity at q. The speed is not used.
 
-    `compensate` switches torque terms off in every mode. The springs of the model have no switch:
-    they are part of the model's torque, and not of gravity. Switching inertia off leaves out
-    M udot_d; the feedback of computed torque stays.
+    `compensate` switches torque terms off in every mode. The springs of the model have
+    no switch: they are part of the model's torque, and not of gravity. Switching inertia
+    off leaves out M udot_d; the feedback of computed torque stays.
 
-    Each torque is clamped to the effort limit, then its change from the last command to the rate
-    limit times the time between the stamps. After construction or `stop` the previous command is
-    zero at the stamp of the first state, so with a rate limit the torque starts at zero.
+    Each torque is clamped to the effort limit, then its change from the last command to
+    the rate limit times the time between the stamps. After construction or `stop` the
+    previous command is zero at the stamp of the first state, so with a rate limit the
+    torque starts at zero.
 
     Parameters
     ----------
@@ -69,14 +70,15 @@ class Controller:
     rate_limit : float or (n,) array_like
         N m/s or N/s; infinite for no limit.
     bending : QuasiStatic, optional
-        The flexible arm of which `robot` is the rigid model; its torques are commanded then.
+        The flexible arm of which `robot` is the rigid model; its torques are commanded
+        then.
     followed, preload : optional
         With chosen speeds or constraints: the joints that follow the motion, as for
-        `ComputedTorque`, in the order of the gains; and joint torques (n_q,), to which those of
-        redundant actuators are nearest. The commands are torques of all joints, (n_q,), zero
-        without an actuator (`Robot.joint_torques`). Inverse dynamics closes the loops on the
-        branch of the first measured state; under constraints on velocities it needs a motion of
-        all joints.
+        `ComputedTorque`, in the order of the gains; and joint torques (n_q,), to which
+        those of redundant actuators are nearest. The commands are torques of all joints,
+        (n_q,), zero without an actuator (`Robot.joint_torques`). Inverse dynamics closes
+        the loops on the branch of the first measured state; under constraints on
+        velocities it needs a motion of all joints.
 
     Raises
     ------
@@ -88,20 +90,22 @@ class Controller:
     def __init__(self, robot: Robot, *, mode: Mode | str = Mode.INVERSE_DYNAMICS,
                  compensate: Terms = EVERY_TERM, kp: ArrayLike = KP, kd: ArrayLike = KD,
                  effort_limit: ArrayLike = math.inf, rate_limit: ArrayLike = math.inf,
-                 bending: QuasiStatic | None = None, followed: Sequence[str] | None = None,
+                 bending: QuasiStatic | None = None,
+                 followed: Sequence[str] | None = None,
                  preload: ArrayLike | None = None) -> None:
         require_rigid(robot)
         self.robot = robot
         self.bending = bending
         self._source = robot if bending is None else bending
         self._timed = robot.equations.timed
-        # In joint rates the torques are those of the joints, and all joints follow motions.
+        # In joint rates the torques are those of the joints, and all joints follow
+        # motions.
         self._direct = robot.equations.in_joint_rates
         if not self._direct:
             require_angles(robot.model, 'Controller')
         elif followed is not None or preload is not None:
-            raise InputError('followed, preload: given; expected a robot with chosen speeds or '
-                             'constraints')
+            raise InputError('followed, preload: given; expected a robot with chosen '
+                             'speeds or constraints')
         self._motion = FollowedMotion(robot, followed)
         self._names = tuple(robot.joint_names)  # of the commands
         self._speeds = robot.speed_names
@@ -122,8 +126,8 @@ class Controller:
         self._mode = Mode.INVERSE_DYNAMICS
         self._kp = self._zero
         self._kd = self._zero
-        self.update(mode=mode, compensate=compensate, kp=kp, kd=kd, effort_limit=effort_limit,
-                    rate_limit=rate_limit)
+        self.update(mode=mode, compensate=compensate, kp=kp, kd=kd,
+                    effort_limit=effort_limit, rate_limit=rate_limit)
 
     # Settings, which may change between two commands.
 
@@ -134,8 +138,8 @@ class Controller:
         """
         Change settings between two commands; None keeps a setting.
 
-        On an InputError no setting changes. The rate limit continues from the last command; a new
-        mode holds a new pose.
+        On an InputError no setting changes. The rate limit continues from the last
+        command; a new mode holds a new pose.
         """
         # All checks come before the first change.
         if mode is not None and mode not in list(Mode):
@@ -147,8 +151,8 @@ class Controller:
         rate: Array | None = None
         if effort_limit is not None:
             stated = np.asarray(self.robot.limits.effort, dtype=np.float64)
-            effort = np.minimum(per_joint(effort_limit, 'effort_limit', names, finite=False),
-                                stated)
+            effort = np.minimum(per_joint(effort_limit, 'effort_limit', names,
+                                          finite=False), stated)
         if rate_limit is not None:
             rate = per_joint(rate_limit, 'rate_limit', names, finite=False)
         self._kp = new_kp
@@ -163,12 +167,13 @@ class Controller:
             self._pose = None
         if compensate is not None:
             self._compensate = compensate
-            # Feedback acts through M in any case; friction is added at the desired speed.
+            # Feedback acts through M in any case; friction is added at the desired
+            # speed.
             self._back = replace(compensate, inertia=True, friction=False).weights
 
     @property
     def followed(self) -> tuple[str, ...]:
-        """Return the names of the joints that follow motions, in the order of the gains."""
+        """Return the names of the joints that follow motions, in the gains' order."""
         return self._follow
 
     @property
@@ -193,12 +198,12 @@ class Controller:
 
     @property
     def pose(self) -> Array | None:
-        """Return the positions that computed torque holds, (n,) rad or m; None with a motion."""
+        """Return the positions that are held, (n,) rad or m; None with a motion."""
         return self._pose
 
     @property
     def effort_limit(self) -> Array:
-        """Return the effort limits, (n,) N m or N: the minimum of the robot's and given ones."""
+        """Return the effort limits, (n,) N m or N: the robot's, or smaller ones."""
         return self._limiter.effort
 
     @property
@@ -211,7 +216,8 @@ class Controller:
         if self.bending is None:
             self._law  # noqa: B018
         else:
-            self.bending.robot.compile('inverse_dynamics', 'torque_terms', 'gravity_force')
+            self.bending.robot.compile('inverse_dynamics', 'torque_terms',
+                                       'gravity_force')
         if not self._direct:
             self.robot.compile('joint_torques')
         self._motion.compile()
@@ -227,8 +233,8 @@ class Controller:
         Parameters
         ----------
         t : float
-            Stamp of the state, s on any clock; the rate limit uses the time between stamps, zero
-            for a backward jump.
+            Stamp of the state, s on any clock; the rate limit uses the time between
+            stamps, zero for a backward jump.
         q : (n,) array_like
             Measured positions, rad or m.
         u : (n,) array_like, optional
@@ -238,8 +244,9 @@ class Controller:
         motion_time : float, optional
             Time since the motion began, s. Default: t.
         external : (n,) array_like, optional
-            Known external generalized force (`Robot.external_force`), N m or N; the command
-            compensates it, except in gravity compensation, where an operator guides the arm.
+            Known external generalized force (`Robot.external_force`), N m or N; the
+            command compensates it, except in gravity compensation, where an operator
+            guides the arm.
 
         Returns
         -------
@@ -248,8 +255,8 @@ class Controller:
         Raises
         ------
         InputError
-            A number of the state is missing or not finite, or the motion has other joints. The
-            controller does not change then.
+            A number of the state is missing or not finite, or the motion has other
+            joints. The controller does not change then.
 
         """
         t = float(t)
@@ -261,8 +268,8 @@ class Controller:
         elif self._mode is Mode.GRAVITY_COMPENSATION:
             u = np.zeros(len(self._speeds))
         else:
-            raise InputError(f'u: missing; expected the measured speeds, which {self._mode} '
-                             'needs')
+            raise InputError('u: missing; expected the measured speeds, which '
+                             f'{self._mode} needs')
         if motion is not None and motion is not self._fitting:
             self._motion.check(motion)
             if motion.n == len(self._names):
@@ -278,14 +285,14 @@ class Controller:
         """
         Return the torques to apply, as `command`, without checks of the arguments.
 
-        For a loop that has checked them: `q` and `u` are (n,) float64, finite and contiguous, and
-        the motion is of the robot's joints in the robot's order.
+        For a loop that has checked them: `q` and `u` are (n,) float64, finite and
+        contiguous, and the motion is of the robot's joints in the robot's order.
         """
         return self._limiter.apply(t, self.torque(q, u, motion, moment, external, t))
 
     def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
                external: Array | None = None, t: float = 0.0) -> Array:
-        """Return the torques, (n,), before the limits; arguments as for `command_checked`."""
+        """Return the torques, (n,), before the limits, as `command_checked`."""
         at = q  # the configuration at which the model is evaluated
         if self._mode is Mode.COMPUTED_TORQUE:
             tau = self._computed_torque(q, u, motion, moment, t)
@@ -300,7 +307,7 @@ class Controller:
         return tau
 
     def gravity_torque(self, q: Array, t: float = 0.0) -> Array:
-        """Return the torque that holds q, (n,), against gravity; zeros if switched off."""
+        """Return the torque that holds q, (n,), against gravity, or zeros without it."""
         if not self._compensate.gravity:
             return np.zeros(len(self._names))
         return self._joint_torques(self._gravity(q, t), q, t)
@@ -310,7 +317,7 @@ class Controller:
         return self._limiter.apply(t, tau)
 
     def resume(self, t: float | None, tau: Array) -> None:
-        """Continue from `tau`, (n,), commanded elsewhere at `t`, s; None: the next stamp."""
+        """Continue from `tau`, (n,), commanded elsewhere at t, s; None: at the next."""
         self._restart()
         self._limiter.resume(t, tau)
 
@@ -327,7 +334,7 @@ class Controller:
 
     def _computed_torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
                          t: float) -> Array:
-        """Return the torque towards the motion, or towards the pose that is held without one."""
+        """Return the torque towards the motion, or towards the pose that is held."""
         if motion is not None:
             if self._pose is not None:  # the pose at the end of the motion is held next
                 self._pose = None
@@ -342,7 +349,7 @@ class Controller:
 
     def _feedback(self, q: Array, u: Array, q_d: Array, u_d: Array, udot_d: Array,
                   t: float) -> Array:
-        """Return the torque of the model at the measured state and the corrected acceleration."""
+        """Return the torque at the measured state and the corrected acceleration."""
         if self._compensate.complete and self.bending is None:
             time = (t,) if self._timed else ()
             tau = self._law(q, u, q_d, u_d, udot_d, self._gains, *time)
@@ -388,7 +395,7 @@ class Controller:
         return q_d, self._joint_torques(force, q_d, t)
 
     def _gravity(self, q: Array, t: float) -> Array:
-        """Return the generalized force that balances gravity; zeros if it is switched off."""
+        """Return the generalized force that balances gravity, or zeros without it."""
         if not self._compensate.gravity:
             return np.zeros(len(self._speeds))
         if self._timed:
@@ -397,10 +404,10 @@ class Controller:
 
     def _terms(self, q: Array, u: Array, accelerations: Array, t: float) -> Array:
         """
-        Return inverse dynamics by source, (5, n), for accelerations of the joints that follow.
+        Return inverse dynamics by source, (5, n), for accelerations of followed joints.
 
-        The inertia term is that of these accelerations, not of udot, so that the terms do not
-        depend on the choice of speeds.
+        The inertia term is that of these accelerations, not of udot, so that the terms
+        do not depend on the choice of speeds.
         """
         if self._direct:
             return self._source.torque_terms(q, u, accelerations)
@@ -440,7 +447,7 @@ class Controller:
         return torques + (p - self._shared(force, q, t))
 
     def _time(self, t: float) -> dict[str, Any]:
-        """Return the keyword of the time, which entry points of other robots do not take."""
+        """Return the keyword of the time, which only timed entry points take."""
         return {'t': t} if self._timed else {}
 
 
@@ -450,8 +457,8 @@ def _checked_preload(robot: Robot, preload: ArrayLike) -> Array:
     actuated = robot.equations.actuated or []
     others = [k for k in np.flatnonzero(torques) if k not in actuated]
     if len(actuated) <= robot.n or others:
-        raise InputError(f'preload: {torques.tolist()}, with {len(actuated)} actuated joints '
-                         f'and {robot.n} independent speeds; expected torques at actuated '
-                         'joints, of a robot with more of them than independent speeds '
-                         '(Robot(..., actuated=...))')
+        raise InputError(f'preload: {torques.tolist()}, with {len(actuated)} actuated '
+                         f'joints and {robot.n} independent speeds; expected torques at '
+                         'actuated joints, of a robot with more of them than '
+                         'independent speeds (Robot(..., actuated=...))')
     return torques

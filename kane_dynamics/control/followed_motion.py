@@ -1,9 +1,9 @@
 """
 The motion of a robot for that of the joints that follow a desired motion.
 
-As many joints as there are independent speeds follow; the loops are closed from one desired
-configuration to the next. In joint rates without constraints all joints follow, and their motion
-is that of the robot.
+As many joints as there are independent speeds follow; the loops are closed from one
+desired configuration to the next. In joint rates without constraints all joints follow,
+and their motion is that of the robot.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ from kane_dynamics.robot.robot import Robot
 
 class FollowedMotion:
     """
-    Desired configurations, speeds and their rates, for desired motions of the followed joints.
+    Desired configurations, speeds and rates, for motions of the followed joints.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class FollowedMotion:
         self._functions: dict[str, Callable[..., Array]] = {}
 
     def check(self, motion: Motion) -> None:
-        """Raise InputError unless a motion is of the joints that follow, or of all, closed."""
+        """Raise InputError unless a motion is of these joints, or of all and closed."""
         motion_columns(self._robot, self.places, motion.joint_names)
         require_closed(self._robot, motion.positions, motion.times)
 
@@ -74,10 +74,10 @@ class FollowedMotion:
     def state(self, measured: Array, motion: Motion, moment: float, t: float
               ) -> tuple[State, Array]:
         """
-        Return q (n_q,), u, udot of the robot, and accelerations of the joints that follow.
+        Return q (n_q,), u, udot of the robot, and accelerations of followed joints.
 
-        The branch of the loops is that of the measured configuration at the first call after
-        `restart`, or that of the motion if it is one of all joints.
+        The branch of the loops is that of the measured configuration at the first call
+        after `restart`, or that of the motion if it is one of all joints.
         """
         q, rates, accelerations = self.desired(motion, moment)
         if self.direct:
@@ -89,9 +89,9 @@ class FollowedMotion:
         udot_d = self.speed_rates(q_d, u_d, accelerations, t)
         return (q_d, u_d, udot_d), accelerations
 
-    def _closed(self, measured: Array, whole: Array | None, q: Array, rates: Array, t: float
-                ) -> tuple[Array, Array]:
-        """Return the configuration and the speeds for those of the joints that follow."""
+    def _closed(self, measured: Array, whole: Array | None, q: Array, rates: Array,
+                t: float) -> tuple[Array, Array]:
+        """Return configuration and speeds for those of the joints that follow."""
         tracker = self._tracker
         if tracker.path_rows and whole is None:
             raise InputError(f'motion: of {len(q)} joints, with '
@@ -121,14 +121,16 @@ class FollowedMotion:
         """Return udot, (n,), for accelerations of the joints that follow."""
         if self.direct:
             return accelerations
-        return self._called('followed_rates', self._solved_rates, (q, u, accelerations), t)
+        return self._called('followed_rates', self._solved_rates, (q, u, accelerations),
+                            t)
 
     def _solved_speeds(self, q: Vector, rates: Vector, t: Scalar) -> Vector:
         """Return u of T_c u = rates - X_c; traced."""
         motion = self._equations.at_rest(q, t)
         return self._solved(motion, rates - motion.qdot[self.places])
 
-    def _solved_rates(self, q: Vector, u: Vector, accelerations: Vector, t: Scalar) -> Vector:
+    def _solved_rates(self, q: Vector, u: Vector, accelerations: Vector,
+                      t: Scalar) -> Vector:
         """Return udot of T_c udot = accelerations - those at udot = 0; traced."""
         motion = self._equations.joint_motion(q, u, self._equations.zeros, t)
         return self._solved(motion, accelerations - motion.qddot[self.places])
@@ -137,8 +139,8 @@ class FollowedMotion:
         result: Vector = self._equations.mechanism.solved(motion.T[self.places], right)
         return result
 
-    def _called(self, name: str, function: Callable[..., Vector], state: tuple[Array, ...],
-                t: float) -> Array:
+    def _called(self, name: str, function: Callable[..., Vector],
+                state: tuple[Array, ...], t: float) -> Array:
         """Return the result of a traced function of arrays and the time."""
         if name not in self._functions:
             self._functions[name] = self._compiled(name, function, state)
@@ -146,13 +148,14 @@ class FollowedMotion:
             return self._functions[name](*state, t)
         return self._functions[name](*state)
 
-    def _compiled(self, name: str, function: Callable[..., Vector], state: tuple[Array, ...]
-                  ) -> Callable[..., Array]:
+    def _compiled(self, name: str, function: Callable[..., Vector],
+                  state: tuple[Array, ...]) -> Callable[..., Array]:
         """Return the entry point of a function of arrays and the time."""
         shapes = {f'x{k}': x.shape for k, x in enumerate(state)}
         label = f'{name}_{"_".join(map(str, self.places))}'
 
         def traced(*arrays: Vector, t: Scalar) -> Vector:
             return function(*arrays, t)
-        kernel = self._robot.compiled(traced, name=label, shape=(self._robot.n,), **shapes)
+        kernel = self._robot.compiled(traced, name=label, shape=(self._robot.n,),
+                                      **shapes)
         return kernel.entry('', kernel)

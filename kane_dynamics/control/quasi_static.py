@@ -1,4 +1,4 @@
-"""Quasi-static dynamics of a flexible robot: its modes are in equilibrium with the load."""
+"""Quasi-static dynamics of a flexible robot: modes in equilibrium with the load."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 PRECISION = 1e-10  # relative tolerance of the deflection
-MOST = 100  # corrections
+CORRECTIONS = 100  # at most
 LARGEST = 1e6  # m or rad, of a deflection; far larger than that of any beam
-GROWING = 5  # corrections in a row, none smaller than the smallest: the iteration diverges
+GROWING = 5  # corrections in a row, none the smallest yet: the iteration diverges
 
 
 @fixed
@@ -26,20 +26,23 @@ class QuasiStatic:
     """
     A flexible robot with its modes in equilibrium with the load.
 
-    Elastic forces, gravity and inertial forces of the joint motion balance in every mode; speeds
-    and accelerations of the modes are neglected: K eta = load on the modes, which depends on eta.
-    This is valid for motions that are slow compared to the lowest vibration. Methods use joint
-    quantities only, in the order of `joint_names`, for one state or arrays of states.
+    Elastic forces, gravity and inertial forces of the joint motion balance in every
+    mode; speeds and accelerations of the modes are neglected: K eta = load on the modes,
+    which depends on eta. This is valid for motions that are slow compared to the lowest
+    vibration. Methods use joint quantities only, in the order of `joint_names`, for one
+    state or arrays of states.
 
-    With closed loops u, udot and the torques are of the independent joints, `speed_names`. These
-    joints keep their positions; the others follow from loop closure with the deflected beams.
+    With closed loops u, udot and the torques are of the independent joints,
+    `speed_names`. These joints keep their positions; the others follow from loop closure
+    with the deflected beams.
 
     Parameters
     ----------
     robot : Robot
-        With beams, in joint rates. With constraints on positions, the rates of some joints and of
-        all modes are the independent speeds (`Robot(..., independent=)`); the torques are those
-        of actuators at these joints. Its parameters, gravity and payload, may change.
+        With beams, in joint rates. With constraints on positions, the rates of some
+        joints and of all modes are the independent speeds (`Robot(..., independent=)`);
+        the torques are those of actuators at these joints. Its parameters, gravity and
+        payload, may change.
 
     Raises
     ------
@@ -54,17 +57,21 @@ class QuasiStatic:
         self.robot = robot
         modes = list(model.modal_coordinates)
         joints = [k for k in range(model.n) if k not in modes]
-        self._modes, self._joints = _index(modes), _index(joints)
+        self._modes = _index(modes)
+        self._joints = _index(joints)
         self.joint_names = tuple(model.coordinate_names[k] for k in joints)
         modal = [model.coordinate_names[k] for k in modes]
         self.speed_names = tuple(name for name in robot.speed_names if name not in modal)
         self._modal_speeds = _index([robot.speed_names.index(name) for name in modal])
-        self._speeds = _index([robot.speed_names.index(name) for name in self.speed_names])
-        self._tracker = LoopTracker(robot, robot.speed_names, max_figure=SINGULAR) if (
-            robot.constraint_names) else None
-        if self._tracker is not None and (rows := self._tracker.path_rows):
-            raise InputError(f'quasi-static deflections: {", ".join(rows)} on velocities; '
-                             'expected constraints on positions')
+        self._speeds = _index([robot.speed_names.index(name)
+                               for name in self.speed_names])
+        self._tracker: LoopTracker | None = None
+        if robot.constraint_names:
+            self._tracker = LoopTracker(robot, robot.speed_names, max_figure=SINGULAR)
+            rows = self._tracker.path_rows
+            if rows:
+                raise InputError(f'quasi-static deflections: {", ".join(rows)} on '
+                                 'velocities; expected constraints on positions')
         stiffness = np.zeros((model.n, model.n))
         for body in model.bodies:
             if body.beam is not None:
@@ -73,18 +80,19 @@ class QuasiStatic:
         self._flexibility = np.linalg.inv(stiffness[np.ix_(modes, modes)])
 
     def require_rigid_model(self, robot: Robot) -> None:
-        """Raise InputError unless a rigid model has these joints and speeds, in their order."""
-        if (self.joint_names, self.speed_names) != (robot.joint_names, robot.speed_names):
-            raise InputError(f'bending: of the joints {list(self.joint_names)} with the speeds '
-                             f'{list(self.speed_names)}; expected {list(robot.joint_names)}, '
-                             f'{list(robot.speed_names)}')
+        """Raise InputError unless a rigid model has these joints and speeds."""
+        if (self.joint_names, self.speed_names) != (robot.joint_names,
+                                                    robot.speed_names):
+            raise InputError(f'bending: of the joints {list(self.joint_names)} with the '
+                             f'speeds {list(self.speed_names)}; expected '
+                             f'{list(robot.joint_names)}, {list(robot.speed_names)}')
 
     def require_drives(self, name: str, joints: Sequence[str]) -> None:
-        """Raise InputError unless the joints with actuators, `name`, are the independent ones."""
+        """Raise InputError unless the actuated joints, `name`, are independent ones."""
         if set(joints) != set(self.speed_names):
-            raise InputError(f'{name}: {list(joints)}; expected {list(self.speed_names)}, the '
-                             'independent joints, because others load the beams through the '
-                             'loops')
+            raise InputError(f'{name}: {list(joints)}; expected '
+                             f'{list(self.speed_names)}, the independent joints, '
+                             'because others load the beams through the loops')
 
     def modes(self, q: Any, u: Any, udot: Any) -> Array:
         """
@@ -93,13 +101,14 @@ class QuasiStatic:
         Parameters
         ----------
         q, u, udot : (..., n) arrays
-            Of the joints; rad or m, and s. With closed loops q is closed for rigid beams.
+            Of the joints; rad or m, and s. With closed loops q is closed for rigid
+            beams.
 
         Raises
         ------
         InputError
-            A shape is wrong, a number is not finite, or the load exceeds the stiffness of the
-            beams.
+            A shape is wrong, a number is not finite, or the load exceeds the stiffness
+            of the beams.
         LoopError
             The loops do not close with the deflected beams.
 
@@ -107,39 +116,42 @@ class QuasiStatic:
         return self._state(q, u, udot)[0][..., self._modes]
 
     def configuration(self, q: Any) -> Array:
-        """Return the coordinates of the whole robot at rest, (..., n + m); errors as `modes`."""
+        """Return all coordinates at rest, (..., n + m); errors as `modes`."""
         rest = np.zeros((*np.shape(q)[:-1], len(self.speed_names)))
         return self._state(q, rest, rest)[0]
 
     def inverse_dynamics(self, q: Any, u: Any, udot: Any) -> Array:
-        """Return the joint torques for a motion, (..., n); arguments and errors as `modes`."""
+        """Return the joint torques for a motion, (..., n); errors as `modes`."""
         tau: Array = self.robot.inverse_dynamics(*self._state(q, u, udot))
         return tau[..., self._speeds]
 
     def torque_terms(self, q: Any, u: Any, udot: Any) -> Array:
-        """Return the joint torques by source, (..., 5, n): rows as `Robot.torque_terms`."""
+        """Return the torques by source, (..., 5, n): rows as `Robot.torque_terms`."""
         terms: Array = self.robot.torque_terms(*self._state(q, u, udot))
         return terms[..., self._speeds]
 
     def gravity_force(self, q: Any) -> Array:
-        """Return the joint torques that balance gravity with deflected beams, (..., n)."""
+        """Return the torques that balance gravity with deflected beams, (..., n)."""
         rest = np.zeros((*np.shape(q)[:-1], len(self.speed_names)))
         tau: Array = self.robot.gravity_force(self._state(q, rest, rest)[0])
         return tau[..., self._speeds]
 
     def _state(self, q: Any, u: Any, udot: Any) -> tuple[Array, Array, Array]:
         """Return q with the deflection, u and udot of the whole robot."""
+        n = self.robot.n
         Q = self._whole('q', q, self.joint_names, self._joints, self.robot.n_q)
-        U, A = (self._whole(name, x, self.speed_names, self._speeds, self.robot.n)
-                for name, x in (('u', u), ('udot', udot)))
+        U = self._whole('u', u, self.speed_names, self._speeds, n)
+        A = self._whole('udot', udot, self.speed_names, self._speeds, n)
         if not Q.shape[:-1] == U.shape[:-1] == A.shape[:-1]:
-            raise InputError(f'u, udot: shapes {np.shape(u)} and {np.shape(udot)} with q of shape '
-                             f'{np.shape(q)}; expected as many states of each')
+            raise InputError(f'u, udot: shapes {np.shape(u)} and {np.shape(udot)} with '
+                             f'q of shape {np.shape(q)}; expected as many states of '
+                             'each')
         if self._tracker is None or Q.ndim == 1:
             return self._balanced(Q, U, A)
-        every = [x.reshape(-1, x.shape[-1]) for x in (Q, U, A)]
-        rows = np.array([self._balanced(*row)[0] for row in zip(*every, strict=True)])
-        return rows.reshape(Q.shape), U, A
+        # Loops are closed state by state.
+        flat = [x.reshape(-1, x.shape[-1]) for x in (Q, U, A)]
+        rows = [self._balanced(*state)[0] for state in zip(*flat, strict=True)]
+        return np.array(rows).reshape(Q.shape), U, A
 
     def _balanced(self, Q: Array, U: Array, A: Array) -> tuple[Array, Array, Array]:
         """
@@ -149,12 +161,14 @@ class QuasiStatic:
         """
         if self._tracker is not None:
             self._tracker.restart(Q)
-        least, grown = np.inf, 0
-        for _ in range(MOST):
+        smallest = np.inf  # squared size of a correction
+        grown = 0  # corrections in a row that were not smaller
+        for _ in range(CORRECTIONS):
+            # K eta = load on the modes, which depends on eta: fixed-point iteration.
             load = self.robot.inverse_dynamics(Q, U, A)[..., self._modal_speeds]
             change = load @ self._flexibility
             eta = Q[..., self._modes] - change
-            if not np.abs(eta).max(initial=0.0) < LARGEST:
+            if not np.abs(eta).max(initial=0.0) < LARGEST:  # nor if it is not a number
                 break
             if self._tracker is None:
                 Q[..., self._modes] = eta
@@ -163,31 +177,34 @@ class QuasiStatic:
             size = float(np.vdot(change, change))
             if size <= PRECISION**2 * float(np.vdot(eta, eta)):
                 return Q, U, A
-            least, grown = (size, 0) if size < least else (least, grown + 1)
+            grown += 1
+            if size < smallest:
+                smallest = size
+                grown = 0
             if grown == GROWING:
                 break
-        raise InputError(f'load on the beams of {self.robot.model.name}: no equilibrium found; '
-                         'expected a load within their stiffness')
+        raise InputError(f'load on the beams of {self.robot.model.name}: no equilibrium '
+                         'found; expected a load within their stiffness')
 
     def _close(self, Q: Array, eta: Array) -> None:
-        """Set the modes of a configuration and close its loops, with the independent joints."""
+        """Set the modes of a configuration and close its loops."""
         tracker = self._tracker
         assert tracker is not None
         target = Q[tracker.places]
         target[self._modal_speeds] = eta
         rest = np.zeros(len(target))
         tracker.update(target, rest)
-        tracker.update(target, rest)  # to rounding, which the tolerance of the iteration needs
+        tracker.update(target, rest)  # to rounding, which the iteration needs
         Q[:] = tracker.q
 
     @staticmethod
     def _whole(name: str, values: Any, names: tuple[str, ...], places: slice | list[int],
                count: int) -> Array:
         """Return an array of all coordinates or speeds, with zeros for the modes."""
-        x, n = np.asarray(values, dtype=np.float64), len(names)
-        if x.shape[-1:] != (n,):
-            raise InputError(f'{name}: shape {x.shape}; expected (..., {n}) for '
-                             f'{", ".join(names)}')
+        x = np.asarray(values, dtype=np.float64)
+        if x.shape[-1:] != (len(names),):
+            raise InputError(f'{name}: shape {x.shape}; expected (..., {len(names)}) '
+                             f'for {", ".join(names)}')
         result = np.zeros((*x.shape[:-1], count))
         result[..., places] = x
         return result
@@ -195,28 +212,30 @@ class QuasiStatic:
 
 def flexible_robot(model: Model, options: Mapping[str, Any]) -> Robot:
     """
-    Return a robot, with its beams; with constraints, the rates of all modes are independent.
+    Return a robot with its beams; under constraints all modes are independent.
 
-    Its actuators are at the independent joints then; InputError for others. `options` are those of
-    `Robot`.
+    Its actuators are at the independent joints then; InputError for others. `options`
+    are those of `Robot`.
     """
     options = dict(options)
     if model.flexible and options.get('independent'):
         joints = options['independent']
         stated = options.pop('actuated', joints)
         if set(stated) != set(joints):
-            raise InputError(f'constraints: actuated: {list(stated)}, with beams; expected the '
-                             f'independent joints, {list(joints)}, because others load the beams '
-                             'through the loops')
-        options['independent'] = (*joints, *(
-            model.coordinate_names[k] for k in model.modal_coordinates))
+            raise InputError(f'constraints: actuated: {list(stated)}, with beams; '
+                             f'expected the independent joints, {list(joints)}, because '
+                             'others load the beams through the loops')
+        modes = [model.coordinate_names[k] for k in model.modal_coordinates]
+        options['independent'] = (*joints, *modes)
     return Robot(model, **options)
 
 
 def rigid_and_bending(model: Model, options: Mapping[str, Any]
                       ) -> tuple[Robot, QuasiStatic | None]:
-    """Return the robot of a model with rigid links, and the flexible arm if links are beams."""
-    bending = QuasiStatic(flexible_robot(model, options)) if model.flexible else None
+    """Return the robot with rigid links, and the flexible arm if links are beams."""
+    bending: QuasiStatic | None = None
+    if model.flexible:
+        bending = QuasiStatic(flexible_robot(model, options))
     return Robot(stiffened(model), **options), bending
 
 
@@ -225,25 +244,28 @@ def _check(robot: Robot) -> None:
     model, equations = robot.model, robot.equations
     if not model.flexible or (not robot.constraint_names
                               and robot.speed_names != robot.coordinate_names):
-        raise InputError('quasi-static deflections: a robot without beams, or with chosen speeds; '
-                         'expected one with beams, in joint rates')
+        raise InputError('quasi-static deflections: a robot without beams, or with '
+                         'chosen speeds; expected one with beams, in joint rates')
     if len(model.modal_coordinates) == model.n:
-        raise InputError('quasi-static deflections: a robot whose only motions are those of '
-                         'beams; expected joints too')
+        raise InputError('quasi-static deflections: a robot whose only motions are '
+                         'those of beams; expected joints too')
     if equations.in_joint_rates:
         return
     modes = {model.coordinate_names[k] for k in model.modal_coordinates}
     speeds = set(robot.speed_names)
     if not modes <= speeds or not speeds <= set(robot.coordinate_names):
-        raise InputError(f'quasi-static deflections: speeds {list(robot.speed_names)}; expected '
-                         'the rates of joints and of all modes, which the constraints '
-                         'must not couple')
+        raise InputError(f'quasi-static deflections: speeds {list(robot.speed_names)}; '
+                         'expected the rates of joints and of all modes, which the '
+                         'constraints must not couple')
     if equations.timed:
-        raise InputError('quasi-static deflections: constraints that are functions of time; '
-                         'expected none')
+        raise InputError('quasi-static deflections: constraints that are functions of '
+                         'time; expected none')
 
 
 def _index(places: list[int]) -> slice | list[int]:
-    """Return an index of these entries: a slice, which is faster, if they are contiguous."""
-    first, last = places[0], places[-1] + 1
-    return slice(first, last) if places == list(range(first, last)) else places
+    """Return an index of entries: a slice, which is faster, if contiguous."""
+    first = places[0]
+    last = places[-1] + 1
+    if places == list(range(first, last)):
+        return slice(first, last)
+    return places

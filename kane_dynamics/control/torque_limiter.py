@@ -137,7 +137,7 @@ class TorqueLimiter:
         return True
 
     def resume(self, t: float | None, tau: Array) -> None:
-        """Continue from `tau`, (n,), commanded elsewhere at `t`, s; None: the next stamp."""
+        """Continue from `tau`, (n,), commanded elsewhere at t, s; None: at the next."""
         self._last = tau.tolist()
         self._stamp = t
 

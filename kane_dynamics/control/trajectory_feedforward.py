@@ -82,7 +82,7 @@ def fill_trajectory(robot: Robot, times: ArrayLike, positions: ArrayLike,
                     loop_tolerance: float = LOOP_TOLERANCE,
                     max_figure: float = SINGULAR) -> FilledTrajectory:
     """
-    Return a trajectory with all derivatives and efforts, for joint_trajectory_controller.
+    Return a trajectory with derivatives and efforts for joint_trajectory_controller.
 
     The controller moves between the points of the result by quintics. Missing velocities
     are those of a cubic spline, missing accelerations those of the cubics between the

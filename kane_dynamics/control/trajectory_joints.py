@@ -122,7 +122,7 @@ class TrajectoryJoints:
         return values[..., self._chosen]
 
     def allowed(self, tolerance: ArrayLike) -> Array:
-        """Return the tolerances of the efforts; the smallest for those not in `names`."""
+        """Return tolerances of the efforts; the smallest for those not in `names`."""
         values = per_joint(tolerance, 'tolerance', self.names, finite=False)
         by_name = dict(zip(self.names, values.tolist()))
         return np.array([by_name.get(name, values.min()) for name in self.actuators])
@@ -138,7 +138,7 @@ class TrajectoryJoints:
                            np.minimum(stated.effort, further)[places])
 
     def turned(self, start: Array, first: Array, limits: JointLimits) -> State:
-        """Return a state, (3, n), whole turns of unlimited joints next to the first point."""
+        """Return a state, (3, n), with unlimited joints next to the first point."""
         q, u, udot = start
         unlimited = np.isinf(limits.lower) & np.isinf(limits.upper)
         turning = np.array([name not in self._robot.model.sliding

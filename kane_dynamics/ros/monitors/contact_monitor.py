@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
 from kane_dynamics.control.friction_error import FrictionError
-from kane_dynamics.control.momentum_observer import MomentumObserver, OBSERVED
+from kane_dynamics.control.momentum_observer import MomentumObserver
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import KaneError
 from kane_dynamics.model.model import Model
@@ -126,7 +126,6 @@ class ContactMonitor:
         self._bending = bending
         joints = robot.speed_names
         given = observer_settings(values, robot)
-        robot.compile(*OBSERVED)
         self._applied_torque = AppliedTorque(robot, values, reject, bending)
         self._observer = MomentumObserver(robot, gain=given.pop('gain'))
         self.detector = CollisionDetector(joints, **given)
