@@ -26,12 +26,12 @@ def resolve_path(parameter: str, name: str) -> Path:
     Raise InputError if the package is not installed, or the file does not exist.
     """
     if name.startswith('package://'):
-        package, _, rest = name.removeprefix('package://').partition('/')
-        folder, _, file = rest.partition('/')
+        package, _, inside = name.removeprefix('package://').partition('/')
+        folder, _, file = inside.partition('/')
         if package == PACKAGE:  # also found in a checkout
             return resource_path(folder, file)
         try:
-            path = Path(get_package_share_directory(package)) / rest
+            path = Path(get_package_share_directory(package)) / inside
         except (PackageNotFoundError, ValueError, OSError):
             raise InputError(f"parameter '{parameter}': package '{package}' of '{name}' "
                              'is not installed; expected an installed package') from None
@@ -59,21 +59,21 @@ def load_model(source: str | Path, values: Mapping[str, Any],
     size = source.stat().st_size if isinstance(source, Path) else len(source.encode())
     if size > MAX_URDF_BYTES:
         raise InputError(f'URDF: {size} bytes; expected at most {MAX_URDF_BYTES}')
-    supplement = (resolve_path('supplement', values['supplement'])
-                  if values['supplement']
-                  else None)
+    supplement = None
+    if values['supplement']:
+        supplement = resolve_path('supplement', values['supplement'])
     if values['xacro_arguments']:
         if not isinstance(source, Path):
             raise InputError("parameter 'xacro_arguments': given with a URDF as text; "
-                             'expected '
-                             "them with the path of a xacro file in 'urdf'")
+                             "expected them with the path of a xacro file in 'urdf'")
         source = expand_xacro(source, arguments_of(values['xacro_arguments']))
-    with warnings.catch_warnings(record=True) as found:
+    joints = list(values['joints']) or None  # None: all
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter('always')
         model = load_urdf(source, base=values['base'] or None, tip=values['tip'] or None,
-                          root_joint=values['root_joint'], joints=list(values['joints'])
-                          or None, gravity=values['gravity'], supplement=supplement)
-    for warning in found:
+                          root_joint=values['root_joint'], joints=joints,
+                          gravity=values['gravity'], supplement=supplement)
+    for warning in caught:
         warn(str(warning.message))
     return model.prefixed(values['prefix']) if values['prefix'] else model
 

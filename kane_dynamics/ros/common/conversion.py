@@ -52,15 +52,26 @@ def order(names: Sequence[str], joints: Sequence[str], what: str) -> Index | Non
     """
     if not names or tuple(names) == tuple(joints):
         return None
-    entry = {name: i for i, name in enumerate(names)}
-    missing = [joint for joint in joints if joint not in entry]
-    unknown = [name for name in names if name not in set(joints)]
-    if missing or unknown or len(entry) < len(names):
-        fault = (f"'{missing[0]}' is missing" if missing else
-                 f"'{unknown[0]}' is unknown" if unknown else 'a joint is named twice')
+    fault = ''
+    if len(set(names)) < len(names):
+        fault = 'a joint is named twice'
+    for name in names:
+        if name not in joints:
+            fault = f"'{name}' is unknown"
+            break
+    for joint in joints:
+        if joint not in names:
+            fault = f"'{joint}' is missing"
+            break
+    if fault:
         raise InputError(f'{what}: {fault}; expected each of {", ".join(joints)} once, '
                          'or an empty list')
-    return np.array([entry[joint] for joint in joints], dtype=np.intp)
+    return places(joints, names)
+
+
+def places(joints: Sequence[str], names: Sequence[str]) -> Index:
+    """Return the index of each joint in `names`, which has them all."""
+    return np.array([names.index(joint) for joint in joints], dtype=np.intp)
 
 
 def vector(values: Sequence[float], index: Index | None, n: int, what: str,
@@ -78,8 +89,8 @@ def vector(values: Sequence[float], index: Index | None, n: int, what: str,
     if len(values) == 0 and empty is not None:
         return np.broadcast_to(np.asarray(empty, dtype=np.float64), (n,)).copy()
     if len(values) != n:
-        raise InputError(f'{what}: {len(values)} entries; expected {n}'
-                         + (', or none' if empty is not None else ''))
+        or_none = '' if empty is None else ', or none'
+        raise InputError(f'{what}: {len(values)} entries; expected {n}{or_none}')
     result = np.array(values, dtype=np.float64)
     if not np.isfinite(result).all():
         raise InputError(f'{what}: {result.tolist()}; expected finite numbers')
@@ -100,8 +111,9 @@ def _column(message: JointTrajectory, field: str, index: Index) -> Array | None:
             raise InputError(f'point {k}: {len(row)} {field}; expected one for each of '
                              f'the {len(message.joint_names)} joint names')
     values = np.array(rows, dtype=np.float64)[:, index]
-    if not np.isfinite(values).all():
-        k = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
+    finite_points = np.isfinite(values).all(axis=1)
+    if not finite_points.all():
+        k = int(np.flatnonzero(~finite_points)[0])
         raise InputError(f'point {k}: {field} {values[k].tolist()}; expected finite '
                          'numbers')
     return values
@@ -150,14 +162,17 @@ def point_columns(message: JointTrajectory, joints: Sequence[str], max_points: i
     """
     check_points(len(message.points), max_points)
     names = list(message.joint_names)
+    fault = ''
     missing = [joint for joint in joints if joint not in names]
-    if missing or len(set(names)) < len(names):
-        twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
-        fault = (f'{", ".join(missing)} missing' if missing else
-                 f'{", ".join(twice)} named more than once')
+    if missing:
+        fault = f'{", ".join(missing)} missing'
+    elif len(set(names)) < len(names):
+        repeated = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+        fault = f'{", ".join(repeated)} named more than once'
+    if fault:
         raise InputError(f'joint_names of the trajectory: {fault}; expected each of '
                          f'{", ".join(joints)} once')
-    index = np.array([names.index(joint) for joint in joints], dtype=np.intp)
+    index = places(joints, names)
     times = np.array([nanoseconds(p.time_from_start) for p in message.points]) * 1e-9
     if times[0] < 0.0:
         raise InputError(f'point 0: time_from_start {times[0]:g} s; expected 0 or more')
@@ -202,10 +217,11 @@ def message_of_points(names: Sequence[str], t: Array, rows: Mapping[str, Array]
     """Return a message with times, (K,), s, and (K, n) rows of each field."""
     # array(typecode, bytes) is several times faster than a conversion from a list of
     # floats; the torque path shares the interpreter.
-    columns = {field: np.ascontiguousarray(row) for field, row in rows.items()}
-    points = [JointTrajectoryPoint(time_from_start=duration(at), **{
-        field: array('d', column[k].tobytes()) for field, column in columns.items()})
-        for k, at in enumerate(t.tolist())]
+    columns = {field: np.ascontiguousarray(table) for field, table in rows.items()}
     message = JointTrajectory(joint_names=list(names))
-    message.points = points
+    for k, moment in enumerate(t.tolist()):
+        point = JointTrajectoryPoint(time_from_start=duration(moment))
+        for field, column in columns.items():
+            setattr(point, field, array('d', column[k].tobytes()))
+        message.points.append(point)
     return message

@@ -39,11 +39,15 @@ DISABLED: dict[str, Any] = {'wrench.frames': (), 'observer.enabled': False,
 
 
 class ParameterBlock(NamedTuple):
-    """The parameters of one node: `own`, and `given` with the wildcard block."""
+    """
+    The parameters of one node.
+
+    `stated` are those of its block, `effective` those with the wildcard block's.
+    """
 
     node: str
-    own: Mapping[str, Any]
-    given: Mapping[str, Any]
+    stated: Mapping[str, Any]
+    effective: Mapping[str, Any]
 
 
 def examine_configuration(path: Path, urdf: str, *, prefix: str = '',
@@ -83,7 +87,7 @@ def examine_configuration(path: Path, urdf: str, *, prefix: str = '',
         The file is not a ROS 2 parameter file, or has no block for a dynamics node.
 
     """
-    found: list[Finding] = []
+    findings: list[Finding] = []
     robots: dict[str, Robot | None] = {}
     blocks = _blocks(path)
     for block in blocks:
@@ -91,8 +95,8 @@ def examine_configuration(path: Path, urdf: str, *, prefix: str = '',
         examination = ConfigurationExamination(where, block)
         if block.node != WILDCARD or len(blocks) == 1:
             robots[block.node] = examination.robot(urdf, prefix, told)
-        found += examination.found
-    return found, robots.get(_wanted(list(robots), namespace))
+        findings += examination.findings
+    return findings, robots.get(_chosen_node(list(robots), namespace))
 
 
 def configured_efforts(path: Path, namespace: str = '') -> Efforts | None:
@@ -115,23 +119,27 @@ def configured_efforts(path: Path, namespace: str = '') -> Efforts | None:
         other.
 
     """
-    blocks = {block.node: block.given for block in _blocks(path)}
+    blocks = {block.node: block.effective for block in _blocks(path)}
     if len(blocks) > 1:
         blocks.pop(WILDCARD, None)
-    given = blocks.get(_wanted(list(blocks), namespace), {})
-    if not any(name.startswith('efforts.') for name in given):
+    parameters = blocks.get(_chosen_node(list(blocks), namespace), {})
+    if not any(name.startswith('efforts.') for name in parameters):
         return None
-    kind, gravity, constants = (read(BY_NAME[name],
-                                     given.get(name, BY_NAME[name].default))
-                                for name in ('efforts.kind', 'efforts.gravity',
-                                             'efforts.constants'))
-    return Efforts(kind, gravity, constants if constants.size else None)
+
+    def value(name: str) -> Any:
+        spec = BY_NAME[name]
+        return read(spec, parameters.get(name, spec.default))
+    constants = value('efforts.constants')
+    return Efforts(value('efforts.kind'), value('efforts.gravity'),
+                   constants if constants.size else None)
 
 
-def _wanted(nodes: Sequence[str], namespace: str) -> str:
+def _chosen_node(nodes: Sequence[str], namespace: str) -> str:
     """Return the only node, or the name of the node in a namespace."""
-    return nodes[0] if len(nodes) == 1 else '/'.join(
-        ['', *filter(None, namespace.split('/')), PACKAGE])
+    if len(nodes) == 1:
+        return nodes[0]
+    parts = [part for part in namespace.split('/') if part]
+    return '/'.join(['', *parts, PACKAGE])
 
 
 class ConfigurationExamination:
@@ -146,19 +154,19 @@ class ConfigurationExamination:
 
     Attributes
     ----------
-    found : list of Finding
+    findings : list of Finding
 
     """
 
     def __init__(self, where: str, block: ParameterBlock) -> None:
         self._where = where
         self._block = block
-        self.found: list[Finding] = []
+        self.findings: list[Finding] = []
         self._loads = True  # whether the node would load the arm
         self._joints_known = True
         self._invalid: set[str] = set()  # parameters with invalid values
         self._check_node_name()
-        for warning in unknown_parameters(list(block.own), BY_NAME):
+        for warning in unknown_parameters(list(block.stated), BY_NAME):
             self._find('problem', warning)
 
     def robot(self, urdf: str, prefix: str, told: Collection[str]) -> Robot | None:
@@ -186,7 +194,7 @@ class ConfigurationExamination:
             values['arm_compensates'] = stated or (NO_TERM,)  # for the other checks
             robot = self._fit(values, model)
             self._compare_urdf(values, model, urdf)
-        if not self.found:
+        if not self.findings:
             self._find('fine', 'all parameters are known and fit the arm, which adds '
                        f'{words(stated)} to commanded efforts itself')
         self._describe_launch(values)
@@ -203,7 +211,7 @@ class ConfigurationExamination:
         """
         values = {}
         for name, spec in BY_NAME.items():
-            value = self._attempt(read, spec, self._block.given.get(name, spec.default))
+            value = self._attempt(read, spec, self._block.effective.get(name, spec.default))
             if value is None:
                 self._loads = False
                 self._invalid.add(name)
@@ -256,7 +264,9 @@ class ConfigurationExamination:
         """Report what a launch loads, for which node, and the parameters that count."""
         if not self._loads:
             return
-        node = 'every node' if self._block.node == WILDCARD else f'node {self._block.node}'
+        node = f'node {self._block.node}'
+        if self._block.node == WILDCARD:
+            node = 'every node'
         if values['robot_description']:
             source = 'the URDF of robot_description'
         elif values['urdf']:
@@ -266,11 +276,16 @@ class ConfigurationExamination:
         for name in ('supplement', 'constraints'):
             if values[name]:
                 source += f", {name} '{resolve_path(name, values[name])}'"
-        changed = [name for name, value in self._block.given.items()
-                   if name in BY_NAME and name not in FILES
-                   and not np.array_equal(read(BY_NAME[name], value),
-                                          read(BY_NAME[name], BY_NAME[name].default))]
-        effect = f'other than default: {", ".join(changed)}' if changed else 'all as by default'
+        changed = []
+        for name, value in self._block.effective.items():
+            spec = BY_NAME.get(name)
+            if spec is None or name in FILES:
+                continue
+            if not np.array_equal(read(spec, value), read(spec, spec.default)):
+                changed.append(name)
+        effect = 'all as by default'
+        if changed:
+            effect = f'other than default: {", ".join(changed)}'
         self._find('fine', f'{node} loads {source}; parameters {effect}')
 
     def _fit(self, values: dict[str, Any], model: Model) -> Robot:
@@ -323,15 +338,15 @@ class ConfigurationExamination:
         unused = {'observer.frame': not values['observer.enabled'],
                   'imu.frame': not values['imu.topic']}
         replacement = {'payload.frame': model.bodies[-1].name, 'wrench.frames': ()}
+        known = sorted(frame.name for frame in model.frames)
         for name in FRAMES:
-            value = values[name]
-            frames = [value] if isinstance(value, str) else value
-            unknown = [frame for frame in frames
-                       if frame and frame not in {each.name for each in model.frames}]
+            frames = values[name]
+            if isinstance(frames, str):
+                frames = [frames]
+            unknown = [frame for frame in frames if frame and frame not in known]
             if unknown and not unused.get(name):
-                self._find('problem',
-                           f"parameter '{name}': {listed(unknown)}; expected frames of "
-                           + ', '.join(sorted(each.name for each in model.frames)))
+                self._find('problem', f"parameter '{name}': {listed(unknown)}; expected "
+                           f'frames of {", ".join(known)}')
                 values[name] = replacement.get(name, '')
         if values['observer.enabled']:
             self._attempt(model.frame, observed_frame(values, model))
@@ -352,28 +367,33 @@ class ConfigurationExamination:
     def _find(self, level: Any, words: str) -> None:
         """Add a finding."""
         finding = Finding(level, f'{self._where}: {words}')
-        if finding not in self.found:  # two checks may give the same finding
-            self.found.append(finding)
+        if finding not in self.findings:  # two checks may give the same finding
+            self.findings.append(finding)
 
 
 def _blocks(path: Path) -> list[ParameterBlock]:
     """Return the parameter blocks of dynamics nodes, merged as in ROS 2."""
-    nodes = parameter_blocks(path)
-    ours = {node: own for node, own in nodes.items() if _is_ours(node, own)}
-    if not ours:
-        raise InputError(f'{path}: ros__parameters of {listed(nodes)}; expected '
+    every_block = parameter_blocks(path)
+    shared = every_block.get(WILDCARD, {})
+    blocks = []
+    for node, stated in every_block.items():
+        if _is_ours(node, stated):
+            blocks.append(ParameterBlock(node, stated, {**shared, **stated}))
+    if not blocks:
+        raise InputError(f'{path}: ros__parameters of {listed(every_block)}; expected '
                          f'ros__parameters of a dynamics node, such as {PACKAGE}, or '
                          f'{WILDCARD}')
-    shared = ours.get(WILDCARD, {})
-    return [ParameterBlock(node, own, {**shared, **own}) for node, own in ours.items()]
+    return blocks
 
 
-def _is_ours(node: str, own: Mapping[str, Any]) -> bool:
+def _is_ours(node: str, stated: Mapping[str, Any]) -> bool:
     """Return whether a block is of a dynamics node, by name or by its parameters."""
-    name = node.rpartition('/')[2]
-    if node == WILDCARD or name in (PACKAGE, PROGRAM):
+    node_name = node.rpartition('/')[2]
+    if node == WILDCARD or node_name in (PACKAGE, PROGRAM):
         return True
-    given = {each for each in own if each.partition('.')[0] not in FOREIGN}
-    known = len(given & BY_NAME.keys())
-    return name != 'plant' and 2 * known > len(given) and known >= len(given
-                                                                       & PLANT_PARAMETERS)
+    if node_name == 'plant':
+        return False
+    # By its parameters: more than half are known, and not more are those of a plant.
+    names = {name for name in stated if name.partition('.')[0] not in FOREIGN}
+    known = len(names & BY_NAME.keys())
+    return 2 * known > len(names) and known >= len(names & PLANT_PARAMETERS)

@@ -1,6 +1,6 @@
 """The robots, the torque path and the topics of a configured node."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 import threading
@@ -15,6 +15,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.mechanism_path.path_mechanism import compile_mechanism_timing
 from kane_dynamics.feasibility.path_timing import compile_timing
 from kane_dynamics.model.model import Model
+from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.command_topic import CommanderCount
 from kane_dynamics.ros.common.lost_messages import LostMessages, with_info
 from kane_dynamics.ros.common.node_statistics import Statistics
@@ -90,6 +91,7 @@ class ConfiguredRobot:
     def __init__(self, node: LifecycleNode, server: Services, model: Model,
                  values: Mapping[str, Any], statistics: Statistics,
                  warn: ThrottledWarning) -> None:
+        # The controller's model has rigid links; of a flexible arm, `bending` is the other.
         controller = path_controller(model, values)
         self._digest = arm_digest(model, controller.robot.options['constraints'])
         self.robot = controller.robot
@@ -112,31 +114,25 @@ class ConfiguredRobot:
         self.lost_states = LostMessages()
         self._commanders = CommanderCount(node, 'commands')
         self._foreign_joints: set[tuple[str, ...]] = set()
-        self.gravity_source = GravityFromImu(
-            model, values['imu.frame'], float((values['gravity'] ** 2).sum() ** 0.5),
-            values['imu.time_constant'], lambda gravity: self._change(gravity=gravity)
-        ) if values['imu.topic'] else None
+        self.gravity_source: GravityFromImu | None = None
+        if values['imu.topic']:
+            magnitude = float(np.linalg.norm(values['gravity']))
+            self.gravity_source = GravityFromImu(
+                model, values['imu.frame'], magnitude, values['imu.time_constant'],
+                lambda gravity: self._change(gravity=gravity))
+        # Check the parameters before the long compilation.
         check_optional_topics(values, self.robot)
-        compile_simulation(self.robot, values['simulation.integrator'], 'external_force',
-                           'body_torques')
-        follow = joints_that_follow(self.robot)
-        if values['simulation.stops']:
-            compile_pressed_steps(self.robot, values['simulation.integrator'], follow)
-        if self.robot.constraint_names:
-            step_kernel(self.robot, True, values['simulation.integrator'], None, follow)
-            compile_trajectories(self.robot)  # for filled trajectories
-            compile_mechanism_timing(self.robot)
-        else:
-            compile_timing(self.robot)
-            for robot in (self.robot, *([bending.robot] if bending else [])):
-                robot.compile('inverse_dynamics', 'torque_terms', batches=True)
+        FillSettings.from_values(values, self.robot.joint_names)
+        robots = [self.robot]
+        if bending is not None:
+            robots.append(bending.robot)
+        self._compile(robots)
+        # Each of the three threads has its own robots, whose kernels are shared.
         self._for_requests = self.robot.copy()
         self._for_simulations = self.robot.copy()
         self._request_frames = WrenchFrames(self._for_requests)
         self._bending_for_requests = bending and QuasiStatic(bending.robot.copy())
-        FillSettings.from_values(values, self.robot.joint_names)
-        self.verified = max(robot.verify() for robot in (
-            self.robot, *([bending.robot] if bending else [])))
+        self.verified = max(robot.verify() for robot in robots)
         self.fault = command_fault(controller)
         if not self.fault:
             controller.compile()
@@ -144,6 +140,23 @@ class ConfiguredRobot:
             self._open(controller, opened)
             self._opened = opened.pop_all()
         server.spinner.wake()
+
+    def _compile(self, robots: Sequence[Robot]) -> None:
+        """Compile what requests need: simulations, filled trajectories, path timing."""
+        robot = self.robot
+        integrator = self.values['simulation.integrator']
+        follow = joints_that_follow(robot)
+        compile_simulation(robot, integrator, 'external_force', 'body_torques')
+        if self.values['simulation.stops']:
+            compile_pressed_steps(robot, integrator, follow)
+        if robot.constraint_names:
+            step_kernel(robot, True, integrator, None, follow)
+            compile_trajectories(robot)
+            compile_mechanism_timing(robot)
+            return
+        compile_timing(robot)
+        for tree in robots:
+            tree.compile('inverse_dynamics', 'torque_terms', batches=True)
 
     def _open(self, controller: Controller, opened: ExitStack) -> None:
         """Open the topics and register them with `opened`."""
@@ -156,23 +169,30 @@ class ConfiguredRobot:
             result = node.create_lifecycle_publisher(kind, name, qos)
             opened.callback(node.destroy_lifecycle_publisher, result)
             return result
+
+        # The guard watches the liveliness and the deadlines of the commands.
         guarded = values['guard.enabled'] and not self.fault
-        qos = watched(values['guard.lease'],
-                      values['guard.deadline']) if guarded else RELIABLE
+        qos = RELIABLE
+        if guarded:
+            qos = watched(values['guard.lease'], values['guard.deadline'])
         self._commands = publisher(Float64MultiArray, 'commands', qos)
-        stamped = publisher(joint_command_type(), 'stamped_commands', RELIABLE) if (
-            values['stamped_commands']) else None
+        torques = publisher(JointState, '~/joint_torques', qos)
+        stamped = None
+        if values['stamped_commands']:
+            stamped = publisher(joint_command_type(), 'stamped_commands', RELIABLE)
+        loops = None
+        if not self.fault:
+            loops = closed_loop_reader(controller, values)
         self.path = TorquePath(
-            controller, self._commands, publisher(JointState, '~/joint_torques', qos),
-            self._now, values, self.statistics,
-            lambda reason, detail: warn(f'joint states: {reason}', detail), stamped,
-            None if self.fault else closed_loop_reader(controller, values),
+            controller, self._commands, torques, self._now, values, self.statistics,
+            lambda reason, detail: warn(f'joint states: {reason}', detail), stamped, loops,
             lambda reason, detail: warn.error(f'joint states: {reason}', detail))
         self.optional_topics = OptionalTopics(node, server, self.path, values, self._now,
                                               self._reject, publisher, opened)
-        self.guard = GuardLink(node, self.path, values['guard.lease'], opened,
-                               len(self.path.messages.joints),
-                               self._digest) if guarded else None
+        self.guard: GuardLink | None = None
+        if guarded:
+            self.guard = GuardLink(node, self.path, values['guard.lease'], opened,
+                                   len(self.path.messages.joints), self._digest)
         self.path.arbiter = self.guard
         self._distribute()
         self._states = node.create_subscription(
@@ -194,7 +214,9 @@ class ConfiguredRobot:
 
         Read the system clock directly unless time is simulated.
         """
-        return int(self._clock.now().nanoseconds) if self._simulated_time else time.time_ns()
+        if self._simulated_time:
+            return int(self._clock.now().nanoseconds)
+        return time.time_ns()
 
     def on_clock_jump(self, *, replaced: bool = False) -> None:
         """Handle a backward jump of the node's clock, or its replacement."""
@@ -236,15 +258,16 @@ class ConfiguredRobot:
         if not self.path.running:
             return True
         self.path.stop()
-        return bool(self._commands.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT)))
+        timeout = Duration(seconds=ACKNOWLEDGE_TIMEOUT)
+        return bool(self._commands.wait_for_all_acked(timeout))
 
     def close(self) -> None:
         """Close the topics; services then answer that the node is not configured."""
         self._server.served = None
         self._opened.close()
 
-    def check(self, values: Mapping[str, Any], given: Collection[str]) -> None:
-        """Raise InputError unless parameters, of which `given` are set, fit."""
+    def check(self, values: Mapping[str, Any], changed: Collection[str]) -> None:
+        """Raise InputError unless parameters, of which `changed` are set, fit."""
         path_settings(values, self.robot)
         speed_limits(self.robot, values)
         FillSettings.from_values(values, self.robot.joint_names)
@@ -254,19 +277,19 @@ class ConfiguredRobot:
                 values['gravity'] != self.values['gravity']).any():
             raise InputError("parameter 'gravity': new value; expected none while "
                              'imu.topic is set, which gives the direction')
-        if self._payload_from_service and 'payload.mass' not in given and any(
-                name in given for name in PAYLOAD):
+        # The parameters that are not set do not describe the payload of the service.
+        partly = 'payload.mass' not in changed and any(name in changed for name in PAYLOAD)
+        if self._payload_from_service and partly:
             raise InputError('parameters payload.*: payload set by ~/set_payload; '
-                             'expected '
-                             "'payload.mass' in the same request")
+                             "expected 'payload.mass' in the same request")
 
-    def update(self, values: Mapping[str, Any], given: Collection[str]) -> None:
-        """Use checked parameters, of which `given` are set, from the next cycle on."""
-        before = self.values
+    def update(self, values: Mapping[str, Any], changed: Collection[str]) -> None:
+        """Use checked parameters, of which `changed` are set, from the next cycle on."""
+        previous = self.values
         self.values = values
         if self.guard is not None:
             self.guard.new_parameters()
-        if before['mode'] != values['mode'] and self.path.active_motion.clear():
+        if previous['mode'] != values['mode'] and self.path.active_motion.clear():
             self._warn('mode', 'changed; desired motion dropped')
         self.path.set_limits(values)
         if self.path.loops is not None:
@@ -277,9 +300,9 @@ class ConfiguredRobot:
         self.optional_topics.update(values)
         loads = parameter_loads(self.robot.model, values)
         changes: dict[str, Any] = {}
-        if not np.array_equal(before['gravity'], values['gravity']):
+        if not np.array_equal(previous['gravity'], values['gravity']):
             changes['gravity'] = loads.gravity
-        if any(name in given for name in PAYLOAD):
+        if any(name in changed for name in PAYLOAD):
             changes['payload'] = loads.payload
             self._payload_from_service = False
         self._change(**changes)
@@ -296,11 +319,11 @@ class ConfiguredRobot:
             A field is invalid, or the node has no payload frame.
 
         """
-        given = request.payload
+        inertia = request.payload
+        com = inertia.com
         payload = checked_payload(
-            self.robot.model, self.values, request.frame, given.m,
-            (given.com.x, given.com.y, given.com.z),
-            (given.ixx, given.ixy, given.ixz, given.iyy, given.iyz, given.izz))
+            self.robot.model, self.values, request.frame, inertia.m, (com.x, com.y, com.z),
+            (inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz, inertia.izz))
         self._payload_from_service = True
         self._change(payload=payload)
 

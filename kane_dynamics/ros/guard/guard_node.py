@@ -195,23 +195,24 @@ class GuardNode(Node):
             try:
                 self._configure(values)
             except Exception as error:
-                kind = '' if isinstance(error,
-                                        KaneError) else f'{type(error).__name__}: '
-                self._refuse(f'not configured: {kind}{error}')
+                reason = str(error)
+                if not isinstance(error, KaneError):
+                    reason = f'{type(error).__name__}: {error}'
+                self._refuse(f'not configured: {reason}')
                 self.close()
 
     def _configure(self, values: Mapping[str, Any]) -> None:
         """Build the robot if it changed, and use the parameters."""
-        before = self._values
+        previous = self._values
         self._values = values
         simulated = values[SIMULATED_TIME]
         if self.get_parameter(SIMULATED_TIME).value != simulated:
             self.set_parameters([Parameter(SIMULATED_TIME, value=simulated)])
         digest = None if self._loads is None else self._loads.digest
-        same = self.guard is not None and self.guard.digest == digest and all(
-            np.array_equal(before[name], values[name])
-            for name in (*FIXED, SIMULATED_TIME))
-        if not same:
+        same_arm = self.guard is not None and self.guard.digest == digest
+        # Parameters that are not live need a new robot.
+        if not same_arm or not all(np.array_equal(previous[name], values[name])
+                                   for name in (*FIXED, SIMULATED_TIME)):
             self.close()
             self._build(values)
         if self.guard is not None:

@@ -115,9 +115,11 @@ class GuardPath(TorquePath):
         controller = self.controller
         reader = self._reader
         values = self._values
+        # Without velocities there is no damping.
         mode = Mode.COMPUTED_TORQUE if reader.has_velocity else Mode.GRAVITY_COMPENSATION
         if controller.mode is not mode:
             controller.update(mode=mode)
+        # The guard's own law: h(q, u) - M(q) (damping u), of which gravity or all fades out.
         continues = self._takeovers == self.watch.takeovers
         if not continues:
             self._takeovers = self.watch.takeovers
@@ -130,14 +132,16 @@ class GuardPath(TorquePath):
         elif values['guard.action'] == 'damp':
             tau = tau - faded * controller.gravity_torque(reader.q)
         if not continues:
+            # Begin with the last torque of the node. Its difference from the law ramps down
+            # in the time that the slowest joint needs within its rate limit.
             self._offset = self.messages.of_all(self.watch.torque) - tau
             rate = controller.rate_limit
-            self._ramp = max(values['guard.ramp'], *np.divide(
-                np.abs(self._offset), rate, out=np.zeros(len(rate)), where=rate
-                > 0.0).tolist())
+            needed = np.divide(np.abs(self._offset), rate, out=np.zeros(len(rate)),
+                               where=rate > 0.0)
+            self._ramp = max(values['guard.ramp'], *needed.tolist())
             self.resume(self.watch.torque)
-            self._pending_report = (f'no command for {self.watch.silent_for * 1e3:.1f} '
-                                    'ms: '
+            silent = self.watch.silent_for * 1e3
+            self._pending_report = (f'no command for {silent:.1f} ms: '
                                     f"commanding '{values['guard.action']}'")
         if elapsed < self._ramp:
             tau = tau + (1.0 - elapsed / self._ramp) * self._offset

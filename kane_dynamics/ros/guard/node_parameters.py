@@ -50,14 +50,18 @@ class NodeParameters:
             self._wanted = False
             if self._pending is not None:
                 self._client.remove_pending_request(self._pending)
-            self._pending = self._client.call_async(GetParameters.Request(names=list(NAMES)))
+            request = GetParameters.Request(names=list(NAMES))
+            self._pending = self._client.call_async(request)
             self._pending.add_done_callback(self._answered)
 
     def _answered(self, future: Any) -> None:
         if future is not self._pending:  # of an older configuration
             return
         self._pending = None
-        given = dict(zip(NAMES, map(parameter_value_to_python, future.result().values)))
-        values = {spec.name: read(spec, spec.default if given[spec.name] is None
-                                  else given[spec.name]) for spec in SHARED}
-        self._use(with_prefix(values) | {SIMULATED_TIME: bool(given[SIMULATED_TIME])})
+        answers = dict(zip(NAMES, map(parameter_value_to_python, future.result().values)))
+        values = {}
+        for spec in SHARED:
+            value = answers[spec.name]
+            values[spec.name] = read(spec, spec.default if value is None else value)
+        simulated = bool(answers[SIMULATED_TIME])
+        self._use(with_prefix(values) | {SIMULATED_TIME: simulated})

@@ -32,14 +32,15 @@ def examine_statement(values: Mapping[str, Any], model: Model) -> list[str]:
     joints = [name.removeprefix(prefix) for name in model.joint_names]
     rows = arms_named(model.name, joints)
     stated = values['arm_compensates']
-    if stated:
-        used = values['observer.enabled'] or values['estimator.enabled']
-        measured = used and values['observer.torque'] != 'command'
-        found = [contradiction(rows, stated)]
-        if measured:
-            found += [effort_contradiction(rows, values['efforts.kind'],
-                                           values['efforts.gravity'])]
-        return [words for words in found if words]
-    listed = [f'{", ".join(row.compensates)} for {row}' for row in rows
-              if row.compensates]
-    raise unstated(f'. {model.name} is known: ' + '; or '.join(listed) if listed else '')
+    if not stated:
+        listed = [f'{", ".join(row.compensates)} for {row}' for row in rows
+                  if row.compensates]
+        hint = f'. {model.name} is known: {"; or ".join(listed)}' if listed else ''
+        raise unstated(hint)
+    contradictions = [contradiction(rows, stated)]
+    # Efforts are read by observer and estimator only, unless these use the command.
+    monitored = values['observer.enabled'] or values['estimator.enabled']
+    if monitored and values['observer.torque'] != 'command':
+        contradictions.append(effort_contradiction(rows, values['efforts.kind'],
+                                                   values['efforts.gravity']))
+    return [words for words in contradictions if words]

@@ -57,26 +57,26 @@ class LiveParameters:
         self._frozen = frozen
         self._check = check
         self._changed = changed
-        self._given = self._staged = declare(node, specs)
-        self.values = with_prefix(self._given)
-        given = list(getattr(node, '_parameter_overrides', {}))
-        for warning in unknown_parameters(given, self._specs):
+        # Values without the prefix: the present ones, and those of a request that is checked.
+        self._present = self._staged = declare(node, specs)
+        self.values = with_prefix(self._present)
+        overrides = list(getattr(node, '_parameter_overrides', {}))
+        for warning in unknown_parameters(overrides, self._specs):
             node.get_logger().warning(warning)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._after_set)
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
         """Check a set of changes as a whole, without applying it."""
-        staged = dict(self._given)
+        staged = dict(self._present)
         try:
             for change in changes:
                 spec = self._specs.get(change.name)
                 if spec is None:  # a parameter of ROS
                     continue
                 value = read(spec, change.value)
-                reason = '' if spec.live or np.array_equal(value,
-                                                           staged[spec.name]) else (
-                    self._frozen())
+                unchanged = np.array_equal(value, staged[spec.name])
+                reason = '' if spec.live or unchanged else self._frozen()
                 if reason:
                     new_value = as_text(change.value)
                     raise InputError(f"parameter '{spec.name}': new value {new_value}; "
@@ -89,10 +89,10 @@ class LiveParameters:
         return SetParametersResult(successful=True)
 
     def _after_set(self, changes: list[Parameter]) -> None:
-        self._given = self._staged
-        before = self.values
-        self.values = with_prefix(self._given)
-        self._changed(before, _names(changes))
+        self._present = self._staged
+        previous = self.values
+        self.values = with_prefix(self._present)
+        self._changed(previous, _names(changes))
 
 
 def _names(changes: list[Parameter]) -> set[str]:

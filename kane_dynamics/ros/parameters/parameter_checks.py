@@ -145,10 +145,11 @@ def with_prefix(values: Mapping[str, Any]) -> dict[str, Any]:
     prefix = values['prefix']
     result = dict(values)
     for name in FRAMES:
-        value = values.get(name)
-        if value:
-            result[name] = (prefix + value if isinstance(value, str) else
-                            tuple(prefix + each for each in value))
+        frames = values.get(name)
+        if isinstance(frames, str):
+            result[name] = frames and prefix + frames  # empty: no frame
+        elif frames:
+            result[name] = tuple(prefix + frame for frame in frames)
     return result
 
 
@@ -158,8 +159,8 @@ def unknown_parameters(given: Sequence[str], known: Collection[str]) -> list[str
     for name in given:
         if name in known or name.split('.')[0] in FOREIGN:
             continue
-        near = similar_parameter(name, known)
-        expected = f"'{near}'" if near else 'a parameter of the node'
+        similar = similar_parameter(name, known)
+        expected = f"'{similar}'" if similar else 'a parameter of the node'
         warnings.append(f"parameter '{name}': unknown and ignored; expected {expected}")
     return warnings
 
@@ -172,17 +173,21 @@ def similar_parameter(name: str, known: Collection[str]) -> str:
     ``effort_limit``: ``limits.effort``), the shortest of them; then those that share
     most words with it, the most similar spelling of them; then similar spellings alone.
     """
-    wanted = _words(name)
-    same_words = [candidate for candidate in known if wanted <= _words(candidate)]
+    words = _words(name)
+    same_words = [candidate for candidate in known if words <= _words(candidate)]
     if same_words:
         return min(same_words, key=len)
-    shared = {candidate: len(wanted & _words(candidate)) for candidate in known}
-    most = max(shared.values())
-    if most:
-        candidates = [candidate for candidate, count in shared.items() if count == most]
+    # Group the parameters by the number of words that they share with the name.
+    by_shared_words: dict[int, list[str]] = {}
+    for candidate in known:
+        count = len(words & _words(candidate))
+        by_shared_words.setdefault(count, []).append(candidate)
+    largest = max(by_shared_words)
+    if largest:
+        candidates = by_shared_words[largest]
         return difflib.get_close_matches(name, candidates, n=1, cutoff=0.0)[0]
-    near = difflib.get_close_matches(name, known, n=1, cutoff=SIMILAR)
-    return near[0] if near else ''
+    similar = difflib.get_close_matches(name, known, n=1, cutoff=SIMILAR)
+    return similar[0] if similar else ''
 
 
 def _words(name: str) -> set[str]:

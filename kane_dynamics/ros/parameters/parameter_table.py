@@ -45,18 +45,32 @@ class Spec:
         """Return a description of the valid values."""
         if self.choices:
             return 'one of ' + ', '.join(self.choices)
-        number = ('positive' if self.positive else 'finite' if self.low == -math.inf else
-                  f'at least {self.low:g}')
+        words = {'text': 'a string',
+                 'flag': 'true or false',
+                 'names': 'a list of names, each once',
+                 'vector': 'three finite numbers',
+                 'six': 'six finite numbers',
+                 'numbers': f'a list of integers, each {self._range}',
+                 'number': f'a number, {self._range}',
+                 'count': f'an integer, {self._range}',
+                 'terms': STATEMENT,
+                 'per_joint': f'one number or one per joint, each {self._range}'}
+        return words[self.kind]
+
+    @property
+    def _range(self) -> str:
+        """Return a description of the range of numbers."""
+        if self.positive:
+            words = 'positive'
+        elif self.low == -math.inf:
+            words = 'finite'
+        else:
+            words = f'at least {self.low:g}'
         if self.high < math.inf:
-            number += f', at most {self.high:g}'
-        number += ' or infinite' if self.infinite else ''
-        return {'text': 'a string', 'flag': 'true or false',
-                'names': 'a list of names, each once',
-                'vector': 'three finite numbers', 'six': 'six finite numbers',
-                'numbers': f'a list of integers, each {number}',
-                'number': f'a number, {number}',
-                'count': f'an integer, {number}', 'terms': STATEMENT,
-                'per_joint': f'one number or one per joint, each {number}'}[self.kind]
+            words += f', at most {self.high:g}'
+        if self.infinite:
+            words += ' or infinite'
+        return words
 
 
 def live(name: str, kind: Kind, default: Any, description: str, **bounds: Any) -> Spec:

@@ -38,7 +38,9 @@ class ActiveMotion:
         motion, upcoming = self._motions
         if upcoming is not None and stamp >= upcoming[1]:
             motion = upcoming
-        return (None, 0.0) if motion is None else (motion[0], (stamp - motion[1]) / NANO)
+        if motion is None:
+            return None, 0.0
+        return motion[0], (stamp - motion[1]) / NANO
 
     def desired(self, stamp: int) -> State | None:
         """
@@ -64,17 +66,17 @@ class ActiveMotion:
         with self._lock:
             if generation != self.generation:
                 return False
-            before, upcoming = self._motions
+            current, upcoming = self._motions
             if upcoming is not None and now >= upcoming[1]:
-                before = upcoming
-            self._motions = before, (motion, start)
+                current = upcoming
+            self._motions = current, (motion, start)
             return True
 
     def clear(self) -> bool:
         """Drop both motions; return whether there was one."""
         with self._lock:
-            before = self._motions
-            self._motions = (None, None)
+            cleared = self._motions
+            self._motions = None, None
             self.generation += 1
             self.cleared_at = time.time_ns()
-            return before != (None, None)
+            return cleared != (None, None)

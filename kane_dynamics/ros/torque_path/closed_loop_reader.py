@@ -151,11 +151,12 @@ class ClosedLoopReader(JointStateReader):
         last accepted state. The distance is one over the conditioning figure there; the
         speed is that of the last state, measured and as its change from the one before.
         """
-        before, last = self._stamps
-        if not before:
+        second_last, last = self._stamps
+        if not second_last:
             return True
+        # The larger of the measured rates and of the change between the last two states.
         rates = self.tracker.robot.joint_rates(self.q, self.u)
-        change = (self.q - self._before) * (NANO / max(last - before, 1))
+        change = (self.q - self._before) * (NANO / max(last - second_last, 1))
         speed = np.maximum(np.abs(rates), np.abs(change)) / self._lengths
         reached = REACH * float(speed.max()) * (stamp - last) / NANO + STANDSTILL
         return reached >= 1.0 / self.tracker.accepted_figure

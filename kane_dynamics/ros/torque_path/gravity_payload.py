@@ -73,17 +73,16 @@ def checked_payload(model: Model, values: Mapping[str, Any], frame: str, mass: f
     distance = math.hypot(*com)
     if not distance <= max_distance:
         raise InputError(f'center of mass: {np.asarray(com).tolist()} m; expected '
-                         'finite numbers, at most '
-                         f'{max_distance:g} m from the frame (parameter '
-                         'payload.max_distance)')
+                         f'finite numbers, at most {max_distance:g} m from the frame '
+                         '(parameter payload.max_distance)')
     xx, xy, xz, yy, yz, zz = inertia
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     _check_inertia(tensor, mass * max_distance ** 2)
     at = model.frame(frame or carrying)
     carrier = model.frame(carrying)
     if at.body != carrier.body:
-        expected = ', '.join(sorted(each.name for each in model.frames
-                                    if each.body == carrier.body))
+        expected = ', '.join(sorted(fixed.name for fixed in model.frames
+                                    if fixed.body == carrier.body))
         raise InputError(f"frame: '{at.name}', not fixed to the body of payload.frame "
                          f"'{carrier.name}'; expected one of {expected}")
     if mass == 0.0:
@@ -93,18 +92,18 @@ def checked_payload(model: Model, values: Mapping[str, Any], frame: str, mass: f
         back @ at.rotation, back @ (at.translation - carrier.translation))
 
 
-def _check_inertia(tensor: Array, most: float) -> None:
+def _check_inertia(tensor: Array, bound: float) -> None:
     """Raise InputError unless a body within the bounds can have this central inertia."""
     if not np.isfinite(tensor).all():
         raise InputError(f'inertia: {tensor.tolist()}; expected finite numbers')
-    found = principal_moments(tensor, rounding=1e-6)  # rounding of numbers in text
-    if not found.possible:
-        raise InputError(f'inertia: principal moments {found}; expected none negative '
+    principal = principal_moments(tensor, rounding=1e-6)  # rounding of numbers in text
+    if not principal.possible:
+        raise InputError(f'inertia: principal moments {principal}; expected none negative '
                          'and none larger than the sum of the other two')
-    largest = found.moments[2]
-    if largest > most:
+    largest = principal.moments[2]
+    if largest > bound:
         raise InputError(f'inertia: principal moment {largest:g} kg m^2; expected at '
-                         f'most {most:g} kg m^2, the mass times the square of parameter '
+                         f'most {bound:g} kg m^2, the mass times the square of parameter '
                          'payload.max_distance')
 
 

@@ -5,7 +5,7 @@ import math
 from typing import NamedTuple
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.ros.common.conversion import Array, Index, NANO
+from kane_dynamics.ros.common.conversion import Array, Index, NANO, places
 from kane_dynamics.ros.torque_path.cdr import (MessageBuffer, Reader, STAMP, STAMP_AT,
                                                TooShortError, write_joint_state)
 import numpy as np
@@ -230,9 +230,8 @@ class JointStateReader:
             self.others = layout.others.places
             self.positions = layout.numbers[layout.others.entries]
         if self.need_effort:
-            self._gather_effort(layout.efforts, layout.entry if self._actuated is None
-                                else
-                                layout.others.efforts)
+            index = layout.entry if self._actuated is None else layout.others.efforts
+            self._gather_effort(layout.efforts, index)
         return None if self.judged and not self.others else self._finite()
 
     def complete(self, stamp: int) -> str | None:
@@ -249,7 +248,7 @@ class JointStateReader:
         layout = None
         try:
             layout = JointStateLayout(data)
-        # Rclpy rejects it too, but prints an error each time
+        # rclpy rejects it too, but prints an error each time
         except TooShortError as error:
             self.detail = str(error)
             return MALFORMED
@@ -278,11 +277,11 @@ class JointStateReader:
         """Return the optional joints among `names`, and the places of the efforts."""
         if not self.optional:
             return NO_OTHERS
-        places = tuple(k for k, name in enumerate(self.optional) if name in names)
+        present = tuple(k for k, name in enumerate(self.optional) if name in names)
+        entries = places([self.optional[k] for k in present], names)
         actuated = self._actuated or ()
-        return OtherJoints(places, _entries(names, [self.optional[k] for k in places]),
-                           _entries(names, actuated) if set(actuated) <= set(names)
-                           else None)
+        efforts = places(actuated, names) if set(actuated) <= set(names) else None
+        return OtherJoints(present, entries, efforts)
 
     def _gather(self, message: JointState, index: Index, others: OtherJoints,
                 need_velocity: bool) -> str | None:
@@ -318,22 +317,27 @@ class JointStateReader:
 
     def _index(self, names: list[str]) -> Index | str:
         """Return the index of each joint in `names`, or the reason to drop."""
-        entry = {name: i for i, name in enumerate(names)}
-        missing = [joint for joint in self.joints if joint not in entry]
-        self.detail = ', '.join(missing)
+        missing = [joint for joint in self.joints if joint not in names]
+        if missing:
+            self.detail = ', '.join(missing)
+            return self._note_missing(names, missing)
+        used = (*self.joints, *self.optional)
+        repeated = [joint for joint in used if names.count(joint) > 1]
+        if repeated:
+            self.detail = ', '.join(repeated)
+            return TWICE
+        return places(self.joints, names)
+
+    def _note_missing(self, names: list[str], missing: list[str]) -> str:
+        """Note the names of a message that lacks joints; return the reason to drop it."""
         if names and len(missing) == len(self.joints):
             if len(self.foreign_joints) < MAX_LAYOUTS:
                 self.foreign_joints.add(tuple(names))
             return FOREIGN
-        twice = [joint for joint in (*self.joints, *self.optional) if names.count(joint)
-                 > 1]
-        if missing and len(self.partial_joints) < MAX_LAYOUTS:
-            self.partial_joints.add(tuple(joint for joint in self.joints
-                                          if joint in entry))
-        if missing or twice:
-            self.detail = ', '.join(missing or twice)
-            return MISSING if missing else TWICE
-        return np.array([entry[joint] for joint in self.joints], dtype=np.intp)
+        if len(self.partial_joints) < MAX_LAYOUTS:
+            part = tuple(joint for joint in self.joints if joint in names)
+            self.partial_joints.add(part)
+        return MISSING
 
     def _finite(self) -> str | None:
         """Return None if the state is finite, else the reason to drop it."""
@@ -359,8 +363,3 @@ class JointStateReader:
         if len(self._layouts) >= MAX_LAYOUTS:
             del self._layouts[next(iter(self._layouts))]
         self._layouts[len(data)] = layout
-
-
-def _entries(names: Sequence[str], joints: Sequence[str]) -> Index:
-    """Return the index of each joint in `names`."""
-    return np.array([names.index(joint) for joint in joints], dtype=np.intp)

@@ -203,7 +203,8 @@ class TorquePath:
     def check_timeout(self) -> None:
         """Command zeros, once, if the last state in time has timed out."""
         now = self._clock()
-        if self.running and now - self._last_heard > self._timeout and not self.timed_out:
+        late = now - self._last_heard > self._timeout
+        if self.running and late and not self.timed_out:
             self.time_out(f'none for {(now - self._last_heard) / NANO:.3f} s')
 
     def time_out(self, reason: str) -> None:
@@ -233,7 +234,9 @@ class TorquePath:
     @property
     def reaction(self) -> str:
         """Return what is commanded while states are refused, and until when."""
-        action = 'holding the last accepted position' if self._holds else 'commanding zeros'
+        action = 'commanding zeros'
+        if self._holds:
+            action = 'holding the last accepted position'
         return (f'{action} until states are valid again; deactivate and activate the '
                 'node to begin from others')
 

@@ -212,15 +212,15 @@ def wrenches_of_request(frames: WrenchFrames, q: Array,
 
     Raise InputError if a frame is unknown or used twice, or a number is not finite.
     """
-    given: dict[int, Array] = {}
+    wrenches: dict[int, Array] = {}
     for message in messages:
         row = frames.row(message.header.frame_id)
         wrench = wrench_array(message)
-        if row in given:
+        if row in wrenches:
             raise InputError(f"wrenches: two at frame '{message.header.frame_id}'; "
                              'expected one')
         if not np.isfinite(wrench).all():
             raise InputError(f"wrench at frame '{message.header.frame_id}': "
                              f'{wrench.tolist()}; expected finite numbers')
-        given[row] = wrench
-    return frames.in_world(q, given.items()) if given else None
+        wrenches[row] = wrench
+    return frames.in_world(q, wrenches.items()) if wrenches else None
