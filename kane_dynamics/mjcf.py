@@ -1,10 +1,10 @@
 """
 Load mechanisms from MJCF, the format of MuJoCo, with the package mujoco as its parser.
 
-Conventions of MuJoCo: a body's frame is placed in that of its parent, and its joints move it one
-after the other, each about or along an axis through its anchor, both given in the body's frame.
-The body is where the XML puts it at the joint's reference position (`ref`). A free joint has the
-pose of the body in the world. Quaternions are w, x, y, z.
+Conventions of MuJoCo: a body's frame is placed in that of its parent, and its joints
+move it one after the other, each about or along an axis through its anchor, both given
+in the body's frame. The body is where the XML puts it at the joint's reference position
+(`ref`). A free joint has the pose of the body in the world. Quaternions are w, x, y, z.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError, ModelWarning
 from kane_dynamics.mechanics.constraints.constraint_types.closure import Closure
-from kane_dynamics.mechanics.constraints.constraint_types.position_constraints import Coupling
+from kane_dynamics.mechanics.constraints.constraint_types.position_constraints import (
+    Coupling)
 from kane_dynamics.mechanics.constraints.independent_speeds import (
     choose_independent, coordinates_by_name)
 from kane_dynamics.model.builder import ModelBuilder
@@ -34,7 +35,8 @@ import numpy as np
 __all__ = ['is_mjcf', 'load_mjcf', 'MjcfMechanism']
 
 WORLD = 0  # MuJoCo's index of the world
-# MuJoCo's friction loss acts in full from about this rate on; our law is smooth below it.
+# MuJoCo's friction loss acts in full from about this rate on; our law is smooth below
+# it.
 FRICTION_SPEED = 0.05
 
 
@@ -47,9 +49,9 @@ class MjcfMechanism(NamedTuple):
     model : Model
         Bodies, joints and frames.
     options : dict
-        Arguments of `Robot`: `constraints` and the `configuration` at which the loops close, if
-        the file has equality constraints; `actuated` joints, if only some have actuators, and not
-        fewer than there are independent speeds.
+        Arguments of `Robot`: `constraints` and the `configuration` at which the loops
+        close, if the file has equality constraints; `actuated` joints, if only some have
+        actuators, and not fewer than there are independent speeds.
 
     """
 
@@ -61,21 +63,24 @@ def load_mjcf(source: str | os.PathLike[str], *, strict: bool = True) -> MjcfMec
     """
     Load a mechanism from MJCF; needs the extra `mjcf`.
 
-    Used: bodies, joints of every type, inertial properties (of geoms too, as MuJoCo computes
-    them), armature, damping, friction loss, joint springs, position limits, force limits of joints
-    and of actuators on joints, sites, gravity; equality constraints `connect`, `weld` and linear
-    `joint` as rigid constraints, where MuJoCo's are soft. Everything else that exerts forces is
-    named by a warning: contacts, tendons, muscles, fluid, gravity compensation, and so on.
+    Used: bodies, joints of every type, inertial properties (of geoms too, as MuJoCo
+    computes them), armature, damping, friction loss, joint springs, position limits,
+    force limits of joints and of actuators on joints, sites, gravity; equality
+    constraints `connect`, `weld` and linear `joint` as rigid constraints, where MuJoCo's
+    are soft. Everything else that exerts forces is named by a warning: contacts,
+    tendons, muscles, fluid, gravity compensation, and so on.
 
-    The order of the joints is MuJoCo's. A ball joint has x, y, z, w in q, MuJoCo has w, x, y, z; a
-    free joint's linear speeds are in world axes in both.
+    The order of the joints is MuJoCo's. A ball joint has x, y, z, w in q, MuJoCo has w,
+    x, y, z; a free joint's linear speeds are in world axes in both.
 
     Parameters
     ----------
     source : path, or str of XML
-        Assets such as meshes are read from beside the file, since they may define inertias.
+        Assets such as meshes are read from beside the file, since they may define
+        inertias.
     strict : bool
-        Whether moments of inertia that no rigid body has are an error instead of a warning.
+        Whether moments of inertia that no rigid body has are an error instead of a
+        warning.
 
     Returns
     -------
@@ -102,8 +107,9 @@ def load_mjcf(source: str | os.PathLike[str], *, strict: bool = True) -> MjcfMec
 
 
 def is_mjcf(source: Any) -> bool:
-    """Return whether a source is the path of an MJCF file: an XML file with the root <mujoco>."""
-    if not isinstance(source, str | os.PathLike) or not os.fspath(source).endswith('.xml'):
+    """Return whether a source is the path of an XML file with the root <mujoco>."""
+    if not isinstance(source,
+                      str | os.PathLike) or not os.fspath(source).endswith('.xml'):
         return False
     try:
         events = ElementTree.iterparse(os.fspath(source), events=('start',))
@@ -115,19 +121,20 @@ def is_mjcf(source: Any) -> bool:
 def _compiled(mujoco: Any, source: str | os.PathLike[str]) -> Any:
     """Return MuJoCo's model of a file or a text."""
     if not isinstance(source, str | os.PathLike):
-        raise InputError(f'source: {type(source).__name__}; expected a path, or the XML as str')
+        raise InputError(f'source: {type(source).__name__}; expected a path, or the XML '
+                         'as str')
     is_text = isinstance(source, str) and source.lstrip('\ufeff \t\r\n').startswith('<')
     if not is_text and not Path(source).is_file():
-        raise InputError(f"no such file: '{os.fspath(source)}'; expected the path of an MJCF "
-                         'file, or its XML as str')
+        raise InputError(f"no such file: '{os.fspath(source)}'; expected the path of an "
+                         'MJCF file, or its XML as str')
     try:
         if is_text:
             return mujoco.MjModel.from_xml_string(source)
         return mujoco.MjModel.from_xml_path(os.fspath(source))
     except ValueError as error:
         what = 'MJCF' if is_text else f"'{os.fspath(source)}'"
-        raise ModelError(f'{what}: {" ".join(str(error).split())}; expected a file that MuJoCo '
-                         'loads') from None
+        raise ModelError(f'{what}: {" ".join(str(error).split())}; expected a file that '
+                         'MuJoCo loads') from None
 
 
 class _Reader:
@@ -146,7 +153,8 @@ class _Reader:
         """Return the mechanism; warn of what it lacks."""
         if not self.compiled.njnt:
             raise ModelError(f'{self._title()}: no joint; expected at least one')
-        self.builder = ModelBuilder(self._title(), gravity=self._gravity(), strict=strict)
+        self.builder = ModelBuilder(self._title(), gravity=self._gravity(),
+                                    strict=strict)
         for body in range(1, self.compiled.nbody):
             self._add_body(body)
         for site in range(self.compiled.nsite):
@@ -162,15 +170,17 @@ class _Reader:
         speeds = model.n
         if constraints and actuated:
             start = coordinates_by_name(model, options['configuration'])
-            speeds = len(choose_independent(model, None, constraints, configuration=start).free)
+            speeds = len(choose_independent(model, None, constraints,
+                                            configuration=start).free)
         if actuated and len(actuated) < speeds:
-            unused.append(f'which joints have actuators ({", ".join(actuated)}), for they are '
-                          f'fewer than the {speeds} independent speeds, to which tau is dual '
-                          'instead')
+            unused.append(f'which joints have actuators ({", ".join(actuated)}), for '
+                          f'they are fewer than the {speeds} independent speeds, to '
+                          'which tau is dual instead')
         elif actuated and constraints:
             options['actuated'] = actuated
         if unused:
-            warnings.warn(f'MJCF: not used: {"; ".join(unused)}', ModelWarning, stacklevel=3)
+            warnings.warn('MJCF: not used: '
+                          f'{"; ".join(unused)}', ModelWarning, stacklevel=3)
         return MjcfMechanism(model, options)
 
     # ------------------------------------------------------------------ names
@@ -183,8 +193,8 @@ class _Reader:
         """Return a unique name for each object: MuJoCo's, or the word and its index."""
         names: list[str] = []
         for index in range(count):
-            name = self.mujoco.mj_id2name(self.compiled, kind, index) or f'{word}_{index}'
-            names.append(name)
+            name = self.mujoco.mj_id2name(self.compiled, kind, index)
+            names.append(name or f'{word}_{index}')
         return names
 
     def _frame_name(self, name: str) -> str:
@@ -194,16 +204,20 @@ class _Reader:
 
     def _disabled(self, flag: str) -> bool:
         """Return whether the file's `option` disables a part of the dynamics."""
-        return bool(self.compiled.opt.disableflags & getattr(self.mujoco.mjtDisableBit, flag))
+        bit = getattr(self.mujoco.mjtDisableBit, flag)
+        return bool(self.compiled.opt.disableflags & bit)
 
     def _gravity(self) -> Array:
         """Return the acceleration of gravity, m/s^2."""
-        return np.array(self.compiled.opt.gravity) * (not self._disabled('mjDSBL_GRAVITY'))
+        if self._disabled('mjDSBL_GRAVITY'):
+            return np.zeros(3)
+        return np.array(self.compiled.opt.gravity)
 
-    # ------------------------------------------------------------------ bodies and joints
+    # ------------------------------------------------------------------ bodies and
+    # joints
 
     def _add_body(self, body: int) -> None:
-        """Add a body with its joints: a chain of massless bodies, then the body itself."""
+        """Add a body with its joints: a chain of massless bodies, then the body."""
         compiled = self.compiled
         parent = self.bodies[compiled.body_parentid[body]]
         first = int(compiled.body_jntadr[body])
@@ -217,7 +231,8 @@ class _Reader:
             kind = int(compiled.jnt_type[joint])
             position = np.array(compiled.jnt_pos[joint])
             if kind == self.mujoco.mjtJoint.mjJNT_FREE:
-                # Its coordinates are the pose in the world, wherever the XML puts the body.
+                # Its coordinates are the pose in the world, wherever the XML puts the
+                # body.
                 on = 'world'
                 at = np.zeros(3)
                 quaternion = IDENTITY
@@ -229,11 +244,14 @@ class _Reader:
             at = np.zeros(3)
             quaternion = IDENTITY
             anchor = position
-        # The body's frame, carried by the last joint, or fixed to its parent without joints.
-        self.builder.body(self.bodies[body], on, 'fixed', at=at - anchor, quaternion=quaternion,
+        # The body's frame, carried by the last joint, or fixed to its parent without
+        # joints.
+        self.builder.body(self.bodies[body], on, 'fixed',
+                                                 at=at - anchor, quaternion=quaternion,
                           inertial=self._inertial(body))
 
-    def _add_joint(self, body: str, joint: int, on: str, at: Array, quaternion: Array) -> None:
+    def _add_joint(self, body: str, joint: int, on: str, at: Array,
+                   quaternion: Array) -> None:
         """Add one joint of MuJoCo and the body that it moves."""
         compiled = self.compiled
         types = self.mujoco.mjtJoint
@@ -280,7 +298,8 @@ class _Reader:
         """Set damping and friction of the parts of a free or a ball joint."""
         compiled = self.compiled
         dof = int(compiled.jnt_dofadr[joint])
-        parts = ['x', 'y', 'z', 'wx', 'wy', 'wz'] if word == 'free' else ['wx', 'wy', 'wz']
+        parts = ['x',
+                 'y', 'z', 'wx', 'wy', 'wz'] if word == 'free' else ['wx', 'wy', 'wz']
         for k, part in enumerate(parts):
             properties: dict[str, float] = {}
             if _first(compiled.dof_damping[dof + k]):
@@ -291,12 +310,13 @@ class _Reader:
                 self.builder.joint(f'{name}/{part}', **properties)
 
     def _effort_limit(self, joint: int) -> float:
-        """Return the largest force of the actuators on a joint, N m or N; joint's limit too."""
+        """Return the largest force of the actuators on a joint, N m or N."""
         compiled = self.compiled
         limits = []
         if compiled.jnt_actfrclimited[joint]:
             limits.append(float(np.abs(compiled.jnt_actfrcrange[joint]).max()))
-        motors = [k for k in self._actuators_on(joint) if compiled.actuator_forcelimited[k]]
+        motors = [k for k in self._actuators_on(joint)
+                  if compiled.actuator_forcelimited[k]]
         if motors:
             forces = np.abs(compiled.actuator_forcerange[motors]).max(axis=1)
             gears = np.abs(compiled.actuator_gear[motors, 0])
@@ -316,15 +336,20 @@ class _Reader:
         """Return the joints of one degree of freedom that have actuators."""
         types = self.mujoco.mjtJoint
         single = (types.mjJNT_HINGE, types.mjJNT_SLIDE)
-        return tuple(name for joint, name in enumerate(self.joints)
-                     if int(self.compiled.jnt_type[joint]) in single and self._actuators_on(joint))
+        actuated = []
+        for joint, name in enumerate(self.joints):
+            kind = int(self.compiled.jnt_type[joint])
+            if kind in single and self._actuators_on(joint):
+                actuated.append(name)
+        return tuple(actuated)
 
     def _inertial(self, body: int) -> Inertial:
         """Return the inertial properties of a body, in its axes."""
         compiled = self.compiled
         R = _matrix(_scalar_last(compiled.body_iquat[body]))
         inertia = R @ np.diag(compiled.body_inertia[body]) @ R.T
-        return Inertial(float(compiled.body_mass[body]), np.array(compiled.body_ipos[body]),
+        return Inertial(float(compiled.body_mass[body]),
+                        np.array(compiled.body_ipos[body]),
                         0.5 * (inertia + inertia.T))
 
     def _add_site(self, site: int) -> None:
@@ -361,7 +386,7 @@ class _Reader:
         return None
 
     def _coupling(self, k: int, name: str) -> Coupling | None:
-        """Return y - y0 = a0 + a1 (x - x0) for joints y, x; None for a higher polynomial."""
+        """Return y - y0 = a0 + a1 (x - x0) for joints y, x; None for a higher order."""
         compiled = self.compiled
         a = np.array(compiled.eq_data[k, :5])
         if a[2:].any():
@@ -417,7 +442,8 @@ class _Reader:
             else:
                 values[name] = float(self.compiled.qpos0[start])
                 continue
-            values |= {f'{name}/{label}': float(part) for label, part in zip(labels, parts)}
+            for label, part in zip(labels, parts):
+                values[f'{name}/{label}'] = float(part)
         return values
 
     # ------------------------------------------------------------------ what is left out
@@ -437,7 +463,8 @@ class _Reader:
                     if compiled.eq_active0[k] and not self._has_counterpart(k)]
         if left_out:
             names = self._names(mujoco.mjtObj.mjOBJ_EQUALITY, compiled.neq, 'equality')
-            unused.append(f'equality constraints: {listing([names[k] for k in left_out])}')
+            unused.append('equality constraints: '
+                          f'{listing([names[k] for k in left_out])}')
         elsewhere = self._actuators_elsewhere()
         if elsewhere:
             unused.append(f'actuators that act on no joint: {listing(elsewhere)}')
@@ -454,7 +481,8 @@ class _Reader:
             unused.append(f'springs, armature and limits of ball and free joints: '
                           f'{listing(balls)}')
         unused += self._unused_forces()
-        for count, what in (('nflex', 'flexes'), ('nplugin', 'plugins'), ('nmocap', 'mocap')):
+        for count, what in (('nflex',
+                             'flexes'), ('nplugin', 'plugins'), ('nmocap', 'mocap')):
             if getattr(compiled, count, 0):
                 unused.append(what)
         return unused
@@ -469,15 +497,17 @@ class _Reader:
 
     def _actuators_elsewhere(self) -> list[str]:
         """Return the actuators on tendons, sites or bodies."""
-        names = self._names(self.mujoco.mjtObj.mjOBJ_ACTUATOR, self.compiled.nu, 'actuator')
+        names = self._names(self.mujoco.mjtObj.mjOBJ_ACTUATOR, self.compiled.nu,
+                            'actuator')
         on_joints: set[int] = set()
         for joint in range(self.compiled.njnt):
             on_joints.update(self._actuators_on(joint))
         return [name for k, name in enumerate(names) if k not in on_joints]
 
     def _servos(self) -> list[str]:
-        """Return the actuators whose force depends on the state, such as position servos."""
-        names = self._names(self.mujoco.mjtObj.mjOBJ_ACTUATOR, self.compiled.nu, 'actuator')
+        """Return the actuators whose force depends on the state, such as servos."""
+        names = self._names(self.mujoco.mjtObj.mjOBJ_ACTUATOR, self.compiled.nu,
+                            'actuator')
         none = self.mujoco.mjtBias.mjBIAS_NONE
         return [name for k, name in enumerate(names)
                 if int(self.compiled.actuator_biastype[k]) != none]
@@ -540,7 +570,7 @@ def _rotated(quaternion: Array, vector: Array) -> Array:
 
 
 def _product(first: Array, second: Array) -> Array:
-    """Return the quaternion of one rotation followed by another about the rotated axes."""
+    """Return the quaternion of a rotation, then another about the rotated axes."""
     from kane_dynamics.mechanics.algebra.quaternion import product
     return product(first, second)
 

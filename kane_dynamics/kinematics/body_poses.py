@@ -8,7 +8,7 @@ import numpy as np
 
 def body_poses(model: Model, q: Array) -> Array:
     """
-    Return the pose of every body, (n_bodies + 1, 4, 4), m; the last one is that of the world.
+    Return the poses of all bodies, then of the world, (n_bodies + 1, 4, 4), m.
 
     Parameters
     ----------

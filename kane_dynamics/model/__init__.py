@@ -1,1 +1,1 @@
-"""Models of mechanisms: bodies, joints, inertial properties, flexible links, and a builder."""
+"""Models of mechanisms: bodies, joints, inertias, flexible links, and a builder."""

@@ -1,22 +1,24 @@
 """
 Flexible links as data: Euler-Bernoulli beams with assumed modes.
 
-A section of a beam is at ``rho = x e + d + c e``: x along the beam's direction e, the deflection
-``d = sum_i phi_i(x) eta_i`` across it, and the foreshortening ``c = -1/2 eta^T H(x) eta`` with
-``H_ij = int_0^x phi_i' . phi_j'``, without which a rotating beam would soften (Kane, Ryan &
-Banerjee, JGCD 10, 1987). Attached bodies move exactly with their section. It turns by the slopes
-of d, and about e by the roll that bending in two planes causes (see `flexible_link`).
+A section of a beam is at ``rho = x e + d + c e``: x along the beam's direction e, the
+deflection ``d = sum_i phi_i(x) eta_i`` across it, and the foreshortening ``c = -1/2
+eta^T H(x) eta`` with ``H_ij = int_0^x phi_i' . phi_j'``, without which a rotating beam
+would soften (Kane, Ryan & Banerjee, JGCD 10, 1987). Attached bodies move exactly with
+their section. It turns by the slopes of d, and about e by the roll that bending in two
+planes causes (see `flexible_link`).
 
-The mass of the beam moves likewise, except that its c is the linear function of x with the same
-mean and first moment in mass. To second order in eta and eta', the kinetic energy and the weight
-depend on these two only. The kinetic energy is exactly that of these points, so that M is a Gram
-matrix and positive definite for every eta. All integrals are computed once.
+The mass of the beam moves likewise, except that its c is the linear function of x with
+the same mean and first moment in mass. To second order in eta and eta', the kinetic
+energy and the weight depend on these two only. The kinetic energy is exactly that of
+these points, so that M is a Gram matrix and positive definite for every eta. All
+integrals are computed once.
 
-Sections may rotate about e by the twist ``theta = sum_i psi_i(x) eta_i``. Their inertia is that of
-a round section: rho I_p about e and half of that across it. So torsion adds rho I_p (omega . e
-theta' + 1/2 theta'^2) per length to the kinetic energy, for any angle. The rotation of e by
-bending and the roll act on attached bodies; they are neglected in the rotary inertia of the
-sections.
+Sections may rotate about e by the twist ``theta = sum_i psi_i(x) eta_i``. Their inertia
+is that of a round section: rho I_p about e and half of that across it. So torsion adds
+rho I_p (omega . e theta' + 1/2 theta'^2) per length to the kinetic energy, for any
+angle. The rotation of e by bending and the roll act on attached bodies; they are
+neglected in the rotary inertia of the sections.
 """
 
 from collections.abc import Callable
@@ -27,7 +29,7 @@ from kane_dynamics._util.typing import Array
 import numpy as np
 
 Bent = TypeVar('Bent', 'Beam', 'Deflection')
-ADMISSIBLE = 0.1  # of the length: the kinematics are correct to second order in the slope
+ADMISSIBLE = 0.1  # of the length; the kinematics are of second order in the slope
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +61,8 @@ class Beam:
     coordinates : tuple of int
         Indices of the modal coordinates in q, (m,).
     straight : (2,) array
-        Coefficients of x in the functions b_0(x) and b_1(x): a constant and a linear one,
-        orthonormal in mass.
+        Coefficients of x in the functions b_0(x) and b_1(x): a constant and a linear
+        one, orthonormal in mass.
     axial : (2, m, m) array
         -int H_ij b_a dm: second derivatives of the coefficients of c in b_0 and b_1.
     coupling : (m, 2, 3) array
@@ -104,7 +106,7 @@ class Beam:
 
     @property
     def length(self) -> float:
-        """Return the length, m: twice the distance of the center of mass from the root."""
+        """Return the length, m: twice the distance from root to center of mass."""
         return 2.0 * float(self.straight[0]) / self.root_of_mass
 
     @property
@@ -120,7 +122,7 @@ class Beam:
 
 
 def renumbered(bent: Bent | None, number: Callable[[int], int]) -> Bent | None:
-    """Return a beam or a deflection with other indices of its modal coordinates, if it is one."""
+    """Return a beam or a deflection with other indices of its modal coordinates."""
     if bent is None:
         return None
     return replace(bent, coordinates=tuple(number(k) for k in bent.coordinates))

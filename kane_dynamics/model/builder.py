@@ -1,4 +1,4 @@
-"""Build a `Model` in Python: bodies, joints, inertias, frames, whole models on frames."""
+"""Build a `Model` in Python: bodies, joints, inertias, frames, mounted models."""
 
 from __future__ import annotations
 
@@ -24,9 +24,11 @@ from kane_dynamics.model.placement import ORIGIN, Placement, stated_pose
 import numpy as np
 from numpy.typing import ArrayLike
 
-KINDS = ('revolute', 'prismatic', 'universal', 'spherical', 'ball', 'planar', 'floating', 'free',
+KINDS = ('revolute',
+         'prismatic', 'universal', 'spherical', 'ball', 'planar', 'floating', 'free',
          'fixed')
-PROPERTIES = ('limits', 'damping', 'friction', 'friction_speed', 'friction_offset', 'armature',
+PROPERTIES = ('limits',
+              'damping', 'friction', 'friction_speed', 'friction_offset', 'armature',
               'stiffness', 'rest')
 MASSLESS = Inertial()
 ALONG = 0.01  # of a beam's length: what is nearer to its root may be a hub
@@ -38,8 +40,8 @@ class ModelBuilder:
     """
     Builder of mechanisms: add bodies outward from 'world', then call `model`.
 
-    Bodies, inertias and constraints are attached to frames by name. 'world' is a frame, every
-    body is a frame of the same name, and `frame` adds further ones.
+    Bodies, inertias and constraints are attached to frames by name. 'world' is a frame,
+    every body is a frame of the same name, and `frame` adds further ones.
 
     Parameters
     ----------
@@ -47,8 +49,8 @@ class ModelBuilder:
     gravity : (3,) array
         m/s^2, world axes.
     strict : bool
-        Raise an error for moments of inertia that no rigid body can have. If False, they are
-        accepted, and `model` warns about them.
+        Raise an error for moments of inertia that no rigid body can have. If False, they
+        are accepted, and `model` warns about them.
 
     Examples
     --------
@@ -83,7 +85,8 @@ class ModelBuilder:
         """
         Return a builder that goes on from a model, such as one of `load_urdf`.
 
-        Its frames and bodies carry further ones, by name; the world is called `model.base_name`.
+        Its frames and bodies carry further ones, by name; the world is called
+        `model.base_name`.
 
         Parameters
         ----------
@@ -121,16 +124,18 @@ class ModelBuilder:
         on : str
             The frame to which the joint is attached.
         kind : str
-            revolute, prismatic; or a joint with more degrees of freedom, which is expanded to
-            joints <joint>/x and so on: universal (two rotations) and spherical (three), about
-            the axes in `turns`; floating (/x, /y, /z, then three rotations); planar (/x, /y in
-            the plane normal to the axis, then /rz about it); or fixed, part of its carrier. ball
-            rotates by a unit quaternion, with the angular velocity /wx, /wy, /wz on the body's
-            axes as speeds; free is /x, /y, /z, then a ball: no singular configuration.
+            revolute, prismatic; or a joint with more degrees of freedom, which is
+            expanded to joints <joint>/x and so on: universal (two rotations) and
+            spherical (three), about the axes in `turns`; floating (/x, /y, /z, then
+            three rotations); planar (/x, /y in the plane normal to the axis, then /rz
+            about it); or fixed, part of its carrier. ball rotates by a unit quaternion,
+            with the angular velocity /wx, /wy, /wz on the body's axes as speeds; free is
+            /x, /y, /z, then a ball: no singular configuration.
         axis : (3,) array
             Axis of a revolute, prismatic or planar joint, in the joint's axes.
         at, rpy : (3,) arrays
-            Pose of the joint in frame `on`: m, and roll, pitch, yaw about its fixed x, y, z, rad.
+            Pose of the joint in frame `on`: m, and roll, pitch, yaw about its fixed x,
+            y, z, rad.
         quaternion : (4,) array, optional
             Orientation as x, y, z, w, instead of `rpy`.
         inertial : Inertial
@@ -140,27 +145,30 @@ class ModelBuilder:
         turns : str
             Axes of successive rotations, each rotated by the previous ones.
         mimic : str, optional
-            A joint of one degree of freedom that this one follows: its position is `multiplier`
-            times that joint's position + `offset`. It has no entry in q; its limits of position
-            and velocity bound those of that joint too, its limit of effort does not count.
+            A joint of one degree of freedom that this one follows: its position is
+            `multiplier` times that joint's position + `offset`. It has no entry in q;
+            its limits of position and velocity bound those of that joint too, its limit
+            of effort does not count.
         multiplier, offset : float
             Of a joint that mimics another; offset in rad or m.
         **properties
             Properties of a joint of one degree of freedom: limits, damping, friction,
-            friction_speed, friction_offset, armature, stiffness, rest. For other joints, see
-            `joint`.
+            friction_speed, friction_offset, armature, stiffness, rest. For other joints,
+            see `joint`.
 
         Raises
         ------
         ModelError
-            If a name exists already or is unknown, or a value is invalid; the message names it.
+            If a name exists already or is unknown, or a value is invalid; the message
+            names it.
 
         """
         # Everything is checked before anything is added: a refused body changes nothing.
         joint_name = name if joint is None else joint
         what = f"joint '{joint_name}'"
         if kind not in KINDS:
-            raise ModelError(f"{what}: kind '{kind}'; expected one of {', '.join(KINDS)}")
+            raise ModelError(f"{what}: kind '{kind}'; expected one of "
+                             f"{', '.join(KINDS)}")
         number_of_turns = 2 if kind == 'universal' else 3
         turns = _checked_turns(turns, number_of_turns, what)
         R, p = stated_pose(at, rpy, what, quaternion)
@@ -178,16 +186,16 @@ class ModelBuilder:
         mimic_fields = self._mimic_fields(what, kind, mimic, multiplier, offset)
         if kind == 'fixed':
             if properties:
-                raise ModelError(f'{what}: {", ".join(properties)} of a fixed joint; expected '
-                                 'no property, since it does not move')
+                raise ModelError(f'{what}: {", ".join(properties)} of a fixed joint; '
+                                 'expected no property, since it does not move')
             self._placements[name] = attached
         else:
             for single in singles:
                 self._check_joint(single.name)
             if kind in ('ball', 'free'):
                 self._balls.append(len(self._bodies) + len(singles) - 3)
-            self._placements[name] = self._add_joints(singles, placement,
-                                                      {**mimic_fields, **properties})
+            fields = {**mimic_fields, **properties}
+            self._placements[name] = self._add_joints(singles, placement, fields)
         self.load(name, inertial)
 
     def beam(self, name: str, on: str, link: FlexibleLink, kind: str = 'revolute',
@@ -195,8 +203,9 @@ class ModelBuilder:
         """
         Add a flexible body (beam) and its joint.
 
-        Frame `name` is at the root and `name/tip` at the other end; `section` adds frames between
-        them. Modal coordinates are called `name/mode_1`, `name/twist_1` and so on.
+        Frame `name` is at the root and `name/tip` at the other end; `section` adds
+        frames between them. Modal coordinates are called `name/mode_1`, `name/twist_1`
+        and so on.
 
         Parameters
         ----------
@@ -223,7 +232,8 @@ class ModelBuilder:
         self._beams[name] = modes, coordinates
         if modes.count:
             body = self._placements[name].body
-            self._bodies[body] = replace(self._bodies[body], beam=modes.beam(coordinates))
+            bent = replace(self._bodies[body], beam=modes.beam(coordinates))
+            self._bodies[body] = bent
         self.section(f'{name}/tip', name, modes.length)
 
     def section(self, name: str, of: str, at: float) -> None:
@@ -241,7 +251,8 @@ class ModelBuilder:
 
         """
         if of not in self._beams:
-            raise ModelError(f"no beam '{of}'; expected one of {listing(list(self._beams))}")
+            raise ModelError(f"no beam '{of}'; expected one of "
+                             f'{listing(list(self._beams))}')
         modes, coordinates = self._beams[of]
         if not 0.0 < at <= modes.length:
             raise ModelError(f"frame '{name}': {at} m on beam '{of}'; expected 0 to "
@@ -249,10 +260,12 @@ class ModelBuilder:
         self._check_new(name)
         placement = self._placements[of].frame(np.eye(3), at * modes.axes[0])
         if coordinates:
-            # The section moves by massless bodies in series, one for each of its deflections.
+            # The section moves by massless bodies in series, one for each of its
+            # deflections.
             for part, kind, axis, deflection in modes.deflections(at, coordinates):
                 joint = Joint(f'{name}/{part}', kind, axis, placement.rotation,
-                              placement.translation, coordinates[0], deflection=deflection)
+                              placement.translation, coordinates[0],
+                              deflection=deflection)
                 self._bodies.append(Body(joint.name, placement.body, joint))
                 placement = Placement(len(self._bodies) - 1)
         self._placements[name] = placement
@@ -298,7 +311,8 @@ class ModelBuilder:
                 raise
             self._impossible.append(on)
         moved = inertial.moved(placement.rotation, placement.translation)
-        if inertial.mass and not placement.translation.any():  # else its frame was warned of
+        # Elsewhere on the body, its frame was warned of.
+        if inertial.mass and not placement.translation.any():
             self._warn_of_root(placement.body, moved.com, f"inertia on '{on}'")
         if placement.body == WORLD:
             self._base_inertial = self._base_inertial + moved
@@ -306,7 +320,8 @@ class ModelBuilder:
             body = self._bodies[placement.body]
             self._bodies[placement.body] = replace(body, inertial=body.inertial + moved)
 
-    def frame(self, name: str, on: str, *, at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
+    def frame(self, name: str, on: str, *, at: ArrayLike = ORIGIN,
+              rpy: ArrayLike = ORIGIN,
               quaternion: ArrayLike | None = None) -> None:
         """
         Add a frame fixed in another.
@@ -329,7 +344,8 @@ class ModelBuilder:
         self._warn_of_root(placement.body, placement.translation, what)
         self._placements[name] = placement
 
-    def mount(self, model: Model, on: str, *, at: ArrayLike = ORIGIN, rpy: ArrayLike = ORIGIN,
+    def mount(self, model: Model, on: str, *, at: ArrayLike = ORIGIN,
+              rpy: ArrayLike = ORIGIN,
               quaternion: ArrayLike | None = None, prefix: str = '') -> None:
         """
         Attach a whole model, such as an arm from `load_urdf`.
@@ -337,7 +353,8 @@ class ModelBuilder:
         Parameters
         ----------
         model : Model
-            The model; its gravity is ignored. Further bodies can be attached to its frames.
+            The model; its gravity is ignored. Further bodies can be attached to its
+            frames.
         on : str
             Frame to which its base is attached.
         at, rpy : (3,) arrays
@@ -358,7 +375,8 @@ class ModelBuilder:
         base = carrier.frame(R, p)
         self._warn_of_root(base.body, base.translation, f"model '{model.name}'")
         mounted = model.prefixed(prefix)
-        for name in sorted({mounted.base_name, *(frame.name for frame in mounted.frames)}):
+        for name in sorted({mounted.base_name,
+                            *(frame.name for frame in mounted.frames)}):
             self._check_new(name)
         for body in mounted.bodies:
             self._check_joint(body.joint.name)
@@ -385,7 +403,8 @@ class ModelBuilder:
         self._placements[mounted.base_name] = base
         for frame in mounted.frames:
             on_body = base if frame.body == WORLD else Placement(first_body + frame.body)
-            self._placements[frame.name] = on_body.frame(frame.rotation, frame.translation)
+            placement = on_body.frame(frame.rotation, frame.translation)
+            self._placements[frame.name] = placement
         self.load(mounted.base_name, mounted.base_inertial)
 
     def model(self) -> Model:
@@ -394,14 +413,14 @@ class ModelBuilder:
             raise ModelError(f"mechanism '{self.name}': no body; expected at least one")
         if self._impossible:
             names = ', '.join(dict.fromkeys(self._impossible))
-            warnings.warn('inertias that no rigid body can have, accepted by strict=False: '
-                          f'{names}', ModelWarning, stacklevel=2)
+            warnings.warn('inertias that no rigid body can have, accepted by '
+                          f'strict=False: {names}', ModelWarning, stacklevel=2)
         frames = [Frame(name, placement.body, placement.rotation, placement.translation)
                   for name, placement in self._placements.items()]
-        ball_freedoms = [self._bodies[k].joint.coordinate for k in self._balls]
-        return Model(self.name, self._bodies_with_common_limits(),
-                     quaternion_names(self._coordinates, ball_freedoms), tuple(frames),
-                     self.gravity, self._base_name, self._base_inertial, tuple(self._balls))
+        coordinates = quaternion_names(self._coordinates, self._bodies, self._balls)
+        return Model(self.name, self._bodies_with_common_limits(), coordinates,
+                     tuple(frames), self.gravity, self._base_name,
+                     self._base_inertial, tuple(self._balls))
 
     def _add_joints(self, singles: Sequence[StatedJoint], placement: Placement,
                     fields: dict[str, Any]) -> Placement:
@@ -410,7 +429,8 @@ class ModelBuilder:
             # A revolute part of a ball joint, too, is a joint of one degree of freedom.
             kind: Any = 'prismatic' if single.kind == 'prismatic' else 'revolute'
             carrier = placement.frame(single.rotation, single.translation)
-            joint = Joint(single.name, kind, single.axis, carrier.rotation, carrier.translation,
+            joint = Joint(single.name, kind, single.axis, carrier.rotation,
+                          carrier.translation,
                           **{'coordinate': len(self._coordinates), **fields})
             self._bodies.append(Body(single.child, carrier.body, joint))
             if 'coordinate' not in fields:  # as of a joint that mimics another
@@ -431,20 +451,21 @@ class ModelBuilder:
 
     def _mimic_fields(self, what: str, kind: str, mimic: str | None, multiplier: float,
                       offset: float) -> dict[str, Any]:
-        """Return coordinate, multiplier and offset of a mimic joint; empty for other joints."""
+        """Return coordinate, multiplier and offset of a mimic joint, else nothing."""
         if mimic is None:
             if (multiplier, offset) != (1.0, 0.0):
-                raise ModelError(f'{what}: multiplier {multiplier}, offset {offset} without '
-                                 'mimic; expected the joint that it follows')
+                raise ModelError(f'{what}: multiplier {multiplier}, offset {offset} '
+                                 'without mimic; expected the joint that it follows')
             return {}
         if kind not in ('revolute', 'prismatic'):
-            raise ModelError(f'{what}: a {kind} joint mimics {mimic!r}; expected kind revolute '
-                             'or prismatic')
+            raise ModelError(f'{what}: a {kind} joint mimics {mimic!r}; expected kind '
+                             'revolute or prismatic')
         masters = {body.joint.name: body.joint for index, body in enumerate(self._bodies)
                    if body.joint.deflection is None and body.joint.multiplier
                    and not is_ball_part(index, self._balls)}
         if mimic not in masters:
-            raise ModelError(f'{what}: mimic: {mimic!r}; expected one of {listing(masters)}')
+            raise ModelError(f'{what}: mimic: {mimic!r}; expected one of '
+                             f'{listing(masters)}')
         ratio = float(constant(multiplier, (), f'{what}: multiplier'))
         shift = float(constant(offset, (), f'{what}: offset'))
         if not ratio:
@@ -455,7 +476,7 @@ class ModelBuilder:
                 'offset': ratio * master.offset + shift}
 
     def _bodies_with_common_limits(self) -> tuple[Body, ...]:
-        """Return the bodies; limits of joints that mimic others narrow those of their masters."""
+        """Return the bodies; limits of mimic joints narrow those of their masters."""
         bodies = list(self._bodies)
         masters = {body.joint.name: index for index, body in enumerate(bodies)
                    if body.joint.name in self._coordinates}
@@ -466,12 +487,14 @@ class ModelBuilder:
             if index is None or not follows or joint.name in masters:
                 continue
             master = bodies[index].joint
-            limits = master.limits.with_follower(joint.limits, joint.multiplier, joint.offset)
+            limits = master.limits.with_follower(joint.limits, joint.multiplier,
+                                                 joint.offset)
             if limits is None:
                 raise ModelError(
                     f"joint '{joint.name}': limits {joint.limits.lower:g} to "
-                    f"{joint.limits.upper:g}, which exclude all positions of '{master.name}', "
-                    'the joint that it follows; expected limits with a common range')
+                    f'{joint.limits.upper:g}, which exclude all positions of '
+                    f"'{master.name}', the joint that it follows; expected limits with "
+                    'a common range')
             bodies[index] = replace(bodies[index], joint=replace(master, limits=limits))
         return tuple(bodies)
 
@@ -491,15 +514,17 @@ class ModelBuilder:
         length = float((beam.points @ beam.direction).max())
         if along > ALONG * length:
             link = self._bodies[index].name
-            warnings.warn(f"{what}: {along:.4g} m along beam '{link}' in the axes of its root, "
-                          f"which does not bend; expected the frame '{link}/tip', or one of "
+            warnings.warn(f"{what}: {along:.4g} m along beam '{link}' in the axes of "
+                          'its root, which does not bend; expected the frame '
+                          f"'{link}/tip', or one of "
                           'ModelBuilder.section', ModelWarning, stacklevel=4)
 
     def _check_new(self, name: str) -> None:
         if not isinstance(name, str) or not name:
             raise ModelError(f'name of a body or frame: {name!r}; expected a text')
         if name in self._placements:
-            raise ModelError(f"body or frame '{name}': exists already; expected a unique name")
+            raise ModelError(f"body or frame '{name}': exists already; expected a "
+                             'unique name')
 
     def _check_joint(self, name: str) -> None:
         if name in (body.joint.name for body in self._bodies):
@@ -507,23 +532,23 @@ class ModelBuilder:
 
 
 def _checked_turns(turns: str, count: int, what: str) -> str:
-    """Return the first `count` rotation axes; raise ModelError if two in a row are equal."""
+    """Return the first `count` rotation axes; ModelError if two in a row are equal."""
     if isinstance(turns, str) and count == 2:
         turns = turns[:2]  # the default has three
     valid = isinstance(turns, str) and len(turns) == count and set(turns) <= set('xyz')
     if not valid or any(a == b for a, b in pairwise(turns)):
-        raise ModelError(f"{what}: turns '{turns}'; expected x, y or z for each rotation, "
-                         'different from the previous one')
+        raise ModelError(f"{what}: turns '{turns}'; expected x, y or z for each "
+                         'rotation, different from the previous one')
     return turns
 
 
 def _check_properties(joint: str, properties: dict[str, Any],
                       single_names: Sequence[str] = ()) -> None:
-    """Raise ModelError for an unknown property, or for properties of several joints at once."""
+    """Raise ModelError for an unknown property, or for one of several joints at once."""
     if properties and len(single_names) > 1:
-        raise ModelError(f"joint '{joint}': {', '.join(properties)} of {len(single_names)} "
-                         f'degrees of freedom; expected joint() for one of '
-                         f'{", ".join(single_names)}')
+        raise ModelError(f"joint '{joint}': {', '.join(properties)} of "
+                         f'{len(single_names)} degrees of freedom; expected joint() for '
+                         f'one of {", ".join(single_names)}')
     unknown = sorted(set(properties) - set(PROPERTIES))
     if unknown:
         raise ModelError(f"joint '{joint}': no property '{unknown[0]}'; expected one of "
@@ -533,8 +558,9 @@ def _check_properties(joint: str, properties: dict[str, Any],
 def _check_inertial(on: str, inertial: Inertial) -> None:
     """Raise ModelError for what is no Inertial."""
     if not isinstance(inertial, Inertial):
-        raise ModelError(f"'{on}': inertial properties: a {type(inertial).__name__}; expected an "
-                         'Inertial (inertial=), such as of rod, disc, ball, box, point_mass')
+        raise ModelError(f"'{on}': inertial properties: a {type(inertial).__name__}; "
+                         'expected an Inertial (inertial=), such as of rod, disc, ball, '
+                         'box, point_mass')
 
 
 def _direction(axis: ArrayLike, what: str) -> Array:

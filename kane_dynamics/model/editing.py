@@ -29,7 +29,8 @@ from numpy.typing import ArrayLike
 Poses = Mapping[str, ArrayLike]
 
 
-def with_tool(model: Model, on: str, name: str, inertial: Inertial, *, at: ArrayLike = ORIGIN,
+def with_tool(model: Model, on: str, name: str, inertial: Inertial, *,
+              at: ArrayLike = ORIGIN,
               rpy: ArrayLike = ORIGIN, quaternion: ArrayLike | None = None,
               frames: Poses | None = None) -> Model:
     """
@@ -46,12 +47,13 @@ def with_tool(model: Model, on: str, name: str, inertial: Inertial, *, at: Array
     inertial : Inertial
         Of the tool, from the origin and in the axes of its frame.
     at, rpy : (3,) array_like
-        Pose of the tool's frame in frame `on`: m, and roll, pitch, yaw about fixed axes, rad.
+        Pose of the tool's frame in frame `on`: m, and roll, pitch, yaw about fixed axes,
+        rad.
     quaternion : (4,) array_like, optional
         Orientation as x, y, z, w, instead of `rpy`.
     frames : mapping of str to (3,) array_like, optional
-        Further frames, such as a tool center point: their origins in the tool's frame, m, with its
-        axes. `ModelBuilder.from_model` adds frames with other axes.
+        Further frames, such as a tool center point: their origins in the tool's frame,
+        m, with its axes. `ModelBuilder.from_model` adds frames with other axes.
 
     Raises
     ------
@@ -63,21 +65,24 @@ def with_tool(model: Model, on: str, name: str, inertial: Inertial, *, at: Array
     Warns
     -----
     ModelWarning
-        The tool is far away, or heavy, for this mechanism, as of millimeters and grams. It sits
-        at an offset along a beam on the frame of the beam's root, which does not bend.
+        The tool is far away, or heavy, for this mechanism, as of millimeters and grams.
+        It sits at an offset along a beam on the frame of the beam's root, which does not
+        bend.
 
     """
     origins = {} if frames is None else frames
     _require_mapping(origins, 'frames', 'frame names to positions')
     builder = ModelBuilder.from_model(model)
-    builder.body(name, on, 'fixed', at=at, rpy=rpy, quaternion=quaternion, inertial=inertial)
+    builder.body(name, on, 'fixed',
+                           at=at, rpy=rpy, quaternion=quaternion, inertial=inertial)
     for frame, origin in origins.items():
         builder.frame(frame, name, at=origin)
     links = reach(model)
     what = f"tool '{name}'"
     warn_of_mass(inertial.mass, model, what, stacklevel=2)
     warn_of_distance(inertial.com, links, f'{what}: center of mass', stacklevel=2)
-    warn_of_distance(np.asarray(at, dtype=np.float64), links, f'{what}: at', stacklevel=2)
+    pose_position = np.asarray(at, dtype=np.float64)
+    warn_of_distance(pose_position, links, f'{what}: at', stacklevel=2)
     for frame, origin in origins.items():
         position = np.asarray(origin, dtype=np.float64)
         warn_of_distance(position, links, f"{what}: frame '{frame}'", stacklevel=2)
@@ -88,7 +93,7 @@ def with_model(model: Model, other: Model, on: str, *, at: ArrayLike = ORIGIN,
                rpy: ArrayLike = ORIGIN, quaternion: ArrayLike | None = None,
                prefix: str = '') -> Model:
     """
-    Return a model that carries another one, such as an arm with a gripper that has joints.
+    Return a model that carries another one, such as an arm with a gripper.
 
     Parameters
     ----------
@@ -125,7 +130,8 @@ def with_names(model: Model, names: Mapping[str, str]) -> Model:
     model : Model
         The mechanism.
     names : mapping of str to str
-        New names by present ones. A body has the frame of its name, which is renamed with it.
+        New names by present ones. A body has the frame of its name, which is renamed
+        with it.
 
     Raises
     ------
@@ -138,32 +144,28 @@ def with_names(model: Model, names: Mapping[str, str]) -> Model:
     instance(model, Model, 'model')
     _require_mapping(names, 'names', 'present names to new ones')
     known = {model.name, model.base_name, *model.coordinate_names, *model.joint_names}
-    known |= {frame.name for frame in model.frames}
+    for frame in model.frames:
+        known.add(frame.name)
     for body in model.bodies:
         known |= {body.name, body.joint.name}
     for name, new in names.items():
         if name not in known:
-            raise InputError(f'names: {name!r} is no joint, body or frame; expected some of '
-                             f'{listing(sorted(known))}')
+            raise InputError(f'names: {name!r} is no joint, body or frame; expected '
+                             f'some of {listing(sorted(known))}')
         if not isinstance(new, str) or not new:
             raise InputError(f'names: {new!r} for {name!r}; expected a text')
 
-    def renamed(record: Any) -> Any:
-        return replace(record, name=names.get(record.name, record.name))
-    bodies = [renamed(replace(body, joint=renamed(body.joint))) for body in model.bodies]
-    return replace(
-        model, name=names.get(model.name, model.name),
-        base_name=names.get(model.base_name, model.base_name), bodies=tuple(bodies),
-        coordinate_names=tuple(names.get(name, name) for name in model.coordinate_names),
-        frames=tuple(renamed(frame) for frame in model.frames))
+    def new_name(name: str) -> str:
+        return names.get(name, name)
+    return replace(model.renamed(new_name), name=new_name(model.name))
 
 
 def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
     """
-    Return a model in which some joints are locked; joints that mimic them are locked too.
+    Return a model in which some joints, and those that mimic them, are locked.
 
-    Their bodies become parts of the bodies that carry them, with their mass. A beam on a locked
-    joint is clamped there, and keeps its modes.
+    Their bodies become parts of the bodies that carry them, with their mass. A beam on a
+    locked joint is clamped there, and keeps its modes.
 
     Parameters
     ----------
@@ -180,16 +182,17 @@ def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
     Raises
     ------
     InputError
-        `positions` is no mapping; a joint is unknown, a part of a ball joint or a mode of a beam,
-        or mimics another; a position is not finite; or no joint would be left.
+        `positions` is no mapping; a joint is unknown, a part of a ball joint or a mode
+        of a beam, or mimics another; a position is not finite; or no joint would be
+        left.
 
     """
     instance(model, Model, 'model')
     held = _checked_positions(model, positions)
     free = [k for k in range(model.n) if k not in held]
     if not free:
-        raise InputError(f'positions: all joints, {listing(positions)}; expected at least one '
-                         'joint that moves')
+        raise InputError(f'positions: all joints, {listing(positions)}; expected at '
+                         'least one joint that moves')
     merger = _Merger(model.base_inertial, free)
     for body in model.bodies:
         joint = body.joint
@@ -198,11 +201,12 @@ def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
             merger.lock(body, position)
         else:
             merger.keep(body)
-    balls = tuple(merger.placements[ball].body for ball in model.balls)
-    names = quaternion_names([model.joint_names[k] for k in free],
-                             [merger.bodies[ball].joint.coordinate for ball in balls])
-    return replace(model, bodies=tuple(merger.bodies), coordinate_names=names,
-                   frames=tuple(merger.frame(frame) for frame in model.frames),
+    # The parts of a ball joint stay together: none of them can be locked.
+    balls = tuple(merger.placements[first].body for first in model.balls)
+    names = [model.joint_names[k] for k in free]
+    return replace(model, bodies=tuple(merger.bodies),
+                   coordinate_names=quaternion_names(names, merger.bodies, balls),
+                   frames=tuple(map(merger.frame, model.frames)),
                    base_inertial=merger.base_inertial, balls=balls)
 
 
@@ -213,13 +217,14 @@ class _Merger:
         """Begin with the base; `free` are the coordinates that stay."""
         self.base_inertial = base_inertial
         self.bodies: list[Body] = []
-        self.placements: list[Placement] = []  # of the model's bodies, on those of the result
+        self.placements: list[Placement] = []  # of the model's bodies on these
         self._free = free
 
     def keep(self, body: Body) -> None:
         """Add a body whose joint moves, on its carrier of the result."""
         carrier = self._joint_placement(body)
-        joint = replace(body.joint, rotation=carrier.rotation, translation=carrier.translation,
+        joint = replace(body.joint, rotation=carrier.rotation,
+                        translation=carrier.translation,
                         coordinate=self._number(body.joint.coordinate),
                         deflection=renumbered(body.joint.deflection, self._number))
         self._add(replace(body, parent=carrier.body, joint=joint,
@@ -237,7 +242,8 @@ class _Merger:
             self.base_inertial = self.base_inertial + inertial
         else:
             carrier = self.bodies[placement.body]
-            self.bodies[placement.body] = replace(carrier, inertial=carrier.inertial + inertial)
+            inertial = carrier.inertial + inertial
+            self.bodies[placement.body] = replace(carrier, inertial=inertial)
         self.placements.append(placement)
 
     def frame(self, frame: Frame) -> Frame:
@@ -247,7 +253,7 @@ class _Merger:
                        translation=placement.translation)
 
     def _clamp(self, body: Body, placement: Placement) -> None:
-        """Add a beam with its root fixed, by a joint with multiplier 0 as of `ModelBuilder`."""
+        """Add a beam with its root fixed, by a joint with multiplier 0."""
         # The modes need a body of their own, whose joint does not move.
         beam = renumbered(body.beam, self._number)
         assert beam is not None
@@ -280,10 +286,11 @@ def _checked_positions(model: Model, positions: Mapping[str, float]) -> dict[int
     held = {}
     for name, position in positions.items():
         if name not in valid:
-            raise InputError(f'positions: {name!r} is no joint with a position of its own; '
-                             f'expected some of {listing(valid)}')
+            raise InputError(f'positions: {name!r} is no joint with a position of its '
+                             f'own; expected some of {listing(valid)}')
         held[model.joint_names.index(name)] = number(
-            position, f"position of joint '{name}'", 'a finite number, rad or m', math.isfinite)
+            position, 'position of joint '
+                      f"'{name}'", 'a finite number, rad or m', math.isfinite)
     _warn_of_limits(model, held)
     return held
 
@@ -291,7 +298,8 @@ def _checked_positions(model: Model, positions: Mapping[str, float]) -> dict[int
 def _require_mapping(value: Any, what: str, expected: str) -> None:
     """Raise InputError for anything but a mapping."""
     if not isinstance(value, Mapping):
-        raise InputError(f'{what}: {SHORT.repr(value)}; expected a mapping of {expected}')
+        raise InputError(f'{what}: {SHORT.repr(value)}; expected a mapping of '
+                         f'{expected}')
 
 
 def _warn_of_limits(model: Model, held: Mapping[int, float]) -> None:
@@ -307,8 +315,8 @@ def _warn_of_limits(model: Model, held: Mapping[int, float]) -> None:
         if not low - ROUNDING <= position <= high + ROUNDING:
             outside.append(f"'{joint.name}' at {position:g}, limits {low:g} to {high:g}")
     if outside:
-        warnings.warn(f'positions: outside the limits: {"; ".join(outside)}; expected rad or m '
-                      'within them', ModelWarning, stacklevel=4)
+        warnings.warn(f'positions: outside the limits: {"; ".join(outside)}; expected '
+                      'rad or m within them', ModelWarning, stacklevel=4)
 
 
 def _displacement(joint: Joint, position: float) -> tuple[Array, Array]:

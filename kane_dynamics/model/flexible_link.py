@@ -42,7 +42,8 @@ class FlexibleLink:
     torsion : Torsion, optional
         GJ and modes of torsion. Default: no torsion.
     damping : float
-        Material damping (Kelvin-Voigt): stress per strain rate over stress per strain, s.
+        Material damping (Kelvin-Voigt): stress per strain rate over stress per strain,
+        s.
     foreshortening : bool
         Include foreshortening; disable it only for comparison.
 
@@ -91,8 +92,8 @@ class FlexibleLink:
 
         """
         if not 0.0 <= bore < radius:
-            raise ModelError(f'tube: bore {bore} m, radius {radius} m; expected 0 <= bore < '
-                             'radius')
+            raise ModelError(f'tube: bore {bore} m, radius {radius} m; expected 0 <= '
+                             'bore < radius')
         polar = 0.5 * math.pi * (radius**4 - bore**4)
         torsion = Torsion(shear * polar, material_density * polar, twists)
         density = material_density * math.pi * (radius**2 - bore**2)
@@ -111,22 +112,24 @@ class FlexibleLink:
         stiffness = np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), (2,))
         modes = np.broadcast_to(np.asarray(self.modes), (2,))
         if modes.dtype.kind not in 'iu' or modes.min() < 0:
-            raise ModelError(f'{what}: modes {self.modes!r}; expected one or two numbers of '
-                             'modes, 0 or more')
-        if not (np.isfinite(stiffness).all() and stiffness[modes > 0].min(initial=1.0) > 0.0):
-            raise ModelError(f'{what}: stiffness {self.stiffness!r}; expected positive EI')
+            raise ModelError(f'{what}: modes {self.modes!r}; expected one or two '
+                             'numbers of modes, 0 or more')
+        used = stiffness[modes > 0]
+        if not (np.isfinite(stiffness).all() and used.min(initial=1.0) > 0.0):
+            raise ModelError(f'{what}: stiffness {self.stiffness!r}; expected positive '
+                             'EI')
         torsion = self.torsion or Torsion(1.0, 0.0, 0)
         return AssumedModes(name, self, self._axes(what), stiffness, modes,
                             torsion.checked(what))
 
     def _axes(self, what: str) -> Array:
-        """Return the directions of the beam and of its two bendings, (3, 3), one a row."""
+        """Return the directions of the beam and of its two bendings, (3, 3)."""
         e = constant(self.direction, (3,), f'{what}: direction')
         up = constant(self.up, (3,), f'{what}: up')
         side = np.cross(e, up)
         if not np.linalg.norm(side) > 1e-9 * float(np.linalg.norm(e)):
-            raise ModelError(f'{what}: direction {e.tolist()} and up {up.tolist()}; expected two '
-                             'different directions')
+            raise ModelError(f'{what}: direction {e.tolist()} and up {up.tolist()}; '
+                             'expected two different directions')
         e = e / np.linalg.norm(e)
         side = side / np.linalg.norm(side)
         return np.array([e, np.cross(side, e), side])
@@ -174,14 +177,14 @@ class AssumedModes:
 
     @property
     def names(self) -> list[str]:
-        """Return the names of the modal coordinates: <beam>/mode_1, <beam>/twist_1, ..."""
+        """Return the names of the modal coordinates: <beam>/mode_1 and so on."""
         bends = [f'{self.name}/mode_{k + 1}' for k in range(self._bends)]
         twists = [f'{self.name}/twist_{k + 1}' for k in range(self._torsion.modes)]
         return bends + twists
 
     @property
     def inertial(self) -> Inertial:
-        """Return the inertial of the straight beam: a rod with the rotary inertia of torsion."""
+        """Return the inertial of the straight beam: a rod with rotary inertia."""
         e = self.axes[0]
         end = self.length * e
         mass = self.density * self.length
@@ -191,7 +194,7 @@ class AssumedModes:
         return Inertial(mass, 0.5 * end, rod + sections)
 
     def _orthonormal(self, plane: int) -> Array:
-        """Return the matrix, (k, k), that makes the assumed shapes orthonormal in mass."""
+        """Return the matrix, (k, k), that makes the shapes orthonormal in mass."""
         count = int(self._modes[plane])
         if not count:
             return np.zeros((0, 0))
@@ -202,18 +205,19 @@ class AssumedModes:
         gram = gram + self._bending[plane].tip_mass * np.outer(tip, tip)
         values = np.linalg.eigvalsh(gram)
         if not values[0] > DEPENDENT * values[-1]:
-            raise ModelError(f"beam '{self.name}': {count} linearly dependent shapes of bending "
-                             f'(singular values {values[0]:.3g} to {values[-1]:.3g}); expected '
-                             'independent ones')
+            raise ModelError(f"beam '{self.name}': {count} linearly dependent shapes of "
+                             f'bending (singular values {values[0]:.3g} to '
+                             f'{values[-1]:.3g}); expected independent ones')
         # With gram = L L^T, the shapes L^-1 phi have the unit matrix as theirs.
         return np.linalg.inv(np.linalg.cholesky(gram))
 
     def _assumed(self, plane: int, x: Array) -> Shapes:
-        return self._bending[plane].at(x, self.length, self.density * self.length,
-                                       int(self._modes[plane]))
+        mass = self.density * self.length
+        count = int(self._modes[plane])
+        return self._bending[plane].at(x, self.length, mass, count)
 
     def at(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return phi, phi' and phi'', (len(x), m, 3) each, at positions x along the beam."""
+        """Return phi, phi' and phi'', (len(x), m, 3) each, at positions x."""
         shapes = np.zeros((3, len(x), self.count, 3))
         first = 0
         for plane, mixing in enumerate(self._mixing):
@@ -222,7 +226,8 @@ class AssumedModes:
                 direction = self.axes[1 + plane]
                 for order, assumed in enumerate(self._assumed(plane, x)):
                     orthonormal = mixing @ assumed
-                    shapes[order, :, first:last] = np.multiply.outer(orthonormal.T, direction)
+                    vectors = np.multiply.outer(orthonormal.T, direction)
+                    shapes[order, :, first:last] = vectors
             first = last
         phi, slope, curvature = shapes
         return phi, slope, curvature
@@ -230,7 +235,8 @@ class AssumedModes:
     def twists(self, x: Array) -> tuple[Array, Array]:
         """Return psi and psi', (len(x), m) each, at positions x along the beam."""
         twists = np.zeros((2, len(x), self.count))
-        twists[:, :, self._bends:] = np.transpose(self._torsion.at(x, self.length), (0, 2, 1))
+        torsion = self._torsion.at(x, self.length)  # (2, modes, len(x))
+        twists[:, :, self._bends:] = torsion.transpose(0, 2, 1)
         psi, slope = twists
         return psi, slope
 
@@ -240,7 +246,8 @@ class AssumedModes:
         if not self._foreshortening:
             return H
         for k, end in enumerate(x):
-            # H_ij = int_0^x phi_i' . phi_j', by a quadrature of its own up to this position.
+            # H_ij = int_0^x phi_i' . phi_j', by a quadrature of its own up to this
+            # position.
             points, weights = gauss(float(end), self.count)
             _, slope, _ = self.at(points)
             H[k] = np.einsum('gik,gjk->ij', weights[:, None, None] * slope, slope)
@@ -248,11 +255,11 @@ class AssumedModes:
 
     def _roll(self, x: float) -> Array:
         """
-        Return the second derivatives of the roll that bending in two planes causes, (m, m).
+        Return the second derivatives of the roll by bending in two planes, (m, m).
 
-        With deflections v along `up` and w along e x up, a section turns by v' and -w' about these
-        axes and by theta about the beam. Its torsion is theta' + v'' w'. Without torsion theta is
-        therefore -int v'' w'.
+        With deflections v along `up` and w along e x up, a section turns by v' and -w'
+        about these axes and by theta about the beam. Its torsion is theta' + v'' w'.
+        Without torsion theta is therefore -int v'' w'.
         """
         points, weights = gauss(x, self.count)
         _, slope, curvature = self.at(points)
@@ -276,7 +283,8 @@ class AssumedModes:
         # Stiffness: EI phi'' . phi'' of each mode of bending, and GJ psi' psi'.
         no_bending = np.zeros(self._torsion.modes)
         EI = np.append(np.repeat(self._stiffness, self._modes.astype(int)), no_bending)
-        bending = np.einsum('g,gik,gjk->ij', self._weights, curvature, curvature) * EI[:, None]
+        bending = np.einsum('g,gik,gjk->ij',
+                            self._weights, curvature, curvature) * EI[:, None]
         GJ = self._weights * self._torsion.stiffness
         stiffness = bending + np.einsum('g,gi,gj->ij', GJ, twist, twist)
 
@@ -297,9 +305,10 @@ class AssumedModes:
 
     def _linear_functions(self) -> tuple[Array, Array]:
         """
-        Return a constant and a linear function that are orthonormal in mass, and x in them.
+        Return a constant and a linear function, orthonormal in mass, and x in them.
 
-        The functions are at the quadrature points, (2, g); the coefficients of x are (2,).
+        The functions are at the quadrature points, (2, g); the coefficients of x are
+        (2,).
         """
         root_of_mass = math.sqrt(self.density * self.length)
         middle = 0.5 * self.length
@@ -320,9 +329,9 @@ class AssumedModes:
         e, up, side = self.axes
         none = np.zeros(self.count)
         flat = np.zeros((self.count, self.count))
-        # A roll is of second order, so its place among the turns does not matter to this order:
-        # a twisting section has it in its twist, another one ahead of its other turns, where it
-        # does not separate these from the joint at the section.
+        # A roll is of second order, so its place among the turns does not matter to this
+        # order: a twisting section has it in its twist, another one ahead of its other
+        # turns, where it does not separate these from the joint at the section.
         separate_roll = flat if twist.any() else roll
         roll_of_twist = roll if twist.any() else flat
         parts: list[tuple[str, Kind, Array, Array, Array]] = [

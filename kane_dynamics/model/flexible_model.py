@@ -21,9 +21,9 @@ def with_beam(model: Model, link: str, beam: FlexibleLink,
     """
     Return the model with one of its links replaced by a beam.
 
-    The beam begins at the link's joint. Its inertia replaces that of the body, except for
-    `riders`. Joints and frames on the link are attached to the nearest section of the beam; those
-    behind the joint are attached to the root.
+    The beam begins at the link's joint. Its inertia replaces that of the body, except
+    for `riders`. Joints and frames on the link are attached to the nearest section of
+    the beam; those behind the joint are attached to the root.
 
     Parameters
     ----------
@@ -34,19 +34,21 @@ def with_beam(model: Model, link: str, beam: FlexibleLink,
     beam : FlexibleLink
         The beam.
     riders : collection of (str, Inertial)
-        Inertias attached to the link that are kept: a frame on the link, and the inertia in its
-        axes. They move with that frame; inertia in the link's own frame moves with the section
-        nearest to its center of mass.
+        Inertias attached to the link that are kept: a frame on the link, and the inertia
+        in its axes. They move with that frame; inertia in the link's own frame moves
+        with the section nearest to its center of mass.
 
     Raises
     ------
     ModelError
-        If the body does not exist or is a beam already, or a value of the beam is invalid.
+        If the body does not exist or is a beam already, or a value of the beam is
+        invalid.
 
     """
     names = [body.name for body in model.bodies]
     if link not in names:
-        raise ModelError(f"no moving link '{link}' to bend; expected one of {', '.join(names)}")
+        raise ModelError(f"no moving link '{link}' to bend; expected one of "
+                         f"{', '.join(names)}")
     bent = names.index(link)
     if model.bodies[bent].beam is not None:
         raise ModelError(f"link '{link}': is a beam already; expected a rigid link")
@@ -56,16 +58,14 @@ def with_beam(model: Model, link: str, beam: FlexibleLink,
     if modes.count:
         root = replace(root, beam=modes.beam(coordinates))
 
-    # What the link carries moves to sections, which become bodies behind the beam's root.
+    # What the link carries moves to sections, which become bodies behind its root.
     sections = _Sections(modes, bent, coordinates)
-    carried_joints = {index: sections.place(body.joint.rotation, body.joint.translation)
-                      for index, body in enumerate(model.bodies) if body.parent == bent}
-    carried_frames = {frame.name: sections.place(frame.rotation, frame.translation)
-                      for frame in model.frames if frame.body == bent}
+    carried_joints, carried_frames = _on_sections(model, bent, sections)
     tip = sections.place(np.eye(3), modes.length * modes.axes[0])
     for name, inertial in riders:
         root = sections.with_load(model.frame(name), inertial, root)
 
+    # Bodies behind the link have new numbers, since the sections come before them.
     def number(body: int) -> int:
         return body if body <= bent else body + len(sections.bodies)
     outer_bodies = []
@@ -89,8 +89,23 @@ def with_beam(model: Model, link: str, beam: FlexibleLink,
                    coordinate_names=(*model.coordinate_names, *modes.names))
 
 
+def _on_sections(model: Model, bent: int,
+                 sections: _Sections) -> tuple[dict[int, Place], dict[str, Place]]:
+    """Return the places of a body's outward joints, and of its frames, on sections."""
+    joints = {}
+    for index, body in enumerate(model.bodies):
+        if body.parent == bent:
+            joint = body.joint
+            joints[index] = sections.place(joint.rotation, joint.translation)
+    frames = {}
+    for frame in model.frames:
+        if frame.body == bent:
+            frames[frame.name] = sections.place(frame.rotation, frame.translation)
+    return joints, frames
+
+
 def stiffened(model: Model) -> Model:
-    """Return the model with rigid straight links for beams, without modal coordinates."""
+    """Return the model with rigid links for beams, without modal coordinates."""
     if not model.flexible:
         return model
     modal = model.modal_coordinates
@@ -114,20 +129,22 @@ def stiffened(model: Model) -> Model:
             inertial = bodies[carrier].inertial + body.inertial.moved(R, p)
             bodies[carrier] = replace(bodies[carrier], inertial=inertial)
             places.append((carrier, R, p))
-    frames = tuple(Frame(frame.name, *placed(frame.body, frame.rotation, frame.translation))
-                   for frame in model.frames)
+    frames = []
+    for frame in model.frames:
+        place = placed(frame.body, frame.rotation, frame.translation)
+        frames.append(Frame(frame.name, *place))
     balls = tuple(places[first][0] for first in model.balls)
-    names = quaternion_names([model.joint_names[k] for k in rigid],
-                             [bodies[first].joint.coordinate for first in balls])
-    return replace(model, bodies=tuple(bodies), frames=frames, balls=balls,
-                   coordinate_names=names)
+    names = [model.joint_names[k] for k in rigid]
+    return replace(model, bodies=tuple(bodies), frames=tuple(frames), balls=balls,
+                   coordinate_names=quaternion_names(names, bodies, balls))
 
 
 class _Sections:
     """Sections of a beam, created on demand as massless bodies in series."""
 
-    def __init__(self, modes: AssumedModes, root: int, coordinates: tuple[int, ...]) -> None:
-        """Begin at the root, body `root` of the model, with the beam's modal coordinates."""
+    def __init__(self, modes: AssumedModes, root: int,
+                 coordinates: tuple[int, ...]) -> None:
+        """Begin at body `root` of the model, with the beam's modal coordinates."""
         self.bodies: list[Body] = []
         self._modes = modes
         self._root = root
@@ -135,7 +152,7 @@ class _Sections:
         self._last_bodies: dict[float, int] = {}  # of each section, by its distance
 
     def with_load(self, frame: Frame, inertial: Inertial, root: Body) -> Body:
-        """Add inertia, given in a frame's axes, to its section; return the beam's root body."""
+        """Add inertia, in a frame's axes, to its section; return the root body."""
         at = frame.translation
         if frame.name == self._modes.name:
             at = inertial.com  # of the link itself: at the section nearest to it
@@ -149,7 +166,7 @@ class _Sections:
         return root
 
     def place(self, R: Array, p: Array) -> Place:
-        """Return the carrying body of a pose on the straight beam, and the pose on that body."""
+        """Return the body that carries a pose on the straight beam, and the pose."""
         e = self._modes.axes[0]
         length = self._modes.length
         x = min(float(p @ e), length)
@@ -164,10 +181,11 @@ class _Sections:
         return self._last_bodies[x], R, p - x * e
 
     def _add_section(self, x: float) -> int:
-        """Add the bodies of a section at distance x; return the index of the last one."""
+        """Add the bodies of a section at distance x; return the last one's index."""
         parent = self._root
         start = x * self._modes.axes[0]
-        for name, kind, axis, deflection in self._modes.deflections(x, self._coordinates):
+        deflections = self._modes.deflections(x, self._coordinates)
+        for name, kind, axis, deflection in deflections:
             label = f'{self._modes.name}/at_{x:.6g}/{name}'
             joint = Joint(label, kind, axis, np.eye(3), start, self._coordinates[0],
                           deflection=deflection)

@@ -55,16 +55,17 @@ class Inertial:
     def __repr__(self) -> str:
         """Return mass, center of mass and moments on one line."""
         moments = ', '.join(f'{moment:.4g}' for moment in np.diag(self.inertia).tolist())
-        return (f'<Inertial: {self.mass:.6g} kg at {self.com.round(6).tolist()} m, moments '
-                f'{moments} kg m^2>')
+        return (f'<Inertial: {self.mass:.6g} kg at {self.com.round(6).tolist()} m, '
+                f'moments {moments} kg m^2>')
 
     @property
     def pseudo_inertia(self) -> Array:
         """
         Return the pseudo-inertia about the body's origin, int [r;1][r;1]^T dm, (4, 4).
 
-        Its blocks are the second moment, the first moment m c, and the mass. Pseudo-inertias of
-        rigidly connected bodies add up. Source: Wensing, Kim & Slotine, RA-L 3 (2018).
+        Its blocks are the second moment, the first moment m c, and the mass.
+        Pseudo-inertias of rigidly connected bodies add up. Source: Wensing, Kim &
+        Slotine, RA-L 3 (2018).
         """
         second = (0.5 * np.trace(self.inertia) * np.eye(3) - self.inertia
                   + self.mass * np.outer(self.com, self.com))
@@ -76,8 +77,9 @@ class Inertial:
         """
         Return the ten inertial parameters, (10,), about the body's origin.
 
-        Mass, mass times center of mass, and the integrals of xx, xy, xz, yy, yz and zz over the
-        mass; kg, kg m, kg m^2. Functions with the parameter 'payload' take them in this order.
+        Mass, mass times center of mass, and the integrals of xx, xy, xz, yy, yz and zz
+        over the mass; kg, kg m, kg m^2. Functions with the parameter 'payload' take them
+        in this order.
         """
         P = self.pseudo_inertia
         mass = P[3, 3]
@@ -87,17 +89,17 @@ class Inertial:
 
     @classmethod
     def from_parameters(cls, parameters: ArrayLike) -> Inertial:
-        """Return the inertial with these ten `parameters`; ModelError if they are impossible."""
+        """Return the inertial with these ten `parameters`; ModelError if impossible."""
         m, hx, hy, hz, xx, xy, xz, yy, yz, zz = constant(parameters, (10,), 'parameters')
         if m == 0.0 and (hx or hy or hz):
-            raise ModelError(f'parameters: mass times center of mass {hx:g}, {hy:g}, {hz:g} kg m '
-                             'without mass; expected a mass')
-        return cls.from_pseudo_inertia([[xx, xy, xz, hx], [xy, yy, yz, hy], [xz, yz, zz, hz],
-                                        [hx, hy, hz, m]])
+            raise ModelError(f'parameters: mass times center of mass {hx:g}, {hy:g}, '
+                             f'{hz:g} kg m without mass; expected a mass')
+        return cls.from_pseudo_inertia([
+            [xx, xy, xz, hx], [xy, yy, yz, hy], [xz, yz, zz, hz], [hx, hy, hz, m]])
 
     @classmethod
     def from_pseudo_inertia(cls, pseudo: ArrayLike) -> Inertial:
-        """Return the inertial with this pseudo-inertia about the body's origin, (4, 4)."""
+        """Return the inertial with this pseudo-inertia about the origin, (4, 4)."""
         P = np.asarray(pseudo, dtype=np.float64)
         mass = P[3, 3]
         com = P[:3, 3] / mass if mass > 0.0 else np.zeros(3)
@@ -171,7 +173,8 @@ def principal_moments(inertia: ArrayLike, *, mass: float = 0.0,
     inertia : (3, 3) array
         About the center of mass, kg m^2; symmetric.
     mass : float
-        kg; the tolerance includes the inertia of this mass at a distance of one micrometer.
+        kg; the tolerance includes the inertia of this mass at a distance of one
+        micrometer.
     rounding : float
         Tolerance relative to the largest moment.
 
@@ -179,13 +182,14 @@ def principal_moments(inertia: ArrayLike, *, mass: float = 0.0,
     a, b, c = np.linalg.eigvalsh(np.asarray(inertia, dtype=np.float64)).tolist()
     noise = rounding * max(abs(a), abs(c)) + 1e-12 * mass
     exceeds_the_others = c > (a + b) * (1.0 + 1e-6) + noise
-    return PrincipalMoments((a, b, c), indefinite=a < -noise, singular=-noise <= a <= noise,
+    return PrincipalMoments((a, b, c), indefinite=a < -noise,
+                            singular=-noise <= a <= noise,
                             triangle=exceeds_the_others)
 
 
 def check_moments(on: str, inertial: Inertial) -> None:
-    """Raise ModelError, which names the body or frame, for impossible principal moments."""
+    """Raise ModelError, which names the body, for impossible principal moments."""
     moments = principal_moments(inertial.inertia)
     if not moments.possible:
-        raise ModelError(f"'{on}': principal moments of inertia are {moments}; expected none "
-                         'negative or larger than the sum of the others')
+        raise ModelError(f"'{on}': principal moments of inertia are {moments}; expected "
+                         'none negative or larger than the sum of the others')

@@ -1,8 +1,9 @@
 """
-Joints as a URDF or the builder states them, and their expansion to one degree of freedom.
+Joints as a URDF or the builder states them, expanded to one degree of freedom.
 
-A floating, planar, spherical or universal joint becomes prismatic and revolute ones in series,
-with documented names. So do ball and free joints, whose three rotations share a quaternion.
+A floating, planar, spherical or universal joint becomes prismatic and revolute ones in
+series, with documented names. So do ball and free joints, whose three rotations share a
+quaternion.
 """
 
 from dataclasses import dataclass, replace
@@ -40,10 +41,10 @@ NO_LIMITS = StatedLimits(-math.inf, math.inf, math.inf, math.inf)
 @dataclass(frozen=True, eq=False)
 class StatedJoint:
     """
-    Joint of a URDF or builder; (rotation, translation) is the pose of its frame in the parent.
+    Joint of a URDF or builder; its frame is at (rotation, translation) in the parent.
 
-    `turns` are the axes of the successive rotations of a floating, spherical or universal joint.
-    The last two kinds exist only in `ModelBuilder`.
+    `turns` are the axes of the successive rotations of a floating, spherical or
+    universal joint. The last two kinds exist only in `ModelBuilder`.
     """
 
     name: str
@@ -64,18 +65,20 @@ def expand_joint(joint: StatedJoint) -> list[StatedJoint]:
     """
     Expand a joint into joints of at most one degree of freedom, from the parent outward.
 
-    Joints of at most one degree of freedom stay as they are. The parts of others have no limits;
-    their intermediate bodies have the names of their joints.
+    Joints of at most one degree of freedom stay as they are. The parts of others have no
+    limits; their intermediate bodies have the names of their joints.
 
-    floating becomes <joint>/x /y /z, prismatic along the axes of the joint's frame in the parent,
-    then <joint>/rx /ry /rz, revolute, each about an axis rotated by the previous ones. spherical
-    and universal have rotations only; a second rotation about z is <joint>/rz2. planar becomes
-    <joint>/x and <joint>/y, prismatic in the plane normal to the axis, and <joint>/rz about it. x
-    is the projection of the joint frame's x axis on that plane (of its y axis, if the axis is
-    along x), and y completes the right-handed (x, y, axis).
+    floating becomes <joint>/x /y /z, prismatic along the axes of the joint's frame in
+    the parent, then <joint>/rx /ry /rz, revolute, each about an axis rotated by the
+    previous ones. spherical and universal have rotations only; a second rotation about z
+    is <joint>/rz2. planar becomes <joint>/x and <joint>/y, prismatic in the plane normal
+    to the axis, and <joint>/rz about it. x is the projection of the joint frame's x axis
+    on that plane (of its y axis, if the axis is along x), and y completes the
+    right-handed (x, y, axis).
 
-    ball becomes <joint>/wx /wy /wz about the axes of the child body; `Model.balls` says that they
-    are not three angles but share a quaternion. free has <joint>/x /y /z before them.
+    ball becomes <joint>/wx /wy /wz about the axes of the child body; `Model.balls` says
+    that they are not three angles but share a quaternion. free has <joint>/x /y /z
+    before them.
     """
     if joint.kind == 'ball':
         parts = _along_or_about('/w', 'revolute')
@@ -92,7 +95,8 @@ def expand_joint(joint: StatedJoint) -> list[StatedJoint]:
     singles: list[StatedJoint] = []
     for suffix, kind, axis in parts:
         name = joint.name + suffix
-        single = replace(joint, name=name, kind=kind, child=name, axis=axis, limits=NO_LIMITS)
+        single = replace(joint, name=name, kind=kind, child=name, axis=axis,
+                         limits=NO_LIMITS)
         if singles:  # all but the first begin at their parent's origin
             single = replace(single, parent=singles[-1].child, rotation=np.eye(3),
                              translation=np.zeros(3))
@@ -107,7 +111,7 @@ def _along_or_about(prefix: str, kind: str) -> list[Part]:
 
 
 def _in_plane(axis: Array) -> list[Part]:
-    """Return the joints of a planar joint: along two axes in the plane, and about its normal."""
+    """Return the joints of a planar joint: along two axes, and about the normal."""
     normal = axis / np.sqrt(axis @ axis)
     seed = np.array([1.0, 0.0, 0.0])
     if abs(normal[0]) > 1.0 - 1e-9:

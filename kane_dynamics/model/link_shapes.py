@@ -1,4 +1,4 @@
-"""Shapes of links, as they are drawn and as they collide; bodies without any become rods."""
+"""Shapes of links, as they are drawn and as they collide; rods where none are."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class LinkShape:
         The link.
     kind : 'box', 'cylinder', 'sphere' or 'mesh'
     size : (k,) array
-        Edge lengths of a box, radius and length (along z) of a cylinder, radius of a sphere, m;
-        scale factors of a mesh.
+        Edge lengths of a box, radius and length (along z) of a cylinder, radius of a
+        sphere, m; scale factors of a mesh.
     pose : (4, 4) array
         Pose in the link's axes, m.
     color : (3,) array or None
@@ -78,7 +78,7 @@ def shapes_of_bodies(model: Model, shapes: Sequence[LinkShape],
 
 
 def _rods(model: Model, body: int, radius: float) -> Iterator[LinkShape]:
-    """Yield rods from a body's origin to the joints that it carries, or to its far end."""
+    """Yield rods from a body's origin to its outward joints, or to its far end."""
     if body != WORLD:
         yield LinkShape('', 'sphere', np.array([1.3 * radius]), np.eye(4), JOINT_COLOR)
     ends = [child.joint.translation for child in model.bodies if child.parent == body]

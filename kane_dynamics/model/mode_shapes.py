@@ -20,7 +20,7 @@ Function = Callable[[Array], Shapes]
 @dataclass(frozen=True, eq=False)
 class Bending:
     """
-    Family of assumed bending shapes; create one by `clamped_free`, `pinned_free` or `shapes`.
+    Family of bending shapes; create one by `clamped_free`, `pinned_free`, `shapes`.
 
     Parameters
     ----------
@@ -56,14 +56,15 @@ class Bending:
         Parameters
         ----------
         function : callable
-            ``function(x)`` returns phi, phi' and phi'' at positions x, (k, len(x)) arrays of k
-            shapes. They are orthonormalized. For a clamped root, phi(0) = phi'(0) = 0.
+            ``function(x)`` returns phi, phi' and phi'' at positions x, (k, len(x))
+            arrays of k shapes. They are orthonormalized. For a clamped root, phi(0) =
+            phi'(0) = 0.
 
         """
         return cls('own', 0.0, function)
 
     def at(self, x: Array, length: float, mass: float, count: int) -> Shapes:
-        """Return phi, phi' and phi'' of the first `count` shapes at x, (count, len(x))."""
+        """Return phi, phi' and phi'' of the first shapes at x, (count, len(x))."""
         if self.function is not None:
             return self._user_defined(self.function, x, count)
         closed_form = _clamped if self.kind == 'clamped_free' else _pinned
@@ -79,12 +80,13 @@ class Bending:
             np.asarray(part, dtype=np.float64) for part in function(x)]
         for part in shapes:
             if part.shape != (count, len(x)) or not np.isfinite(part).all():
-                raise ModelError(f'shapes of bending: {[part.shape for part in shapes]}; '
-                                 f'expected three finite arrays of shape ({count}, {len(x)})')
+                raise ModelError('shapes of bending: '
+                                 f'{[part.shape for part in shapes]}; expected three '
+                                 f'finite arrays of shape ({count}, {len(x)})')
         return phi, slope, curvature
 
     def wave_number(self, k: int, mass: float) -> float:
-        """Return beta L of mode k (from 0): the root of the beam's frequency equation."""
+        """Return beta L of mode k (from 0): the root of the frequency equation."""
         return _wave_number(self.kind, self.tip_mass / mass, k)
 
 
@@ -112,25 +114,29 @@ class Torsion:
     tip_inertia: float = 0.0
 
     def checked(self, what: str) -> Torsion:
-        """Return the torsion with checked numbers; raise ModelError that names the fault."""
-        numbers = {key: float(constant(getattr(self, key), (), f'{what}: torsion: {key}'))
+        """Return the torsion with checked numbers; ModelError names the fault."""
+        numbers = {key: float(constant(getattr(self, key), (), f'{what}: torsion: '
+                                                               f'{key}'))
                    for key in ('stiffness', 'inertia', 'tip_inertia')}
         count = self.modes
-        if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 0:
-            raise ModelError(f'{what}: torsion: modes {count!r}; expected an integer, 0 or more')
+        is_integer = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
+        if not is_integer or count < 0:
+            raise ModelError(f'{what}: torsion: modes {count!r}; expected an integer, 0 '
+                             'or more')
         for key, value in numbers.items():
             may_be_zero = key == 'tip_inertia'
             if value < 0.0 or (value == 0.0 and count and not may_be_zero):
                 sign = 'nonnegative' if may_be_zero else 'positive'
-                raise ModelError(f'{what}: torsion: {key} {value:g}; expected a {sign} number')
+                raise ModelError(f'{what}: torsion: {key} {value:g}; expected a {sign} '
+                                 'number')
         return Torsion(**numbers, modes=int(count))
 
     def at(self, x: Array, length: float) -> Array:
         """
         Return psi and psi', (2, modes, len(x)), at positions x of a beam of this length.
 
-        psi = sin(b x / L) with cot b = b J / (rho I_p L) and J the inertia at the tip. The modes
-        are orthonormal with respect to the inertia of shaft and tip.
+        psi = sin(b x / L) with cot b = b J / (rho I_p L) and J the inertia at the tip.
+        The modes are orthonormal with respect to the inertia of shaft and tip.
         """
         shaft = self.inertia * length
 
@@ -175,10 +181,11 @@ def _root(f: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _clamped(b: float, x: Array) -> Shapes:
-    """Return cosh bx - cos bx - s (sinh bx - sin bx) with two derivatives with respect to x."""
+    """Return cosh bx - cos bx - s (sinh bx - sin bx) with two derivatives."""
     total = math.sinh(b) + math.sin(b)
     s = (math.cosh(b) + math.cos(b)) / total
-    one_less_s = (math.sin(b) - math.cos(b) - math.exp(-b)) / total  # without cancellation
+    # Near 1, s would cancel in 1 - s.
+    one_less_s = (math.sin(b) - math.cos(b) - math.exp(-b)) / total
     # cosh and sinh by the exponentials that grow and that fade towards the tip.
     growing = 0.5 * one_less_s * np.exp(b * x)
     fading = 0.5 * (1.0 + s) * np.exp(-b * x)
@@ -190,7 +197,7 @@ def _clamped(b: float, x: Array) -> Shapes:
 
 
 def _pinned(b: float, x: Array) -> Shapes:
-    """Return sin bx + (sin b / sinh b) sinh bx with two derivatives with respect to x."""
+    """Return sin bx + (sin b / sinh b) sinh bx with two derivatives."""
     sine = np.sin(b * x)
     cosine = np.cos(b * x)
     share = math.sin(b) / math.sinh(b)
@@ -208,6 +215,6 @@ def _legendre(count: int) -> tuple[Array, Array]:
 
 
 def gauss(length: float, modes: int) -> tuple[Array, Array]:
-    """Return nodes and weights of Gauss quadrature on (0, length), sufficient for the modes."""
+    """Return nodes and weights of Gauss quadrature on (0, length) for the modes."""
     x, weights = _legendre(16 + 8 * modes)
     return 0.5 * length * (x + 1.0), 0.5 * length * weights

@@ -1,16 +1,16 @@
 """
 Mechanism as data: a tree of bodies with joints, inertial properties and frames.
 
-A `Model` is immutable. Every joint has one degree of freedom: joints with more (floating, planar)
-are expanded, joints with none (fixed, locked) are merged when a model is created. Bodies are in
-topological order, parents first, so that one pass over them is an outward recursion. A ball joint
-is three bodies whose joints share a quaternion in q.
+A `Model` is immutable. Every joint has one degree of freedom: joints with more
+(floating, planar) are expanded, joints with none (fixed, locked) are merged when a model
+is created. Bodies are in topological order, parents first, so that one pass over them is
+an outward recursion. A ball joint is three bodies whose joints share a quaternion in q.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 import hashlib
 import math
@@ -28,7 +28,8 @@ from kane_dynamics.model.beam import Beam, Deflection
 from kane_dynamics.model.inertial import Inertial
 import numpy as np
 
-__all__ = ['Array', 'Body', 'Frame', 'GRAVITY', 'Inertial', 'Joint', 'Limits', 'Model', 'WORLD',
+__all__ = ['Array',
+           'Body', 'Frame', 'GRAVITY', 'Inertial', 'Joint', 'Limits', 'Model', 'WORLD',
            'constant', 'freeze', 'with_payload']
 
 GRAVITY = (0.0, 0.0, -9.81)
@@ -39,22 +40,26 @@ WORLD = -1  # parent index of a body, or body index of a frame, fixed in the wor
 @fixed
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a joint: position (rad or m), velocity (rad/s or m/s), effort (N m or N)."""
+    """Limits of a joint: position (rad, m), velocity (rad/s, m/s), effort (N m, N)."""
 
     lower: float = -math.inf
     upper: float = math.inf
     velocity: float = math.inf
     effort: float = math.inf
 
-    def with_follower(self, other: Limits, multiplier: float, offset: float) -> Limits | None:
+    def with_follower(self, other: Limits, multiplier: float,
+                      offset: float) -> Limits | None:
         """
         Return these limits narrowed by those of a joint that mimics this one.
 
-        The other joint is at multiplier times this one's position plus offset. Its effort limit
-        does not count: the torque is this joint's. None if no position satisfies both limits.
+        The other joint is at multiplier times this one's position plus offset. Its
+        effort limit does not count: the torque is this joint's. None if no position
+        satisfies both limits.
         """
-        # Bounds of the follower in positions of this joint; a negative multiplier swaps them.
-        bounds = ((other.lower - offset) / multiplier, (other.upper - offset) / multiplier)
+        # Bounds of the follower in positions of this joint; a negative multiplier swaps
+        # them.
+        bounds = ((other.lower - offset) / multiplier,
+                  (other.upper - offset) / multiplier)
         lower = -_least(-self.lower, -min(bounds))
         upper = _least(self.upper, max(bounds))
         velocity = _least(self.velocity, other.velocity / abs(multiplier))
@@ -76,8 +81,8 @@ class Joint:
     """
     Joint of one degree of freedom between a body and its parent.
 
-    Its position is ``multiplier * q[coordinate] + offset``. A mimic joint shares the coordinate of
-    its master; other joints have multiplier 1 and offset 0.
+    Its position is ``multiplier * q[coordinate] + offset``. A mimic joint shares the
+    coordinate of its master; other joints have multiplier 1 and offset 0.
 
     Parameters
     ----------
@@ -86,8 +91,8 @@ class Joint:
     axis : (3,) array
         Direction in the joint's (and the body's) frame; it is normalized.
     rotation, translation : (3, 3), (3,) arrays
-        Pose of the joint frame in the parent body's frame at position 0 (columns are the joint
-        frame's axes), m.
+        Pose of the joint frame in the parent body's frame at position 0 (columns are the
+        joint frame's axes), m.
     coordinate : int
         Index into u and tau, and into q of a model without ball joints (`Model.places`).
     multiplier, offset : float
@@ -95,19 +100,20 @@ class Joint:
     damping : float
         Viscous friction, N m s/rad or N s/m.
     friction : float
-        Coulomb friction, N m or N, smoothed as ``friction * tanh(rate / friction_speed)``.
+        Coulomb friction, N m or N, smoothed as ``friction * tanh(rate /
+        friction_speed)``.
     friction_speed : float
         rad/s or m/s, positive.
     friction_offset : float
-        Constant torque added to friction, N m or N: Coulomb friction that depends on direction,
-        or the offset of a torque sensor.
+        Constant torque added to friction, N m or N: Coulomb friction that depends on
+        direction, or the offset of a torque sensor.
     armature : float
         Rotor inertia reflected through the gear, kg m^2 or kg.
     stiffness, rest : float
         Stiffness and rest position of a joint spring, N m/rad or N/m; rad or m.
     deflection : Deflection, optional
-        For a section of a bending beam: the joint's position is `offset` plus this function of
-        the modal coordinates.
+        For a section of a bending beam: the joint's position is `offset` plus this
+        function of the modal coordinates.
 
     Raises
     ------
@@ -138,7 +144,8 @@ class Joint:
         """Check the numbers and make them read-only."""
         what = f"joint '{self.name}'"
         if self.kind not in ('revolute', 'prismatic'):
-            raise ModelError(f"{what}: kind '{self.kind}'; expected revolute or prismatic")
+            raise ModelError(f"{what}: kind '{self.kind}'; expected revolute or "
+                             'prismatic')
         axis = constant(self.axis, (3,), f'{what}: axis')
         length = math.hypot(*axis)  # does not overflow
         if length < 1e-12:
@@ -148,15 +155,19 @@ class Joint:
         freeze(self, 'axis', axis)
         R = constant(self.rotation, (3, 3), f'{what}: rotation')
         if np.abs(R @ R.T - np.eye(3)).max() > 1e-9 or np.linalg.det(R) < 0.0:
-            raise ModelError(f'{what}: rotation {R.tolist()}; expected a rotation matrix')
+            raise ModelError(f'{what}: rotation {R.tolist()}; expected a rotation '
+                             'matrix')
         freeze(self, 'rotation', R)
-        freeze(self, 'translation', constant(self.translation, (3,), f'{what}: translation'))
+        freeze(self, 'translation',
+                     constant(self.translation, (3,), f'{what}: translation'))
         for name in ('multiplier', 'offset', 'rest', 'friction_offset'):
-            freeze(self, name, float(constant(getattr(self, name), (), f'{what}: {name}')))
+            freeze(self, name, float(constant(getattr(self, name), (), f'{what}: '
+                                                                       f'{name}')))
         for name in ('damping', 'friction', 'friction_speed', 'armature', 'stiffness'):
             value = float(constant(getattr(self, name), (), f'{what}: {name}'))
             if value < 0.0:
-                raise ModelError(f'{what}: {name} {value}; expected a nonnegative number')
+                raise ModelError(f'{what}: {name} {value}; expected a nonnegative '
+                                 'number')
             if name == 'friction_speed' and value == 0.0:
                 raise ModelError(f'{what}: {name} 0; expected a positive number')
             freeze(self, name, value)
@@ -188,8 +199,8 @@ class Body:
         """Return name, joint, parent and mass on one line."""
         carrier = 'the base' if self.parent == WORLD else f'body {self.parent}'
         bends = ', a beam' if self.beam is not None else ''
-        return (f"<Body '{self.name}': {self.inertial.mass:.6g} kg{bends}, {self.joint.kind} "
-                f"joint '{self.joint.name}' on {carrier}>")
+        return (f"<Body '{self.name}': {self.inertial.mass:.6g} kg{bends}, "
+                f"{self.joint.kind} joint '{self.joint.name}' on {carrier}>")
 
 
 @fixed
@@ -222,7 +233,8 @@ class Model:
     bodies : tuple of Body
         The moving bodies, parents before children.
     coordinate_names : tuple of str
-        Names of the entries of q, in order: free joints and modes of beams; four for a ball joint.
+        Names of the entries of q, in order: free joints and modes of beams; four for a
+        ball joint.
     frames : tuple of Frame
         All named frames; each link of a URDF is one.
     gravity : (3,) array
@@ -231,9 +243,10 @@ class Model:
     base_inertial : Inertial
         Inertial of the fixed root link, which does not affect the dynamics.
     balls : tuple of int
-        The first of the three bodies of every ball joint, in the order of q. Their joints are
-        revolute about x, y and z with one origin. q holds the quaternion (x, y, z, w) of the
-        third body in the joint's frame, u its relative angular velocity on its own axes.
+        The first of the three bodies of every ball joint, in the order of q. Their
+        joints are revolute about x, y and z with one origin. q holds the quaternion (x,
+        y, z, w) of the third body in the joint's frame, u its relative angular velocity
+        on its own axes.
 
     Raises
     ------
@@ -259,16 +272,18 @@ class Model:
         n = self.n
         for i, body in enumerate(self.bodies):
             if not WORLD <= body.parent < i:
-                raise ModelError(f"body '{body.name}': index {i} with parent {body.parent}; "
-                                 'expected parents before children')
+                raise ModelError(f"body '{body.name}': index {i} with parent "
+                                 f'{body.parent}; expected parents before children')
             if not 0 <= body.joint.coordinate < n:
                 raise ModelError(f"joint '{body.joint.name}': coordinate "
                                  f'{body.joint.coordinate}; expected 0 to {n - 1}')
         check_balls(self.bodies, self.balls)
-        used = {*(body.joint.coordinate for body in self.bodies), *self.modal_coordinates}
+        used = {body.joint.coordinate for body in self.bodies}
+        used.update(self.modal_coordinates)
         for k, name in enumerate(self.joint_names):
             if k not in used:
-                raise ModelError(f"coordinate '{name}': moves no joint; expected at least one")
+                raise ModelError(f"coordinate '{name}': moves no joint; expected at "
+                                 'least one')
         _check_unique('body', [body.name for body in self.bodies])
         _check_unique('joint', [body.joint.name for body in self.bodies])
         _check_unique('coordinate', self.coordinate_names)
@@ -276,17 +291,17 @@ class Model:
 
     @property
     def n(self) -> int:
-        """Return the number of degrees of freedom: the coordinates, less one per ball joint."""
+        """Return the number of degrees of freedom: entries of q, less one per ball."""
         return len(self.coordinate_names) - len(self.balls)
 
     @property
     def places(self) -> tuple[int | None, ...]:
-        """Return the index in q of each degree of freedom; None for those of ball joints."""
+        """Return the index in q of each degree of freedom; None for ball joints."""
         return places(self.n, [self.bodies[b].joint.coordinate for b in self.balls])
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the free joints, in the order of u and tau; of q too without ball joints."""
+        """Names of the free joints, in the order of u and tau (and q without balls)."""
         names_of_ball_parts = {}
         for first in self.balls:
             for body in self.bodies[first:first + 3]:
@@ -301,42 +316,50 @@ class Model:
 
     @property
     def coordinate_joints(self) -> tuple[Joint, ...]:
-        """Joints of the entries of u, never mimic joints; of a mode one without limits."""
+        """Joints of the entries of u, never mimic joints; a mode has no limits."""
         names = self.joint_names
         by_name = {body.joint.name: body.joint for body in self.bodies}
         for body in self.bodies:
             if body.beam is None:
                 continue
             for k in body.beam.coordinates:
-                by_name[names[k]] = Joint(names[k], 'prismatic', body.beam.direction, coordinate=k)
+                mode = Joint(names[k], 'prismatic', body.beam.direction, coordinate=k)
+                by_name[names[k]] = mode
         return tuple(by_name[name] for name in names)
 
     @property
     def modal_coordinates(self) -> tuple[int, ...]:
         """Return the indices in q of the modal coordinates of beams."""
-        return tuple(k for body in self.bodies if body.beam for k in body.beam.coordinates)
+        indices: list[int] = []
+        for body in self.bodies:
+            if body.beam is not None:
+                indices += body.beam.coordinates
+        return tuple(indices)
 
     @property
     def sliding(self) -> frozenset[str]:
         """Names of the coordinates that are lengths, with units m and N."""
         named_joints = zip(self.joint_names, self.coordinate_joints)
-        return frozenset(name for name, joint in named_joints if joint.kind == 'prismatic')
+        return frozenset(name for name, joint in named_joints
+                         if joint.kind == 'prismatic')
 
     @property
     def floating_base(self) -> tuple[str, ...]:
-        """Return the six joints of a free or floating base on the world; empty without one."""
-        joints = [body.joint for body in self.bodies[:6]]
-        parents = [body.parent for body in self.bodies[:6]]
-        kinds = [joint.kind for joint in joints]
-        in_series = parents == [WORLD, *range(5)]
-        if not in_series or kinds != 3 * ['prismatic'] + 3 * ['revolute']:
+        """Return the six joints of a free or floating base on the world, if any."""
+        if len(self.bodies) < 6:
             return ()
-        names = tuple(joint.name for joint in joints)
-        stated_name = names[0].rpartition('/')[0]
         # The six come from one joint of the file, whose name they share.
-        if not stated_name or not all(name.startswith(f'{stated_name}/') for name in names):
-            return ()
-        return names
+        stated_name = self.bodies[0].joint.name.rpartition('/')[0]
+        kinds = 3 * ['prismatic'] + 3 * ['revolute']
+        names = []
+        for index, (body, kind) in enumerate(zip(self.bodies, kinds)):
+            joint = body.joint
+            follows = body.parent == index - 1  # the first on the world, which is -1
+            is_part = bool(stated_name) and joint.name.startswith(f'{stated_name}/')
+            if not (follows and is_part and joint.kind == kind):
+                return ()
+            names.append(joint.name)
+        return tuple(names)
 
     @property
     def flexible(self) -> bool:
@@ -345,20 +368,24 @@ class Model:
 
     def __repr__(self) -> str:
         """Return name, size and joints on one line."""
-        return (f"<Model '{self.name}': {len(self.bodies)} moving bodies on '{self.base_name}', q "
-                f'of {short(self.coordinate_names)}>')
+        return (f"<Model '{self.name}': {len(self.bodies)} moving bodies on "
+                f"'{self.base_name}', q of {short(self.coordinate_names)}>")
 
     def _repr_html_(self) -> str:
         """Return joints, limits and masses as a table for notebooks."""
         rows = []
         for body in self.bodies:
-            carrier = self.base_name if body.parent == WORLD else self.bodies[body.parent].name
+            carrier = self.base_name
+            if body.parent != WORLD:
+                carrier = self.bodies[body.parent].name
             limits = body.joint.limits
             rows.append([body.joint.name, body.joint.kind, carrier, body.name,
                          body.inertial.mass, limits.lower, limits.upper, limits.velocity,
                          limits.effort])
-        return html_table(f'{self.name}: {self.n} degrees of freedom, base {self.base_name}',
-                          ['joint', 'kind', 'from', 'to', 'mass [kg]', 'lower', 'upper', 'speed',
+        return html_table(f'{self.name}: {self.n} degrees of freedom, base '
+                          f'{self.base_name}',
+                          ['joint',
+                           'kind', 'from', 'to', 'mass [kg]', 'lower', 'upper', 'speed',
                            'effort'], rows)
 
     def frame(self, name: str) -> Frame:
@@ -370,13 +397,19 @@ class Model:
         raise InputError(f"no frame '{name}'; expected one of {valid}")
 
     def prefixed(self, prefix: str) -> Model:
-        """Return the model with `prefix` added to all names of joints, bodies and frames."""
-        return replace(
-            self, base_name=prefix + self.base_name,
-            coordinate_names=tuple(prefix + name for name in self.coordinate_names),
-            frames=tuple(replace(frame, name=prefix + frame.name) for frame in self.frames),
-            bodies=tuple(replace(body, name=prefix + body.name, joint=replace(
-                body.joint, name=prefix + body.joint.name)) for body in self.bodies))
+        """Return the model with a prefix of all names of joints, bodies and frames."""
+        return self.renamed(lambda name: prefix + name)
+
+    def renamed(self, new_name: Callable[[str], str]) -> Model:
+        """Return the model with a new name of the base, each joint, body and frame."""
+        bodies = []
+        for body in self.bodies:
+            joint = replace(body.joint, name=new_name(body.joint.name))
+            bodies.append(replace(body, name=new_name(body.name), joint=joint))
+        frames = [replace(frame, name=new_name(frame.name)) for frame in self.frames]
+        return replace(self, bodies=tuple(bodies), frames=tuple(frames),
+                       coordinate_names=tuple(map(new_name, self.coordinate_names)),
+                       base_name=new_name(self.base_name))
 
     def path(self, body: int) -> Iterator[int]:
         """Yield `body` and its ancestors up to the base."""
@@ -422,5 +455,5 @@ def _check_unique(what: str, names: Sequence[str]) -> None:
     """Raise ModelError for names that are there more than once."""
     repeated = [name for name, count in Counter(names).items() if count > 1]
     if repeated:
-        raise ModelError(f'{what} names: {sorted(repeated)} more than once; expected unique '
-                         'names')
+        raise ModelError(f'{what} names: {sorted(repeated)} more than once; expected '
+                         'unique names')

@@ -22,8 +22,9 @@ def snapped(values: ArrayLike) -> Array:
     """
     Return an array with entries within `SNAP` of 0, 1 or -1 rounded to them.
 
-    Tracing then folds rotations by multiples of pi/2. The tolerance is far below the error of a
-    decimal angle (3.14159265359 differs from pi by 2e-13), so stated angles do not change.
+    Tracing then folds rotations by multiples of pi/2. The tolerance is far below the
+    error of a decimal angle (3.14159265359 differs from pi by 2e-13), so stated angles
+    do not change.
     """
     array = np.array(values, dtype=np.float64)
     whole = np.rint(array)
@@ -50,7 +51,7 @@ class Placement:
     translation: Array = field(default_factory=lambda: np.zeros(3))
 
     def frame(self, rotation: Array, translation: Array) -> Placement:
-        """Return the placement of a frame at (rotation, translation) in this one's axes."""
+        """Return the placement of a frame at (rotation, translation) in these axes."""
         if self.rotation is EYE and not self.translation.any():
             return Placement(self.body, rotation, translation)
         offset = self.rotation @ translation
@@ -88,7 +89,8 @@ def stated_pose(at: ArrayLike, rpy: ArrayLike, what: str,
     Raises
     ------
     ModelError
-        If a number is not finite, both orientations are given, or the quaternion is no unit one.
+        If a number is not finite, both orientations are given, or the quaternion is no
+        unit one.
 
     """
     translation = constant(at, (3,), f'{what}: at')

@@ -17,16 +17,18 @@ def reach(model: Model) -> float:
 
 
 def warn_of_distance(vector: Array, links: float, what: str, stacklevel: int) -> None:
-    """Warn of a vector, m, that is longer than all links in one line, and than `NEAR`."""
+    """Warn of a vector, m, longer than all links in one line, and than `NEAR`."""
     distance = float(np.linalg.norm(vector))
     if distance > max(links, NEAR):
-        warnings.warn(f'{what} {distance:.4g} m from its frame, and all links in one line reach '
-                      f'{links:.4g} m; expected m', ModelWarning, stacklevel=stacklevel + 1)
+        warnings.warn(f'{what} {distance:.4g} m from its frame, and all links in one '
+                      f'line reach {links:.4g} m; expected m', ModelWarning,
+                      stacklevel=stacklevel + 1)
 
 
 def warn_of_mass(mass: float, model: Model, what: str, stacklevel: int) -> None:
-    """Warn of a mass, kg, that is much larger than that of the mechanism that carries it."""
+    """Warn of a mass, kg, much larger than that of the mechanism that carries it."""
     moving = sum(body.inertial.mass for body in model.bodies)
     if mass > HEAVY * moving > 0.0:
-        warnings.warn(f'{what}: {mass:.5g} kg, on a mechanism that moves {moving:.5g} kg; '
-                      'expected kg: are these grams?', ModelWarning, stacklevel=stacklevel + 1)
+        warnings.warn(f'{what}: {mass:.5g} kg, on a mechanism that moves {moving:.5g} '
+                      'kg; expected kg: are these grams?', ModelWarning,
+                      stacklevel=stacklevel + 1)

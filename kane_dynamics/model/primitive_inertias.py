@@ -47,7 +47,7 @@ def rod(mass: float, start: ArrayLike, end: ArrayLike) -> Inertial:
 def disc(mass: float, radius: float, axis: ArrayLike = (0.0, 0.0, 1.0), *,
          at: ArrayLike = ORIGIN, thickness: float = 0.0) -> Inertial:
     """
-    Return the inertial of a disc or, with a thickness, a cylinder: m r^2/2 about its axis.
+    Return the inertial of a disc or a cylinder: m r^2/2 about its axis.
 
     Parameters
     ----------
@@ -82,11 +82,12 @@ def ball(mass: float, radius: float, at: ArrayLike = ORIGIN) -> Inertial:
     """Return the inertial of a solid ball: 2/5 m r^2 about every diameter; kg and m."""
     size = float(_size(radius, (), 'radius of a ball'))
     m = float(constant(mass, (), 'mass'))
-    return Inertial(mass, constant(at, (3,), 'center of a ball'), 0.4 * m * size**2 * np.eye(3))
+    return Inertial(mass, constant(at, (3,), 'center of a '
+                                             'ball'), 0.4 * m * size**2 * np.eye(3))
 
 
 def box(mass: float, size: ArrayLike, at: ArrayLike = ORIGIN) -> Inertial:
-    """Return the inertial of a box with edges `size`, (3,), m: m/12 (b^2 + c^2) about a."""
+    """Return the inertial of a box with edges (3,), m: m/12 (b^2 + c^2) about a."""
     squares: Array = _size(size, (3,), 'size of a box')**2
     m = float(constant(mass, (), 'mass'))
     inertia = m / 12.0 * np.diag(squares.sum() - squares)

@@ -1,9 +1,10 @@
 """
-Points of a trajectory with all derivatives, between which joint_trajectory_controller moves.
+Points of a trajectory with all derivatives, as joint_trajectory_controller takes them.
 
-That controller interpolates points with positions, velocities and accelerations by quintics, so
-points with all three define the motion that it executes. Here missing ones are filled in such that
-the motion is smooth: the acceleration is continuous from rest to rest.
+That controller interpolates points with positions, velocities and accelerations by
+quintics, so points with all three define the motion that it executes. Here missing ones
+are filled in such that the motion is smooth: the acceleration is continuous from rest to
+rest.
 """
 
 from __future__ import annotations
@@ -37,11 +38,11 @@ class ControllerPoints(NamedTuple):
 
     @property
     def coefficients(self) -> Array:
-        """Return the coefficients of q in x from 0 to 1 of all segments, (K - 1, 6, n)."""
+        """Return the coefficients of q in x, 0 to 1, of all segments, (K - 1, 6, n)."""
         return segment_coefficients(self.t, self.q, self.u, self.udot)
 
     def inside(self, segments: Segments, x: Array) -> State:
-        """Return q, u, udot, (m, S, n), at the fractions x, (m,), of some segments, (S,)."""
+        """Return q, u, udot, (m, S, n), at fractions x, (m,), of segments, (S,)."""
         ends = segment_ends(self.t, self.q, self.u, self.udot)
         return inside_segments(ends[:, segments], np.diff(self.t)[segments], x)
 
@@ -54,7 +55,8 @@ class ControllerPoints(NamedTuple):
         t = self.t[segments] + 0.5 * np.diff(self.t)[segments]
         q, u, udot = self.inside(segments, np.array([0.5]))
         places = segments + 1
-        return ControllerPoints(np.insert(self.t, places, t), np.insert(self.q, places, q[0], 0),
+        return ControllerPoints(np.insert(self.t, places, t),
+                                np.insert(self.q, places, q[0], 0),
                                 np.insert(self.u, places, u[0], 0),
                                 np.insert(self.udot, places, udot[0], 0))
 
@@ -64,10 +66,11 @@ def completed(t: Array, q: Array, u: Array | None, udot: Array | None,
     """
     Return points with velocities and accelerations.
 
-    Missing velocities are those of the cubic spline, at rest at the end. Missing accelerations are
-    those of the cubics between the points; where they differ at an inner point, their mean. A
-    motion that begins or ends at rest does so without acceleration; for the end this holds for
-    given accelerations too, because the controller holds the effort of the last point.
+    Missing velocities are those of the cubic spline, at rest at the end. Missing
+    accelerations are those of the cubics between the points; where they differ at an
+    inner point, their mean. A motion that begins or ends at rest does so without
+    acceleration; for the end this holds for given accelerations too, because the
+    controller holds the effort of the last point.
 
     Parameters
     ----------
@@ -76,8 +79,8 @@ def completed(t: Array, q: Array, u: Array | None, udot: Array | None,
     q, u, udot : (K, n) arrays
         Positions, rad or m, velocities and accelerations; u and udot may be None.
     start : three (n,) arrays, optional
-        State at time 0, from which the motion begins if the first point is later; default: it
-        begins at the first point.
+        State at time 0, from which the motion begins if the first point is later;
+        default: it begins at the first point.
 
     """
     first_velocity = np.zeros(q.shape[1])
@@ -99,7 +102,7 @@ def completed(t: Array, q: Array, u: Array | None, udot: Array | None,
 
 
 def _mean_accelerations(t: Array, q: Array, u: Array) -> Array:
-    """Return the mean of the accelerations of the cubics at both sides of each point, (K, n)."""
+    """Return the mean of the accelerations at both sides of each point, (K, n)."""
     accelerations = np.zeros_like(q)
     if len(t) < 2:
         return accelerations

@@ -1,10 +1,10 @@
 """
 Desired motion: a smooth curve through the points of a joint trajectory.
 
-Interpolation follows joint_trajectory_controller: cubic segments for points with velocities,
-quintic segments for points with velocities and accelerations. Points with positions only, which
-that controller interpolates linearly, give a cubic spline here, because a feedforward torque needs
-accelerations.
+Interpolation follows joint_trajectory_controller: cubic segments for points with
+velocities, quintic segments for points with velocities and accelerations. Points with
+positions only, which that controller interpolates linearly, give a cubic spline here,
+because a feedforward torque needs accelerations.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Motion:
     def __init__(self, joint_names: tuple[str, ...], times: Array, positions: Array,
                  coefficients: Array | Callable[[], Array]) -> None:
         """
-        Store checked arrays; `coefficients` is (K - 1, 6, n), in x from 0 to 1 per segment.
+        Store checked arrays; `coefficients` is (K - 1, 6, n), in x from 0 to 1.
 
         Instead of coefficients, a function may return them when they are needed.
         """
@@ -73,7 +73,7 @@ class Motion:
 
     @cached_property
     def _table(self) -> Array:
-        """One (6, 3 n) matrix per segment for q, u and udot, which is fast for a single time."""
+        """One (6, 3 n) matrix per segment for q, u and udot, fast for a single time."""
         coefficients = self.coefficients
         n = self._n
         rate = (1.0 / np.diff(self.times))[:, None, None]  # dx/dt of each segment
@@ -89,8 +89,9 @@ class Motion:
 
     @property
     def coefficients(self) -> Array:
-        """Return the coefficients of q in x from 0 to 1 of all segments, (K - 1, 6, n)."""
-        coefficients = self._coefficients  # read once, since another thread may replace it
+        """Return the coefficients of q in x, 0 to 1, of all segments, (K - 1, 6, n)."""
+        # Read once, since another thread may replace it.
+        coefficients = self._coefficients
         if callable(coefficients):
             coefficients = coefficients()
             coefficients.flags.writeable = False
@@ -119,7 +120,8 @@ class Motion:
             largest_speeds = np.abs(self.velocities_at(t)).max(axis=0)
         rows = [list(row) for row in zip(self.joint_names, self.positions[0],
                                          self.positions[-1], largest_speeds)]
-        return html_table(repr(self)[1:-1], ['joint', 'start', 'end', 'largest speed'], rows)
+        return html_table(repr(self)[1:-1], ['joint',
+                                             'start', 'end', 'largest speed'], rows)
 
     @property
     def n(self) -> int:
@@ -133,18 +135,18 @@ class Motion:
                     joint_names: Sequence[str], order: Sequence[str] | None = None,
                     start: Start | None = None) -> Motion:
         """
-        Return the motion through points, interpolated as joint_trajectory_controller does.
+        Return the motion through points, as joint_trajectory_controller moves.
 
         Parameters
         ----------
         times : (K,) array_like
             s from the start of the motion; nonnegative, strictly increasing, K >= 1.
         positions : (K, n) array_like
-            rad or m. Without velocities: a cubic spline with continuous udot, at rest at both
-            ends (or with the velocity of `start`).
+            rad or m. Without velocities: a cubic spline with continuous udot, at rest at
+            both ends (or with the velocity of `start`).
         velocities : (K, n) array_like, optional
-            rad/s or m/s. Gives cubic Hermite segments; udot may jump at points. No rows, or only
-            empty rows, are treated as None.
+            rad/s or m/s. Gives cubic Hermite segments; udot may jump at points. No rows,
+            or only empty rows, are treated as None.
         accelerations : (K, n) array_like, optional
             rad/s^2 or m/s^2, only with velocities. Gives quintic segments.
         joint_names : sequence of str
@@ -153,21 +155,23 @@ class Motion:
             The joints of the motion, in this order; other columns are ignored. Default:
             `joint_names`.
         start : (q, u, udot), optional
-            State at time 0, in the order of the motion; u and udot may be None (rest). The
-            motion begins there if the time of the first point is positive. Without it the
-            motion rests at the first point until that point's time.
+            State at time 0, in the order of the motion; u and udot may be None (rest).
+            The motion begins there if the time of the first point is positive. Without
+            it the motion rests at the first point until that point's time.
 
         Raises
         ------
         InputError
-            If an argument is invalid; the message names the point, the joint and the value.
+            If an argument is invalid; the message names the point, the joint and the
+            value.
 
         """
         stated_names = checked_joint_names(joint_names, 'joint_names')
         names = stated_names if order is None else checked_joint_names(order, 'order')
         lacking = [name for name in names if name not in stated_names]
         if lacking:
-            raise InputError(f'motion: joints {list(stated_names)}; expected {lacking} too')
+            raise InputError(f'motion: joints {list(stated_names)}; expected {lacking} '
+                             'too')
         columns = [stated_names.index(name) for name in names]
         t, q, u, udot = trajectory_points(times, positions, velocities, accelerations,
                                           stated_names)
@@ -194,8 +198,8 @@ class Motion:
             motion = cls(names, t, q, segment_coefficients(t, q, u, udot))
             finite = np.isfinite(motion._table).all()
         if not finite:
-            raise InputError(f'motion: positions up to {np.abs(q).max():g} overflow; expected a '
-                             'finite motion')
+            raise InputError(f'motion: positions up to {np.abs(q).max():g} overflow; '
+                             'expected a finite motion')
         return motion
 
     def scaled(self, speed: float) -> Motion:
@@ -210,16 +214,18 @@ class Motion:
         Raises
         ------
         InputError
-            If the speed is not a positive, finite number, or two points get the same time.
+            If the speed is not a positive, finite number, or two points get the same
+            time.
 
         """
         if not 0.0 < speed < math.inf:
             raise InputError(f'speed: {speed}; expected a positive, finite number')
         times = point_times(self.times / speed)
-        return Motion(self.joint_names, times, self.positions, self._table[..., :self._n].copy())
+        return Motion(self.joint_names, times, self.positions,
+                      self._table[..., :self._n].copy())
 
     def joint_polynomial(self, joint: str) -> PiecewisePolynomial:
-        """Return the position of one joint as a function over any scalar, for `Prescribed`."""
+        """Return the position of a joint as a function over any scalar."""
         if joint not in self.joint_names:
             raise InputError(f"motion: no joint '{joint}'; expected one of "
                              f'{", ".join(self.joint_names)}')
@@ -279,7 +285,8 @@ class Motion:
     def _sample_many(self, t: Array) -> State:
         """Return (K, n) arrays for a (K,) array of times."""
         if t.ndim != 1 or not np.isfinite(t).all():
-            raise InputError(f't: shape {t.shape}; expected one axis of finite times in s')
+            raise InputError(f't: shape {t.shape}; expected one axis of finite times in '
+                             's')
         states = self._values(t, 0, 3 * self._n)
         q, u, udot = (np.ascontiguousarray(part) for part in np.split(states, 3, axis=1))
         return q, u, udot

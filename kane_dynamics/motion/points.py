@@ -1,4 +1,4 @@
-"""Check the points of a joint trajectory: names, times, positions and their derivatives."""
+"""Check the points of a joint trajectory: names, times, positions, derivatives."""
 
 from collections.abc import Iterable, Sequence
 import math
@@ -19,7 +19,7 @@ def trajectory_points(times: ArrayLike, positions: Rows, velocities: Rows | None
                       accelerations: Rows | None, names: tuple[str, ...]
                       ) -> tuple[Array, Array, Array | None, Array | None]:
     """
-    Return the checked points of a trajectory as arrays; arguments as `Motion.from_points`.
+    Return the checked points of a trajectory; arguments as `Motion.from_points`.
 
     Returns
     -------
@@ -38,9 +38,11 @@ def trajectory_points(times: ArrayLike, positions: Rows, velocities: Rows | None
     u = _rows(velocities, 'velocities', len(t), names)
     udot = _rows(accelerations, 'accelerations', len(t), names)
     if q is None:
-        raise InputError(f'positions: none; expected one row per point for {list(names)}')
+        raise InputError('positions: none; expected one row per point for '
+                         f'{list(names)}')
     if udot is not None and u is None:
-        raise InputError('accelerations: given without velocities; expected both or neither')
+        raise InputError('accelerations: given without velocities; expected both or '
+                         'neither')
     return t, q, u, udot
 
 
@@ -51,7 +53,8 @@ def checked_joint_names(names: Sequence[str], what: str) -> tuple[str, ...]:
     names = tuple(names)
     are_text = all(isinstance(name, str) for name in names)
     if not names or not are_text or len(set(names)) != len(names):
-        raise InputError(f'{what}: {list(names)}; expected one or more different joint names')
+        raise InputError(f'{what}: {list(names)}; expected one or more different joint '
+                         'names')
     return names
 
 
@@ -60,15 +63,17 @@ def point_times(times: ArrayLike) -> Array:
     try:
         t = np.array(times, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f'times: {times!r}; expected one number per point, in s') from None
+        raise InputError(f'times: {times!r}; expected one number per point, in '
+                         's') from None
     if t.ndim != 1 or not len(t):
-        raise InputError(f'times: shape {t.shape}; expected one number per point, and at least '
-                         'one point')
+        raise InputError(f'times: shape {t.shape}; expected one number per point, and '
+                         'at least one point')
     valid = np.isfinite(t).all() and t[0] >= 0.0 and (t[1:] > t[:-1]).all()
     if not valid:
         for i, value in enumerate(t.tolist()):
             if not math.isfinite(value) or value < 0.0:
-                raise InputError(f'point {i}: time {value} s; expected a finite time >= 0 s')
+                raise InputError(f'point {i}: time {value} s; expected a finite time >= '
+                                 '0 s')
             if i and value <= t[i - 1]:
                 raise InputError(f'point {i}: time {value} s; expected more than the '
                                  f'{t[i - 1]} s of point {i - 1}')
@@ -84,15 +89,17 @@ def _rows(values: Rows | None, what: str, count: int,
             and values.shape == (count, len(names)) and np.isfinite(values).all()):
         return values.copy()  # thousands of rows would take milliseconds one by one
     try:
-        rows = [np.array(row, dtype=np.float64) for row in values]  # type: ignore[union-attr]
+        rows = [np.array(row,
+                         dtype=np.float64) for row in values]  # type: ignore[union-attr]
     except (TypeError, ValueError):
-        raise InputError(f'{what}: {values!r}; expected one row of {len(names)} numbers per point '
-                         f'({", ".join(names)})') from None
+        raise InputError(f'{what}: {values!r}; expected one row of {len(names)} numbers '
+                         f'per point ({", ".join(names)})') from None
     if all(row.size == 0 for row in rows):
         return None
     if len(rows) != count:
         raise InputError(f'{what}: {len(rows)} rows; expected {count}, one per time')
-    checked = [finite_row(row, f'point {i}: {what}', names) for i, row in enumerate(rows)]
+    checked = [finite_row(row, f'point {i}: '
+                               f'{what}', names) for i, row in enumerate(rows)]
     return np.array(checked)
 
 
@@ -101,11 +108,12 @@ def start_state(start: Start, names: tuple[str, ...]) -> State:
     try:
         q, u, udot = start
     except (TypeError, ValueError):
-        raise InputError(f'start: {SHORT.repr(start)}; expected positions, velocities and '
-                         'accelerations') from None
+        raise InputError(f'start: {SHORT.repr(start)}; expected positions, velocities '
+                         'and accelerations') from None
     if u is None:
         u = np.zeros(len(names))
     if udot is None:
         udot = np.zeros(len(names))
-    return (finite_row(q, 'start: positions', names), finite_row(u, 'start: velocities', names),
+    return (finite_row(q, 'start: '
+                          'positions', names), finite_row(u, 'start: velocities', names),
             finite_row(udot, 'start: accelerations', names))

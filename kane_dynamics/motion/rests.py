@@ -5,7 +5,7 @@ from kane_dynamics.motion.motion import Motion
 import numpy as np
 
 AT_REST = 1e-9  # speed relative to the mean one of the motion
-INSIDE = np.arange(8) / 8  # places of a segment between which all joints may reverse at once
+INSIDE = np.arange(8) / 8  # of a segment: between these, all joints may reverse
 REVERSAL = 1e-4  # least speed in a reversal of all joints, relative to that around it
 BISECTIONS = 60
 
@@ -14,8 +14,9 @@ def rests(motion: Motion) -> Array:
     """
     Return the times of both ends of a motion and of its rests between them.
 
-    It rests at points with zero speed, and where all joints reverse at once between points. There
-    the direction of the friction changes, too, which a grid could not resolve.
+    It rests at points with zero speed, and where all joints reverse at once between
+    points. There the direction of the friction changes, too, which a grid could not
+    resolve.
     """
     knots = motion.times
     if len(knots) < 2:
@@ -31,17 +32,21 @@ def rests(motion: Motion) -> Array:
     still[[0, -1]] = True
     speed[::len(INSIDE)][still] = 0.0
 
-    # Samples k with the least speed around, between which the velocity changes its direction.
+    # Samples k with the least speed around, between which the velocity changes its
+    # direction.
     slower_neighbor = np.minimum(speed[:-2], speed[2:])
-    is_least = (speed[1:-1] <= slower_neighbor) & (speed[1:-1] > 0.0) & (slower_neighbor > 0.0)
+    inner_speed = speed[1:-1]
+    moves = (inner_speed > 0.0) & (slower_neighbor > 0.0)
+    is_least = moves & (inner_speed <= slower_neighbor)
     turns_back = np.einsum('ij,ij->i', u[:-2], u[2:]) < 0.0
     k = 1 + np.flatnonzero(is_least & turns_back)
     if not k.size:
         return np.asarray(knots[still])
 
-    # The speed between two samples is at least that along the chord between their velocities,
-    # less the sagitta of the curve: an eighth of the second difference where u is quadratic in
-    # t. With twice that, for knots between, most turns are no reversals and need no bisection.
+    # The speed between two samples is at least that along the chord between their
+    # velocities, less the sagitta of the curve: an eighth of the second difference where
+    # u is quadratic in t. With twice that, for knots between, most turns are no
+    # reversals and need no bisection.
     sagitta = 0.25 * np.linalg.norm(u[k - 1] - 2.0 * u[k] + u[k + 1], axis=1)
     least_on_chords = np.minimum(_nearest(u[k - 1], u[k]), _nearest(u[k], u[k + 1]))
     k = k[least_on_chords - sagitta <= REVERSAL * slower_neighbor[k - 1]]

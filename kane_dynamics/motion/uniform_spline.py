@@ -1,9 +1,10 @@
 """
 Cubic splines through points at equal distances, with given slopes at both ends.
 
-The slopes s satisfy s[i-1] + 4 s[i] + s[i+1] = 3 (q[i+1] - q[i-1]) / h. The elimination from the
-first point to the last, and the substitution back, are each a traced program of one point,
-repeated natively. The factors of the elimination are the same for all splines, and soon constant.
+The slopes s satisfy s[i-1] + 4 s[i] + s[i+1] = 3 (q[i+1] - q[i-1]) / h. The elimination
+from the first point to the last, and the substitution back, are each a traced program of
+one point, repeated natively. The factors of the elimination are the same for all
+splines, and soon constant.
 """
 
 from functools import cache, partial
@@ -22,7 +23,7 @@ while len(FACTORS) < 32:  # those behind are equal to rounding
 
 
 def spline_eliminated(previous: Any, q: Any, rate: Any, factor: Any) -> Any:
-    """Return an eliminated row, (n,), from that before it and from three positions, (3, n)."""
+    """Return an eliminated row, (n,), from the previous one and positions, (3, n)."""
     return (3.0 * rate[()] * (q[2] - q[0]) - previous) * factor[()]
 
 
@@ -39,7 +40,8 @@ def kernels(n: int) -> tuple[Kernel, Kernel]:
     out = []
     for function, rows, shape in (
             (spline_eliminated, [('previous', (n,)), ('q', (3, n))], (n,)),
-            (spline_substituted, [('row', (n,)), ('following', (n,)), ('q', (2, n))], (2, n))):
+            (spline_substituted, [('row',
+                                   (n,)), ('following', (n,)), ('q', (2, n))], (2, n))):
         name, inputs = function.__name__, [*rows, ('rate', ()), ('factor', ())]
         out.append(Kernel(
             name, partial(trace_program, name, function, inputs), f'{name} {n}',
@@ -47,9 +49,10 @@ def kernels(n: int) -> tuple[Kernel, Kernel]:
     return out[0], out[1]
 
 
-def spline_derivatives(q: Array, step: float, first: Array, last: Array) -> tuple[Array, Array]:
+def spline_derivatives(q: Array, step: float, first: Array,
+                       last: Array) -> tuple[Array, Array]:
     """
-    Return the first and second derivatives of the splines at their points, two (K, n) arrays.
+    Return the first and second derivatives at the points, two (K, n) arrays.
 
     Parameters
     ----------
@@ -74,7 +77,8 @@ def spline_derivatives(q: Array, step: float, first: Array, last: Array) -> tupl
            [2 * row, row, 0, 8, 2 * row], count - 2)
     end = begin + (count - 2) * 2 * row
     repeat(back.address,
-           [end, end + 2 * row, table + (count - 2) * row, address(rate), constants + at, end],
+           [end, end + 2 * row, table + (count - 2) * row, address(rate), constants + at,
+            end],
            [-2 * row, -2 * row, -row, 0, -8, -2 * row], count - 1)
     rise = (q[-1] - q[-2]) / step
     out[-1, 1] = (2.0 * out[-2, 0] + 4.0 * last - 6.0 * rise) / step

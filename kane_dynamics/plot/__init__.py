@@ -1,13 +1,13 @@
 """
 Pictures of motions, bending, tracking, torques, energies and reactions, in one style.
 
-Figures are created without pyplot: no window opens, no backend is selected, and the style is
-restored after the call. Each function returns its figure and, given a path, saves it. Parameters
-that several functions have:
+Figures are created without pyplot: no window opens, no backend is selected, and the
+style is restored after the call. Each function returns its figure and, given a path,
+saves it. Parameters that several functions have:
 
 robot, trajectory : Robot, Trajectory
-    The robot, and a single motion of it; InputError if the trajectory holds several motions or
-    other joints.
+    The robot, and a single motion of it; InputError if the trajectory holds several
+    motions or other joints.
 path : str or Path, optional
     File to write; its suffix is the format.
 prismatic : collection of str
@@ -28,5 +28,6 @@ from kane_dynamics.plot.tracking_plot import plot_tracking
 from kane_dynamics.plot.trajectory_plots import plot_phase, plot_trajectory
 
 __all__ = ['check_path', 'plot_bending', 'plot_demand', 'plot_energy', 'plot_phase',
-           'plot_reactions', 'plot_replay', 'plot_sweep', 'plot_timing', 'plot_torque_by_source',
+           'plot_reactions',
+           'plot_replay', 'plot_sweep', 'plot_timing', 'plot_torque_by_source',
            'plot_tracking', 'plot_trajectory', 'plot_vibrations']

@@ -41,8 +41,8 @@ def plot_bending(model: Model, q: Any, t: Sequence[float] | None = None,
     exaggeration : float
         Factor on the drawn deflections; the title contains it.
     plane : str, optional
-        World axes of the picture: xy, xz, yz, or xyz for a view in space. Default: the plane of
-        the robot, else xyz.
+        World axes of the picture: xy, xz, yz, or xyz for a view in space. Default: the
+        plane of the robot, else xyz.
     path, title
         See `kane_dynamics.plot`.
 
@@ -54,7 +54,8 @@ def plot_bending(model: Model, q: Any, t: Sequence[float] | None = None,
     """
     shapes = _checked(model, q)
     if t is not None and len(t) != len(shapes):
-        raise InputError(f't: {len(t)} times; expected {len(shapes)}, one per configuration')
+        raise InputError(f't: {len(t)} times; expected {len(shapes)}, one per '
+                         'configuration')
     drawn = [_lines(model, shape, exaggeration) for shape in shapes]
     labels: list[str | None] = [None] * len(drawn)
     if t is not None:
@@ -72,17 +73,18 @@ def plot_bending(model: Model, q: Any, t: Sequence[float] | None = None,
     return figure
 
 
-def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *, held: Sequence[str] = (),
+def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *,
+                    held: Sequence[str] = (),
                     count: int = 4, plane: str | None = None,
                     title: str = 'Natural vibrations') -> Figure:
     """
-    Plot the slowest natural vibrations about a configuration, each at both ends of its swing.
+    Plot the slowest natural vibrations about a configuration, at both ends of swings.
 
     Parameters
     ----------
     robot, q, held
-        As for `natural_vibration`. Modes that do not vibrate (zero frequency, or unstable) are
-        not drawn.
+        As for `natural_vibration`. Modes that do not vibrate (zero frequency, or
+        unstable) are not drawn.
     count : int
         Largest number of vibrations.
     plane : str, optional
@@ -106,7 +108,8 @@ def plot_vibrations(robot: Robot, q: Any, path: Path | None = None, *, held: Seq
     still = _lines(robot.model, resting_q)
     points = np.concatenate([points for _, points in still])
     extent = float(np.ptp(points, axis=0).max())
-    swings = [_swing(still, robot.model, resting_q, vibration.shapes[:, k], SWING * extent)
+    swings = [_swing(still, robot.model, resting_q, vibration.shapes[:, k],
+                     SWING * extent)
               for k in modes]
     drawn = [still]
     for ends in swings:
@@ -138,8 +141,9 @@ def _checked(model: Model, q: Any) -> Array:
     require_angles(model, 'plot')
     rows = np.atleast_2d(np.array(q, dtype=np.float64))
     if rows.ndim != 2 or rows.shape[1] != model.n or not np.isfinite(rows).all():
-        raise InputError(f'q: shape {np.shape(q)}; expected finite numbers of shape ({model.n},) '
-                         f'or (K, {model.n}), for {", ".join(model.coordinate_names)}')
+        raise InputError(f'q: shape {np.shape(q)}; expected finite numbers of shape '
+                         f'({model.n},) or (K, {model.n}), for '
+                         f'{", ".join(model.coordinate_names)}')
     return rows
 
 
@@ -167,7 +171,8 @@ def _lines(model: Model, q: Array, exaggeration: float = 1.0) -> Lines:
             points = np.vstack([points, placed[tip.body].p_wb])
         lines.append((True, points))
 
-    # Rigid bodies, from their origin to the joints that they carry, or else to their frames.
+    # Rigid bodies, from their origin to the joints that they carry, or else to their
+    # frames.
     ends = [(body.parent, body.joint.translation) for body in model.bodies
             if body.parent != WORLD and body.joint.deflection is None]
     carriers = {WORLD, *(body.parent for body in model.bodies)}
@@ -231,18 +236,21 @@ class _View:
         axes: Any = figure.add_subplot(rows, columns, k + 1,
                                        projection='3d' if in_space else None)
         for which, name, low, size in zip('xyz', self.names, self._low, self._size):
-            axes.set(**{f'{which}label': f'{name} [m]', f'{which}lim': (low, low + size)})
+            axes.set(**{f'{which}label': f'{name} [m]',
+                        f'{which}lim': (low, low + size)})
             ticks = max(2, round(6 * size / self._size.max()))
             getattr(axes, f'{which}axis').set_major_locator(MaxNLocator(ticks))
         axes.set_aspect('equal')
         if in_space:
             axes.set_box_aspect(self._size.copy(), zoom=0.7)  # room for the labels
-            axes.patch.set_visible(False)  # a patch would cover the labels of the previous panel
+            # A patch would cover the labels of the previous panel.
+            axes.patch.set_visible(False)
             axes.tick_params(labelsize=7.0, pad=0.0)
             axes.zaxis.labelpad = 4.0
         return axes
 
-    def draw(self, axes: Any, lines: Lines, color: Any, label: str | None = None) -> None:
+    def draw(self, axes: Any, lines: Lines, color: Any,
+             label: str | None = None) -> None:
         """Plot a robot with thick beams and a dot at the start of each line."""
         for is_beam, points in lines:
             coordinates = points[:, self._axes].T

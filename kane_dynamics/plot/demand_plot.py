@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from kane_dynamics.feasibility import Demand
 
 
-def plot_demand(demand: Demand, path: Path | None = None, *, prismatic: Collection[str] = (),
+def plot_demand(demand: Demand, path: Path | None = None, *,
+                prismatic: Collection[str] = (),
                 title: str = 'Torque, speed and power against the limits') -> Figure:
     """
     Plot torque, speed and power of each joint, with its limits as dashed lines.

@@ -18,10 +18,11 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
     """
     Plot energies, powers of motors and friction, and the errors of both balances.
 
-    The residual of power verifies the equations: it compares the power of the torques with the
-    rate of the energies (`power_balance`). The unaccounted energy verifies the motion: it is the
-    change of energy minus the integral of power, which is the error of integration and sampling
-    (`unaccounted_energy`); it jumps where torques jump between two samples.
+    The residual of power verifies the equations: it compares the power of the torques
+    with the rate of the energies (`power_balance`). The unaccounted energy verifies the
+    motion: it is the change of energy minus the integral of power, which is the error of
+    integration and sampling (`unaccounted_energy`); it jumps where torques jump between
+    two samples.
 
     Parameters
     ----------
@@ -51,7 +52,8 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
     if strain.any():
         energies['springs'] = (strain, GREEN, '-')
     energies['total'] = (total, INK, '--')
-    powers = {'motors': (power.joints, BLUE, '-'), 'friction': (-power.friction, RED, '-'),
+    powers = {'motors': (power.joints, BLUE, '-'),
+              'friction': (-power.friction, RED, '-'),
               'rate of energy': (power.energy_rate, INK, '--')}
     if np.any(power.constraints):
         powers['prescribed motion'] = (power.constraints, GREEN, '-')
@@ -77,7 +79,7 @@ def plot_energy(robot: Robot, trajectory: Trajectory, path: Path | None = None, 
 
 
 def strain_energy(robot: Robot, q: Array) -> Array:
-    """Return the energy of springs and bent beams, (K,), J: potential energy without gravity."""
+    """Return the energy of springs and bent beams, (K,), J."""
     weightless = copy.copy(robot)  # copies the parameters
     weightless.parameters.gravity = np.zeros(3)
     energy: Array = weightless.potential_energy(q)

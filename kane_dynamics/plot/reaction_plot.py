@@ -21,8 +21,10 @@ def plot_reactions(robot: Robot, trajectory: Trajectory, path: Path | None = Non
     For the parameters see `kane_dynamics.plot`.
     """
     trajectory.require(robot, 'plot_reactions')
-    title = titled(title, 'joint reactions, parent on child, world axes', robot.model.name)
-    reactions = robot.joint_reactions(trajectory.q, trajectory.u, trajectory.udot, t=trajectory.t)
+    title = titled(title, 'joint reactions, parent on child, world '
+                          'axes', robot.model.name)
+    reactions = robot.joint_reactions(trajectory.q, trajectory.u, trajectory.udot,
+                                      t=trajectory.t)
     least = 1e-6 * np.abs(reactions).max()
     joints = [body.joint.name for body in robot.model.bodies]
     with styled(11.0, 1.3 + 1.55 * len(joints), title, path) as figure:
@@ -33,7 +35,8 @@ def plot_reactions(robot: Robot, trajectory: Trajectory, path: Path | None = Non
             _plot_vector(moment_panel, trajectory.t, reactions[:, i, 3:], 'N m', least)
             force_panel.set_ylabel(f'{name}\n[N]')
             moment_panel.set_ylabel('[N m]')
-        for axes, text in zip(panels[0], ('Force', 'Moment about the joint'), strict=True):
+        for axes, text in zip(panels[0], ('Force',
+                                          'Moment about the joint'), strict=True):
             axes.set_title(text)
         legend_below(figure, panels[0, :1])
         time_axis(panels)

@@ -31,7 +31,8 @@ MARGIN = 0.06  # of a panel's height, beyond a limit
 NOISE = 1e-9  # of the largest torque, or rad, m, rad/s, m/s: below is rounding error
 THIN = 0.8  # line width of background and of measured values
 _STYLE: Any = {
-    'font.family': 'sans-serif', 'font.size': 10.0, 'text.color': INK, 'figure.dpi': 100.0,
+    'font.family': 'sans-serif', 'font.size': 10.0, 'text.color': INK,
+    'figure.dpi': 100.0,
     'figure.facecolor': 'white', 'savefig.dpi': 150.0, 'axes.edgecolor': '#C4C8CE',
     'axes.labelcolor': INK, 'axes.labelsize': 10.0, 'axes.titlesize': 11.0,
     'axes.titleweight': 'bold', 'axes.titlelocation': 'left', 'axes.titlecolor': INK,
@@ -57,7 +58,8 @@ def check_path(path: Path) -> None:
 
 
 @contextmanager
-def styled(width: float, height: float, title: str, path: Path | None) -> Iterator[Figure]:
+def styled(width: float, height: float, title: str,
+           path: Path | None) -> Iterator[Figure]:
     """Yield a figure of a size in inches; add the title and save it at the end."""
     if path is not None:
         check_path(path)
@@ -100,7 +102,8 @@ def time_axis(panels: Any) -> None:
         axes.set_xlabel('Time [s]')
 
 
-def plot_lines(axes: Axes, t: Array, lines: Mapping[str, tuple[Array, str, Any]]) -> None:
+def plot_lines(axes: Axes, t: Array,
+               lines: Mapping[str, tuple[Array, str, Any]]) -> None:
     """Plot lines by label: values, color, dash."""
     for label, (values, color, dash) in lines.items():
         axes.plot(t, values, color=color, linestyle=dash, label=label)
@@ -118,21 +121,23 @@ def show_at_least(axes: Axes, least: float) -> None:
 
 
 def limit_lines(axes: Axes, values: Array, bound: float) -> None:
-    """Plot -bound and bound if values come near them; else write the bound above the corner."""
+    """Plot -bound and bound if values come near them; else write the bound above."""
     if not np.isfinite(bound):
         return
     low, high = axes.get_ylim()
     is_near = False
     for sign in (-1.0, 1.0):
         if bound < NEAR * float((sign * values).max(initial=0.0)):
-            axes.axhline(sign * bound, color=RED, linestyle='--', linewidth=1.0, label='limit')
+            axes.axhline(sign * bound, color=RED, linestyle='--', linewidth=1.0,
+                         label='limit')
             reach = sign * (1.0 + MARGIN) * bound
             low = min(low, reach)
             high = max(high, reach)
             is_near = True
     axes.set_ylim(low, high)
     if not is_near:  # the text is above the panel, where no curve is
-        axes.set_title(f'limit ±{bound:g}', loc='right', fontsize=8.0, fontweight='normal',
+        axes.set_title('limit '
+                       f'±{bound:g}', loc='right', fontsize=8.0, fontweight='normal',
                        color=RED)
 
 
@@ -158,20 +163,22 @@ def titled(title: str | None, what: str, name: str) -> str:
 
 def above(axes: Axes, columns: int) -> None:
     """Place the legend of a panel above its upper right corner."""
-    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=columns)
+    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0,
+                ncols=columns)
 
 
 def beside(axes: Axes, *words: tuple[str, str]) -> None:
     """Write (text, color) pairs beside a panel, top down, all but the first in bold."""
     weight = 'normal'
     for k, (text, color) in enumerate(words):
-        axes.text(1.02, 0.98 - 0.18 * k, text, transform=axes.transAxes, va='top', fontsize=9.0,
+        axes.text(1.02, 0.98 - 0.18 * k, text, transform=axes.transAxes, va='top',
+                  fontsize=9.0,
                   color=color, fontweight=weight)
         weight = 'bold'
 
 
 def legend_below(figure: Figure, panels: Any, last: Sequence[str] = ()) -> None:
-    """Place one legend of all panels below them; labels in `last` come last, in this order."""
+    """Place one legend of all panels below them; labels in `last` come last."""
     shown: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):

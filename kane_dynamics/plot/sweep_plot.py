@@ -17,15 +17,15 @@ RESULTS = {'peak_torque.': 'Largest torque\n[N m, N]',
 def plot_sweep(table: Mapping[str, Sequence[Any]], path: Path | None = None, *,
                title: str = 'Sweep') -> Figure:
     """
-    Plot the largest torque, and tracking error, of each trial over each value that varies.
+    Plot the largest torque and tracking error of each trial over what varies.
 
     Trials that failed are marked on the axis of the value.
 
     Parameters
     ----------
     table : mapping of str to sequence
-        Columns of the table, such as ``read_table(folder).to_pydict()``. Of more than six values
-        that vary, the first six are drawn.
+        Columns of the table, such as ``read_table(folder).to_pydict()``. Of more than
+        six values that vary, the first six are drawn.
     path, title
         See `kane_dynamics.plot`.
 
@@ -37,7 +37,8 @@ def plot_sweep(table: Mapping[str, Sequence[Any]], path: Path | None = None, *,
     """
     varied = _varied(table)
     if not varied:
-        raise InputError('sweep: the same values in all trials; expected one that varies')
+        raise InputError('sweep: the same values in all trials; expected one that '
+                         'varies')
     ok = np.array(table['ok'], dtype=bool)
     results = {prefix: _largest(table, prefix) for prefix in RESULTS
                if any(name.startswith(prefix) for name in table)}
@@ -61,7 +62,7 @@ def plot_sweep(table: Mapping[str, Sequence[Any]], path: Path | None = None, *,
 
 
 def _varied(table: Mapping[str, Sequence[Any]]) -> dict[str, Array]:
-    """Return the columns of numbers that vary, by name: those between the seed and the result."""
+    """Return the columns of inputs that vary, by name."""
     columns = list(table)
     varied = {}
     for name in columns[columns.index('seed') + 1:columns.index('ok')]:
@@ -73,7 +74,7 @@ def _varied(table: Mapping[str, Sequence[Any]]) -> dict[str, Array]:
 
 
 def _largest(table: Mapping[str, Sequence[Any]], prefix: str) -> Array:
-    """Return the largest of the columns with a prefix in each row; NaN where a trial failed."""
+    """Return the largest of the columns with a prefix in each row, or NaN."""
     # As floats, None is NaN.
     columns = [np.array(table[name], dtype=np.float64) for name in table
                if name.startswith(prefix)]

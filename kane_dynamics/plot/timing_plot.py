@@ -1,4 +1,4 @@
-"""Plot of a time-optimal timing: the use of the limits over time, and the active limit."""
+"""Plot of a time-optimal timing: use of the limits, and the active limit."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ def plot_timing(timing: TimeOptimal, path: Path | None = None, *,
     names = timing.joint_names
     limits = list(timing.uses)
     with styled(12.0, 1.3 + 1.2 * len(names), title, path) as figure:
-        panels = figure.subplots(len(names), len(limits), sharex=True, sharey=True, squeeze=False)
+        panels = figure.subplots(len(names), len(limits), sharex=True, sharey=True,
+                                 squeeze=False)
         for j, (name, row) in enumerate(zip(names, panels, strict=True)):
             for axes, limit in zip(row, limits, strict=True):
                 use = 100.0 * timing.uses[limit][:, j]

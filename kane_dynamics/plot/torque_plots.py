@@ -18,7 +18,8 @@ _SOURCES = {'inertia': BLUE, 'Coriolis, centrifugal': ORANGE, 'gravity': '#B9BEC
 LABELS = (*_SOURCES, 'sum', 'limit')
 
 
-def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | None = None, *,
+def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | None = None,
+                          *,
                           title: str | None = None) -> Figure:
     """
     Plot the terms of each joint's torque as stacked areas, their sum and limits.
@@ -26,7 +27,8 @@ def plot_torque_by_source(robot: Robot, trajectory: Trajectory, path: Path | Non
     For the parameters see `kane_dynamics.plot`.
     """
     trajectory.require(robot, 'plot_torque_by_source')
-    terms = robot.torque_terms(trajectory.q, trajectory.u, trajectory.udot, t=trajectory.t)
+    terms = robot.torque_terms(trajectory.q, trajectory.u, trajectory.udot,
+                               t=trajectory.t)
     names = trajectory.speed_names
     columns = 1 if len(names) < 4 else 2
     rows = -(-len(names) // columns)
@@ -74,8 +76,10 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
         for j, (name, row) in enumerate(zip(names, panels, strict=True)):
             torque_panel, difference_panel = row
             unit = panel_unit('Torque', [name], prismatic)
-            torque_panel.plot(t, measured[:, j], color=ORANGE, linewidth=THIN, label='measured')
-            torque_panel.plot(t, computed[:, j], color=INK, linewidth=1.0, label='computed')
+            torque_panel.plot(t, measured[:, j], color=ORANGE, linewidth=THIN,
+                              label='measured')
+            torque_panel.plot(t, computed[:, j], color=INK, linewidth=1.0,
+                              label='computed')
             hide_rounding(torque_panel, NOISE * largest, 0.01 * largest or 1.0)
             if limits is not None:
                 both = np.concatenate([measured[:, j], computed[:, j]])
@@ -86,8 +90,10 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
             hide_rounding(difference_panel, NOISE * largest, 0.01 * largest or 1.0)
             difference_panel.set_ylabel(f'[{unit}]')
             zero_line(difference_panel)
-            beside(difference_panel, ('RMS', INK), (f'{rms(difference):.3g} {unit}', INK))
-        for axes, text in zip(panels[0], ('Torque', 'Measured less computed'), strict=True):
+            size = f'{rms(difference):.3g} {unit}'
+            beside(difference_panel, ('RMS', INK), (size, INK))
+        for axes, text in zip(panels[0], ('Torque',
+                                          'Measured less computed'), strict=True):
             axes.set_title(text)
         legend_below(figure, panels[0, :1])
         time_axis(panels)
@@ -95,24 +101,25 @@ def plot_replay(t: Array, measured: Array, computed: Array, joint_names: Sequenc
 
 
 def effort_limits(robot: Robot, speed_names: Sequence[str]) -> list[float]:
-    """Return the effort limits of speeds that are joint rates; infinity for other speeds."""
+    """Return the effort limits of speeds that are joint rates; else infinity."""
     limits = dict(zip(robot.joint_names, robot.limits.effort.tolist()))
     return [limits.get(name, np.inf) for name in speed_names]
 
 
 def _without_rounding(values: Array, largest: float) -> Array:
-    """Return values with 0 in place of rounding errors, relative to the largest of all."""
+    """Return values with 0 for rounding errors, relative to the largest of all."""
     return np.where(np.abs(values) < 1e-12 * largest, 0.0, values)
 
 
 def stack(axes: Axes, t: Array, terms: Array) -> None:
-    """Plot (K, 5) terms as areas, stacked from zero: positive parts up, negative ones down."""
+    """Plot (K, 5) terms as stacked areas: positive parts up, negative ones down."""
     for part_of in (np.maximum, np.minimum):  # the positive, then the negative part
         level = np.zeros(len(t))
         for (label, color), term in zip(_SOURCES.items(), terms.T, strict=True):
             next_level = level + part_of(term, 0.0)
             if term.any():
-                axes.fill_between(t, level, next_level, color=color, alpha=0.85, linewidth=0.0,
+                axes.fill_between(t, level, next_level, color=color, alpha=0.85,
+                                  linewidth=0.0,
                                   label=label)
             level = next_level
     axes.plot(t, terms.sum(axis=1), color=INK, linewidth=1.3, label='sum')

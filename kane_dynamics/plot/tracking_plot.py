@@ -17,19 +17,22 @@ Run = tuple[Array, Array, Array]
 
 def plot_tracking(runs: Mapping[str, Run], joint_names: Sequence[str],
                   path: Path | None = None, *,
-                  sources: tuple[Array, Array] | None = None, prismatic: Collection[str] = (),
+                  sources: tuple[Array, Array] | None = None,
+                  prismatic: Collection[str] = (),
                   title: str = 'Tracking of the desired motion') -> Figure:
     """
-    Plot desired and actual positions and tracking errors of one or more runs, for each joint.
+    Plot desired and actual positions and tracking errors of some runs, by joint.
 
     Parameters
     ----------
     runs : mapping of str to (t, desired, actual)
-        By label, for example 'PD only' and 'PD + feedforward': (K,) s, (K, n) and (K, n) rad or m.
+        By label, for example 'PD only' and 'PD + feedforward': (K,) s, (K, n) and (K, n)
+        rad or m.
     joint_names : sequence of str
         Names, in the order of the columns.
     sources : (t, terms), optional
-        Adds the torques by source as a third column: (K,) s and `Robot.torque_terms`, (K, 5, n).
+        Adds the torques by source as a third column: (K,) s and `Robot.torque_terms`,
+        (K, 5, n).
     path, prismatic, title
         See `kane_dynamics.plot`.
 
@@ -62,17 +65,18 @@ def plot_tracking(runs: Mapping[str, Run], joint_names: Sequence[str],
 
 
 def _plot_positions(axes: Axes, runs: Mapping[str, Run], i: int) -> None:
-    """Plot the positions of joint i in all runs, and the desired one of the first run."""
+    """Plot the positions of joint i in all runs, and the desired one."""
     for k, (label, (t, _, actual)) in enumerate(runs.items()):
         axes.plot(t, np.asarray(actual)[:, i], color=_RUNS[k % len(_RUNS)], label=label)
     t, desired, _ = next(iter(runs.values()))
-    axes.plot(t, np.asarray(desired)[:, i], color=INK, linestyle=(0, (4, 3)), linewidth=1.2,
+    axes.plot(t, np.asarray(desired)[:, i], color=INK, linestyle=(0, (4, 3)),
+              linewidth=1.2,
               label='desired')
     hide_rounding(axes, NOISE, 0.1)
 
 
 def _plot_errors(axes: Axes, runs: Mapping[str, Run], i: int, unit: str) -> None:
-    """Plot the tracking errors of joint i in thousandths, with their root mean squares."""
+    """Plot the tracking errors of joint i in thousandths, with their RMS."""
     notes = [('RMS', INK)]
     for k, (t, desired, actual) in enumerate(runs.values()):
         color = _RUNS[k % len(_RUNS)]

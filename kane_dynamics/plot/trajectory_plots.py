@@ -30,16 +30,16 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
     """
     Plot positions, speeds, torques and energies of a simulation over time.
 
-    Line widths decrease from joint to joint, so that coinciding lines are all visible. More than
-    `MOST` joints have panels side by side, with the same scales.
+    Line widths decrease from joint to joint, so that coinciding lines are all visible.
+    More than `MOST` joints have panels side by side, with the same scales.
 
     Parameters
     ----------
     trajectory : Trajectory
         The motion.
     limits : JointLimits, optional
-        `Robot.limits`; speed and torque limits are drawn in the colors of the joints, if they are
-        near the values.
+        `Robot.limits`; speed and torque limits are drawn in the colors of the joints, if
+        they are near the values.
     path, prismatic, title
         See `kane_dynamics.plot`.
 
@@ -61,8 +61,9 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
             for k, (name, values) in enumerate(quantity.columns.items()):
                 color, dash = look_of[name]
                 width = WIDE - (WIDE - SLIM) * k / max(len(quantity.names), 2)
-                shown[name], = axes.plot(trajectory.t, values, color=color, linestyle=dash,
-                                         linewidth=width)
+                line, = axes.plot(trajectory.t, values, color=color, linestyle=dash,
+                                  linewidth=width)
+                shown[name] = line
             hide_rounding(axes, quantity.noise, 0.1)
             bounds = quantity.bounds(limits, trajectory.joint_names)
             if bounds is not None:
@@ -78,7 +79,7 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
 
 
 class _Panel(NamedTuple):
-    """A quantity of a motion over time: what it is, its values by name, and its label."""
+    """A quantity of a motion over time: what it is, values by name, label."""
 
     what: str
     columns: dict[str, Array]
@@ -90,9 +91,9 @@ class _Panel(NamedTuple):
 
     @property
     def noise(self) -> float:
-        """Return what is rounding error beside the largest value, but at least beside 1."""
-        largest = max(float(np.abs(values).max(initial=1.0)) for values in self.columns.values())
-        return NOISE * largest
+        """Return the size of rounding errors beside the largest value, or 1."""
+        table = np.array(list(self.columns.values()))
+        return NOISE * float(np.abs(table).max(initial=1.0))
 
     def bounds(self, limits: JointLimits | None,
                joint_names: Sequence[str]) -> dict[str, float] | None:
@@ -119,7 +120,8 @@ def _quantities(trajectory: Trajectory, prismatic: Collection[str]) -> list[_Pan
     return quantities
 
 
-def _side_by_side(trajectory: Trajectory, path: Path | None, quantities: Sequence[_Panel],
+def _side_by_side(trajectory: Trajectory, path: Path | None,
+                  quantities: Sequence[_Panel],
                   limits: JointLimits | None, title: str) -> Figure:
     """Plot many joints in columns of `len(LINES)`, each with its own legend."""
     per_panel = len(LINES)
@@ -136,7 +138,8 @@ def _side_by_side(trajectory: Trajectory, path: Path | None, quantities: Sequenc
                     axes.plot(trajectory.t, values[name], color=colors[name], label=name)
                 if names and names not in legends:
                     legends.append(names)
-                    axes.legend(loc='lower left', bbox_to_anchor=(0.0, 1.02), fontsize=8.0,
+                    axes.legend(loc='lower left', bbox_to_anchor=(0.0, 1.02),
+                                fontsize=8.0,
                                 borderaxespad=0.0, ncols=2, handlelength=1.2)
                 bounds = quantity.bounds(limits, trajectory.joint_names)
                 if bounds is not None:
@@ -190,8 +193,10 @@ def plot_phase(robot: Robot, trajectory: Trajectory, path: Path | None = None, *
             _bounded(axes, 'x', q, limits.lower[i], limits.upper[i])
             _bounded(axes, 'y', rate, -limits.velocity[i], limits.velocity[i])
             axes.set_title(name)
-            axes.set_xlabel(f'Position [{panel_unit("Position", [name], robot.model.sliding)}]')
-            axes.set_ylabel(f'Speed [{panel_unit("Speed", [name], robot.model.sliding)}]')
+            axes.set_xlabel('Position '
+                            f'[{panel_unit("Position", [name], robot.model.sliding)}]')
+            axes.set_ylabel('Speed '
+                            f'[{panel_unit("Speed", [name], robot.model.sliding)}]')
         legend_below(figure, panels)
     return figure
 
@@ -236,7 +241,7 @@ def _share_text(share: float) -> str:
 
 
 def _bounded(axes: Axes, along: str, values: Any, lower: float, upper: float) -> None:
-    """Set the range of 'x' or 'y' to the values and finite limits; shade beyond limits."""
+    """Set the range of 'x' or 'y' to values and finite limits; shade beyond limits."""
     reach = [bound for bound in (lower, upper) if np.isfinite(bound)]
     reach += [values.min(), values.max()]
     size = max(reach) - min(reach)

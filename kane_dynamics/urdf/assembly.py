@@ -1,4 +1,4 @@
-"""Merge the links of a URDF into the moving bodies of a Model, with the limits of its joints."""
+"""Merge the links of a URDF into the moving bodies of a Model."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -22,7 +22,8 @@ from kane_dynamics.urdf.tree import UrdfTree
 import numpy as np
 from numpy.typing import ArrayLike
 
-Moving = list[tuple[StatedJoint, Placement]]  # the joint of each moving body, and where it is
+Moving = list[tuple[StatedJoint,
+                    Placement]]  # the joint of each moving body, and where it is
 
 UNLIMITED = Limits()
 DEGREES = 12.6  # rad, two turns: a bound beyond it, up to 720, looks like degrees
@@ -30,13 +31,15 @@ DEGREES = 12.6  # rad, two turns: a bound beyond it, up to 720, looks like degre
 
 def assemble_model(tree: UrdfTree, selection: Selection, supplement: Supplement,
                    gravity: ArrayLike, notices: Notices, *, strict: bool) -> Model:
-    """Assemble the Model of the selected part of a URDF; ModelError names an impossible body."""
+    """Assemble the Model of a URDF's selection; ModelError names an impossible body."""
     placements, moving = _placements(selection)
     links = [name for name in placements if name in tree.links]
-    riders = _riders(tree, selection, supplement, placements, len(moving), notices, strict)
+    riders = _riders(tree, selection, supplement, placements, len(moving), notices,
+                     strict)
     _note_masses(tree, moving, riders, notices)
 
-    # The coordinates: the free joints, outward from the base or in the order that is asked for.
+    # The coordinates: the free joints, outward from the base or in the order that is
+    # asked for.
     singles = [single for single, _ in moving]
     names = [single.name for single in singles if single.name in selection.free]
     if selection.order is not None:
@@ -51,22 +54,26 @@ def assemble_model(tree: UrdfTree, selection: Selection, supplement: Supplement,
     frames = []
     for name in links:
         placement = placements[name]
-        frames.append(Frame(name, placement.body, placement.rotation, placement.translation))
-    first_of_balls = {f'{joint.name}/wx' for joint in tree.joints if joint.kind == 'free'}
-    balls = tuple(k for k, body in enumerate(bodies) if body.joint.name in first_of_balls)
-    names_of_q = quaternion_names(names, [bodies[k].joint.coordinate for k in balls])
+        frames.append(Frame(name, placement.body, placement.rotation,
+                            placement.translation))
+    # A joint with a quaternion begins with its rotation about x.
+    rotations = {f'{joint.name}/wx' for joint in tree.joints if joint.kind == 'free'}
+    balls = tuple(k for k, body in enumerate(bodies) if body.joint.name in rotations)
+    names_of_q = quaternion_names(names, bodies, balls)
     return Model(tree.name, tuple(bodies), names_of_q, tuple(frames),
-                 constant(gravity, (3,), 'gravity'), selection.base, _sum(riders[WORLD]), balls)
+                 constant(gravity, (3,), 'gravity'), selection.base, _sum(riders[WORLD]),
+                 balls)
 
 
-# ---------------------------------------------------------------------- placements of links
+# ---------------------------------------------------------------------- placements of
+# links
 
 def _placements(selection: Selection) -> tuple[dict[str, Placement], Moving]:
     """
     Return the placements of all links, and the moving bodies in topological order.
 
-    Ties are in the order of the URDF. Locked joints are followed at once, so that they do not
-    affect the order.
+    Ties are in the order of the URDF. Locked joints are followed at once, so that they
+    do not affect the order.
     """
     placements = {selection.base: Placement(WORLD)}
     moving: Moving = []
@@ -108,7 +115,7 @@ def _displacement(single: StatedJoint, position: float) -> tuple[Array, Array]:
 def _riders(tree: UrdfTree, selection: Selection, supplement: Supplement,
             placements: dict[str, Placement], moving: int, notices: Notices,
             strict: bool) -> list[list[Inertial]]:
-    """Return the inertials that ride on each moving body, in its axes; last, on the base."""
+    """Return the inertials of each moving body, in its axes; last, of the base."""
     riders: list[list[Inertial]] = [[] for _ in range(moving + 1)]
 
     def load(inertial: Inertial, placement: Placement) -> None:
@@ -125,19 +132,21 @@ def _riders(tree: UrdfTree, selection: Selection, supplement: Supplement,
     if supplement.payload is not None:
         name, inertial = supplement.payload
         if name not in links:
-            raise UrdfError(f"supplement: payload: link '{name}' is not part of the model; "
-                            f'expected one of {listing(links)}')
+            raise UrdfError(f"supplement: payload: link '{name}' is not part of the "
+                            f'model; expected one of {listing(links)}')
         load(inertial, placements[name])
     return riders
 
 
-def _check_inertia(link: str, inertial: Inertial, notices: Notices, strict: bool) -> None:
-    """Note an impossible or singular inertia; ModelError if it is indefinite and `strict`."""
+def _check_inertia(link: str, inertial: Inertial, notices: Notices,
+                   strict: bool) -> None:
+    """Note an impossible or singular inertia; ModelError for an indefinite one."""
     moments = principal_moments(inertial.inertia, mass=inertial.mass)
     if moments.indefinite:
         if strict:
-            raise ModelError(f"link '{link}': <inertia> has principal moments {moments}; "
-                             'expected no negative moment, or strict=False to load it')
+            raise ModelError(f"link '{link}': <inertia> has principal moments "
+                             f'{moments}; expected no negative moment, or strict=False '
+                             'to load it')
         notices.indefinite.append(link)
         return
     if inertial.mass > 0.0 and moments.singular:
@@ -167,7 +176,8 @@ def _sum(inertials: list[Inertial]) -> Inertial:
     return total
 
 
-# ---------------------------------------------------------------------- joints and limits
+# ---------------------------------------------------------------------- joints and
+# limits
 
 def _joint(single: StatedJoint, placement: Placement, selection: Selection,
            coordinates: dict[str, int], supplement: Supplement,
@@ -178,8 +188,10 @@ def _joint(single: StatedJoint, placement: Placement, selection: Selection,
     properties: dict[str, Any] = {'damping': single.damping, 'friction': single.friction}
     properties |= supplement.joints.get(single.name, {})
     return Joint(
-        single.name, 'prismatic' if single.kind == 'prismatic' else 'revolute', single.axis,
-        placement.rotation, placement.translation, coordinates[mimic.master], mimic.multiplier,
+        single.name, 'prismatic' if single.kind == 'prismatic' else 'revolute',
+        single.axis,
+        placement.rotation, placement.translation, coordinates[mimic.master],
+        mimic.multiplier,
         mimic.offset, limits.get(single.name, UNLIMITED), **properties)
 
 
@@ -188,8 +200,9 @@ def _coordinate_limits(singles: Iterable[StatedJoint], selection: Selection,
     """
     Return the limits of the coordinates by name.
 
-    A mimic joint is at ``multiplier * q + offset``, so its position and velocity limits bound q
-    too. Its effort limit is not used: the master's limit bounds the torque of both.
+    A mimic joint is at ``multiplier * q + offset``, so its position and velocity limits
+    bound q too. Its effort limit is not used: the master's limit bounds the torque of
+    both.
     """
     limits = {}
     followers = []
@@ -246,7 +259,8 @@ def _sensible(single: StatedJoint, stated: StatedLimits, notices: Notices) -> Li
     return Limits(lower, upper, stated.velocity or math.inf, stated.effort or math.inf)
 
 
-def _narrowed(master: Limits, single: StatedJoint, mimic: Mimic, notices: Notices) -> Limits:
+def _narrowed(master: Limits, single: StatedJoint, mimic: Mimic,
+              notices: Notices) -> Limits:
     """Return the limits of a master combined with those of its mimic joint."""
     if single.limits is None:
         return master

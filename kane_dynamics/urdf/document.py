@@ -21,11 +21,14 @@ from kane_dynamics.urdf.xacro_file import expand_xacro, SUFFIX
 DEPTH = 4  # robot / link / inertial / mass: dynamics needs no deeper elements
 BOMS = ((codecs.BOM_UTF32_LE, 'utf-32'), (codecs.BOM_UTF32_BE, 'utf-32'),
         (codecs.BOM_UTF8, 'utf-8-sig'), (codecs.BOM_UTF16_LE, 'utf-16'),
-        (codecs.BOM_UTF16_BE, 'utf-16'), (b'<\0\0\0', 'utf-32-le'), (b'\0\0\0<', 'utf-32-be'),
+        (codecs.BOM_UTF16_BE, 'utf-16'), (b'<\0\0\0', 'utf-32-le'),
+        (b'\0\0\0<', 'utf-32-be'),
         (b'<\0', 'utf-16-le'), (b'\0<', 'utf-16-be'))
 ENCODING = re.compile(rb'\s*<\?xml[^>]{0,200}?encoding\s*=\s*["\']([\w.-]{1,40})["\']')
-ENCODINGS = re.compile(r'utf-?(8|16|32)|(us-)?ascii|iso-8859-\d{1,2}|(windows-|cp)125\d', re.I)
-UNREAD = ('visual', 'collision', 'material')  # appearance only; meshes and textures are not opened
+ENCODINGS = re.compile(r'utf-?(8|16|32)|(us-)?ascii|iso-8859-\d{1,2}|(windows-|cp)125\d',
+                       re.I)
+UNREAD = ('visual',
+          'collision', 'material')  # appearance only; meshes and textures are not opened
 
 
 @dataclass
@@ -61,8 +64,8 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
     if isinstance(source, str) and source.lstrip('\ufeff \t\r\n').startswith('<'):
         return source.lstrip('\ufeff')
     if not isinstance(source, (str, os.PathLike)):
-        raise InputError(f'source: {type(source).__name__}; expected a path, or the XML as str '
-                         'or bytes')
+        raise InputError(f'source: {type(source).__name__}; expected a path, or the XML '
+                         'as str or bytes')
     if os.fspath(source).endswith(SUFFIX):
         return expand_xacro(source)
     try:
@@ -71,8 +74,9 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
         if isinstance(error, UrdfError):
             raise
         if isinstance(error, FileNotFoundError):
-            raise UrdfError(f'no such file: {_short_path(os.fspath(source))}; expected the path '
-                            'of a URDF file, or its XML as str or bytes') from None
+            raise UrdfError(f'no such file: {_short_path(os.fspath(source))}; expected '
+                            'the path of a URDF file, or its XML as str or '
+                            'bytes') from None
         reason = error.strerror if isinstance(error, OSError) else error
         raise UrdfError(f'source: {_short_path(os.fspath(source))}: {reason}; expected '
                         'the path of a URDF file, or its XML as str or bytes') from None
@@ -80,10 +84,10 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
 
 def parse(text: str, *, depth: int = DEPTH, unread: Sequence[str] = UNREAD) -> Element:
     """
-    Parse XML and return the root element, down to a depth and without the `unread` elements.
+    Parse XML and return the root element, to a depth and without `unread` elements.
 
-    The parser ignores namespaces, as the parsers of ROS do, because real files use undeclared
-    prefixes.
+    The parser ignores namespaces, as the parsers of ROS do, because real files use
+    undeclared prefixes.
     """
     _refuse_declarations(text)
     try:
@@ -120,8 +124,8 @@ def parse(text: str, *, depth: int = DEPTH, unread: Sequence[str] = UNREAD) -> E
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:
-        raise UrdfError(f'XML: {error}, near {_near(data, parser.ErrorByteIndex)}; expected '
-                        'well-formed XML') from None
+        raise UrdfError(f'XML: {error}, near {_near(data, parser.ErrorByteIndex)}; '
+                        'expected well-formed XML') from None
     return top.children[0]
 
 
@@ -129,7 +133,8 @@ def rebuilt(root: Element, tags: dict[str, tuple[str, ...]]) -> bytes:
     """
     Return XML of `root` with only the children that `tags` lists for each tag.
 
-    Prefixes and namespaces are removed: yourdfpy finds no elements in a default namespace.
+    Prefixes and namespaces are removed: yourdfpy finds no elements in a default
+    namespace.
     """
     def copy(element: Element) -> ElementTree.Element:
         attributes = {name: value for name, value in element.attributes.items()
@@ -139,7 +144,8 @@ def rebuilt(root: Element, tags: dict[str, tuple[str, ...]]) -> bytes:
             if child.tag in tags.get(element.tag, ()):
                 duplicate.append(copy(child))
         return duplicate
-    text: bytes = ElementTree.tostring(copy(root), encoding='utf-8', xml_declaration=True)
+    text: bytes = ElementTree.tostring(copy(root), encoding='utf-8',
+                                       xml_declaration=True)
     return text
 
 
@@ -176,8 +182,8 @@ def _refuse_declarations(text: str) -> None:
         elif text.startswith('<![CDATA[', at):
             closing = ']]>'
         else:
-            raise UrdfError(f'XML: declaration {_short(text[at:at + 60])}; expected no document '
-                            'type or entity declarations')
+            raise UrdfError(f'XML: declaration {_short(text[at:at + 60])}; expected no '
+                            'document type or entity declarations')
         end = text.find(closing, at + 4)
         if end < 0:
             return  # the parser refuses it
@@ -193,7 +199,7 @@ def _short(text: object) -> str:
 
 
 def _short_path(path: str) -> str:
-    """Return the quoted path; only the end of a long one, which includes the file name."""
+    """Return the quoted path; of a long one the end, with the file name."""
     if len(path) > 120:
         path = f'...{path[-100:]}'
     return repr(path)

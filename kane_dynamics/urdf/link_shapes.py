@@ -33,8 +33,8 @@ def load_visuals(source: Source) -> tuple[LinkShape, ...]:
     """
     Return the visual shapes of a URDF's links; mesh files are located, not opened.
 
-    A mesh is searched as a path, with or without the package name beside the URDF and in every
-    parent folder, and in share/ of AMENT_PREFIX_PATH and CMAKE_PREFIX_PATH.
+    A mesh is searched as a path, with or without the package name beside the URDF and in
+    every parent folder, and in share/ of AMENT_PREFIX_PATH and CMAKE_PREFIX_PATH.
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ def load_collision_shapes(source: Source) -> tuple[LinkShape, ...]:
     """
     Return simple shapes that contain the links of a URDF: boxes, cylinders and spheres.
 
-    Links without `<collision>` have their `<visual>` shapes. A mesh becomes the box around it
-    along its file's axes.
+    Links without `<collision>` have their `<visual>` shapes. A mesh becomes the box
+    around it along its file's axes.
 
     Parameters
     ----------
@@ -88,7 +88,12 @@ def load_collision_shapes(source: Source) -> tuple[LinkShape, ...]:
     shapes = load_collisions(source)
     covered = {shape.link for shape in shapes}
     shapes += tuple(shape for shape in load_visuals(source) if shape.link not in covered)
-    return tuple(_box_around(shape) if shape.kind == 'mesh' else shape for shape in shapes)
+    simple = []
+    for shape in shapes:
+        if shape.kind == 'mesh':
+            shape = _box_around(shape)
+        simple.append(shape)
+    return tuple(simple)
 
 
 def _load(source: Source, tag: str) -> tuple[LinkShape, ...]:
@@ -112,15 +117,16 @@ def _load(source: Source, tag: str) -> tuple[LinkShape, ...]:
             if shape is not None:
                 shapes.append(shape)
     if missing:
-        warnings.warn(f'{len(missing)} meshes not found: links without another shape are drawn '
-                      'as rods; expected the URDF inside its package or the workspace in '
-                      f'AMENT_PREFIX_PATH; missing: {", ".join(sorted(missing))}', ModelWarning,
+        warnings.warn(f'{len(missing)} meshes not found: links without another shape '
+                      'are drawn as rods; expected the URDF inside its package or the '
+                      'workspace in AMENT_PREFIX_PATH; missing: '
+                      f'{", ".join(sorted(missing))}', ModelWarning,
                       stacklevel=3)
     return tuple(shapes)
 
 
 def _shape(link: str, element: Any, colors: Mapping[str, Any]) -> LinkShape | None:
-    """Convert yourdfpy's record, but for the file of a mesh; return None if it has no shape."""
+    """Convert yourdfpy's record, without the file of a mesh; None without shape."""
     kind = next((kind for kind in _SIZES
                  if getattr(element.geometry, kind, None) is not None), None)
     if kind is None:
@@ -144,7 +150,7 @@ def _color(material: Any, colors: Mapping[str, Any]) -> Array | None:
 
 
 def _mesh_folders(source: Source) -> Iterator[Path]:
-    """Yield the folders in which meshes are searched: that of the URDF and its parents."""
+    """Yield the folders where meshes may be: that of the URDF and its parents."""
     is_xml = isinstance(source, bytes) or str(source).lstrip().startswith('<')
     if not is_xml:
         file = Path(os.fspath(source)).resolve()  # type: ignore[arg-type]

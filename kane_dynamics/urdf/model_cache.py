@@ -1,8 +1,8 @@
 """
 Cache of checked models on disk, as JSON: results of `load_urdf` by input.
 
-JSON stores numbers exactly and executes no code when read. A record is an object with one key, the
-name of its class; an array is stored with its shape and its numbers.
+JSON stores numbers exactly and executes no code when read. A record is an object with
+one key, the name of its class; an array is stored with its shape and its numbers.
 """
 
 from collections.abc import Callable, Mapping
@@ -63,7 +63,7 @@ def _reader_version() -> str:
 
 
 def _comparable(value: Any) -> Any:
-    """Return plain data whose repr identifies values and types; raise TypeError otherwise."""
+    """Return plain data whose repr identifies values and types, or TypeError."""
     if isinstance(value, np.ndarray):
         if value.dtype.kind not in 'biufU':
             return _comparable(value.tolist())
@@ -86,7 +86,8 @@ def load(name: str) -> tuple[Model, list[str]] | None:
         return None
     try:
         model, warnings = json.loads(content, object_hook=_record)
-    except (ArithmeticError, LookupError, ModelError, RecursionError, TypeError, ValueError):
+    except (ArithmeticError, LookupError, ModelError, RecursionError, TypeError,
+            ValueError):
         return None
     if not isinstance(model, Model):
         return None
@@ -105,7 +106,8 @@ def _plain(value: Any) -> dict[str, Any]:
     """Convert a record or an array to JSON data."""
     if isinstance(value, np.ndarray):
         return {'array': [value.shape, value.ravel().tolist()]}
-    return {type(value).__name__: [getattr(value, field.name) for field in fields(value)]}
+    values = [getattr(value, field.name) for field in fields(value)]
+    return {type(value).__name__: values}
 
 
 def _record(data: dict[str, Any]) -> Any:

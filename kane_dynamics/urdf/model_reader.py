@@ -25,7 +25,8 @@ from numpy.typing import ArrayLike
 
 def read_model(text: str, supplement: Any, *, base: str | None, tip: str | None,
                joints: Sequence[str] | None, locked: Mapping[str, float] | None,
-               drop: Sequence[str], gravity: ArrayLike, strict: bool, floating: str = 'angles',
+               drop: Sequence[str], gravity: ArrayLike, strict: bool,
+               floating: str = 'angles',
                root_joint: str = 'fixed') -> tuple[Model, list[str]]:
     """Return the model of a URDF text and the warnings; arguments as in `load_urdf`."""
     if floating not in ('angles', 'quaternion'):
@@ -36,19 +37,22 @@ def read_model(text: str, supplement: Any, *, base: str | None, tip: str | None,
     tree = _tree(root, notices)
     if floating == 'quaternion':
         if not any(joint.kind == 'floating' for joint in tree.joints):
-            raise InputError("floating: 'quaternion', and the URDF has no floating joint; "
-                             "expected root_joint='free' for a base that moves freely")
+            raise InputError("floating: 'quaternion', and the URDF has no floating "
+                             "joint; expected root_joint='free' for a base that moves "
+                             'freely')
         tree = _with_quaternions(tree)
     if root_joint != 'fixed':
         tree = with_root_joint(tree, root_joint, base, joints)
         base = ROOT_PARENT
-    selection = select_joints(tree, base=base, tip=tip, joints=joints, locked=locked, drop=drop)
+    selection = select_joints(tree, base=base, tip=tip, joints=joints, locked=locked,
+                              drop=drop)
     extra = read_supplement(supplement)
     singles = selection.singles.values()
     check_joints(extra, [single.name for single in singles if single.kind != 'fixed'])
     model = assemble_model(tree, selection, extra, gravity, notices, strict=strict)
     for link, beam in extra.beams.items():
-        model = with_beam(model, link, beam, _riders(model, link, tree, selection, extra))
+        model = with_beam(model, link, beam,
+                          _riders(model, link, tree, selection, extra))
     return model, notices.messages()
 
 
@@ -64,7 +68,7 @@ def _with_quaternions(tree: UrdfTree) -> UrdfTree:
 
 def _riders(model: Model, link: str, tree: UrdfTree, selection: Selection,
             extra: Supplement) -> list[tuple[str, Inertial]]:
-    """Return the inertials attached to a link: of links on locked joints, and the payload."""
+    """Return the inertials attached to a link: locked links, and the payload."""
     names = [body.name for body in model.bodies]
     riders: list[tuple[str, Inertial]] = []
     if link not in names:
@@ -91,14 +95,16 @@ def _tree(root: Element, notices: Notices) -> UrdfTree:
 
 def read_robot(root: Element, children: dict[str, tuple[str, ...]]) -> Any:
     """Parse XML with yourdfpy, reduced to the elements that `children` lists."""
-    # Only scenes need trimesh, which imports scipy and networkx: a second of processor time.
+    # Only scenes need trimesh, which imports scipy and networkx: a second of processor
+    # time.
     yourdfpy = import_deferring('yourdfpy.urdf', 'trimesh')
     clean = rebuilt(root, children)
     try:
         return yourdfpy.URDF.load(io.BytesIO(clean), load_meshes=False,
                                   build_scene_graph=False).robot
     except Exception as error:  # yourdfpy raises many types
-        raise UrdfError(f'yourdfpy: {error}; expected a URDF that it can read') from error
+        raise UrdfError(f'yourdfpy: {error}; expected a URDF that it can '
+                        'read') from error
 
 
 def _pose(origin: Any) -> tuple[Array, Array]:
@@ -115,8 +121,8 @@ def _inertial(link: Any) -> Inertial | None:
     R, com = _pose(link.inertial.origin)
     what = f"link '{link.name}'"
     if link.inertial.mass < 0.0:
-        raise ModelError(f'{what}: <mass> value {link.inertial.mass} kg; expected a nonnegative '
-                         'number')
+        raise ModelError(f'{what}: <mass> value {link.inertial.mass} kg; expected a '
+                         'nonnegative number')
     inertia = R @ link.inertial.inertia @ R.T
     return Inertial(link.inertial.mass, com, inertia)
 
@@ -131,7 +137,8 @@ def _joint(joint: Any, stated: Element, notices: Notices) -> StatedJoint:
         axis = snapped(joint.axis)
         length = float(np.sqrt(axis @ axis))
         if length < 1e-12:
-            raise ModelError(f'{what}: <axis> xyz {axis.tolist()}; expected a nonzero vector')
+            raise ModelError(f'{what}: <axis> xyz {axis.tolist()}; expected a nonzero '
+                             'vector')
         if stated.first('axis') is None:
             notices.no_axis.append(joint.name)
         elif abs(length - 1.0) > 1e-4:
@@ -149,7 +156,8 @@ def _joint(joint: Any, stated: Element, notices: Notices) -> StatedJoint:
     mimic = joint.mimic
     if mimic is not None:
         mimic = Mimic(mimic.joint, mimic.multiplier, mimic.offset)
-    return StatedJoint(joint.name, joint.type, joint.parent, joint.child, R, p, axis, limits,
+    return StatedJoint(joint.name, joint.type, joint.parent, joint.child, R, p, axis,
+                       limits,
                        damping, friction, mimic)
 
 
@@ -164,7 +172,7 @@ def _limits(joint: Any, what: str) -> StatedLimits | None:
 
 
 def _nonnegative(record: Any, name: str, what: str) -> float | None:
-    """Return a number of yourdfpy's record, or None; raise ModelError for a negative one."""
+    """Return a number of yourdfpy's record, or None; ModelError if negative."""
     stated = getattr(record, name, None)
     if stated is None:
         return None

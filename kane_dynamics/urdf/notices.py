@@ -19,27 +19,29 @@ def _kind(text: str) -> Names:
 
 @dataclass
 class Notices:
-    """Names of links and joints by kind of warning; `messages` returns the warning texts."""
+    """Names of links and joints by kind of warning; `messages` returns the texts."""
 
     unused: dict[str, Names] = field(default_factory=dict)
     no_axis: Names = _kind('joints without <axis>; using the default "1 0 0"')
-    long_axis: Names = _kind('joints whose <axis> is not a unit vector (its length); normalized')
+    long_axis: Names = _kind('joints whose <axis> is not a unit vector (its length); '
+                             'normalized')
     no_limit: Names = _kind('joints without a complete <limit>; unlimited where missing')
     bad_limit: Names = _kind('joints whose <limit> lower is not below upper; unlimited')
-    zero_limit: Names = _kind('joints whose <limit> has 0 for effort or velocity; unlimited there')
-    no_room: Names = _kind('mimic joints whose <limit> excludes all positions of their master; '
-                           'unlimited in position')
-    degrees: Names = _kind('revolute joints whose <limit> spans many turns (URDF states rad): '
-                           'degrees?')
+    zero_limit: Names = _kind('joints whose <limit> has 0 for effort or velocity; '
+                              'unlimited there')
+    no_room: Names = _kind('mimic joints whose <limit> excludes all positions of their '
+                           'master; unlimited in position')
+    degrees: Names = _kind('revolute joints whose <limit> spans many turns (URDF states '
+                           'rad): degrees?')
     degree_rpy: Names = _kind(DEGREES)
-    indefinite: Names = _kind('links whose inertia has a negative principal moment; used '
-                              'unchanged because of strict=False')
-    triangle: Names = _kind('links whose inertia is impossible: a principal moment exceeds '
-                            'the sum of the other two')
+    indefinite: Names = _kind('links whose inertia has a negative principal moment; '
+                              'used unchanged because of strict=False')
+    triangle: Names = _kind('links whose inertia is impossible: a principal moment '
+                            'exceeds the sum of the other two')
     singular: Names = _kind('links with mass and a principal moment of inertia of zero')
     no_inertial: Names = _kind(NO_INERTIAL)
-    massless: Names = _kind('moving bodies without mass; forward dynamics fails if their joints '
-                            'move nothing else')
+    massless: Names = _kind('moving bodies without mass; forward dynamics fails if '
+                            'their joints move nothing else')
 
     def not_used(self, what: str, name: str) -> None:
         """Note that `what` of the link or joint `name` is not used."""

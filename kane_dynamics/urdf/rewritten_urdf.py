@@ -13,7 +13,8 @@ from kane_dynamics.urdf.supplement import INERTIA_KEYS
 
 
 def rewritten(source: str | bytes | os.PathLike[str], inertials: Mapping[str, Inertial],
-              emptied: Collection[str], friction: Mapping[str, tuple[float, float]]) -> str:
+              emptied: Collection[str],
+              friction: Mapping[str, tuple[float, float]]) -> str:
     """
     Return the text of a URDF with replaced inertials and friction; comments are kept.
 
@@ -59,11 +60,13 @@ def rewritten(source: str | bytes | os.PathLike[str], inertials: Mapping[str, In
     return ElementTree.tostring(root, encoding='unicode') + '\n'
 
 
-def _check_existence(kind: str, names: Iterable[str], elements: Mapping[Any, Any]) -> None:
+def _check_existence(kind: str, names: Iterable[str],
+                     elements: Mapping[Any, Any]) -> None:
     """Raise UrdfError for names of links or joints that are not in the URDF."""
     lacking = [name for name in names if name not in elements]
     if lacking:
-        raise UrdfError(f'URDF: no {kind} {listing(lacking)}; expected those of the model')
+        raise UrdfError(f'URDF: no {kind} {listing(lacking)}; expected those of the '
+                        'model')
 
 
 def _inertial(inertial: Inertial) -> ElementTree.Element:

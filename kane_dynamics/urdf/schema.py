@@ -1,8 +1,9 @@
 """
 Check the elements, attributes and numbers of a URDF before conversion.
 
-yourdfpy uses the first of several elements, replaces missing values by defaults and accepts any
-number that float() accepts. So all of them are checked here first, and unused ones are noted.
+yourdfpy uses the first of several elements, replaces missing values by defaults and
+accepts any number that float() accepts. So all of them are checked here first, and
+unused ones are noted.
 """
 
 from dataclasses import dataclass, field
@@ -16,8 +17,8 @@ from kane_dynamics.urdf.tree import MOVING, TYPES
 
 NUMBER = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?', re.ASCII)
 LONGEST = 1000  # characters of a name or number
-FULL_TURN = 6.3  # rad, a little more than 2 pi: larger angles of an origin look like degrees
-LARGEST = 1e60  # larger numbers overflow in products; limits may be larger, meaning 'none'
+FULL_TURN = 6.3  # rad, a little over 2 pi: larger angles of an origin look like degrees
+LARGEST = 1e60  # larger numbers overflow in products; larger limits mean 'none'
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,15 @@ MANY = ('link', 'joint')
 NEEDED = {'inertial': ('mass', 'inertia'), 'joint': ('parent', 'child')}
 CHILDREN = {tag: rule.children for tag, rule in RULES.items()}
 # Elements and attributes that do not concern dynamics: no warning.
-HARMLESS = {'visual', 'collision', 'material', 'gazebo', 'ros2_control', 'sensor', 'camera',
-            'contact', 'self_collision_checking', 'collision_checking', 'self_filter', 'verbose',
+HARMLESS = {'visual',
+            'collision', 'material', 'gazebo', 'ros2_control', 'sensor', 'camera',
+            'contact',
+            'self_collision_checking', 'collision_checking', 'self_filter', 'verbose',
             'group', 'disable_collisions', 'xmlns', 'dont_collapse'}
 # <gazebo> elements that change a simulated robot's motion.
 GAZEBO = {'springStiffness', 'springReference', 'spring_stiffness', 'spring_reference',
-          'implicitSpringDamper', 'dampingFactor', 'damping', 'friction', 'turnGravityOff',
+          'implicitSpringDamper',
+          'dampingFactor', 'damping', 'friction', 'turnGravityOff',
           'gravity', 'stopCfm', 'stopErp', 'fudgeFactor', 'maxVel',
           'joint', 'link'}
 XACRO = 'xacro FILE.urdf.xacro > FILE.urdf, or load a file whose name ends in .xacro'
@@ -69,17 +73,20 @@ def check_schema(root: Element, notices: Notices) -> None:
     Raises
     ------
     UrdfError
-        If an element is invalid; the message names the link or joint, element and attribute.
+        If an element is invalid; the message names the link or joint, element and
+        attribute.
 
     """
     if root.tag != 'robot':
-        raise UrdfError(f'root element: <{root.tag}> (line {root.line}); expected <robot>: '
-                        'MJCF is read by load_mjcf, SDF must be converted first')
+        raise UrdfError(f'root element: <{root.tag}> (line {root.line}); expected '
+                        '<robot>: MJCF is read by load_mjcf, SDF must be converted '
+                        'first')
     _check(root, '', notices)
     for joint in root.find_all('joint'):
         _check_joint(joint)
     if root.first('link') is None:
-        raise UrdfError(f"robot '{root.attributes['name']}': no <link>; expected at least one")
+        raise UrdfError(f"robot '{root.attributes['name']}': no <link>; expected at "
+                        'least one')
 
 
 def _check(element: Element, owner: str, notices: Notices) -> None:
@@ -88,7 +95,8 @@ def _check(element: Element, owner: str, notices: Notices) -> None:
     if element.tag in ('robot', *MANY):
         if not element.attributes.get('name', '').strip():
             raise UrdfError(f'<{element.tag}> (line {element.line}): name '
-                            f'{element.attributes.get("name")!r}; expected a nonempty name')
+                            f'{element.attributes.get("name")!r}; expected a nonempty '
+                            'name')
         owner = f"{element.tag} '{element.attributes['name']}'"
         what = owner
     else:
@@ -100,10 +108,12 @@ def _check(element: Element, owner: str, notices: Notices) -> None:
             notices.degree_rpy.append(f"{owner} ({element.attributes['rpy']})")
     for tag in rule.children:
         if tag not in MANY and len(list(element.find_all(tag))) > 1:
-            raise UrdfError(f'{what}: more than one <{tag}> (line {element.line}); expected one')
+            raise UrdfError(f'{what}: more than one <{tag}> (line {element.line}); '
+                            'expected one')
     for tag in NEEDED.get(element.tag, ()):
         if element.first(tag) is None:
-            raise UrdfError(f'{what}: no <{tag}> (line {element.line}); expected exactly one')
+            raise UrdfError(f'{what}: no <{tag}> (line {element.line}); expected '
+                            'exactly one')
     for child in element.children:
         if child.tag in rule.children:
             _check(child, owner, notices)
@@ -116,12 +126,13 @@ def _check_attributes(element: Element, owner: str, what: str, notices: Notices)
     rule = RULES[element.tag]
     for name in rule.required:
         if not element.attributes.get(name, '').strip():
-            raise UrdfError(f"{what}: no attribute '{name}' (line {element.line}); expected "
-                            f"{', '.join(rule.required)}")
+            raise UrdfError(f"{what}: no attribute '{name}' (line {element.line}); "
+                            f"expected {', '.join(rule.required)}")
     for name, text in element.attributes.items():
         if len(text) > LONGEST:
-            raise UrdfError(f'<{element.tag}> (line {element.line}): {name} has {len(text)} '
-                            f"characters, '{text[:40]}...'; expected at most {LONGEST}")
+            raise UrdfError(f'<{element.tag}> (line {element.line}): {name} has '
+                            f"{len(text)} characters, '{text[:40]}...'; expected at "
+                            f'most {LONGEST}')
         if name in rule.numbers:
             _check_numbers(element, text, rule.numbers[name], f'{what} {name}')
         elif name not in (*rule.required, *rule.optional, *HARMLESS) and ':' not in name:
@@ -129,7 +140,7 @@ def _check_attributes(element: Element, owner: str, what: str, notices: Notices)
 
 
 def _check_numbers(element: Element, text: str, count: int, what: str) -> None:
-    """Raise UrdfError if a text is not `count` finite decimal numbers separated by spaces."""
+    """Raise UrdfError if a text is not `count` finite decimal numbers."""
     largest = sys.float_info.max if element.tag == 'limit' else LARGEST
     parts = text.split()
     valid = all(NUMBER.fullmatch(part) and abs(float(part)) <= largest for part in parts)
@@ -138,7 +149,8 @@ def _check_numbers(element: Element, text: str, count: int, what: str) -> None:
         if count > 1:
             expected = f'{count} finite numbers separated by spaces, like "0 0.5 1e-3"'
         hint = f'; expand it with xacro first: {XACRO}' if '${' in text else ''
-        raise UrdfError(f"{what}: '{text}' (line {element.line}); expected {expected}{hint}")
+        raise UrdfError(f"{what}: '{text}' (line {element.line}); expected "
+                        f'{expected}{hint}')
 
 
 def _check_joint(joint: Element) -> None:
@@ -149,18 +161,19 @@ def _check_joint(joint: Element) -> None:
         raise UrdfError(f'{what}: type {kind!r} (line {joint.line}); expected one of '
                         f'{", ".join(TYPES)}')
     if kind not in (*MOVING, 'fixed') and joint.first('mimic') is not None:
-        raise UrdfError(f'{what}: {kind} with <mimic> (line {joint.line}); expected <mimic> only '
-                        f'on types {", ".join(MOVING)}')
+        raise UrdfError(f'{what}: {kind} with <mimic> (line {joint.line}); expected '
+                        f'<mimic> only on types {", ".join(MOVING)}')
 
 
 def _note_element(element: Element, owner: str, notices: Notices) -> None:
     """Note an unused element, unless it is known not to concern dynamics."""
     tag = element.tag
     if tag.startswith('xacro:'):
-        raise UrdfError(f'{owner}: <{tag}> (line {element.line}); expected the output of xacro, '
-                        f'which replaces this element: {XACRO}')
+        raise UrdfError(f'{owner}: <{tag}> (line {element.line}); expected the output '
+                        f'of xacro, which replaces this element: {XACRO}')
     if tag == 'transmission':
-        names = [joint.attributes.get('name', '?') for joint in element.find_all('joint')]
+        names = [joint.attributes.get('name',
+                                      '?') for joint in element.find_all('joint')]
         if not names:
             names = [element.attributes.get('name', '?')]
         for name in names:

@@ -1,4 +1,4 @@
-"""Select the moving and locked joints of a URDF by base, tip, joints, locked and drop."""
+"""Select the moving and locked joints of a URDF by the options of `load_urdf`."""
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence, Set
@@ -53,13 +53,13 @@ def select_joints(tree: UrdfTree, *, base: str | None = None, tip: str | None = 
                   locked: Mapping[str, float] | None = None,
                   drop: Sequence[str] = ()) -> Selection:
     """
-    Return the moving joints and the positions of the others; arguments as in `load_urdf`.
+    Return the moving joints and the positions of others; arguments as `load_urdf`.
 
     Raises
     ------
     InputError
-        If an argument names an unknown or unsuitable link or joint; the message lists the valid
-        ones.
+        If an argument names an unknown or unsuitable link or joint; the message lists
+        the valid ones.
 
     """
     mimics = check_mimics(tree.joints)
@@ -69,7 +69,8 @@ def select_joints(tree: UrdfTree, *, base: str | None = None, tip: str | None = 
 
     # Which may move: those behind the base and, with a tip, on the path to it.
     candidates = [name for name, single in singles.items()
-                  if single.parent in behind and single.kind != 'fixed' and name not in mimics]
+                  if single.parent in behind and single.kind != 'fixed'
+                  and name not in mimics]
     if tip is not None:
         path = _path(singles.values(), start, _link(tree, tip, 'tip'))
         candidates = [name for name in candidates if name in path]
@@ -96,8 +97,9 @@ def select_joints(tree: UrdfTree, *, base: str | None = None, tip: str | None = 
     return Selection(start, behind, free, followers, positions, order, dropped, singles)
 
 
-def _check_balls(tree: UrdfTree, free: frozenset[str], positions: dict[str, float]) -> None:
-    """Raise InputError for a joint with a quaternion that is locked in part, or at an angle."""
+def _check_balls(tree: UrdfTree, free: frozenset[str],
+                 positions: dict[str, float]) -> None:
+    """Raise InputError for a ball joint that is locked in part, or at an angle."""
     for joint in tree.joints:
         if joint.kind != 'free':
             continue
@@ -106,12 +108,13 @@ def _check_balls(tree: UrdfTree, free: frozenset[str], positions: dict[str, floa
         in_part = 0 < len(locked) < 3
         if in_part or any(positions.get(name, 0.0) for name in locked):
             at = ', '.join(f'{name} {positions.get(name, 0.0):g}' for name in locked)
-            raise InputError(f"joint '{joint.name}': locked: {at}; expected {', '.join(turns)} "
-                             "to move together, or locked at 0, or floating='angles'")
+            raise InputError(f"joint '{joint.name}': locked: {at}; expected "
+                             f"{', '.join(turns)} to move together, or locked at 0, or "
+                             "floating='angles'")
 
 
 def _singles(tree: UrdfTree) -> dict[str, StatedJoint]:
-    """Return all joints, expanded to one degree of freedom, by name; check the new names."""
+    """Return all joints by name, each of one degree of freedom; check new names."""
     singles: dict[str, StatedJoint] = {}
     taken = {joint.name for joint in tree.joints} | tree.links.keys()
     for joint in tree.joints:
@@ -119,8 +122,8 @@ def _singles(tree: UrdfTree) -> dict[str, StatedJoint]:
         for single in parts:
             if len(parts) > 1 and single.name in taken:
                 raise UrdfError(f"joint '{joint.name}': {joint.kind}, expands to "
-                                f"'{single.name}', which names another link or joint; expected "
-                                'a unique name')
+                                f"'{single.name}', which names another link or joint; "
+                                'expected a unique name')
             singles[single.name] = single
     return singles
 
@@ -146,15 +149,15 @@ def _path(singles: Iterable[StatedJoint], base: str, tip: str) -> set[str]:
     link = tip
     while link != base:
         if link not in above:
-            raise InputError(f"tip: '{tip}', which is not behind base '{base}'; expected a link "
-                             f"on a branch that starts at '{base}'")
+            raise InputError(f"tip: '{tip}', which is not behind base '{base}'; "
+                             f"expected a link on a branch that starts at '{base}'")
         path.add(above[link].name)
         link = above[link].parent
     return path
 
 
 def _link(tree: UrdfTree, name: Any, argument: str) -> str:
-    """Return a link's name; raise InputError that lists the valid ones if it is unknown."""
+    """Return a link's name; InputError lists the valid ones if it is unknown."""
     if not isinstance(name, str) or name not in tree.links:
         raise InputError(f'{argument}: {name!r} is no link; expected one of '
                          f'{listing(tree.links)}')
@@ -173,16 +176,17 @@ def _joints(joints: Any, candidates: list[str], singles: Mapping[str, StatedJoin
     """Check the argument `joints` and return its names."""
     names = _names(joints, 'joints')
     if isinstance(joints, Set):
-        raise InputError(f'joints: {joints!r}; expected a list or tuple, whose order is that of '
-                         'the coordinates')
+        raise InputError(f'joints: {joints!r}; expected a list or tuple, whose order is '
+                         'that of the coordinates')
     valid = set(candidates)
     for name in names:
         if not isinstance(name, str) or name not in valid:
-            raise InputError(f'joints: {_fault(name, singles, mimics)}; expected some of '
-                             f'{listing(candidates)}')
+            raise InputError(f'joints: {_fault(name, singles, mimics)}; expected some '
+                             f'of {listing(candidates)}')
     repeated = [name for name, count in Counter(names).items() if count > 1]
     if repeated:
-        raise InputError(f'joints: {listing(repeated)} more than once; expected each once')
+        raise InputError(f'joints: {listing(repeated)} more than once; expected each '
+                         'once')
     return tuple(names)
 
 
@@ -190,29 +194,31 @@ def _locked(locked: Any, singles: Mapping[str, StatedJoint], mimics: Mapping[str
             free: Collection[str]) -> dict[str, float]:
     """Check the argument `locked` and return its positions by joint."""
     if not isinstance(locked, Mapping):
-        raise InputError(f'locked: {locked!r}; expected a mapping of joint names to positions')
+        raise InputError(f'locked: {locked!r}; expected a mapping of joint names to '
+                         'positions')
     valid = [name for name, single in singles.items()
              if single.kind != 'fixed' and name not in mimics]
     positions = {}
     for name, value in locked.items():
         if name not in valid:
-            raise InputError(f'locked: {_fault(name, singles, mimics)}; expected some of '
-                             f'{listing(valid)}')
+            raise InputError(f'locked: {_fault(name, singles, mimics)}; expected some '
+                             f'of {listing(valid)}')
         if name in free:
-            raise InputError(f"locked: joint '{name}' is also in joints, the ones that move; "
-                             'expected it in one of the two')
+            raise InputError(f"locked: joint '{name}' is also in joints, the ones that "
+                             'move; expected it in one of the two')
         try:
             number = float(value)
         except (TypeError, ValueError):
             number = math.nan
         if isinstance(value, (str, bool)) or not abs(number) < 1e60:
-            raise InputError(f"locked: joint '{name}': {value!r}; expected a finite number, "
-                             'rad or m')
+            raise InputError(f"locked: joint '{name}': {value!r}; expected a finite "
+                             'number, rad or m')
         positions[name] = number
     return positions
 
 
-def _fault(name: Any, singles: Mapping[str, StatedJoint], mimics: Mapping[str, Mimic]) -> str:
+def _fault(name: Any, singles: Mapping[str, StatedJoint],
+           mimics: Mapping[str, Mimic]) -> str:
     """Return why a name is not that of a joint that can move or be locked."""
     if not isinstance(name, str) or name not in singles:
         return f'{name!r} is no joint of one degree of freedom'

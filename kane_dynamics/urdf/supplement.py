@@ -4,22 +4,22 @@ Supplement of a URDF: data that URDF cannot express, in one YAML file.
 Schema; every key is optional unless noted::
 
     joints:
-      <joint>:                  # a joint of the URDF that can move; <joint>/rx and the like too
+      <joint>:                  # a joint of the URDF that can move; also <joint>/rx
         armature: 0.1           # rotor inertia seen through the gear, kg m^2 or kg, >= 0
         stiffness: 5.0          # spring towards `rest`, N m/rad or N/m, >= 0
         rest: 0.0               # rad or m
-        damping: 0.5            # viscous friction in place of the URDF's, N m s/rad or N s/m, >= 0
+        damping: 0.5            # viscous, for the URDF's, N m s/rad or N s/m, >= 0
         friction: 1.2           # Coulomb friction in place of the URDF's, N m or N, >= 0
-        friction_speed: 0.05    # friction * tanh(rate / friction_speed); rad/s or m/s, > 0
+        friction_speed: 0.05    # of friction * tanh(rate / friction_speed), > 0
         friction_offset: 0.1    # added at any rate, N m or N
     payload:
       link: tool0               # required: the link that carries it
       mass: 2.0                 # required: kg, >= 0
-      com: [0.0, 0.0, 0.05]     # center of mass from the link's origin, in its axes, m; default 0
-      inertia:                  # about the center of mass, in the link's axes, kg m^2; default 0
+      com: [0.0, 0.0, 0.05]     # center of mass from the link's origin, m; default 0
+      inertia:                  # about com, in the link's axes, kg m^2; default 0
         {ixx: 0.01, iyy: 0.01, izz: 0.01, ixy: 0.0, ixz: 0.0, iyz: 0.0}
     beams:
-      <link>:                   # a moving link that bends; the beam replaces its own inertial
+      <link>:                   # a moving link; the beam replaces its inertial
         length: 1.0             # required: m, along `direction` from the link's joint
         density: 2.0            # required: mass per length, kg/m
         stiffness: 100.0        # required: EI, N m^2; or two, along `up` and across it
@@ -55,7 +55,8 @@ import numpy as np
 JOINT_KEYS = ('armature', 'stiffness', 'rest', 'damping', 'friction', 'friction_speed',
               'friction_offset')
 SIGNED_KEYS = ('rest', 'friction_offset')
-BEAM_KEYS = ('length', 'density', 'stiffness', 'modes', 'direction', 'up', 'damping', 'tip_mass',
+BEAM_KEYS = ('length',
+             'density', 'stiffness', 'modes', 'direction', 'up', 'damping', 'tip_mass',
              'torsion')
 TORSION_KEYS = ('stiffness', 'inertia', 'modes', 'tip_inertia')
 PAYLOAD_KEYS = ('link', 'mass', 'com', 'inertia')
@@ -71,7 +72,8 @@ class Supplement:
     beams: dict[str, FlexibleLink] = field(default_factory=dict)
 
 
-def read_supplement(source: str | os.PathLike[str] | Mapping[str, Any] | None) -> Supplement:
+def read_supplement(
+        source: str | os.PathLike[str] | Mapping[str, Any] | None) -> Supplement:
     """
     Read the supplement from a YAML file or a dict of the same layout.
 
@@ -101,12 +103,13 @@ def check_joints(supplement: Supplement, valid: Collection[str]) -> None:
     """Raise UrdfError if the supplement names a joint that is not in `valid`."""
     for name in supplement.joints:
         if name not in valid:
-            raise UrdfError(f"supplement: joints: '{name}' is no joint that can move; expected "
-                            f'some of {listing(valid)}')
+            raise UrdfError(f"supplement: joints: '{name}' is no joint that can move; "
+                            f'expected some of {listing(valid)}')
 
 
-def _number(value: Any, what: str, *, signed: bool = False, positive: bool = False) -> float:
-    """Return a finite number within bounds; text is accepted: YAML reads 1e-3 as text."""
+def _number(value: Any, what: str, *, signed: bool = False,
+            positive: bool = False) -> float:
+    """Return a finite number within bounds; also of a text, as YAML reads 1e-3."""
     number = math.nan
     types = (int, float, str, np.floating, np.integer)
     if isinstance(value, types) and not isinstance(value, bool):
@@ -149,7 +152,8 @@ def _beam(name: str, data: Any) -> FlexibleLink:
             entry[key] = _number(entry[key], f'{what}: {key}')
     stiffness = entry['stiffness']
     if isinstance(stiffness, list):
-        entry['stiffness'] = [_number(value, f'{what}: stiffness') for value in stiffness]
+        entry['stiffness'] = [_number(value, f'{what}: '
+                                             'stiffness') for value in stiffness]
     else:
         entry['stiffness'] = _number(stiffness, f'{what}: stiffness')
     if 'torsion' in entry:
@@ -174,11 +178,11 @@ def _payload(data: Any) -> tuple[str, Inertial]:
     entry = mapping(data, what, PAYLOAD_KEYS)
     for key in ('link', 'mass'):
         if key not in entry:
-            raise UrdfError(f"{what}: no '{key}'; expected link and mass, and optionally com "
-                            'and inertia')
+            raise UrdfError(f"{what}: no '{key}'; expected link and mass, and "
+                            'optionally com and inertia')
     if not isinstance(entry['link'], str):
-        raise UrdfError(f'{what}: link {SHORT.repr(entry["link"])}; expected the name of a '
-                        'link')
+        raise UrdfError(f'{what}: link {SHORT.repr(entry["link"])}; expected the name '
+                        'of a link')
     com = entry.get('com', (0.0, 0.0, 0.0))
     if isinstance(com, (str, Mapping)) or not hasattr(com, '__len__') or len(com) != 3:
         raise UrdfError(f'{what}: com {SHORT.repr(com)}; expected three numbers, m')
@@ -190,8 +194,8 @@ def _payload(data: Any) -> tuple[str, Inertial]:
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     principal = principal_moments(inertia)
     if principal.indefinite:
-        raise ModelError(f'{what}: inertia has the principal moment {principal.moments[0]:g} '
-                         'kg m^2; expected no negative one')
+        raise ModelError(f'{what}: inertia has the principal moment '
+                         f'{principal.moments[0]:g} kg m^2; expected no negative one')
     mass = _number(entry['mass'], f'{what}: mass')
     center = [_number(coordinate, f'{what}: com', signed=True) for coordinate in com]
     return entry['link'], Inertial(mass, np.array(center), inertia)

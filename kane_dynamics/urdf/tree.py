@@ -1,8 +1,8 @@
 """
 Links and joints of a URDF as a checked kinematic tree.
 
-These records are the stage between XML and Model: joints may have any number of degrees of
-freedom, and nothing is selected, locked or merged.
+These records are the stage between XML and Model: joints may have any number of degrees
+of freedom, and nothing is selected, locked or merged.
 """
 
 from collections import Counter
@@ -26,7 +26,7 @@ LARGEST = 1e60  # larger numbers overflow in products
 
 @dataclass(frozen=True)
 class UrdfTree:
-    """Checked tree: the inertials of links (or None), joints in URDF order, and the root."""
+    """Checked tree: inertials of links (or None), joints in URDF order, the root."""
 
     name: str
     links: dict[str, Inertial | None]
@@ -54,16 +54,17 @@ def build_tree(name: str, links: Sequence[tuple[str, Inertial | None]],
     for joint in joints:
         for what, link in (('parent', joint.parent), ('child', joint.child)):
             if link not in by_name:
-                raise UrdfError(f"joint '{joint.name}': {what} '{link}' is no link; expected one "
-                                f'of {listing(by_name)}')
+                raise UrdfError(f"joint '{joint.name}': {what} '{link}' is no link; "
+                                f'expected one of {listing(by_name)}')
         if joint.child in above:
             raise ModelError(f"link '{joint.child}': child of two joints, "
-                             f"'{above[joint.child].name}' and '{joint.name}'; expected one")
+                             f"'{above[joint.child].name}' and '{joint.name}'; expected "
+                             'one')
         above[joint.child] = joint
     roots = [name for name in by_name if name not in above]
     if len(roots) > 1:
-        raise ModelError(f'links {listing(roots)}: no parent; expected exactly one root link, '
-                         'every other the child of a joint')
+        raise ModelError(f'links {listing(roots)}: no parent; expected exactly one root '
+                         'link, every other the child of a joint')
     _check_connected(by_name, above)
     return UrdfTree(name, by_name, tuple(joints), roots[0])
 
@@ -72,8 +73,8 @@ def _check_unique(what: str, names: Iterable[str]) -> None:
     """Raise UrdfError for names that are there more than once."""
     repeated = [repr(name) for name, count in Counter(names).items() if count > 1]
     if repeated:
-        raise UrdfError(f'{what} names: {listing(repeated)} more than once; expected unique '
-                        'names')
+        raise UrdfError(f'{what} names: {listing(repeated)} more than once; expected '
+                        'unique names')
 
 
 def _check_connected(links: Iterable[str], above: dict[str, StatedJoint]) -> None:
@@ -89,8 +90,8 @@ def _check_connected(links: Iterable[str], above: dict[str, StatedJoint]) -> Non
         if link in trail and link in above:  # back at a link of the trail
             names = list(trail)
             loop = names[names.index(link):]
-            raise ModelError(f'links {listing([*loop, link])}: a loop, each the child of the '
-                             'next; expected a tree, with loops cut')
+            raise ModelError(f'links {listing([*loop, link])}: a loop, each the child '
+                             'of the next; expected a tree, with loops cut')
         sound.update(trail)
 
 
@@ -109,7 +110,8 @@ def check_mimics(joints: Sequence[StatedJoint]) -> dict[str, Mimic]:
     by_name = {joint.name: joint for joint in joints}
     resolved: dict[str, Mimic] = {}
     for joint in joints:
-        # Inwards along the masters, up to a joint that mimics none or is resolved already.
+        # Inwards along the masters, up to a joint that mimics none or is resolved
+        # already.
         trail: dict[str, None] = {}  # an ordered set
         name = joint.name
         while name not in resolved and (mimic := by_name[name].mimic) is not None:
@@ -118,11 +120,13 @@ def check_mimics(joints: Sequence[StatedJoint]) -> dict[str, Mimic]:
                 fault = 'is no joint' if stated is None else f'is {stated.kind}'
                 valid = [candidate.name for candidate in joints
                          if candidate.kind in MOVING and candidate.name != name]
-                raise UrdfError(f"joint '{name}': <mimic> joint '{mimic.master}' {fault}; "
-                                f'expected a joint that moves: {listing(valid)}')
+                raise UrdfError(f"joint '{name}': <mimic> joint '{mimic.master}' "
+                                f'{fault}; expected a joint that moves: '
+                                f'{listing(valid)}')
             if name in trail:
-                raise ModelError(f'joints {listing([*trail, name])}: mimic one another in a '
-                                 'circle; expected a chain that ends at a joint without <mimic>')
+                raise ModelError(f'joints {listing([*trail, name])}: mimic one another '
+                                 'in a circle; expected a chain that ends at a joint '
+                                 'without <mimic>')
             trail[name] = None
             name = mimic.master
         # Outwards again: q_follower = m (m' q + o') + o, with m' and o' of its master.
@@ -142,8 +146,8 @@ def _check_mimic_numbers(follower: str, mimic: Mimic) -> None:
     for key in ('multiplier', 'offset'):
         number = getattr(mimic, key)
         if not abs(number) < LARGEST:
-            raise ModelError(f"joint '{follower}': <mimic> {key} is {number:g} through its "
-                             'chain of masters; expected less than 1e60')
+            raise ModelError(f"joint '{follower}': <mimic> {key} is {number:g} through "
+                             'its chain of masters; expected less than 1e60')
 
 
 def with_root_joint(tree: UrdfTree, kind: str, base: Any = None,
@@ -165,38 +169,42 @@ def with_root_joint(tree: UrdfTree, kind: str, base: Any = None,
     Raises
     ------
     InputError
-        The kind or the base is unknown, 'world' names a link that stays, or the chosen joints
-        leave out those of the new joint.
+        The kind or the base is unknown, 'world' names a link that stays, or the chosen
+        joints leave out those of the new joint.
 
     """
     if kind not in ROOT_KINDS:
-        raise InputError(f"root_joint: {kind!r}; expected one of fixed, {', '.join(ROOT_KINDS)}")
+        raise InputError(f'root_joint: {kind!r}; expected one of fixed, '
+                         f"{', '.join(ROOT_KINDS)}")
     base = tree.root if base is None else base
     if base not in tree.links:
-        raise InputError(f'base: {base!r} is no link; expected one of {listing(tree.links)}')
+        raise InputError(f'base: {base!r} is no link; expected one of '
+                         f'{listing(tree.links)}')
     if base == ROOT_PARENT:
         children = [joint.child for joint in tree.joints if joint.parent == base]
-        raise InputError(f"root_joint: '{kind}', and the base link is '{ROOT_PARENT}'; expected "
-                         f'base= one of {listing(children)}')
+        raise InputError(f"root_joint: '{kind}', and the base link is '{ROOT_PARENT}'; "
+                         f'expected base= one of {listing(children)}')
     links, joints = _carried_by(tree, base)
     if ROOT_PARENT in links:
         raise InputError(f"root_joint: '{kind}', and a link behind '{base}' is "
                          f"'{ROOT_PARENT}'; expected another name of that link")
     if any(joint.name == ROOT_JOINT for joint in joints):
-        raise InputError(f"root_joint: '{kind}', and a joint of the URDF is '{ROOT_JOINT}'; "
-                         'expected another name of that joint')
+        raise InputError(f"root_joint: '{kind}', and a joint of the URDF is "
+                         f"'{ROOT_JOINT}'; expected another name of that joint")
     added = StatedJoint(ROOT_JOINT, kind, ROOT_PARENT, base, np.eye(3), np.zeros(3),
                         np.array([0.0, 0.0, 1.0]))
     parts = [single.name for single in expand_joint(added)]
-    if moving is not None and not isinstance(moving, str) and not set(parts) & set(moving):
-        raise InputError(f"root_joint: '{kind}', and joints: without {', '.join(parts)}; "
-                         'expected them among the joints that move')
-    return UrdfTree(tree.name, {ROOT_PARENT: None, **links}, (*joints, added), ROOT_PARENT)
+    chosen = moving is not None and not isinstance(moving, str)
+    if chosen and not set(parts) & set(moving):
+        raise InputError(f"root_joint: '{kind}', and joints: without "
+                         f"{', '.join(parts)}; expected them among the joints that move")
+    return UrdfTree(tree.name, {ROOT_PARENT: None, **links}, (*joints, added),
+                    ROOT_PARENT)
 
 
 def _carried_by(tree: UrdfTree, base: str
                 ) -> tuple[dict[str, Inertial | None], tuple[StatedJoint, ...]]:
-    """Return the links that a base carries, itself included, and the joints between them."""
+    """Return the links that a base carries, with itself, and their joints."""
     carried: set[str] = set()
     reached = {base}
     while reached:

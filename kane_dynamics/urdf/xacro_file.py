@@ -24,16 +24,18 @@ def expand_xacro(path: str | os.PathLike[str],
     Return the URDF of a xacro file.
 
     ``load_urdf(expand_xacro('ur.urdf.xacro', {'ur_type': 'ur10e', 'name': 'ur'}))``.
-    `load_urdf('arm.urdf.xacro')` does the same without arguments. Needs the extra `xacro`.
+    `load_urdf('arm.urdf.xacro')` does the same without arguments. Needs the extra
+    `xacro`.
 
-    xacro evaluates expressions of the file in Python, restricted but not isolated: expand only
-    files that you trust.
+    xacro evaluates expressions of the file in Python, restricted but not isolated:
+    expand only files that you trust.
 
     Parameters
     ----------
     path : path
-        The file. `$(find package)` is the share folder of an installed ROS package, or else the
-        folder of a `package.xml` with this name: one that contains the file, or one beside it.
+        The file. `$(find package)` is the share folder of an installed ROS package, or
+        else the folder of a `package.xml` with this name: one that contains the file, or
+        one beside it.
     arguments : mapping of str to str, number or bool, optional
         Values of the file's `<xacro:arg>`.
 
@@ -52,7 +54,8 @@ def expand_xacro(path: str | os.PathLike[str],
         raise UrdfError(f"no such file: '{file}'; expected the path of a xacro file")
     mappings = {}
     if arguments is not None:
-        mappings = {name: argument_text(name, value) for name, value in arguments.items()}
+        mappings = {name: argument_text(name, value)
+                    for name, value in arguments.items()}
     try:
         with _lock, _packages_found_beside(file, substitution):
             document = xacro.process_file(str(file), mappings=mappings)
@@ -81,7 +84,8 @@ def argument_text(name: str, value: Any) -> str:
         return str(value).lower()
     if isinstance(value, str | int | float):
         return str(value)
-    raise InputError(f"xacro argument '{name}': {value!r}; expected a text, a number or a bool")
+    raise InputError(f"xacro argument '{name}': {value!r}; expected a text, a number or "
+                     'a bool')
 
 
 def _reason(error: Exception) -> str:
@@ -102,8 +106,8 @@ def _packages_found_beside(file: Path, substitution: Any) -> Iterator[None]:
         except (LookupError, ImportError, OSError):  # not installed, or no ROS at all
             folder = _package_folder(file, package)
             if folder is None:
-                raise UrdfError(f"package '{package}' is not installed, and no package.xml "
-                                'around the file has this name') from None
+                raise UrdfError(f"package '{package}' is not installed, and no "
+                                'package.xml around the file has this name') from None
             share = str(folder)
         return share
 
@@ -115,7 +119,7 @@ def _packages_found_beside(file: Path, substitution: Any) -> Iterator[None]:
 
 
 def _package_folder(file: Path, package: str) -> Path | None:
-    """Return the folder of a source package that contains a file or lies beside one that does."""
+    """Return the folder of a source package that contains a file or is beside one."""
     for folder in file.resolve().parents:
         if _package_name(folder) is None:
             continue

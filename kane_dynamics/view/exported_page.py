@@ -8,8 +8,9 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.view.joint_table import html_load_table, load_rows
 
 _STYLE = """<style>
-#loads { position: fixed; top: 3.8em; right: 1em; z-index: 1; max-height: calc(100vh - 8em);
-  overflow: auto; padding: 0.6em 0.9em; border-radius: 4px; font: 12px sans-serif; color: #222;
+#loads { position: fixed; top: 3.8em; right: 1em; z-index: 1;
+  max-height: calc(100vh - 8em); overflow: auto; padding: 0.6em 0.9em;
+  border-radius: 4px; font: 12px sans-serif; color: #222;
   background: rgb(255 255 255 / 0.92); box-shadow: 0 1px 6px rgb(0 0 0 / 0.2); }
 #loads summary { font-weight: bold; cursor: pointer; }
 #loads p { margin: 0.4em 0; line-height: 1.45; }
@@ -31,7 +32,8 @@ addEventListener('load', () => {
   const show = () => {
     requestAnimationFrame(show);
     const player = [...document.querySelectorAll('[role=slider]')]
-      .find(slider => Math.abs(slider.getAttribute('aria-valuemax') - motion.duration) < 1e-6);
+      .find(slider => Math.abs(slider.getAttribute('aria-valuemax') - motion.duration)
+        < 1e-6);
     if (!player) return;
     const k = Math.min(motion.rows.length - 1,
       Math.floor(player.getAttribute('aria-valuenow') / motion.period + 1e-6));
@@ -73,10 +75,11 @@ def add_panel(page: str, robot: Robot, legend: str, t: Array | None, q: Array,
     name = escape(robot.model.name)
     when = '<p>At rest; τ: torques that hold the robot against gravity</p>'
     if t is not None:
-        when = (f'<p>Time <span id="time">{t[0]:.2f}</span> s of {t[-1]:.2f} s; τ: torques of '
-                'the motion</p>')
-    panel = [_STYLE, f'<details id="loads" open><summary>{name}</summary>', f'<p>{legend}</p>',
-             when, html_load_table(robot, q[0], tau[0]), '</details>']
+        when = (f'<p>Time <span id="time">{t[0]:.2f}</span> s of {t[-1]:.2f} s; τ: '
+                'torques of the motion</p>')
+    heading = f'<details id="loads" open><summary>{name}</summary>'
+    table = html_load_table(robot, q[0], tau[0])
+    panel = [_STYLE, heading, f'<p>{legend}</p>', when, table, '</details>']
     if t is not None:
         # The texts that the script puts into the table, but for the names, at each time.
         rows_by_time = []
@@ -85,8 +88,8 @@ def add_panel(page: str, robot: Robot, legend: str, t: Array | None, q: Array,
         motion = {'period': period, 'duration': (len(t) - 1) * period,
                   'times': [f'{time:.2f}' for time in t], 'rows': rows_by_time}
         # Only numbers and percentages: no text can end the element.
-        panel += [f'<script id="motion" type="application/json">{json.dumps(motion)}</script>',
-                  _SCRIPT]
+        panel += ['<script id="motion" type="application/json">', json.dumps(motion),
+                  '</script>', _SCRIPT]
     content, closing_tag, end = page.rpartition('</body>')
     described = content + '\n'.join(panel) + closing_tag + end
     return described.replace('<title>Viser</title>', f'<title>{name}</title>', 1)

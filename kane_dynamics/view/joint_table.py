@@ -44,13 +44,15 @@ def load_rows(robot: Robot, q: Array, tau: Array) -> Iterator[JointRow]:
         beyond_range = False
         if place is not None:
             position = f'{q[place].round(3) + 0.0:.3f}'  # + 0.0 turns -0.0 into 0.0
-            beyond_range = bool(q[place] < limits.lower[place] or q[place] > limits.upper[place])
+            inside = limits.lower[place] <= q[place] <= limits.upper[place]
+            beyond_range = not inside
         effort = limits.effort[i]
         share = ''
         if np.isfinite(effort):
             fraction = abs(tau[i]) / effort if effort > 0.0 else 0.0
             share = f'{fraction:.0%}'
-        yield JointRow(name, position, f'{tau[i].round(6) + 0.0:.3g}', share, beyond_range,
+        torque = f'{tau[i].round(6) + 0.0:.3g}'
+        yield JointRow(name, position, torque, share, beyond_range,
                        bool(abs(tau[i]) > effort))
 
 
@@ -61,7 +63,8 @@ def markdown_table(robot: Robot, q: Array, tau: Array) -> str:
     if robot.model.sliding:
         position_unit = 'rad, m'
         load_unit = 'N m, N'
-    lines = [f'| joint | q [{position_unit}] | τ [{load_unit}] | of limit |', '|:--|--:|--:|--:|']
+    head = f'| joint | q [{position_unit}] | τ [{load_unit}] | of limit |'
+    lines = [head, '|:--|--:|--:|--:|']
     for row in load_rows(robot, q, tau):
         lines.append(f'| {row.name} | {row.q} | {row.tau} | {row.share} |')
     return '\n'.join(lines)
@@ -71,7 +74,8 @@ def html_load_table(robot: Robot, q: Array, tau: Array) -> str:
     """Return positions, torques and limits as a table in HTML; see `load_rows`."""
     limits = robot.limits
     sliding = robot.model.sliding
-    # Units are in the header if all joints share them, else after the name of each joint.
+    # Units are in the header if all joints share them, else after the name of each
+    # joint.
     columns = ['joint', 'q', 'range', 'τ', 'limit', 'share']
     if not sliding:
         columns = ['joint', 'q [rad]', 'range', 'τ [N m]', 'limit', 'share']

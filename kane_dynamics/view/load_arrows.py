@@ -46,7 +46,8 @@ class LoadArrows:
         """Return the loads of a motion, (K, ...) arrays, tau dual to u."""
         # One state at a time: compiling the kernels of batches would take seconds.
         shared = [robot.joint_torques(tau[k], q[k], t=t[k]) for k in range(len(q))]
-        reactions = [robot.joint_reactions(q[k], u[k], udot[k], t=t[k]) for k in range(len(q))]
+        reactions = [robot.joint_reactions(q[k], u[k], udot[k], t=t[k])
+                     for k in range(len(q))]
         return cls(robot, q, np.array(shared), np.array(reactions))
 
     @classmethod
@@ -79,7 +80,8 @@ class LoadArrows:
                 largest[kind] = 0.0
         return largest
 
-    def arrows(self, k: int, length: float, largest: dict[str, float]) -> dict[str, Array]:
+    def arrows(self, k: int, length: float,
+               largest: dict[str, float]) -> dict[str, Array]:
         """
         Return arrows by kind, (m, 2, 3): start, at the origin of the joint, and end, m.
 
@@ -97,7 +99,8 @@ class LoadArrows:
         tau = dict(zip(robot.joint_names, self.tau[k]))
         placed_bodies = configurations(robot.model, self.q[k])
         drawn: dict[str, list[Array]] = {kind: [] for kind in KINDS}
-        for body, placed, reaction in zip(robot.model.bodies, placed_bodies, self.reactions[k],
+        bodies = robot.model.bodies
+        for body, placed, reaction in zip(bodies, placed_bodies, self.reactions[k],
                                           strict=True):
             joint = body.joint
             vectors = {'forces': reaction[:3] / (largest['forces'] or 1.0),
@@ -108,12 +111,13 @@ class LoadArrows:
                 vectors['torques'] = tau[joint.name] / scale * placed.axis
             for kind, vector in vectors.items():
                 if np.linalg.norm(vector) > _LEAST:
-                    drawn[kind].append(np.stack([placed.p_wb, placed.p_wb + length * vector]))
+                    start = placed.p_wb
+                    drawn[kind].append(np.stack([start, start + length * vector]))
         return {kind: np.array(pairs).reshape(-1, 2, 3) for kind, pairs in drawn.items()}
 
 
 def sampled_configurations(robot: Robot) -> Array:
-    """Return configurations in the whole range of the joints, (K, n_q), rad or m; closed ones."""
+    """Return closed configurations in the range of the joints, (K, n_q), rad or m."""
     if robot.constraint_names:
         return robot.random_configuration(0, _CLOSED_SAMPLES)
     limits = robot.limits

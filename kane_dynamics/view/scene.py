@@ -118,29 +118,33 @@ class Scene:
         color = _rgb(LINK_COLOR if shape.color is None else shape.color)
         place = _place(shape)
         if shape.kind == 'box':
-            handle: Any = scene.add_box(name, dimensions=tuple(shape.size), color=color, **place)
+            handle: Any = scene.add_box(name, dimensions=tuple(shape.size), color=color,
+                                        **place)
         elif shape.kind == 'cylinder':
             radius, height = shape.size
             handle = scene.add_cylinder(name, radius, height, color=color, **place)
         else:
             radius = float(shape.size[0])
-            handle = scene.add_icosphere(name, radius, subdivisions=3, color=color, **place)
+            handle = scene.add_icosphere(name, radius, subdivisions=3, color=color,
+                                         **place)
         self._shapes.append(handle)
 
     def _draw_mesh(self, name: str, shape: LinkShape) -> None:
-        """Add the parts of a mesh, in the color of the URDF, else in that of the file."""
+        """Add the parts of a mesh, in the color of the URDF or else of the file."""
         for k, mesh in enumerate(_meshes(shape)):
             color = shape.color
             if color is None:
                 color = _file_color(mesh)
             self._shapes.append(self.server.scene.add_mesh_simple(
-                f'{name}/{k}', mesh.vertices, mesh.faces, side='double', color=_rgb(color),
+                f'{name}/{k}',
+                mesh.vertices, mesh.faces, side='double', color=_rgb(color),
                 **_place(shape)))
 
 
 def _place(shape: LinkShape) -> dict[str, Any]:
     """Return the pose of a shape as viser takes it."""
-    return {'wxyz': SO3.from_matrix(shape.pose[:3, :3]).wxyz, 'position': shape.pose[:3, 3]}
+    return {'wxyz': SO3.from_matrix(shape.pose[:3, :3]).wxyz,
+            'position': shape.pose[:3, 3]}
 
 
 def _meshes(shape: LinkShape) -> list[Any]:
@@ -149,7 +153,8 @@ def _meshes(shape: LinkShape) -> list[Any]:
         parts = trimesh.load_scene(shape.file, ignore_broken=True).dump()
     except Exception as error:  # every format raises other errors
         raise InputError(f'{shape.file}: {error}; expected a readable mesh') from error
-    meshes = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+    meshes = [part for part in parts
+              if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     if not meshes:
         raise InputError(f'{shape.file}: no triangles; expected a mesh')
     for mesh in meshes:
@@ -158,7 +163,7 @@ def _meshes(shape: LinkShape) -> list[Any]:
 
 
 def _file_color(part: Any) -> Array:
-    """Return the color of a part of a mesh in its file, from 0 to 1, or that of links."""
+    """Return the color of a part of a mesh in its file, 0 to 1, or that of links."""
     color = getattr(getattr(part.visual, 'material', None), 'main_color', None)
     if color is None:
         return LINK_COLOR

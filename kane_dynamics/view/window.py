@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import redirect_stdout
+from functools import partial
 import io
 import socket
 import threading
@@ -40,8 +41,8 @@ class Window:
     """
     Viewer of a robot in the browser.
 
-    Without a trajectory each joint has a slider, with closed loops each independent joint, and the
-    torques are those at rest under gravity.
+    Without a trajectory each joint has a slider, with closed loops each independent
+    joint, and the torques are those at rest under gravity.
 
     Parameters
     ----------
@@ -59,13 +60,14 @@ class Window:
     Raises
     ------
     InputError
-        If the trajectory is not of this robot, a mesh cannot be read, or the address is not one of
-        this machine.
+        If the trajectory is not of this robot, a mesh cannot be read, or the address is
+        not one of this machine.
 
     """
 
     def __init__(self, robot: Robot, trajectory: Trajectory | None = None, *,
-                 visuals: Sequence[LinkShape] = (), host: str = '127.0.0.1', port: int = 8080
+                 visuals: Sequence[LinkShape] = (), host: str = '127.0.0.1',
+                 port: int = 8080
                  ) -> None:
         """Build the scene and start the server."""
         self.robot = robot
@@ -74,7 +76,8 @@ class Window:
             require_angles(robot.model, 'view')
             self._turned = _turned_joints(robot)
             self._q = robot.feasible_configuration()
-            self._largest = LoadArrows.at_rest(robot, sampled_configurations(robot)).largest
+            samples = sampled_configurations(robot)
+            self._largest = LoadArrows.at_rest(robot, samples).largest
         else:
             trajectory.require(robot, 'the view')
             self._q = trajectory.q[0]
@@ -83,14 +86,16 @@ class Window:
             rows = np.linspace(0, K - 1, min(K, _MOST)).astype(int)
             self._t = trajectory.t[rows]
             self._loads = LoadArrows.along(robot, trajectory.q[rows], trajectory.u[rows],
-                                           trajectory.udot[rows], trajectory.tau[rows], self._t)
+                                           trajectory.udot[rows], trajectory.tau[rows],
+                                           self._t)
             self._largest = self._loads.largest
         self._lock = threading.Lock()
         self._playing = False
         self._time = 0.0
         _check_address(host, port)
         with _quietly():
-            self.server = ViserServer(host=host, port=port, verbose=False, label='kane_dynamics')
+            self.server = ViserServer(host=host, port=port, verbose=False,
+                                      label='kane_dynamics')
         try:
             extent = model_size(robot.model, self._q)
             self._stage = Scene(self.server, robot.model, visuals, extent)
@@ -164,7 +169,8 @@ class Window:
     def _add_controls(self) -> None:
         """Add the controls to the page."""
         gui = self.server.gui
-        gui.configure_theme(control_width='medium', show_logo=False, show_share_button=False)
+        gui.configure_theme(control_width='medium', show_logo=False,
+                            show_share_button=False)
         gui.set_panel_label(self.robot.model.name)
         if self.trajectory is None:
             with gui.add_folder('Joints'):
@@ -177,7 +183,7 @@ class Window:
             for kind in KINDS:
                 box = gui.add_checkbox(kind, kind in _SHOWN)
                 self._stage.show(kind, kind in _SHOWN)
-                box.on_update(lambda event, kind=kind: self._stage.show(kind, event.target.value))
+                box.on_update(partial(self._show_arrows, kind))
             length = gui.add_slider('length', 0.2, 3.0, 0.1, 1.0)
             length.on_update(lambda event: self._set_length(event.target.value))
         with gui.add_folder('Robot'):
@@ -193,7 +199,8 @@ class Window:
         for kind in kinds:
             unit = 'N' if kind == 'forces' else 'N m'
             rows.append(f'<span style="color: rgb{COLORS[kind]}">&#9632;</span> '
-                        f'{_CAPTIONS[kind]}, the longest {self._largest[kind]:.3g} {unit}')
+                        f'{_CAPTIONS[kind]}, the longest {self._largest[kind]:.3g} '
+                        f'{unit}')
         return '<br>'.join(rows)
 
     def _add_time(self, gui: Any) -> None:
@@ -201,7 +208,8 @@ class Window:
         assert self.trajectory is not None
         begin, end = self.trajectory.t[[0, -1]].tolist()
         step = 10.0 ** np.floor(np.log10(max(end - begin, 1e-6) / 100.0))
-        self._slider = gui.add_slider('time [s]', begin, max(end, begin + step), step, begin)
+        self._slider = gui.add_slider('time '
+                                      '[s]', begin, max(end, begin + step), step, begin)
         self._slider.on_update(lambda event: self._show_at(event.target.value))
         gui.add_button('Play').on_click(lambda event: self._play(event.target))
         self._speed = gui.add_dropdown('speed', _SPEEDS, initial_value='1')
@@ -239,6 +247,9 @@ class Window:
             self._q = q
         self._show()
 
+    def _show_arrows(self, kind: str, event: Any) -> None:
+        self._stage.show(kind, event.target.value)
+
     def _set_length(self, factor: float) -> None:
         self._length = factor * LONGEST * self._stage.extent
         self._show()
@@ -265,7 +276,7 @@ class Window:
 
 
 def _turned_joints(robot: Robot) -> tuple[int, ...]:
-    """Return the indices of the joints with sliders: all, or those that determine the others."""
+    """Return the indices of the joints with sliders: all, or the independent ones."""
     names = robot.joint_names
     speeds = robot.speed_names
     only_velocities = True
