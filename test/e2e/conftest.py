@@ -31,8 +31,8 @@ def pytest_collection_modifyitems(items):
 @pytest.fixture(scope='session')
 def participant():
     """Return the one client of this run: discovery takes seconds, so it happens once."""
-    import graph
-    client = graph.start_client()
+    import node_process
+    client = node_process.start_client()
     yield client
     client.close()
 
@@ -40,8 +40,8 @@ def participant():
 @pytest.fixture
 def client(participant):
     """Return the client as if it were new."""
-    import graph
-    participant.joints = graph.JOINTS
+    import node_process
+    participant.joints = node_process.JOINTS
     participant.torques.clear()
     participant.commands.clear()
     participant.diagnostics.clear()
@@ -51,13 +51,13 @@ def client(participant):
 @pytest.fixture
 def start():
     """Return a function that starts nodes; they are ended with the test."""
-    import graph
+    import node_process
     running = []
 
     def start(*arguments, **parameters):
         if not {'urdf', 'robot_description'} & set(parameters):
-            parameters = {'robot_description': f"'{graph.URDF}'", **parameters}
-        process = graph.Process(*arguments, **parameters)
+            parameters = {'robot_description': f"'{node_process.URDF}'", **parameters}
+        process = node_process.Process(*arguments, **parameters)
         running.append(process)
         return process
 

@@ -2,7 +2,7 @@
 
 import json
 
-from command import command
+from command_in_process import command
 from kane_dynamics import load_urdf, Motion, QuasiStatic, Robot, stiffened
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.feasibility import demand, fastest, largest_payload

@@ -3,7 +3,7 @@
 import csv
 import json
 
-from command import command
+from command_in_process import command
 from kane_dynamics import box, load_constraints, load_urdf, Robot
 from kane_dynamics.cli.tables import read_motion
 from kane_dynamics.feasibility import time_optimal

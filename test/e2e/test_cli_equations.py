@@ -6,7 +6,7 @@ from pathlib import Path
 import subprocess
 import sys
 
-from command import command
+from command_in_process import command
 import pytest
 import sympy as sp
 

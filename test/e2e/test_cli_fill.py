@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from command import command
+from command_in_process import command
 from kane_dynamics import load_urdf, Robot, Terms
 from kane_dynamics.cli.tables import read_states
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory

@@ -5,7 +5,7 @@ from pathlib import Path
 import subprocess
 import sys
 
-from command import command
+from command_in_process import command
 from kane_dynamics import load_urdf, plot, Robot
 from kane_dynamics.cli import main
 from kane_dynamics.identification import read_recording

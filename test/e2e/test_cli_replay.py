@@ -7,7 +7,7 @@ import re
 import subprocess
 import sys
 
-from command import command
+from command_in_process import command
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics.identification import diagnose
 import numpy as np

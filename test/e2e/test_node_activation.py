@@ -2,8 +2,8 @@
 
 import time
 
-from graph import wait_until
 from lifecycle_msgs.msg import Transition
+from node_process import wait_until
 import pytest
 import rclpy
 from std_msgs.msg import Float64MultiArray

@@ -2,9 +2,9 @@
 
 import signal
 
-from graph import DEEP, Process, wait_until
 from guard_rig import PLANT_ARM, Rig
 from kane_dynamics._util.resources import resource_path
+from node_process import DEEP, Process, wait_until
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState

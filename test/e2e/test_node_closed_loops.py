@@ -3,12 +3,12 @@
 from collections import Counter
 import time
 
-from graph import DEEP, Process, wait_until
 from kane_dynamics import Motion
 from kane_dynamics.loop_tracking.loop_error import CONTRADICTION, SINGULAR
 from kane_dynamics.ros.torque_path.joint_state_reader import MISSING, STALE
 from kane_dynamics_interfaces.srv import Simulate
 from lifecycle_msgs.msg import Transition
+from node_process import DEEP, Process, wait_until
 import numpy as np
 from palletizer import DRIVEN, LOOPS, palletizer, positions, SINGULAR_SHOULDER, URDF
 import pytest

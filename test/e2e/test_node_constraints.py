@@ -5,11 +5,11 @@ import subprocess
 import sys
 
 from action_msgs.msg import GoalStatus
-from graph import Process, wait_until
 from kane_dynamics import load_constraints, load_urdf, Robot, simulate
 from kane_dynamics_interfaces.action import SimulateMotion
 from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics,
                                           InverseDynamics, Simulate)
+from node_process import Process, wait_until
 import numpy as np
 import pytest
 

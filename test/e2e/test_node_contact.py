@@ -3,10 +3,10 @@
 import time
 
 from geometry_msgs.msg import WrenchStamped
-from graph import DEEP, JOINTS, LATCHED, model, NAME, Process, URDF, wait_until
 from kane_dynamics import Robot
 from kane_dynamics_interfaces.msg import PayloadEstimate, TorqueExplanation
 from kane_dynamics_interfaces.srv import Explain
+from node_process import DEEP, JOINTS, LATCHED, model, NAME, Process, URDF, wait_until
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState

@@ -7,8 +7,8 @@ import subprocess
 import sys
 import threading
 
-from graph import Process, URDF
 from kane_dynamics import load_urdf, Robot
+from node_process import Process, URDF
 import numpy as np
 import pytest
 from rclpy.qos import QoSProfile

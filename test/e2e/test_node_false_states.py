@@ -3,7 +3,6 @@
 import math
 import time
 
-from graph import BEST_EFFORT, Process, wait_until
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.demo.demo_settings import FR3
@@ -11,6 +10,7 @@ from kane_dynamics.loop_tracking.loop_error import CONTRADICTION
 from kane_dynamics.ros.torque_path.joint_state_reader import (FUTURE, NOT_FINITE,
                                                               OUT_OF_ORDER, STALE)
 from kane_dynamics.ros.torque_path.state_check import JUMP, OUTSIDE, TOO_FAST
+from node_process import BEST_EFFORT, Process, wait_until
 import numpy as np
 from palletizer import DRIVEN, LOOPS, palletizer, URDF
 import pytest

@@ -10,11 +10,11 @@ from pathlib import Path
 import signal
 import time
 
-from graph import BEST_EFFORT, JOINTS, model, NAME, URDF, wait_until
 from kane_dynamics import Robot
 from kane_dynamics.ros.common.transport import without_shared_memory
 from kane_dynamics_interfaces.srv import InverseDynamics, Simulate
 from lifecycle_msgs.msg import Transition
+from node_process import BEST_EFFORT, JOINTS, model, NAME, URDF, wait_until
 import numpy as np
 import pytest
 from rclpy.qos import QoSProfile

@@ -10,12 +10,12 @@ import re
 import signal
 import time
 
-from graph import DEEP, JOINTS, model, NAME, Process, URDF, wait_until
 from kane_dynamics import Robot
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
 from kane_dynamics.feasibility import time_optimal
 from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal
 from message_package import build_message
+from node_process import DEEP, JOINTS, model, NAME, Process, URDF, wait_until
 import numpy as np
 import pytest
 from std_srvs.srv import Trigger
@@ -197,7 +197,7 @@ def rejected(filler, node, message, reason):
     (trajectory(points=8.0 * POINTS), "joint 'turn': position 5.6 at point 1 .* at most 3"),
     (trajectory(0.3 * TIMES), "joint 'turn': velocity 5.49.* after point 0 .* at most 5")])
 def test_a_trajectory_that_cannot_be_filled_is_rejected(filler, module_node, message,
-                                                         reason):
+                                                        reason):
     rejected(filler, module_node, message, reason)
 
 
@@ -223,7 +223,8 @@ def errors(filler):
     plant = Process(module='kane_dynamics.ros.plant.main', robot_description=f"'{URDF}'",
                     rate=200, publish_clock='true', rate_factor=0.5,
                     initial__position=START.tolist())
-    loop = Process(program=[str(HELPERS / 'jtc.py'), ','.join(JOINTS), '100', '10', '0.2'])
+    loop = Process(program=[str(HELPERS / 'effort_controller.py'), ','.join(JOINTS), '100', '10',
+                            '0.2'])
 
     def errors(publisher):
         assert filler.client.call(Trigger, '/plant/reset').success

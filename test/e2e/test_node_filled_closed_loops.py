@@ -3,13 +3,13 @@
 from dataclasses import replace
 import re
 
-from graph import DEEP, NAME, Process, wait_until
 from kane_dynamics import load_constraints, load_urdf, Robot
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
 from kane_dynamics.feasibility import time_optimal
 from kane_dynamics.loop_tracking.loop_error import CONTRADICTORY_POINT, SINGULAR
 from kane_dynamics.mechanics.definition import nonholonomic
 from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal
+from node_process import DEEP, NAME, Process, wait_until
 import numpy as np
 from palletizer import CONSTRAINTS, DRIVEN, LOOPS, palletizer, positions, SINGULAR_SHOULDER, URDF
 import pytest

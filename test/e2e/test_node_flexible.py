@@ -2,9 +2,9 @@
 
 import time
 
-from graph import DEEP, Process, wait_until
 from kane_dynamics import Controller, load_urdf, Motion, QuasiStatic, Robot, simulate, stiffened
 from kane_dynamics._util.resources import resource_path
+from node_process import DEEP, Process, wait_until
 import numpy as np
 from sensor_msgs.msg import JointState
 

@@ -2,12 +2,12 @@
 
 import time
 
-from graph import DEEP, Process, wait_until
 from kane_dynamics import Motion, QuasiStatic
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
 from kane_dynamics.ros.services.served_robot import QUASI_STATIC, RIGID
 from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
                                           InverseDynamics)
+from node_process import DEEP, Process, wait_until
 import numpy as np
 from palletizer import BEAMS, bending_palletizer, DRIVEN, LOOPS, positions, URDF
 import pytest

@@ -3,9 +3,9 @@
 import signal
 import time
 
-from graph import model, wait_until
 from kane_dynamics import Inertial, Robot
 from kane_dynamics_interfaces.srv import SetPayload
+from node_process import model, wait_until
 import numpy as np
 
 

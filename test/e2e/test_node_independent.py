@@ -6,8 +6,8 @@ from pathlib import Path
 import subprocess
 import sys
 
-from graph import JOINTS, model
 from kane_dynamics import Robot
+from node_process import JOINTS, model
 import numpy as np
 import pytest
 
@@ -25,7 +25,7 @@ Q = [0.3, -0.4, 0.2]
 def test_a_client_without_rclpy_gets_the_same_torques_by_topic_and_service(start):
     start(state_timeout=1.0).wait_for('active, mode')
     client = subprocess.run(
-        [sys.executable, str(Path(__file__).parents[1] / 'helpers' / 'independent.py'),
+        [sys.executable, str(Path(__file__).parents[1] / 'helpers' / 'plain_dds_client.py'),
          os.environ['ROS_DOMAIN_ID'], ','.join(JOINTS), ','.join(map(str, Q))],
         env=dict(os.environ, CYCLONEDDS_URI=CYCLONE), capture_output=True, text=True, timeout=60)
     assert client.returncode == 0, client.stderr

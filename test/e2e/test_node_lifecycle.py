@@ -2,10 +2,10 @@
 
 import signal
 
-from graph import URDF, wait_until
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics_interfaces.srv import GetDynamics, Simulate
 from lifecycle_msgs.msg import Transition
+from node_process import URDF, wait_until
 import numpy as np
 import pytest
 from std_msgs.msg import String

@@ -8,10 +8,10 @@ import subprocess
 import sys
 import time
 
-from graph import Process, wait_until
 from kane_dynamics import load_urdf
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics_interfaces.srv import GetDynamics, Simulate
+from node_process import Process, wait_until
 import numpy as np
 import pytest
 
@@ -44,7 +44,8 @@ def drive(node, seconds, meanwhile=lambda: None):
     """Let a driver send states at 500 Hz; return its counts."""
     path = os.pathsep.join([str(HELPERS), str(HELPERS.parents[1]),
                             os.environ.get('PYTHONPATH', '')])
-    process = subprocess.Popen([sys.executable, str(HELPERS / 'driver.py'), str(seconds),
+    process = subprocess.Popen([sys.executable, str(HELPERS / 'joint_state_process.py'),
+                                str(seconds),
                                 ','.join(JOINTS), str(node.process.pid)],
                                stdout=subprocess.PIPE, text=True,
                                env=dict(os.environ, PYTHONPATH=path))

@@ -3,10 +3,10 @@
 import math
 
 from geometry_msgs.msg import Inertia, Vector3
-from graph import close, model, URDF, wait_until
 from kane_dynamics import Robot, simulate
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics_interfaces.srv import GetDynamics, InverseDynamics, SetPayload, Simulate
+from node_process import close, model, URDF, wait_until
 import numpy as np
 import pytest
 
@@ -34,7 +34,7 @@ def payload(mass, com=COM):
 
 @pytest.fixture(scope='module')
 def module_node():
-    from graph import Process
+    from node_process import Process
     process = Process(robot_description=f"'{URDF}'", state_timeout=1.0, payload__frame='c',
                       payload__mass=1.0, payload__com=f'[{",".join(map(str, COM))}]',
                       payload__inertia=f'[{",".join(map(str, MOMENTS))}]')

@@ -4,9 +4,9 @@ import math
 import time
 
 from geometry_msgs.msg import Inertia
-from graph import BEST_EFFORT, model, wait_until
 from kane_dynamics import Robot
 from kane_dynamics_interfaces.srv import SetPayload
+from node_process import BEST_EFFORT, model, wait_until
 import numpy as np
 import pytest
 from sensor_msgs.msg import Imu

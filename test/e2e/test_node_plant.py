@@ -5,9 +5,9 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from graph import DEEP, JOINTS, model, Process, URDF, wait_until
 from kane_dynamics import Robot
 from kane_dynamics._util.resources import resource_path
+from node_process import DEEP, JOINTS, model, Process, URDF, wait_until
 import numpy as np
 import pytest
 from rosgraph_msgs.msg import Clock

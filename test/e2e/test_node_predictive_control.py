@@ -3,8 +3,8 @@
 from pathlib import Path
 import re
 
-from graph import DEEP, Process, wait_until
 from kane_dynamics import load_urdf, Robot
+from node_process import DEEP, Process, wait_until
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState

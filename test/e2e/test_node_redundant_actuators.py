@@ -1,9 +1,9 @@
 """Trajectories of a palletizer with a motor more than degrees of freedom, over DDS."""
 
-from graph import Process
 from kane_dynamics import load_constraints, load_urdf, Robot
 from kane_dynamics.mechanics.definition import nonholonomic
 from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal
+from node_process import Process
 import numpy as np
 from palletizer import CONSTRAINTS, DRIVEN, positions, URDF
 import pytest

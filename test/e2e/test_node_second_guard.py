@@ -4,7 +4,7 @@ import os
 import signal
 import time
 
-from graph import URDF, wait_until
+from node_process import URDF, wait_until
 import numpy as np
 from std_msgs.msg import String
 

@@ -3,8 +3,8 @@
 import math
 import time
 
-from graph import DEEP, model, Process, Stall, URDF, wait_until
 from kane_dynamics import Robot
+from node_process import DEEP, model, Process, Stall, URDF, wait_until
 import numpy as np
 import pytest
 from rosgraph_msgs.msg import Clock

@@ -16,9 +16,9 @@ import threading
 import time
 
 from geometry_msgs.msg import Inertia, Vector3, Wrench, WrenchStamped
-from graph import JOINTS, model, NAME, Process, URDF, wait_until
 from kane_dynamics_interfaces.srv import (Explain, ForwardDynamics, GetDynamics, InverseDynamics,
                                           SetPayload, Simulate)
+from node_process import JOINTS, model, NAME, Process, URDF, wait_until
 import numpy as np
 import pytest
 from std_msgs.msg import Header

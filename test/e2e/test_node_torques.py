@@ -3,10 +3,10 @@
 import math
 import time
 
-from graph import JOINTS, model, URDF, wait_until
 from kane_dynamics import Controller, Motion, Robot
 from kane_dynamics.ros.parameters.parameter_table import SPECS
 from lifecycle_msgs.msg import Transition
+from node_process import JOINTS, model, URDF, wait_until
 import numpy as np
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage, ParameterValue
@@ -23,7 +23,7 @@ def robot():
 
 @pytest.fixture(scope='module')
 def module_node():
-    from graph import Process
+    from node_process import Process
     process = Process(robot_description=f"'{URDF}'", state_timeout=1.0)
     yield process
     code, seconds = process.end()

@@ -3,10 +3,10 @@
 import time
 
 from geometry_msgs.msg import Inertia
-from graph import DEEP, JOINTS, Process, URDF, wait_until
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics_interfaces.srv import GetDynamics, SetPayload
+from node_process import DEEP, JOINTS, Process, URDF, wait_until
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState

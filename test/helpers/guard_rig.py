@@ -7,11 +7,11 @@ import signal
 import time
 from typing import NamedTuple
 
-from graph import DEEP, JOINTS, NAME, Process, URDF
 from kane_dynamics import Controller, load_urdf, Robot
 from kane_dynamics.demo.demo_settings import FR3
 from kane_dynamics.ros.common.transport import without_shared_memory
 from kane_dynamics.ros.plant.simulated_arm import SimulatedArm
+from node_process import DEEP, JOINTS, NAME, Process, URDF
 import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor

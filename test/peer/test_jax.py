@@ -7,10 +7,10 @@ import subprocess
 import sys
 from threading import Thread
 
+from framework_states import arm, driven, fr3, QUANTITIES, states, value_and_gradients
 from kane_dynamics import CompileError, ConstraintError, InputError, load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kinds_of_mechanism import case
-from learning import arm, driven, fr3, QUANTITIES, states, value_and_gradients
 from linkages import at_angle
 import numpy as np
 import pytest

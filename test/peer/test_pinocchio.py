@@ -6,7 +6,7 @@ from kane_dynamics.errors import KaneError
 from kane_dynamics.native.tracing.program import evaluate
 from kane_dynamics.robot.derivative_kernels import Derivative
 import numpy as np
-from peer import loaded, N_STATES, Peer, REFUSED, urdf_files
+from pinocchio_robot import loaded, N_STATES, Peer, REFUSED, urdf_files
 import pytest
 
 EPS = np.finfo(float).eps

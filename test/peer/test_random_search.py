@@ -24,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from random_loops import random_loops
-from scaled import scaled_model
+from scaled_models import scaled_model
 from trajectory_fields import check_fields, motion_of, partial_rates
 
 SECONDS = float(os.environ.get('KANE_DYNAMICS_SEARCH_SECONDS', '3600'))

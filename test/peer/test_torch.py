@@ -5,10 +5,10 @@ import pickle
 import sys
 from threading import Thread
 
+from framework_states import arm, driven, fr3, QUANTITIES, states, value_and_gradients
 from kane_dynamics import ConstraintError, InputError, load_urdf, Robot
 from kane_dynamics.robot.frameworks.batch_function import row
 from kinds_of_mechanism import case
-from learning import arm, driven, fr3, QUANTITIES, states, value_and_gradients
 from linkages import at_angle
 import numpy as np
 import pytest

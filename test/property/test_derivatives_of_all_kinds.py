@@ -3,6 +3,7 @@
 from functools import cache
 
 from examples.flexible_four_bar import flexible_four_bar
+from hyperdual_derivatives import slopes_of_definition
 from kane_dynamics import (ball, ConstraintError, FlexibleLink, Inertial, InputError, ModelBuilder,
                            Prescribed, Robot, rod, Speeds)
 from kane_dynamics.mechanics.algebra.dual import moving, rates
@@ -14,7 +15,6 @@ from mechanisms import random_model
 import numpy as np
 import pytest
 from random_loops import random_loops
-from slopes import slopes_of_definition
 
 T = 0.4  # s
 PAYLOAD = Inertial(1.2, (0.1, -0.05, 0.2), np.diag([0.02, 0.03, 0.025]))

@@ -11,7 +11,7 @@ from kinds_of_mechanism import drive, model_of, state, T
 from linkages import at_angle, five_bar, five_bar_at, four_bar_model, PIN
 import numpy as np
 import pytest
-from scaled import scaled_model, units_of
+from scaled_models import scaled_model, units_of
 
 SCALES = (1e-3, pytest.param(1e3, marks=pytest.mark.slow))
 EVERY_TIME = ('slider-crank', 'rolling')  # compiling the others takes a minute

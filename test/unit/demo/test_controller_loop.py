@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from jtc import EffortLoop, Gains
+from effort_controller import EffortLoop, Gains
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
 from kane_dynamics.demo.demo_settings import DURATION, FR3, RATE

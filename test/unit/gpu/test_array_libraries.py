@@ -4,9 +4,9 @@ from contextlib import nullcontext
 import sys
 from types import ModuleType, SimpleNamespace
 
+from framework_states import fr3
 from host_gpu import host_gpu, HostArray, on_gpu, values_of
 from kane_dynamics import gpu, InputError, load_urdf, Robot
-from learning import fr3
 import numpy as np
 import pytest
 

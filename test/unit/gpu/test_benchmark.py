@@ -3,9 +3,9 @@
 from functools import partial
 
 from benchmarks import gpu as benchmark
+from framework_states import fr3
 from host_gpu import host_gpu, on_gpu
 from kane_dynamics import DeviceError, gpu
-from learning import fr3
 import numpy as np
 import pytest
 

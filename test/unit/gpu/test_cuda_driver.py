@@ -4,11 +4,11 @@ import ctypes
 from pathlib import Path
 import subprocess
 
+from framework_states import fr3
 from host_gpu import HostArray
 from kane_dynamics import DeviceError, gpu, InputError, KaneError
 from kane_dynamics.gpu import cuda_driver, kernel_call
 from kane_dynamics.gpu.device_arrays import DeviceMemory
-from learning import fr3
 import numpy as np
 import pytest
 

@@ -3,12 +3,12 @@
 import gc
 from itertools import pairwise
 
+from framework_states import arm, fr3
 from host_gpu import host_gpu, HostArray, on_gpu, values_of
 from kane_dynamics import gpu, InputError
 from kane_dynamics.gpu import dlpack
 from kane_dynamics.gpu.kernel_call import collapsed
 from kinds_of_mechanism import case
-from learning import arm, fr3
 import numpy as np
 import pytest
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import sys
 import time
 
-from graph import DEEP, NAME
+from node_process import DEEP, NAME
 import numpy as np
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
