@@ -97,13 +97,14 @@ class CollisionDetector:
         A backward jump of the time restarts the timers.
         """
         ratios = [abs(x) / limit for x, limit in zip(torque.tolist(), self._thresholds)]
+        beyond = []
         for k, ratio in enumerate(ratios):
             if ratio > 1.0:
                 self._beyond_since[k] = _earlier(self._beyond_since[k], t)
+                beyond.append(self._names[k])
             else:
                 self._beyond_since[k] = None
-        self.beyond = tuple(name for name, since in zip(self._names, self._beyond_since)
-                            if since is not None)
+        self.beyond = tuple(beyond)
         if self.collision:
             return self._clears(t, max(ratios))
         return self._sets(t, ratios)

@@ -52,19 +52,21 @@ class QuasiStatic:
     """
 
     def __init__(self, robot: Robot) -> None:
-        model = robot.model
         _check(robot)
         self.robot = robot
+        model = robot.model
+        speeds = robot.speed_names
         modes = list(model.modal_coordinates)
         joints = [k for k in range(model.n) if k not in modes]
+        modal = [model.coordinate_names[k] for k in modes]
+        self.joint_names = tuple(model.coordinate_names[k] for k in joints)
+        self.speed_names = tuple(name for name in speeds if name not in modal)
+        # Places among the coordinates, then among the speeds: the rates of all modes and of
+        # some joints.
         self._modes = _index(modes)
         self._joints = _index(joints)
-        self.joint_names = tuple(model.coordinate_names[k] for k in joints)
-        modal = [model.coordinate_names[k] for k in modes]
-        self.speed_names = tuple(name for name in robot.speed_names if name not in modal)
-        self._modal_speeds = _index([robot.speed_names.index(name) for name in modal])
-        self._speeds = _index([robot.speed_names.index(name)
-                               for name in self.speed_names])
+        self._modal_speeds = _index(list(map(speeds.index, modal)))
+        self._speeds = _index(list(map(speeds.index, self.speed_names)))
         self._tracker: LoopTracker | None = None
         if robot.constraint_names:
             self._tracker = LoopTracker(robot, robot.speed_names, max_figure=SINGULAR)
@@ -72,6 +74,7 @@ class QuasiStatic:
             if rows:
                 raise InputError(f'quasi-static deflections: {", ".join(rows)} on '
                                  'velocities; expected constraints on positions')
+        # Beams do not share modes: the stiffness is block-diagonal.
         stiffness = np.zeros((model.n, model.n))
         for body in model.bodies:
             if body.beam is not None:
@@ -81,8 +84,8 @@ class QuasiStatic:
 
     def require_rigid_model(self, robot: Robot) -> None:
         """Raise InputError unless a rigid model has these joints and speeds."""
-        if (self.joint_names, self.speed_names) != (robot.joint_names,
-                                                    robot.speed_names):
+        same_joints = self.joint_names == robot.joint_names
+        if not same_joints or self.speed_names != robot.speed_names:
             raise InputError(f'bending: of the joints {list(self.joint_names)} with the '
                              f'speeds {list(self.speed_names)}; expected '
                              f'{list(robot.joint_names)}, {list(robot.speed_names)}')

@@ -125,7 +125,8 @@ class TrajectoryJoints:
         """Return tolerances of the efforts; the smallest for those not in `names`."""
         values = per_joint(tolerance, 'tolerance', self.names, finite=False)
         by_name = dict(zip(self.names, values.tolist()))
-        return np.array([by_name.get(name, values.min()) for name in self.actuators])
+        smallest = float(values.min())
+        return np.array([by_name.get(name, smallest) for name in self.actuators])
 
     def limits(self, effort: ArrayLike, names: Sequence[str]) -> JointLimits:
         """Return the limits of joints, with a further effort limit of all joints."""

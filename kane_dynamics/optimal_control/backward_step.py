@@ -20,6 +20,7 @@ All functions run over any scalar.
 """
 
 from collections.abc import Iterable
+from itertools import chain
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
@@ -101,9 +102,17 @@ def lower_triangle(size: int) -> Iterable[tuple[int, int]]:
             yield a, b
 
 
+def lower_product(A: Matrix, B: Matrix) -> Rows:
+    """Return the rows of the lower triangle of A^T B, which is symmetric."""
+    rows: Rows = []
+    for a, column in enumerate(A.T):
+        rows.append([column @ B[:, b] for b in range(a + 1)])
+    return rows
+
+
 def symmetric_of_rows(rows: Rows) -> Matrix:
     """Return a symmetric matrix from the rows of its lower triangle."""
-    return symmetric([x for row in rows for x in row], len(rows))
+    return symmetric(list(chain.from_iterable(rows)), len(rows))
 
 
 def symmetric(packed: Any, size: int) -> Matrix:
@@ -117,9 +126,7 @@ def symmetric(packed: Any, size: int) -> Matrix:
 
 def expansion(F: Matrix, v: Vector, V: Matrix) -> Expansion:
     """Return the cost-to-go before a step with dx+ = F (dx, dtau), (n_x, n_x + m)."""
-    T = V @ F
-    H = [[F[:, a] @ T[:, b] for b in range(a + 1)] for a in range(F.shape[1])]
-    return Expansion(H, v @ F)
+    return Expansion(lower_product(F, V @ F), v @ F)
 
 
 def expansion_of_tree(slopes: Matrix, h: Scalar, v: Vector, V: Matrix) -> Expansion:
@@ -137,7 +144,7 @@ def expansion_of_tree(slopes: Matrix, h: Scalar, v: Vector, V: Matrix) -> Expans
     D = np.concatenate([h * slopes[0], np.eye(n) + h * slopes[1], h * slopes[2]], axis=1)
     T = by_w @ D
     T[:, :n] = T[:, :n] + mixed.T
-    H = [[D[:, a] @ T[:, b] for b in range(a + 1)] for a in range(3 * n)]
+    H = lower_product(D, T)
 
     # q+ depends on q directly too.
     across = mixed @ D[:, :n]
@@ -157,10 +164,12 @@ def limited_minimum(Q: Matrix, g: Vector, Q_x: Matrix, lower: Vector, upper: Vec
     """
     n = len(g)
     k: Vector = np.zeros(n)
-    inverse = [1.0 / Q[i, i] for i in range(n)]
+    inverse = [1.0 / x for x in np.diag(Q)]
+    # A sweep finds most of the torques that are at a bound, a Newton step solves for the others.
     for _ in range(ROUNDS):
         k, slope = _swept(Q, k, g + Q @ k, inverse, lower, upper)
         k = _newton_step(Q, g, k, slope, lower, upper)
+    # The feedback of the torques that are free in the end.
     free, factors = _free(Q, k, g + Q @ k, lower, upper)
     columns = [solve(factors, range(n), -(free * column)) for column in Q_x.T]
     return k, np.stack(columns, axis=1)

@@ -190,10 +190,11 @@ class HorizonKernels:
         """Call a kernel for every interval, on rows that follow one another."""
         kernel, inputs = self._kernels[name]
         first = 0 if direction > 0 else self.nodes - 1
-        places = [self._input_place(key, first) for key in inputs]
-        places.append(result)
-        addresses = [address for address, _ in places]
-        strides = [direction * stride for _, stride in places]
+        addresses = []
+        strides = []
+        for address, stride in [*(self._input_place(key, first) for key in inputs), result]:
+            addresses.append(address)
+            strides.append(direction * stride)
         repeat(kernel.address, addresses, strides, self.nodes)
 
     def expected(self) -> tuple[float, float]:

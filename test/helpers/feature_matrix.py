@@ -108,7 +108,7 @@ ROWS = (
         pairs=False),
     Row('`Controller`, beams by `QuasiStatic`', check.controller, {BALL: NO_ANGLE}, {
         BEAM: f'{CONTROL}test_quasi_static.py::'
-              'test_feedforward_that_knows_of_the_bending_follows_far_better'}, pairs=False),
+              'test_feedforward_with_bending_tracks_far_better'}, pairs=False),
     Row('`MomentumObserver`', check.observer),
     Row('collision detection', check.collision, pairs=False),
     Row('payload estimate', check.payload),

@@ -236,7 +236,8 @@ def test_a_motion_or_controller_that_does_not_fit_the_loop_is_refused_with_the_r
             (lambda: Controller(five_bar('left_crank', 'right_crank'), preload=np.ones(4)),
              'preload:'),
             (lambda: Controller(Robot(random_model(1, 2)), preload=np.ones(2)), 'preload'),
-            (lambda: simulate(robot, closed[0], [0.0, 0.0], 0.1, torque=oldest(motion)),
+            (lambda: simulate(robot, closed[0], [0.0, 0.0], 0.1,
+                              torque=with_deprecated_order(motion)),
              r'expected ComputedTorque\(robot'),
             (lambda: Controller(sleigh()).command(
                 0.0, np.zeros(3), np.zeros(2),
@@ -248,7 +249,7 @@ def test_a_motion_or_controller_that_does_not_fit_the_loop_is_refused_with_the_r
         five_bar('left_crank', 'right_crank', weights=(-1.0, 1.0))
 
 
-def oldest(motion):
+def with_deprecated_order(motion):
     with pytest.warns(DeprecationWarning, match='deprecated'):
         return ComputedTorque(motion(['left_crank', 'left_bar', 'right_crank', 'right_bar']))
 

@@ -69,7 +69,7 @@ class Rig:
         return changed
 
 
-def no_alarm(seconds):
+def require_no_alarm(seconds):
     rig = Rig()
     for _ in range(round(seconds * RATE)):
         rig.tick()
@@ -78,14 +78,14 @@ def no_alarm(seconds):
 
 
 def test_fast_motion_raises_no_alarm():
-    rig = no_alarm(20.0)
+    rig = require_no_alarm(20.0)
     assert (rig.fastest > 0.7 * ROBOT.limits.velocity).sum() >= 4, 'the motion is fast'
     assert (rig.largest < 0.5 * THRESHOLD).all(), rig.largest
 
 
 @pytest.mark.slow
 def test_five_minutes_of_fast_motion_raise_no_alarm():
-    no_alarm(300.0)
+    require_no_alarm(300.0)
 
 
 @pytest.mark.parametrize('start', [1.5, 3.0, 4.7])

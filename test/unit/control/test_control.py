@@ -132,7 +132,7 @@ def test_inverse_dynamics_before_any_motion_is_gravity_at_the_measured_pose(term
     np.testing.assert_array_equal(tau, ROBOT.gravity_force(Q) if terms.gravity else np.zeros(2))
 
 
-def test_computed_torque_before_any_motion_holds_the_first_pose_it_saw():
+def test_computed_torque_before_any_motion_holds_the_first_measured_pose():
     control = Controller(ROBOT, mode='computed_torque', kp=KP, kd=KD)
     first = Q.copy()
     control.command(0.0, first, np.zeros(2))
@@ -150,7 +150,7 @@ def test_computed_torque_before_any_motion_holds_the_first_pose_it_saw():
     lambda control: (control.update(mode='gravity_compensation'),
                      control.update(mode='computed_torque')),
 ], ids=['a motion', 'a stop', 'another mode'])
-def test_an_old_pose_is_never_returned_to_after(between):
+def test_a_pose_held_before_is_not_held_again_after(between):
     control = Controller(ROBOT, mode='computed_torque', kp=KP, kd=KD)
     control.command(0.0, Q + 1.0, np.zeros(2))
     between(control)
@@ -175,7 +175,7 @@ def test_computed_torque_closes_the_loop_on_its_own_plant():
     np.testing.assert_allclose(q, [0.4, -0.1], atol=5e-3)
 
 
-def test_torque_is_clamped_to_the_tighter_of_robot_and_parameter_and_says_so():
+def test_torque_is_clamped_to_the_tighter_of_two_limits_and_is_flagged():
     control = Controller(ClosedForm(effort=(1.0, 100.0)), effort_limit=[50.0, 2.0])
     np.testing.assert_array_equal(control.effort_limit, [1.0, 2.0])
     command = control.command(0.0, np.array([-0.4, 0.0]), U)
@@ -184,7 +184,7 @@ def test_torque_is_clamped_to_the_tighter_of_robot_and_parameter_and_says_so():
     assert command.limited and not command.rate_limited.any()
 
 
-def test_torque_changes_no_faster_than_the_rate_limit_and_says_so():
+def test_torque_changes_no_faster_than_the_rate_limit_and_is_flagged():
     control = Controller(ROBOT, mode='gravity_compensation', rate_limit=[10.0, np.inf])
     wanted = ROBOT.gravity_force(Q)
     assert wanted[0] > 0.7
@@ -274,7 +274,7 @@ OTHER = Motion.from_points([0.0], [[0.0, 0.0]], joint_names=NAMES[::-1])
     ((T, Q, None), ['u: missing', 'measured speeds', 'inverse_dynamics']),
     ((T, Q, U, OTHER), ["['slide', 'lift']", "['lift', 'slide']"]),
 ])
-def test_a_bad_state_is_refused_in_words(arguments, words):
+def test_a_bad_state_is_refused_with_the_reason(arguments, words):
     with pytest.raises(InputError) as caught:
         Controller(ROBOT).command(*arguments)
     for word in words:
@@ -290,7 +290,7 @@ def test_a_bad_state_is_refused_in_words(arguments, words):
     ({'effort_limit': [np.nan, 1.0]}, ['effort_limit', "'lift'", 'nan']),
     ({'rate_limit': [1.0, -2.0]}, ['rate_limit', "'slide'", '-2.0']),
 ])
-def test_bad_settings_are_refused_in_words(settings, words):
+def test_bad_settings_are_refused_with_the_reason(settings, words):
     with pytest.raises(InputError) as caught:
         Controller(ROBOT, **settings)
     for word in words:

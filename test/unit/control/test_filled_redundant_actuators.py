@@ -134,7 +134,7 @@ def test_limits_of_a_motor_that_follows_are_checked(field, words):
         filled(robot)
 
 
-def test_joints_that_do_not_state_the_motion_are_refused():
+def test_joints_that_do_not_determine_the_motion_are_refused():
     with pytest.raises(InputError, match=r'expected 2 joints that .*, left_crank, right_crank, a'):
         fill_trajectory(five_bar(*MOTORS), [0.0], [[2.0]], joint_names=['left_crank'])
 

@@ -79,7 +79,7 @@ def test_a_known_external_torque_that_is_added_leaves_nothing():
     assert np.abs(external).max() > 1.0
 
 
-def rest(observer, t, extra):
+def estimate_at_rest(observer, t, extra):
     """Hold the robot at rest against an external torque."""
     q = np.full(4, 0.3)
     return observer.update(t, q, np.zeros(4), robot().bias_force(q, np.zeros(4)) - extra)
@@ -89,20 +89,21 @@ def rest(observer, t, extra):
 def test_a_constant_external_torque_is_found_after_the_time_constant_with_its_sign(held):
     observer, push = MomentumObserver(robot(), gain=GAIN, held=held), np.array([1.0, -2, 3, 4])
     generator, t = np.random.default_rng(2), 5.0
-    rest(observer, t, push)
+    estimate_at_rest(observer, t, push)
     while t < 5.0 + 1.0 / GAIN:
         t += generator.uniform(1e-4, 5e-3)
-        found = rest(observer, t, push)
+        found = estimate_at_rest(observer, t, push)
     np.testing.assert_allclose(found, push * -math.expm1(-GAIN * (t - 5.0)), rtol=1e-9)
 
 
 def test_a_held_command_acts_until_the_next_sample_and_no_longer():
     observer = MomentumObserver(robot(), gain=GAIN, held=True)
     none, push = np.zeros(4), np.full(4, 2.0)
-    rest(observer, 0.0, push)
-    found = rest(observer, 0.01, none)
+    estimate_at_rest(observer, 0.0, push)
+    found = estimate_at_rest(observer, 0.01, none)
     np.testing.assert_allclose(found, push * -math.expm1(-GAIN * 0.01), rtol=1e-9)
-    np.testing.assert_allclose(rest(observer, 0.02, none), found * math.exp(-GAIN * 0.01),
+    np.testing.assert_allclose(estimate_at_rest(observer, 0.02, none),
+                               found * math.exp(-GAIN * 0.01),
                                rtol=1e-9)
 
 
@@ -111,11 +112,11 @@ def test_the_observer_restarts_after_a_gap_or_a_jump_back_in_time(jump):
     observer = MomentumObserver(robot(), gain=GAIN, max_gap=0.1)
     push = np.ones(4)
     for t in (0.0, 0.05, 0.1):
-        found = rest(observer, t, push)
-    assert (rest(observer, 0.1, 9.0 * push) == found).all()
+        found = estimate_at_rest(observer, t, push)
+    assert (estimate_at_rest(observer, 0.1, 9.0 * push) == found).all()
     assert found.all()
-    assert not rest(observer, 0.1 + jump, push).any()
-    np.testing.assert_allclose(rest(observer, 0.15 + jump, push),
+    assert not estimate_at_rest(observer, 0.1 + jump, push).any()
+    np.testing.assert_allclose(estimate_at_rest(observer, 0.15 + jump, push),
                                push * -math.expm1(-GAIN * 0.05), rtol=1e-9)
 
 
@@ -139,13 +140,13 @@ def test_an_announced_payload_is_no_external_torque():
     ('u: shape', {'u': [0.0]}), ('tau: .*inf', {'tau': [0.0, 0, 0, math.inf]})])
 def test_an_invalid_sample_is_refused_and_the_observer_restarts(words, values):
     observer = MomentumObserver(robot(), gain=GAIN)
-    rest(observer, 0.0, np.ones(4))
-    assert rest(observer, 0.05, np.ones(4)).all()
+    estimate_at_rest(observer, 0.0, np.ones(4))
+    assert estimate_at_rest(observer, 0.05, np.ones(4)).all()
     with pytest.raises(InputError, match=words):
         observer.update(**{'t': 0.06, 'q': np.zeros(4), 'u': np.zeros(4), 'tau': np.zeros(4),
                            **values})
     assert not observer.torque.any()
-    assert not rest(observer, 0.06, np.ones(4)).any()
+    assert not estimate_at_rest(observer, 0.06, np.ones(4)).any()
 
 
 def test_invalid_arguments_of_the_observer_are_refused():
@@ -160,17 +161,17 @@ def detector(**settings):
         'confirm': 0.01, 'release': 0.5, 'clear': 0.1, **settings})
 
 
-def feed(flag, times, torque):
+def flag_changes(flag, times, torque):
     return [flag.update(t, np.array(torque, dtype=float)) for t in times]
 
 
-def test_an_alarm_needs_one_joint_beyond_for_long_enough_and_names_the_furthest():
+def test_an_alarm_needs_a_joint_beyond_its_threshold_for_long_enough():
     flag = detector()
-    assert not any(feed(flag, (0.0, 0.004, 0.008), (1.5, -5.0, 1e9)))
+    assert not any(flag_changes(flag, (0.0, 0.004, 0.008), (1.5, -5.0, 1e9)))
     assert flag.beyond == ('a', 'b')
-    assert feed(flag, (0.012,), (1.5, -5.0, 1e9)) == [True]
+    assert flag_changes(flag, (0.012,), (1.5, -5.0, 1e9)) == [True]
     assert (flag.collision, flag.joint) == (True, 'b')
-    assert not any(feed(flag, (0.013, 0.02), (1.5, -5.0, 0.0))), 'it rises once'
+    assert not any(flag_changes(flag, (0.013, 0.02), (1.5, -5.0, 0.0))), 'it rises once'
 
 
 def test_single_bad_samples_raise_no_alarm():
@@ -180,22 +181,23 @@ def test_single_bad_samples_raise_no_alarm():
         assert not flag.collision
 
 
-def test_an_alarm_ends_when_all_have_been_calm_for_long_enough():
+def test_an_alarm_ends_when_all_torques_are_below_their_release_for_long_enough():
     flag = detector(confirm=0.0)
-    assert feed(flag, (0.0,), (0.0, 3.0, 0.0)) == [True]
-    assert not any(feed(flag, np.arange(0.01, 1.0, 0.01), (0.6, 0.0, 0.0))), 'above release'
-    assert not any(feed(flag, (1.0, 1.05, 1.09), (0.4, 0.9, 0.0)))
-    assert not any(feed(flag, (1.095,), (0.6, 0.0, 0.0))), 'not calm in between'
-    assert feed(flag, (1.1, 1.15, 1.21), (0.4, 0.9, 0.0)) == [False, False, True]
+    assert flag_changes(flag, (0.0,), (0.0, 3.0, 0.0)) == [True]
+    above_release = flag_changes(flag, np.arange(0.01, 1.0, 0.01), (0.6, 0.0, 0.0))
+    assert not any(above_release)
+    assert not any(flag_changes(flag, (1.0, 1.05, 1.09), (0.4, 0.9, 0.0)))
+    assert not any(flag_changes(flag, (1.095,), (0.6, 0.0, 0.0))), 'not calm in between'
+    assert flag_changes(flag, (1.1, 1.15, 1.21), (0.4, 0.9, 0.0)) == [False, False, True]
     assert (flag.collision, flag.joint) == (False, None)
 
 
-def test_a_clock_that_jumps_back_neither_holds_an_alarm_nor_keeps_it_away():
+def test_a_backward_jump_of_the_clock_restarts_the_timers_of_an_alarm():
     flag = detector()
-    assert not any(feed(flag, (100.0,), (1.5, 0.0, 0.0)))
-    assert feed(flag, (50.0, 50.02), (1.5, 0.0, 0.0)) == [False, True]
-    assert not any(feed(flag, (100.0,), (0.0, 0.0, 0.0)))
-    assert feed(flag, (50.0, 50.2), (0.0, 0.0, 0.0)) == [False, True]
+    assert not any(flag_changes(flag, (100.0,), (1.5, 0.0, 0.0)))
+    assert flag_changes(flag, (50.0, 50.02), (1.5, 0.0, 0.0)) == [False, True]
+    assert not any(flag_changes(flag, (100.0,), (0.0, 0.0, 0.0)))
+    assert flag_changes(flag, (50.0, 50.2), (0.0, 0.0, 0.0)) == [False, True]
 
 
 @pytest.mark.parametrize(('words', 'settings'), [

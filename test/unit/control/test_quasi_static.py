@@ -49,7 +49,7 @@ def test_a_model_with_rigid_beams_is_that_of_no_modes():
                                    Robot(other).frame_pose(name, state[0]), atol=1e-12)
 
 
-def test_doctor_speaks_of_joints_alone(capsys):
+def test_doctor_lists_joints_without_modes(capsys):
     main(['doctor', str(URDF), '--supplement', str(BENDING)])
     said = capsys.readouterr().out
     assert 'joint1' in said and 'mode_1' not in said
@@ -164,7 +164,7 @@ def test_feedforward_of_a_flexible_loop_follows_better():
     assert worst[1] < 0.5 * worst[0]
 
 
-def test_feedforward_that_knows_of_the_bending_follows_far_better():
+def test_feedforward_with_bending_tracks_far_better():
     rigid = Robot(stiffened(flexible().model))
     motion = Motion.from_points([0.0, 1.5, 3.0], [[0.4, 0.3], [0.9, -0.4], [0.2, 0.5]],
                                 [[0.0, 0.0]] * 3, [[0.0, 0.0]] * 3, joint_names=rigid.joint_names)

@@ -70,7 +70,7 @@ def test_logarithms_and_exponentials_are_those_of_pinocchio():
         np.testing.assert_allclose(pose_log(peer.homogeneous), pin.log6(peer).vector, atol=1e-13)
 
 
-def test_batches_of_poses_answer_as_each_of_them_does():
+def test_batches_of_poses_are_computed_as_single_poses():
     twists = np.random.default_rng(4).normal(size=(2, 3, 6))
     poses = pose_exp(twists)
     assert poses.shape == (2, 3, 4, 4)
@@ -129,7 +129,7 @@ def test_inverse_kinematics_stays_near_its_start():
             np.testing.assert_allclose(found.q, q, atol=1e-6)
 
 
-def test_inverse_kinematics_of_a_position_takes_what_has_fewer_joints():
+def test_inverse_kinematics_of_a_position_needs_only_three_joints():
     robot = Robot(load_urdf(URDF / 'ur10e.urdf', tip='forearm_link'))
     assert robot.n == 3
     place = robot.frame_pose('forearm_link', [0.4, -1.0, 0.5])[:3, 3]
@@ -138,7 +138,7 @@ def test_inverse_kinematics_of_a_position_takes_what_has_fewer_joints():
     np.testing.assert_allclose(robot.frame_pose('forearm_link', found.q)[:3, 3], place, atol=1e-8)
 
 
-def test_a_pose_out_of_reach_is_not_called_reached_and_the_nearest_is_returned():
+def test_a_pose_out_of_reach_is_not_converged_and_the_nearest_is_returned():
     far = np.eye(4)
     far[:3, 3] = 3.0, 0.0, 0.2
     found = inverse_kinematics(arm(), 'tool0', far[:3, 3], starts=3)
@@ -369,6 +369,6 @@ def test_roll_and_yaw_of_an_upright_rotation_are_one(pitch):
     ({'quaternion': (0, 0, 0, 2)}, 'quaternion: length 2; expected 1, in the order x, y, z, w'),
     ({'position': np.zeros((4, 3)), 'rpy': np.zeros((3, 3))}, r'position: \(4,\) positions'),
     ({'rpy': (0, 0)}, r'rpy: shape \(2,\)'), ({'quaternion': (0, 0, np.nan, 1)}, 'not finite')])
-def test_an_orientation_that_is_none_is_refused(options, words):
+def test_an_invalid_orientation_is_refused(options, words):
     with pytest.raises(InputError, match=words):
         pose_from(**options)

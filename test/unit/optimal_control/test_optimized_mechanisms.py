@@ -47,7 +47,7 @@ def mechanism(*kinds):
 
 
 @cache
-def short(kinds):
+def one_interval_problem(kinds):
     """Return an optimizer with one interval, and torques of moderate size."""
     this = mechanism(*kinds)
     problem = TrajectoryOptimizer(this.robot, nodes=1, interval=H, weights=CostWeights(
@@ -56,9 +56,9 @@ def short(kinds):
     return problem, np.linspace(-2.0, 3.0, len(problem.actuator_names))
 
 
-def ended(kinds, q, u, tau):
+def state_after_interval(kinds, q, u, tau):
     """Return the state after one interval."""
-    problem, _ = short(kinds)
+    problem, _ = one_interval_problem(kinds)
     problem.start(tau)
     found = problem.solve(q, u, iterations=0)
     return found.q[1], found.u[1], found.cost
@@ -66,7 +66,7 @@ def ended(kinds, q, u, tau):
 
 def step_of(kinds):
     """Return the step in numbers."""
-    return short(kinds)[0]._arrays._horizon._step
+    return one_interval_problem(kinds)[0]._arrays._horizon._step
 
 
 def directions(kinds, q, t):
@@ -91,9 +91,9 @@ def test_directions_of_the_configuration_keep_what_constraints_hold(kinds):
 @each_kind
 def test_a_step_follows_its_equation(kinds):
     this = mechanism(*kinds)
-    problem, tau = short(kinds)
+    problem, tau = one_interval_problem(kinds)
     robot, model = this.robot, this.robot.model
-    q, u, _ = ended(kinds, this.q, this.u, tau)
+    q, u, _ = state_after_interval(kinds, this.q, this.u, tau)
     smooth = Robot(model, **{**robot.options, 'friction': False})
     places = [robot.joint_names.index(name) for name in problem.actuator_names]
     still = np.array(step_of(kinds).equations.joint_speeds(this.q, 0.0 * u, this.time), float)
@@ -114,9 +114,9 @@ def test_a_step_follows_its_equation(kinds):
 @and_momenta
 def test_derivatives_of_a_step_are_those_of_central_differences(kinds):
     this = mechanism(*kinds)
-    problem, tau = short(kinds)
+    problem, tau = one_interval_problem(kinds)
     model, arrays, eps = this.robot.model, problem._arrays, 1e-5
-    q1, _, _ = ended(kinds, this.q, this.u, tau)
+    q1, _, _ = state_after_interval(kinds, this.q, this.u, tau)
     arrays.linearize()
     x, m = arrays.sizes.directions, arrays.sizes.torques
     F, by_x, by_tau, _, _ = np.split(arrays.slopes[0], arrays._horizon._slope_ends)
@@ -127,7 +127,7 @@ def test_derivatives_of_a_step_are_those_of_central_differences(kinds):
             *((np.zeros(model.n), 0.0 * this.u, unit) for unit in np.eye(m))]
     numeric, slopes = [], []
     for move, change, push in ways:
-        (qp, up, cp), (qm, um, cm) = (ended(
+        (qp, up, cp), (qm, um, cm) = (state_after_interval(
             kinds, moved(model, this.q, s * move), this.u + s * change, tau + s * push)
             for s in (eps, -eps))
         numeric.append(np.concatenate([along @ difference(model, qm, qp), up - um]) / (2 * eps))

@@ -118,7 +118,7 @@ def test_every_one_of_a_thousand_finite_states_has_a_torque(kind):
     assert 0.1 < torques_from_random_states(kind, 1000, 10) < 1.0, 'both cases must occur'
 
 
-def test_without_a_plan_the_last_one_moves_in_time_and_the_result_says_so():
+def test_without_a_plan_the_last_one_moves_in_time_and_is_marked_infeasible():
     problem = swing_up('acrobot')
     controller = PredictiveController(problem)
     controller.set_target([np.pi, 0.0])
@@ -227,6 +227,6 @@ def test_an_estimated_disturbance_leaves_no_offset(name, error):
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['fr3', 'ur10e'])
 @pytest.mark.parametrize('error', ERRORS)
-def test_no_estimate_leaves_an_offset_and_an_estimate_none(name, error):
+def test_an_offset_remains_only_without_an_estimate_of_the_disturbance(name, error):
     assert end_error(name, error, 0.0) > 5e-3
     assert end_error(name, error, 200.0) < 2e-3
