@@ -18,7 +18,6 @@ closed form for each line that bounds v. So a pass is a short traced program of 
 repeated natively.
 """
 
-from collections.abc import Callable, Sequence
 from functools import cache, partial
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -27,19 +26,13 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.feasibility.interval_limits import allowed, extreme, NEWTON_STEPS, steady
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.motion.controller_points import Segments
-from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.runtime.loop_support import address, repeat
-from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 import numpy as np
 
 EMPTY = 1e200  # error of an empty set
 ROUNDING = 1e-9  # relative excess of a limit that is rounding
 RANGE, GROUPS = 3, 4  # numbers of a set; numbers of a limit, and of what it allows
-
-Input = tuple[str, Shape]
-
 
 class Limits(NamedTuple):
     """
@@ -95,15 +88,6 @@ def reached(x: Any, following: Any, row: Any) -> Any:
     return select(end < following[0], following[0], end)
 
 
-def _kernel(name: str, function: Callable[..., Any], inputs: Sequence[Input], shape: Shape
-            ) -> Kernel:
-    """Return a kernel of one interval."""
-    def program() -> Program:
-        return trace_program(name, function, inputs)
-    return Kernel(name, program, f'{name} {inputs}', [
-        Argument(*each) for each in inputs[:-1]], np.zeros(inputs[-1][1]), shape)
-
-
 @cache
 def _allowed_kernel(m: int, middles: int, steps: int) -> Kernel:
     """Return the kernel of `allowed`, for m limits at vertices and some within an interval."""
@@ -115,16 +99,16 @@ def _allowed_kernel(m: int, middles: int, steps: int) -> Kernel:
 
 @cache
 def _steady_kernel(m: int) -> Kernel:
-    return _kernel('steady', lambda rows, most: steady(rows, most[()]), [
+    return batch_kernel('steady', lambda rows, most: steady(rows, most[()]), [
         ('rows', (GROUPS, m)), ('most', ())], ())
 
 
 @cache
 def _pass_kernels(width: int) -> tuple[Kernel, Kernel]:
     """Return the kernels of both passes, for rows of `allowed` of some width."""
-    inputs: list[Input] = [('following', (RANGE,)), ('row', (width,))]
-    return (_kernel('controllable', controllable, inputs, (RANGE,)),
-            _kernel('reached', reached, [('x', ()), *inputs], ()))
+    following, row = ('following', (RANGE,)), ('row', (width,))
+    return (batch_kernel('controllable', controllable, [following, row], (RANGE,)),
+            batch_kernel('reached', reached, [('x', ()), following, row], ()))
 
 
 def compile_passes(m: int) -> None:
@@ -138,8 +122,7 @@ def compile_passes(m: int) -> None:
 def end_limit(limits: Limits) -> float:
     """Return the largest x at the end of the path."""
     result = np.empty(1)
-    places = [address(each) for each in (limits.rows[-1:], limits.most[-1:], result)]
-    repeat(_steady_kernel(limits.rows.shape[2]).address, places, [0] * 3, 1)
+    _steady_kernel(limits.rows.shape[2]).scan([limits.rows[-1:], limits.most[-1:]], result)
     return float(result[0])
 
 
@@ -181,10 +164,8 @@ def controllable_sets(limits: Limits, last: tuple[float, float],
     def passed(sets: Array) -> int:
         """Run the pass, and return the last vertex with an empty set, -1 for none."""
         sets[-1, :RANGE] = *last, 0.0
-        stride = sets.strides[0]
-        before = address(sets) + (count - 1) * stride
-        repeat(_pass_kernels(sets.shape[1])[0].address, [before + stride, before, before],
-               [-stride] * 3, count)
+        kernel, _ = _pass_kernels(sets.shape[1])
+        kernel.scan([sets[1:, :RANGE], sets[:-1]], sets[:-1, :RANGE], reverse=True)
         low, high, error = sets[:, :RANGE].T
         slack = ROUNDING * high
         bad = np.flatnonzero(~((error <= slack) & (low <= high + slack)))
@@ -222,7 +203,6 @@ def fastest_profile(sets: Array, first: float) -> Array:
     count, width = len(sets) - 1, sets.shape[1]
     x = np.empty(count + 1)
     x[0] = first
-    at, begin, stride = address(x), address(sets), sets.strides[0]
-    repeat(_pass_kernels(width)[1].address, [at, begin + stride, begin, at + 8],
-           [8, stride, stride, 8], count)
+    _, kernel = _pass_kernels(width)
+    kernel.scan([x[:-1], sets[1:, :RANGE], sets[:-1]], x[1:])
     return x

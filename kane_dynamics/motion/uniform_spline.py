@@ -7,14 +7,13 @@ one point, repeated natively. The factors of the elimination are the same for al
 splines, and soon constant.
 """
 
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.runtime.loop_support import address, repeat
-from kane_dynamics.native.tracing.program import trace_program
+from kane_dynamics.native.runtime.batch_kernel import batch_kernel
+from kane_dynamics.native.runtime.kernel import Kernel, windows
+from kane_dynamics.native.tracing.program import Shape
 import numpy as np
 
 FACTORS = [0.0]
@@ -37,16 +36,12 @@ def spline_substituted(row: Any, following: Any, q: Any, rate: Any, factor: Any)
 @cache
 def kernels(n: int) -> tuple[Kernel, Kernel]:
     """Return the kernels of one point, for n splines."""
-    out = []
-    for function, rows, shape in (
-            (spline_eliminated, [('previous', (n,)), ('q', (3, n))], (n,)),
-            (spline_substituted, [('row',
-                                   (n,)), ('following', (n,)), ('q', (2, n))], (2, n))):
-        name, inputs = function.__name__, [*rows, ('rate', ()), ('factor', ())]
-        out.append(Kernel(
-            name, partial(trace_program, name, function, inputs), f'{name} {n}',
-            [Argument(*each) for each in inputs[:-1]], np.zeros(()), shape))
-    return out[0], out[1]
+    scalars: list[tuple[str, Shape]] = [('rate', ()), ('factor', ())]
+    forward = batch_kernel('spline_eliminated', spline_eliminated,
+                           [('previous', (n,)), ('q', (3, n)), *scalars], (n,))
+    rows = [('row', (n,)), ('following', (n,)), ('q', (2, n))]
+    back = batch_kernel('spline_substituted', spline_substituted, [*rows, *scalars], (2, n))
+    return forward, back
 
 
 def spline_derivatives(q: Array, step: float, first: Array,
@@ -65,21 +60,17 @@ def spline_derivatives(q: Array, step: float, first: Array,
 
     """
     count, n = q.shape
-    out, rate = np.empty((count, 2, n)), np.array(1.0 / step)
-    out[0, 0], out[-1, 0] = first, last
+    rate = np.array(1.0 / step)
+    derivatives = np.empty((count, 2, n))
+    slopes = derivatives[:, 0]
+    slopes[0] = first
+    slopes[-1] = last
     factors = np.full(count, FACTORS[-1])
     factors[:len(FACTORS)] = FACTORS[:count]
     forward, back = kernels(n)
-    row, at = 8 * n, 8 * (count - 2)
-    begin, table, constants = address(out), address(q), address(factors)
-    repeat(forward.address,
-           [begin, table, address(rate), constants + 8, begin + 2 * row],
-           [2 * row, row, 0, 8, 2 * row], count - 2)
-    end = begin + (count - 2) * 2 * row
-    repeat(back.address,
-           [end, end + 2 * row, table + (count - 2) * row, address(rate), constants + at,
-            end],
-           [-2 * row, -2 * row, -row, 0, -8, -2 * row], count - 1)
+    forward.scan([slopes[:-2], windows(q, 3), rate, factors[1:-1]], slopes[1:-1])
+    back.scan([slopes[:-1], slopes[1:], windows(q, 2), rate, factors[:-1]],
+              derivatives[:-1], reverse=True)
     rise = (q[-1] - q[-2]) / step
-    out[-1, 1] = (2.0 * out[-2, 0] + 4.0 * last - 6.0 * rise) / step
-    return out[:, 0], out[:, 1]
+    derivatives[-1, 1] = (2.0 * slopes[-2] + 4.0 * last - 6.0 * rise) / step
+    return slopes, derivatives[:, 1]

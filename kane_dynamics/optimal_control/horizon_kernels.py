@@ -5,9 +5,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Scalar, Vector
-from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.optimal_control.backward_step import clipped_all
@@ -15,8 +13,6 @@ from kane_dynamics.optimal_control.horizon import (constants_of, horizon_of, Hor
                                                    NUMBERS)
 from kane_dynamics.robot.robot import Robot
 import numpy as np
-
-ARRAYS = ('path', 'trial', 'targets', 'weights', 'slopes', 'policy', 'constants')
 
 
 class Input(NamedTuple):
@@ -71,7 +67,6 @@ class HorizonKernels:
         self.slopes = np.zeros((nodes, sizes.slopes))
         self.policy = np.zeros((nodes + 1, sizes.policy))
         self.constants = np.zeros(NUMBERS + sizes.limits + len(robot.parameters.block))
-        self._places = {name: _place(getattr(self, name)) for name in ARRAYS}
         self._inputs = {
             'row': Input('trial', 0, 0, sizes.row),
             'state': Input('path', 0, 0, sizes.state),
@@ -82,8 +77,7 @@ class HorizonKernels:
             'weight': Input('weights', 0, 0, self.weights.shape[1]),
             'slopes': Input('slopes', 0, 0, sizes.slopes),
             'policy': Input('policy', 0, 0, sizes.policy),
-            'later': Input('policy', 1, 0, sizes.policy),
-            'constants': Input('constants', 0, 0, len(self.constants))}
+            'later': Input('policy', 1, 0, sizes.policy)}
         self._kernels: dict[str, tuple[Kernel, list[str]]] = {}
         linearization = self._horizon.linearization
         policy = self._horizon.policy
@@ -98,10 +92,10 @@ class HorizonKernels:
     def _compile(self, robot: Robot, name: str, function: Callable[..., Vector],
                  inputs: str, size: int) -> None:
         """Compile a kernel with these inputs and the constants."""
-        names = [*inputs.split(), 'constants']
+        names = inputs.split()
         shapes: dict[str, Shape] = {key: (self._inputs[key].size,) for key in names}
-        constants = shapes.pop('constants')
-        kernel = robot.kernels.compiled(function, name, shapes, (size,), constants=constants)
+        kernel = robot.kernels.compiled(function, name, shapes, (size,),
+                                        constants=self.constants.shape)
         if name == 'horizon_slopes':  # of all intervals at once
             kernel.compile_lanes()
         self._kernels[name] = kernel, names
@@ -159,8 +153,8 @@ class HorizonKernels:
     def linearize(self) -> None:
         """Write `slopes` of `path`."""
         kernel, inputs = self._kernels['horizon_slopes']
-        rows = [Strided(*self._input_place(name, 0)) for name in [*inputs, 'slopes']]
-        run_batch(kernel.lane_address, rows, self.nodes)
+        rows = [self._rows(name) for name in inputs]
+        kernel.run(rows, self.slopes, self.nodes, constants=self.constants)
 
     def backward(self, regularization: float) -> None:
         """
@@ -169,33 +163,22 @@ class HorizonKernels:
         The weight of a change of torque is `regularization` times that of the torque.
         """
         self.constants[2] = regularization
-        self._repeat('horizon_policy', self._row_place('policy', self.nodes - 1), -1)
+        kernel, inputs = self._kernels['horizon_policy']
+        rows = [self._rows(name) for name in inputs]
+        kernel.scan(rows, self.policy[:-1], constants=self.constants, reverse=True)
 
     def forward(self, scale: float) -> None:
         """Write `trial`, from its first row on, by `policy` with this scale of k."""
         self.constants[1] = scale
-        self._repeat('horizon_step', self._row_place('trial', 1), 1)
+        kernel, inputs = self._kernels['horizon_step']
+        rows = [self._rows(name) for name in inputs]
+        kernel.scan(rows, self.trial[1:], constants=self.constants)
 
-    def _row_place(self, name: str, row: int, column: int = 0) -> tuple[int, int]:
-        """Return the address of an entry of an array, and the bytes from row to row."""
-        address, stride = self._places[name]
-        return address + row * stride + 8 * column, stride
-
-    def _input_place(self, name: str, interval: int) -> tuple[int, int]:
-        """Return the place of an input of a kernel."""
-        array, row, column, _ = self._inputs[name]
-        return self._row_place(array, interval + row, column)
-
-    def _repeat(self, name: str, result: tuple[int, int], direction: int) -> None:
-        """Call a kernel for every interval, on rows that follow one another."""
-        kernel, inputs = self._kernels[name]
-        first = 0 if direction > 0 else self.nodes - 1
-        addresses = []
-        strides = []
-        for address, stride in [*(self._input_place(key, first) for key in inputs), result]:
-            addresses.append(address)
-            strides.append(direction * stride)
-        repeat(kernel.address, addresses, strides, self.nodes)
+    def _rows(self, name: str) -> Array:
+        """Return the rows of an input of a kernel, one for each interval: a view."""
+        array, row, column, size = self._inputs[name]
+        rows: Array = getattr(self, array)
+        return rows[row:row + self.nodes, column:column + size]
 
     def expected(self) -> tuple[float, float]:
         """Return a, b: the policy at a scale s changes the cost by about s a + s^2 b."""
@@ -227,14 +210,6 @@ class HorizonKernels:
     def swap(self) -> None:
         """Exchange `path` and `trial`, which keep the same first row."""
         self.path, self.trial = self.trial, self.path
-        places = self._places
-        places['path'], places['trial'] = places['trial'], places['path']
-
-
-def _place(array: Array) -> tuple[int, int]:
-    """Return the address of an array and the bytes from row to row; 0 for one row."""
-    stride = array.strides[0] if array.ndim > 1 else 0
-    return array.ctypes.data, stride
 
 
 def _interpolate(rows: Array, place: Array) -> None:

@@ -17,7 +17,6 @@ from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import moving, rates, select, values
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
-from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape
 from kane_dynamics.robot.robot import Robot
@@ -218,10 +217,7 @@ def _run(kernel: Kernel, arguments: list[Array]) -> Array:
     """Return the results of a kernel, (K, width), which may be non-finite."""
     result = np.empty((len(arguments[0]), *kernel.shape))
     rows = [np.ascontiguousarray(x) for x in arguments]
-    lanes = [*(Strided(x.ctypes.data, x.strides[0]) for x in rows),
-             Strided(kernel.parameters.ctypes.data),
-             Strided(result.ctypes.data, result.strides[0])]
-    run_batch(kernel.lane_address, lanes, len(result))
+    kernel.run(rows, result, len(result))
     return result
 
 

@@ -18,7 +18,6 @@ from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators import integrator_of
-from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
@@ -235,10 +234,9 @@ class EnergyBalance(Observer):
         """Return kinetic energy, potential energy and power of friction, (3, K, N)."""
         terms = np.empty((*states.shape[:2], TERMS))
         rows = np.ascontiguousarray(states)
-        run_batch(self._kernel.lane_address, [
-            Strided(rows.ctypes.data, 8 * rows.shape[2]),
-            Strided(self._parameters.ctypes.data),
-            Strided(terms.ctypes.data, 8 * TERMS)], terms.size // TERMS)
+        results = terms.reshape(-1, TERMS)
+        self._kernel.run([rows.reshape(-1, rows.shape[2])], results, len(results),
+                         constants=self._parameters)
         return np.ascontiguousarray(terms.T)
 
     def _driven_power(self, states: Array, tau: Array) -> Array:
@@ -249,11 +247,10 @@ class EnergyBalance(Observer):
         powers = np.empty((2, *shape))
         for ends, power in zip((states[:, :-1], states[:, 1:]), powers):
             rows = np.ascontiguousarray(ends)
-            run_batch(self._driven.lane_address, [
-                Strided(rows.ctypes.data, 8 * rows.shape[2]),
-                Strided(torques.ctypes.data, 8 * torques.shape[2]),
-                Strided(self._parameters.ctypes.data),
-                Strided(power.ctypes.data, 8)], shape[0] * shape[1])
+            results = power.reshape(-1)
+            self._driven.run([rows.reshape(-1, rows.shape[2]),
+                              torques.reshape(-1, torques.shape[2])], results, len(results),
+                             constants=self._parameters)
         return powers.swapaxes(1, 2)
 
     def warning(self) -> str | None:

@@ -8,9 +8,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import ComputedTorque, law_kernel
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.runtime.argument import Argument, checked
-from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
-from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.runtime.loop_support import repeat
+from kane_dynamics.native.runtime.kernel import Kernel, windows
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.observers import Extremes, Power
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice
@@ -74,18 +72,16 @@ class TorqueInput:
 
         """
         steps = buffer.shape[1] - 1
-        inputs, per_simulation, per_step = self.inputs(done, steps)
-        rows = [Strided(buffer.ctypes.data, *buffer.strides[:2]),
-                Strided(inputs.ctypes.data, per_simulation, per_step),
-                Strided(self.constants.ctypes.data),
-                Strided(buffer[:, 1:].ctypes.data, *buffer.strides[:2])]
+        inputs = self.inputs(done, steps)
         if self.single:
-            repeat(self.kernel.address, [row.address for row in rows],
-                   [row.step for row in rows], steps)
+            states = buffer[0]
+            row = inputs[0, 0] if inputs.shape[1] == 1 else inputs[0]
+            self.kernel.scan([states[:-1], row], states[1:], constants=self.constants)
             return None
         low = np.full_like(buffer[:, 0], np.inf)
         high = np.full_like(buffer[:, 0], -np.inf)
-        run_batch(self.kernel.lane_address, rows, len(buffer), steps=steps, extremes=(low, high))
+        self.kernel.rollout([buffer[:, :-1], inputs], buffer[:, 1:], steps,
+                            constants=self.constants, extremes=(low, high))
         return low, high
 
     @property
@@ -100,17 +96,20 @@ class TorqueInput:
             table = table[row:row + 1]
         return replace(self, torque=table, single=True, simulations=None)
 
-    def inputs(self, done: int, count: int) -> tuple[Array, int, int]:
-        """Return the inputs of `count` steps after `done`; strides of states and steps, bytes."""
+    def inputs(self, done: int, count: int) -> Array:
+        """
+        Return the inputs of `count` steps after `done`: views, (1 or N, 1 or count, ...).
+
+        An axis of length 1 is of what all simulations, or all steps, share.
+        """
         if isinstance(self.torque, ComputedTorque):
             halves: Array = self.start + np.arange(
                 2 * done, 2 * (done + count) + 1) * np.float64(0.5 * self.step)
             rows = np.concatenate(self.torque.desired(halves), axis=1)
-            return rows, 0, 2 * rows.strides[0]
-        tables, steps, _ = self.torque.shape
-        table = self.torque[:, done:] if steps > 1 else self.torque
-        # A stride of zero repeats the only table, or the only row.
-        return table, table.strides[0] * (tables > 1), table.strides[1] * (steps > 1)
+            return windows(rows, 3, step=2)[None]  # beginning, middle and end of each step
+        shared = self.torque.shape[1] == 1
+        table: Array = self.torque if shared else self.torque[:, done:done + count]
+        return table[:, :, None]
 
     def acting(self, buffer: Array, done: int) -> Array | Power:
         """

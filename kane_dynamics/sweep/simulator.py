@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError, SweepError
-from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
+from kane_dynamics.native.runtime.kernel import windows
 from kane_dynamics.simulation.discontinuities import JumpWatch
 from kane_dynamics.simulation.energy_balance import RELATIVE, ROUNDING
 from kane_dynamics.simulation.step_size import stable_integrator
@@ -177,8 +177,8 @@ class Simulator:
     def _run(self, controller: str, states: Array, plants: Array) -> Results:
         """Return the results of trials with one controller; `states` are overwritten."""
         at, steps = self.trial.parts, self.sweep.steps
-        kernel = self.trial.step(controller).lane_address
-        desired, per_trial, per_step = self._desired(states[:, at.q])
+        kernel = self.trial.step(controller)
+        desired = self._desired(states[:, at.q])
         low, high = states.copy(), states.copy()
         low[:, at.tau] = np.inf  # the state has no torque before the first step
         high[:, at.tau] = -np.inf
@@ -187,12 +187,10 @@ class Simulator:
         balance = _WorkBalance(self, plants, states)
         cuts = np.linspace(0, steps, min(steps, BLOCKS) + 1).astype(int).tolist()
         for begin, end in pairwise(cuts):
-            rows = Strided(states.ctypes.data, states.strides[0])
-            run_batch(kernel, [
-                rows, Strided(desired.ctypes.data + begin * per_step, per_trial, per_step),
-                Strided(plants.ctypes.data, plants.strides[0]),
-                Strided(self._shared.ctypes.data), rows,
-            ], len(states), steps=end - begin, extremes=(low, high))
+            inputs = desired if desired.shape[1] == 1 else desired[:, begin:end]
+            in_place = states[:, None]
+            kernel.rollout([in_place, inputs, plants[:, None]], in_place, end - begin,
+                           constants=self._shared, extremes=(low, high))
             # The first reason counts: a state after a refused one may be of any value.
             no_margin = (failed_by == 0) & (low[:, at.margin] <= 0.0).any(axis=1)
             failed_by[no_margin] = end
@@ -201,24 +199,21 @@ class Simulator:
             balance.look(states)
         return Results(states, low, high, failed_by, refused, balance.drift, balance.worst)
 
-    def _desired(self, q0: Array) -> tuple[Array, int, int]:
-        """Return rows of the desired motion, and the bytes between trials and between steps."""
+    def _desired(self, q0: Array) -> Array:
+        """Return the desired motion of each step, (1 or N, 1 or steps, 3, 3 m)."""
         motion = self.sweep.desired
         if motion is not None:
-            return motion, 0, 2 * motion.strides[0]
+            return windows(motion, 3, step=2)[None]
         tracked = self.trial.tracked
         rest = np.zeros((len(q0), 3, 3 * len(tracked)))
         rest[:, :, :len(tracked)] = q0[:, None, tracked]
-        return rest, rest.strides[0], 0
+        return rest[:, None]
 
     def energies(self, states: Array, plants: Array) -> Array:
         """Return kinetic and potential energy of each trial, (2, N), J."""
         energies = np.empty((len(states), 2))
-        run_batch(self.trial.energy().lane_address, [
-            Strided(states.ctypes.data, states.strides[0]),
-            Strided(plants.ctypes.data, plants.strides[0]),
-            Strided(self._shared.ctypes.data),
-            Strided(energies.ctypes.data, energies.strides[0])], len(states))
+        self.trial.energy().run([states, plants], energies, len(states),
+                                constants=self._shared)
         return energies.T
 
     def _outcomes(self, results: Results) -> Columns:

@@ -5,18 +5,15 @@ They are factored as L D L^T, without pivots. The factorization with the forward
 the back substitution, are each a traced program of one row, repeated natively.
 """
 
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.runtime.loop_support import repeat
-from kane_dynamics.native.tracing.program import trace_program
 import numpy as np
 
 WIDE = (5,)  # shape of a row
-ROW = 40  # bytes of a row
 
 
 def eliminated(third: Any, second: Any, first: Any, row: Any) -> Any:
@@ -43,13 +40,9 @@ def substituted(third: Any, second: Any, first: Any, row: Any) -> Any:
 
 @cache
 def _kernels() -> tuple[Kernel, Kernel]:
-    found = []
-    for function in (eliminated, substituted):
-        name = f'{function.__name__}_band'
-        inputs = [(each, WIDE) for each in ('third', 'second', 'first', 'row')]
-        found.append(Kernel(name, partial(trace_program, name, function, inputs), name,
-                            [Argument(*each) for each in inputs[:-1]], np.zeros(WIDE), WIDE))
-    return found[0], found[1]
+    rows = [(name, WIDE) for name in ('third', 'second', 'first', 'row')]
+    return (batch_kernel('eliminated_band', eliminated, rows, WIDE),
+            batch_kernel('substituted_band', substituted, rows, WIDE))
 
 
 def banded_system_solution(diagonals: Array, right: Array) -> Array:
@@ -71,9 +64,8 @@ def banded_system_solution(diagonals: Array, right: Array) -> Array:
     for k in range(1, 4):
         rows[:k, k] = 0.0
     forward, back = _kernels()
-    start = factors.ctypes.data
-    repeat(forward.address, [start, start + ROW, start + 2 * ROW, rows.ctypes.data,
-                             start + 3 * ROW], [ROW] * 5, m)
-    last = start + (m + 2) * ROW
-    repeat(back.address, [last + 3 * ROW, last + 2 * ROW, last + ROW, last, last], [-ROW] * 5, m)
-    return factors[3:m + 3, 4].copy()
+    # Three rows of zeros stand before the factors, and three behind.
+    inner = factors[3:m + 3]
+    forward.scan([factors[:m], factors[1:m + 1], factors[2:m + 2], rows], inner)
+    back.scan([factors[6:], factors[5:m + 5], factors[4:m + 4], inner], inner, reverse=True)
+    return inner[:, 4].copy()

@@ -35,6 +35,14 @@ def _same_rows(a: Array, b: Array) -> bool:
     return address(a) == address(b) and a.strides[:1] == b.strides[:1]
 
 
+def windows(rows: Array, length: int, step: int = 1) -> Array:
+    """Return overlapping views of `length` rows each, which begin `step` rows apart."""
+    count = (len(rows) - length) // step + 1
+    stride = rows.strides[0]
+    return np.ndarray((count, length, *rows.shape[1:]), rows.dtype, rows, 0,
+                      (step * stride, *rows.strides))
+
+
 class Kernel:
     """
     Compiled program.
@@ -76,7 +84,8 @@ class Kernel:
         self.arguments = tuple(arguments)
         self.defaults = [a.default for a in self.arguments if a.default is not None]
         self._given = [size_of(a.shape) for a in self.arguments if a.default is None]
-        self._ranks = [len(a.shape) for a in self.arguments]
+        # Axes of the arguments, the parameters and the result of one state.
+        self._ranks = [*(len(a.shape) for a in self.arguments), parameters.ndim, len(shape)]
         self.parameters = parameters
         self._program = program
         signature = [(a.name, a.shape) for a in self.arguments]
@@ -214,8 +223,80 @@ class Kernel:
         if flags:
             self._check(result, arrays, count)
 
+    def scan(self, inputs: Sequence[Array], result: Array, *, constants: Array | None = None,
+             reverse: bool = False) -> None:
+        """
+        Compute the rows of a result one after the other, without checks and without the GIL.
+
+        A row may depend on an earlier one (a carry): pass views of one array that are shifted by
+        a row, such as ``states[:-1]`` as an input and ``states[1:]`` as the result.
+
+        Parameters
+        ----------
+        inputs : sequence of float64 arrays
+            The arguments, each with a row for each row of the result, or of one state, which all
+            share. Each row is C-contiguous.
+        result : float64 array
+            Each row is C-contiguous; at least one row.
+        constants : float64 array, optional
+            In place of the kernel's parameters.
+        reverse : bool
+            From the last row to the first.
+
+        """
+        if constants is None:
+            constants = self.parameters
+        count = len(result)
+        blocks = (*inputs, constants, result)
+        addresses = [address(block) for block in blocks]
+        strides = [block.strides[0] if block.ndim > rank else 0
+                   for block, rank in zip(blocks, self._ranks, strict=True)]
+        if reverse:
+            addresses = [begin + (count - 1) * stride
+                         for begin, stride in zip(addresses, strides)]
+            strides = [-stride for stride in strides]
+        repeat(self.address, addresses, strides, count)
+
+    def rollout(self, inputs: Sequence[Array], result: Array, steps: int, *,
+                constants: Array | None = None,
+                extremes: tuple[Array, Array] | None = None) -> int:
+        """
+        Compute several steps of N states, as `scan` for each, in SIMD lanes and threads.
+
+        Parameters
+        ----------
+        inputs : sequence of float64 arrays
+            The arguments, each (N, steps, ...), or of one state; all states share an axis N of
+            length 1, all steps an axis of steps of length 1.
+        result : float64 array
+            (N, steps, ...), or (N, 1, ...), where each step overwrites the last one.
+        steps : int
+            At least 1.
+        constants : float64 array, optional
+            In place of the kernel's parameters.
+        extremes : two (N, size) arrays, optional
+            Updated with the minimum and maximum of each state's results over the steps.
+
+        Returns
+        -------
+        int
+            Combination of `BAD_INPUT` and `BAD_RESULT`.
+
+        """
+        blocks = [*inputs, self.parameters if constants is None else constants, result]
+        rows = []
+        for block, rank in zip(blocks, self._ranks, strict=True):
+            lane, step = 0, 0
+            if block.ndim > rank:
+                lane, step = block.strides[:2]
+                lane = lane if block.shape[0] > 1 else 0
+                step = step if block.shape[1] > 1 else 0
+            rows.append((address(block), lane, step, 0))
+        return run_batch(self.lane_address, rows, len(result), steps=steps, extremes=extremes)
+
     def run(self, arrays: Sequence[Array], result: Array, count: int,
-            numbers: Mapping[str, NDArray[np.intp]] = NO_NUMBERS) -> int:
+            numbers: Mapping[str, NDArray[np.intp]] = NO_NUMBERS,
+            constants: Array | None = None) -> int:
         """
         Compute the results of a batch, without checks.
 
@@ -230,6 +311,8 @@ class Kernel:
             At least 1.
         numbers : mapping
             By name of an argument, the number of the row of each of the states, (count,).
+        constants : float64 array, optional
+            In place of the kernel's parameters.
 
         Returns
         -------
@@ -237,14 +320,15 @@ class Kernel:
             Combination of `BAD_INPUT` and `BAD_RESULT`; 0 if all numbers are finite.
 
         """
-        parameters = self.parameters.copy()  # other threads may change them meanwhile
+        if constants is None:
+            constants = self.parameters.copy()  # other threads may change them meanwhile
         rows = []
         for array, argument, rank in zip(arrays, self.arguments, self._ranks):
             stride = array.strides[0] if array.ndim > rank else 0
             row_numbers = numbers.get(argument.name)
             rows.append((address(array), stride, 0,
                          0 if row_numbers is None else address(row_numbers)))
-        rows.append((address(parameters), 0, 0, 0))
+        rows.append((address(constants), 0, 0, 0))
         rows.append((address(result), result.strides[0], 0, 0))
         return run_batch(self.lane_address, rows, count)
 

@@ -18,10 +18,18 @@ from numpy.typing import NDArray
 POINTER_SLOTS = 32  # limit on the arguments, defaults and result of one kernel together
 
 SUPPORT = """
-; Call `kernel` N times and advance each pointer by its stride (bytes) after each call. If the
-; result of one call is the argument of the next, this integrates over time.
-define void @repeat(ptr %kernel, ptr %pointers, ptr %strides, i64 %slots, i64 %N) {
+; Call a kernel N times and advance each pointer by its stride (bytes) after each call. If the
+; result of one call is the argument of the next, this integrates over time. The words of the table
+; are the kernel, N, the number of pointers, the pointers and the strides.
+define void @repeat(ptr %table) {
 start:
+  %kernel = load ptr, ptr %table
+  %N.at = getelementptr i64, ptr %table, i64 1
+  %N = load i64, ptr %N.at
+  %slots.at = getelementptr i64, ptr %table, i64 2
+  %slots = load i64, ptr %slots.at
+  %pointers = getelementptr i64, ptr %table, i64 3
+  %strides = getelementptr i64, ptr %pointers, i64 %slots
   %own = alloca [SLOTS x ptr]
   %size = mul i64 %slots, 8
   call void @llvm.memcpy.p0.p0.i64(ptr %own, ptr %pointers, i64 %size, i1 false)
@@ -66,7 +74,7 @@ def support() -> llvm.Code:
 def _repeat(release_gil: bool) -> Callable[..., None]:
     prototype = ctypes.CFUNCTYPE if release_gil else ctypes.PYFUNCTYPE
     function: Callable[..., None] = support().function('repeat', prototype(
-        None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64))
+        None, ctypes.c_void_p))
     return function
 
 
@@ -90,5 +98,5 @@ def repeat(kernel: llvm.Address, pointers: Sequence[int], strides: Sequence[int]
     More than one call releases the GIL. A single call keeps it, because reacquiring it beside a
     busy Python thread takes milliseconds. The caller provides memory that is large enough.
     """
-    own, steps = array('Q', pointers), array('q', strides)
-    _repeat(count > 1)(kernel, own.buffer_info()[0], steps.buffer_info()[0], len(own), count)
+    table = array('q', (kernel, count, len(pointers), *pointers, *strides))
+    _repeat(count > 1)(table.buffer_info()[0])

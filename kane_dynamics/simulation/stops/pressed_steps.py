@@ -22,7 +22,6 @@ from kane_dynamics.mechanics.integrators.held_joints import (Held, held_response
                                                              linear_system)
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.runtime.loop_support import repeat
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
@@ -91,10 +90,9 @@ def pressed_steps(source: TorqueInput, state: Array, done: int, count: int, side
     rows = np.empty((count + 1, *kernel.shape))
     rows[0, :size] = state
     contact = np.array([side[stopped], lower[stopped], upper[stopped]])
-    inputs, _, stride = source.inputs(done, count)
-    arguments = (rows, inputs, contact, source.constants, rows[1:])
-    repeat(kernel.address, [x.ctypes.data for x in arguments],
-           [rows.strides[0], stride, 0, 0, rows.strides[0]], count)
+    inputs = source.inputs(done, count)
+    row = inputs[0, 0] if inputs.shape[1] == 1 else inputs[0]
+    kernel.scan([rows[:-1, :size], row, contact], rows[1:], constants=source.constants)
     after, before, of_stops, force, valid = np.split(
         rows[1:], np.cumsum([size, size, 3 * k, 2 * source.robot.n]), axis=1)
     by_coordinate = np.zeros((3, count, len(side)))
