@@ -112,8 +112,7 @@ class Waiting:
                                 + self._last_lines(child))
         now = time.monotonic()
         state = self._state()
-        if any(lines > before or used > then + LEAST
-               for (lines, used), (before, then) in zip(state, self._seen, strict=True)):
+        if self._has_progress(state):
             self._seen = state
             self._moved = now
         if now - self._said > SAY:
@@ -125,6 +124,13 @@ class Waiting:
         if now - self._moved > PATIENCE or now - self._began > MOST:
             raise DemoError(f'{self._what}: no progress for {now - self._began:.0f} s'
                             + ''.join(map(self._last_lines, self._children)))
+
+    def _has_progress(self, state: list[tuple[int, float]]) -> bool:
+        """Return whether a child has written a line or used the processor."""
+        for (lines, used), (old_lines, old_used) in zip(state, self._seen, strict=True):
+            if lines > old_lines or used > old_used + LEAST:
+                return True
+        return False
 
     @staticmethod
     def _last_lines(child: Child) -> str:

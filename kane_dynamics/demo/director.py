@@ -90,9 +90,8 @@ class Director(Node):
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(start, 10**9)
         for t, positions in zip(motion.times, motion.positions):
             point = JointTrajectoryPoint(positions=positions.tolist())
-            point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t
-                                                                                    * 1e9),
-                                                                              10**9)
+            moment = point.time_from_start
+            moment.sec, moment.nanosec = divmod(round(t * 1e9), 10**9)
             message.points.append(point)
         self._to_plant.publish(message)
         if feedforward:

@@ -35,6 +35,7 @@ from trajectory_msgs.msg import JointTrajectory
 SUBSTEPS = 4  # MuJoCo steps a tick
 COLUMNS = ('t', 'q', 'u', 'command', 'servo', 'late')
 HOLD = 2000.0  # N/m or N m/rad: holds the joints that are not part of the arm
+HOLD_DAMPING = 20.0  # N s/m or N m s/rad
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -57,8 +58,9 @@ class MujocoArm:
         """Compile the URDF without geometry, which may refer to files."""
         self.robot = robot
         text = robot.urdf.read_text(encoding='utf-8') if urdf is None else urdf
-        spec = mujoco.MjSpec.from_string(
-            re.sub(r'<(visual|collision)\b.*?</\1>', '', text, flags=re.DOTALL))
+        without_shapes = re.sub(r'<(visual|collision)\b.*?</\1>', '', text,
+                                flags=re.DOTALL)
+        spec = mujoco.MjSpec.from_string(without_shapes)
         if robot.constraints is not None:
             _close_loops(spec, robot.constraints)
         self.model = spec.compile()
@@ -66,12 +68,17 @@ class MujocoArm:
         self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.data = mujoco.MjData(self.model)
-        self._home = {self.model.joint(name).qposadr[0]: angle
-                      for name, angle in robot.positions.items()}
+        # Indices in MuJoCo's coordinates and speeds of the joints with motors.
         self._q = [self.model.joint(name).qposadr[0] for name in robot.joints]
         self._u = [self.model.joint(name).dofadr[0] for name in robot.joints]
-        moving = {self.model.joint(name).dofadr[0] for name in robot.positions}
-        self._others = [k for k in range(self.model.nv) if k not in moving]
+        # Positions at home by coordinate; joints without one, such as of a gripper, are
+        # held.
+        self._home: dict[int, float] = {}
+        self._held = set(range(self.model.nv))
+        for name, angle in robot.positions.items():
+            joint = self.model.joint(name)
+            self._home[joint.qposadr[0]] = angle
+            self._held.discard(joint.dofadr[0])
         self.reset()
 
     def reset(self) -> None:
@@ -88,10 +95,10 @@ class MujocoArm:
     def step(self, tau: Array) -> None:
         """Advance by one tick under joint torques, N m."""
         self.data.qfrc_applied[self._u] = tau
+        held = sorted(self._held)
         for _ in range(SUBSTEPS):
-            others = self._others
-            self.data.qfrc_applied[others] = (-HOLD * self.data.qpos[others]
-                                              - 20.0 * self.data.qvel[others])
+            spring = -HOLD * self.data.qpos[held]
+            self.data.qfrc_applied[held] = spring - HOLD_DAMPING * self.data.qvel[held]
             mujoco.mj_step(self.model, self.data)
 
 

@@ -70,8 +70,9 @@ def tracking_errors(motion: Motion, run: TrackingLog) -> Array:
 
 def improvement(motion: Motion, alone: TrackingLog, helped: TrackingLog) -> float:
     """Return the ratio of the tracking errors of two runs, over all joints."""
-    before, after = (tracking_errors(motion, run) for run in (alone, helped))
-    return float(np.sqrt(np.mean(before**2) / np.mean(after**2)))
+    of_servo = tracking_errors(motion, alone)
+    with_feedforward = tracking_errors(motion, helped)
+    return float(np.sqrt(np.mean(of_servo**2) / np.mean(with_feedforward**2)))
 
 
 def lateness(motion: Motion, run: TrackingLog) -> str | None:
@@ -114,15 +115,18 @@ def report(robot: DemoRobot, motion: Motion, alone: TrackingLog, helped: Trackin
 
     The plot is saved too.
     """
-    alone, helped = (run.within(0.0, motion.duration) for run in (alone, helped))
-    before, after = (tracking_errors(motion, run) for run in (alone, helped))
+    # The errors during the motion alone, without the time before and after it.
+    alone = alone.within(0.0, motion.duration)
+    helped = helped.within(0.0, motion.duration)
+    of_servo = tracking_errors(motion, alone)
+    with_feedforward = tracking_errors(motion, helped)
     print('\nTracking error, RMS in mrad\n'
           f'{"joint":14}{"servo alone":>14}{"+ feedforward":>16}{"ratio":>9}')
-    for name, x, y in zip(robot.joints, 1e3 * before, 1e3 * after):
+    for name, x, y in zip(robot.joints, 1e3 * of_servo, 1e3 * with_feedforward):
         print(f'{name:14}{x:14.2f}{y:16.3f}{x / y:9.1f}')
     ratio = improvement(motion, alone, helped)
-    print(f'{"all joints":14}{1e3 * np.sqrt(np.mean(before**2)):14.2f}'
-          f'{1e3 * np.sqrt(np.mean(after**2)):16.3f}{ratio:9.1f}')
+    print(f'{"all joints":14}{1e3 * np.sqrt(np.mean(of_servo**2)):14.2f}'
+          f'{1e3 * np.sqrt(np.mean(with_feedforward**2)):16.3f}{ratio:9.1f}')
     _print_latency(helped)
     _print_fall(robot, prediction, fall)
     _draw(robot, motion, alone, helped, folder)
@@ -139,10 +143,11 @@ def verdict(ratio: float, late: str | None) -> int:
         print(f'\nThe machine was too busy for real time: {late}.')
     if ratio >= MIN_RATIO:
         return 0
+    advice = ''
+    if late is not None:
+        advice = ' The ratio is not valid: run the demo again on an idle machine.'
     print(f'\nRatio of tracking errors: {ratio:.1f}; expected at least {MIN_RATIO:g}.'
-          + ('' if late is None
-             else ' The ratio is not valid: run the demo again on an idle '
-             'machine.'))
+          f'{advice}')
     return 1
 
 
@@ -161,13 +166,14 @@ def _print_fall(robot: DemoRobot, prediction: Any, fall: TrackingLog) -> None:
     """Print the prediction error of the fall of the arm."""
     points = prediction.trajectory.points
     columns = [prediction.trajectory.joint_names.index(name) for name in robot.joints]
-    t = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec
-                  for p in points])
-    q = np.array([p.positions for p in points])[:, columns]
+    t = np.array([point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
+                  for point in points])
+    predicted = np.array([point.positions for point in points])[:, columns]
+    # Both are sampled at the same times, of which the record may have fewer.
     actual = fall.q[:len(t)]
-    q = q[:len(actual)]
+    predicted = predicted[:len(actual)]
     moved = np.abs(actual - actual[0]).max(axis=0)
-    error = np.abs(q - actual).max(axis=0)
+    error = np.abs(predicted - actual).max(axis=0)
     worst = int(np.argmax(error))
     print(f'Free fall for {t[-1]:.2g} s: simulate (in {1e3 * prediction.wall_time:.1f} '
           f'ms) predicted its fall of up to {np.degrees(moved.max()):.0f} deg to within '
@@ -178,8 +184,9 @@ def _draw(robot: DemoRobot, motion: Motion, alone: TrackingLog, helped: Tracking
           folder: Path) -> None:
     """Plot tracking and torques by source."""
     t = np.linspace(0.0, motion.duration, 801)
-    runs = {label: (run.t, motion.sample(run.t)[0], run.q)
-            for label, run in (('servo alone', alone), ('servo + feedforward', helped))}
+    runs = {}
+    for label, run in (('servo alone', alone), ('servo + feedforward', helped)):
+        runs[label] = run.t, motion.sample(run.t)[0], run.q
     picture = folder / 'demo.png'
     plot_tracking(runs, robot.joints, picture,
                   sources=(t, torques_by_source(robot, motion, t)),
@@ -195,6 +202,7 @@ def torques_by_source(robot: DemoRobot, motion: Motion, t: Array) -> Array:
     closed = Robot(load_urdf(robot.urdf), **load_constraints(robot.constraints))
     # The rates of the joints with motors are the independent speeds, in another order.
     order = [robot.joints.index(name) for name in closed.speed_names]
+    # The loops are closed along the motion, from one configuration to the next.
     tracker = LoopTracker(closed, robot.joints)
     rows = []
     for row in zip(q, u):

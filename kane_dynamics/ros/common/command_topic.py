@@ -24,8 +24,8 @@ def commanders(node: Node, topic: str) -> list[str]:
 
     A name appears once for each publisher. Only one guard is left out.
     """
-    names = [full_name(end.node_name, end.node_namespace)
-             for end in node.get_publishers_info_by_topic(node.resolve_topic_name(topic))]
+    publishers = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
+    names = [full_name(end.node_name, end.node_namespace) for end in publishers]
     if len(names) < 2:
         return names
     for name in names:

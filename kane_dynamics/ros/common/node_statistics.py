@@ -60,12 +60,11 @@ class Statistics:
         if new:
             # Not np.percentile: its first call imports modules, for 0.1 s without a
             # command.
-            kept = np.sort(self._latency[(self.commands - 1 - np.arange(min(new,
-                                                                            WINDOW)))
-                                         % WINDOW]) * 1e6
+            latest = self.commands - 1 - np.arange(min(new, WINDOW))
+            latencies = np.sort(self._latency[latest % WINDOW])
             for name, share in (('p50', 0.5), ('p99', 0.99), ('max', 1.0)):
-                micros = kept[math.ceil(share * len(kept)) - 1]
-                values[f'callback latency {name}'] = f'{micros:.0f} us'
+                latency = latencies[math.ceil(share * len(latencies)) - 1]
+                values[f'callback latency {name}'] = f'{1e6 * latency:.0f} us'
             values['largest age of state'] = f'{self.worst_age * 1e3:.2f} ms'
         self.worst_age = 0.0
         values['commands clamped'] = str(self.clamped)

@@ -26,7 +26,8 @@ def parameter_blocks(path: Path) -> dict[str, dict[str, Any]]:
     except (OSError, UnicodeDecodeError) as error:
         reason = str(error.strerror).lower() if isinstance(error,
                                                            OSError) else 'no UTF-8 text'
-        raise InputError(f"parameter file '{path}': {reason}; expected a readable file") from None
+        raise InputError(f"parameter file '{path}': {reason}; expected a readable "
+                         'file') from None
     except yaml.YAMLError as error:
         words = ' '.join(str(error).split())
         raise InputError(f"parameter file '{path}': {words}; expected YAML") from None

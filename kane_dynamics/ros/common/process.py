@@ -34,8 +34,8 @@ def events_executor() -> type | None:
     """
     for module in ('rclpy.experimental', 'rclpy.executors'):
         with suppress(ImportError, AttributeError):
-            found: type = import_module(module).EventsExecutor
-            return found
+            executor: type = import_module(module).EventsExecutor
+            return executor
     return None
 
 

@@ -13,7 +13,8 @@ import sys
 
 from kane_dynamics._util.broken_pipe import without_broken_pipe
 from kane_dynamics.errors import InputError, KaneError
-from kane_dynamics.ros.common.parameter_files import parameter_blocks, takes_effect, WILDCARD
+from kane_dynamics.ros.common.parameter_files import (parameter_blocks, takes_effect,
+                                                      WILDCARD)
 
 ROS_ARGUMENTS = '--ros-args'
 # Exit code of an invalid command line or configuration, which no further start mends.

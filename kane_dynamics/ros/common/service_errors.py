@@ -30,7 +30,8 @@ def _answering(callback: Callable[[Any, Any], Any], log: Any) -> Callable[[Any, 
             refused = SetParametersResult(successful=False, reason=reason)
             if hasattr(response, 'results'):  # parameters before the faulty one are set
                 done = list(response.results)
-                response.results = done + [refused] * (len(request.parameters) - len(done))
+                missing = len(request.parameters) - len(done)
+                response.results = done + [refused] * missing
             elif isinstance(getattr(response, 'result', None), SetParametersResult):
                 response.result = refused
             return response  # `success` is false by default

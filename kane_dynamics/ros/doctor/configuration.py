@@ -211,7 +211,8 @@ class ConfigurationExamination:
         """
         values = {}
         for name, spec in BY_NAME.items():
-            value = self._attempt(read, spec, self._block.effective.get(name, spec.default))
+            value = self._attempt(read, spec,
+                                  self._block.effective.get(name, spec.default))
             if value is None:
                 self._loads = False
                 self._invalid.add(name)

@@ -12,7 +12,8 @@ from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.trajectory_joints import compile_trajectories
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility.mechanism_path.path_mechanism import compile_mechanism_timing
+from kane_dynamics.feasibility.mechanism_path.path_mechanism import (
+    compile_mechanism_timing)
 from kane_dynamics.feasibility.path_timing import compile_timing
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
@@ -29,7 +30,8 @@ from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.trajectory_filling import FillSettings
-from kane_dynamics.ros.torque_path.closed_loop_reader import closed_loop_reader, command_fault
+from kane_dynamics.ros.torque_path.closed_loop_reader import (closed_loop_reader,
+                                                              command_fault)
 from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload,
                                                            GravityAndPayload,
                                                            parameter_loads)
@@ -91,7 +93,8 @@ class ConfiguredRobot:
     def __init__(self, node: LifecycleNode, server: Services, model: Model,
                  values: Mapping[str, Any], statistics: Statistics,
                  warn: ThrottledWarning) -> None:
-        # The controller's model has rigid links; of a flexible arm, `bending` is the other.
+        # The controller's model has rigid links; of a flexible arm, `bending` is the
+        # other.
         controller = path_controller(model, values)
         self._digest = arm_digest(model, controller.robot.options['constraints'])
         self.robot = controller.robot
@@ -185,8 +188,8 @@ class ConfiguredRobot:
             loops = closed_loop_reader(controller, values)
         self.path = TorquePath(
             controller, self._commands, torques, self._now, values, self.statistics,
-            lambda reason, detail: warn(f'joint states: {reason}', detail), stamped, loops,
-            lambda reason, detail: warn.error(f'joint states: {reason}', detail))
+            lambda reason, detail: warn(f'joint states: {reason}', detail), stamped,
+            loops, lambda reason, detail: warn.error(f'joint states: {reason}', detail))
         self.optional_topics = OptionalTopics(node, server, self.path, values, self._now,
                                               self._reject, publisher, opened)
         self.guard: GuardLink | None = None
@@ -278,7 +281,8 @@ class ConfiguredRobot:
             raise InputError("parameter 'gravity': new value; expected none while "
                              'imu.topic is set, which gives the direction')
         # The parameters that are not set do not describe the payload of the service.
-        partly = 'payload.mass' not in changed and any(name in changed for name in PAYLOAD)
+        partly = 'payload.mass' not in changed and any(name in changed
+                                                       for name in PAYLOAD)
         if self._payload_from_service and partly:
             raise InputError('parameters payload.*: payload set by ~/set_payload; '
                              "expected 'payload.mass' in the same request")
@@ -322,8 +326,10 @@ class ConfiguredRobot:
         inertia = request.payload
         com = inertia.com
         payload = checked_payload(
-            self.robot.model, self.values, request.frame, inertia.m, (com.x, com.y, com.z),
-            (inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz, inertia.izz))
+            self.robot.model, self.values, request.frame, inertia.m,
+            (com.x, com.y, com.z),
+            (inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz,
+             inertia.izz))
         self._payload_from_service = True
         self._change(payload=payload)
 

@@ -39,8 +39,8 @@ from std_msgs.msg import String
 BACK = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1),
                      on_clock_change=False)
 ACTIVATION_PERIOD = 0.05  # s between two looks at what subscribes to `commands`
-# Time for which only simulated robots must subscribe before the node activates itself, s:
-# discovery may find a simulated robot before a real one.
+# Time for which only simulated robots must subscribe before the node activates itself,
+# s: discovery may find a simulated robot before a real one.
 SETTLING = 0.5
 LEAST_WITHOUT_ARM = 0.9  # s between two reports of a node that is not configured
 DEACTIVATED = ('deactivated: {name} subscribes to {topic} and is no simulated robot; '

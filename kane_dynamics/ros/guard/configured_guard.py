@@ -121,7 +121,9 @@ class ConfiguredGuard:
 
     def now(self) -> int:
         """Return the clock of both nodes, ns."""
-        return int(self._clock.now().nanoseconds) if self._simulated_time else time.time_ns()
+        if self._simulated_time:
+            return int(self._clock.now().nanoseconds)
+        return time.time_ns()
 
     def on_clock_jump(self) -> None:
         """Handle a backward jump of the clock."""

@@ -16,7 +16,8 @@ from kane_dynamics.ros.common.qos import LATCHED, RELIABLE
 from kane_dynamics.ros.common.service_errors import answer_service_errors
 from kane_dynamics.ros.common.throttle import ThrottledWarning
 from kane_dynamics.ros.guard.configured_guard import ConfiguredGuard
-from kane_dynamics.ros.guard.node_parameters import NodeParameters, SHARED, SIMULATED_TIME
+from kane_dynamics.ros.guard.node_parameters import (NodeParameters, SHARED,
+                                                     SIMULATED_TIME)
 from kane_dynamics.ros.guard.node_watch import NodeWatch
 from kane_dynamics.ros.parameters.parameter_checks import FOREIGN
 from kane_dynamics.ros.torque_path.guard_messages import (arm_digest, FIELDS,

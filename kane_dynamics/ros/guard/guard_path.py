@@ -119,7 +119,8 @@ class GuardPath(TorquePath):
         mode = Mode.COMPUTED_TORQUE if reader.has_velocity else Mode.GRAVITY_COMPENSATION
         if controller.mode is not mode:
             controller.update(mode=mode)
-        # The guard's own law: h(q, u) - M(q) (damping u), of which gravity or all fades out.
+        # The guard's own law: h(q, u) - M(q) (damping u), of which gravity or all fades
+        # out.
         continues = self._takeovers == self.watch.takeovers
         if not continues:
             self._takeovers = self.watch.takeovers
@@ -132,8 +133,8 @@ class GuardPath(TorquePath):
         elif values['guard.action'] == 'damp':
             tau = tau - faded * controller.gravity_torque(reader.q)
         if not continues:
-            # Begin with the last torque of the node. Its difference from the law ramps down
-            # in the time that the slowest joint needs within its rate limit.
+            # Begin with the last torque of the node. Its difference from the law ramps
+            # down in the time that the slowest joint needs within its rate limit.
             self._offset = self.messages.of_all(self.watch.torque) - tau
             rate = controller.rate_limit
             needed = np.divide(np.abs(self._offset), rate, out=np.zeros(len(rate)),

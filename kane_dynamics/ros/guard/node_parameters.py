@@ -58,7 +58,8 @@ class NodeParameters:
         if future is not self._pending:  # of an older configuration
             return
         self._pending = None
-        answers = dict(zip(NAMES, map(parameter_value_to_python, future.result().values)))
+        answers = dict(zip(NAMES, map(parameter_value_to_python,
+                                      future.result().values)))
         values = {}
         for spec in SHARED:
             value = answers[spec.name]

@@ -1,7 +1,5 @@
 """Watches the dynamics node by its commands; decides when the guard takes over."""
 
-import math
-
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.torque_path.guard_messages import LOST
 import numpy as np
@@ -61,7 +59,7 @@ class NodeWatch:
         self.takeovers = self._unanswered = 0
         self.silent_for = self.stopped_for = 0.0
         self.waiting_since = 0.0
-        self._alive = math.inf  # time of the last sign of life of the guard itself
+        self._alive = 0.0  # time of the last sign of life of the guard itself; 0: none
         self._listens_until = 0.0
 
     @property
@@ -95,11 +93,12 @@ class NodeWatch:
 
         After a stall of its own, wait.
         """
+        first = self._alive == 0.0
         stall = now - self._alive
         self._alive = now
         if stall > (OWN_STALL if self.acting else self._lease):
             self.wait_for_node(now)  # messages of the node may still be in the queue
-        if stall > LOST:
+        if stall > LOST and not first:
             self.stopped_for = stall
             self._listens_until = now + LOST
 

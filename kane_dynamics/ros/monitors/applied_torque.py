@@ -155,13 +155,15 @@ class AppliedTorque:
                 self._reject('efforts contradict the model', words)
         torque = efforts.torque(self._robot, q, state.u, effort)
         if self._bending is not None and not efforts.gravity:
-            torque = torque + self._bending.gravity_force(q) - self._robot.gravity_force(q)
+            # The efforts lack gravity; that of the rigid model was added.
+            gravity = self._bending.gravity_force(q) - self._robot.gravity_force(q)
+            torque = torque + gravity
         return torque
 
     def _deflection_torque(self, bending: QuasiStatic, q: Array, u: Array) -> Array:
         """Return what the deflection adds to the torque without acceleration."""
-        flexible, rigid = (each.inverse_dynamics(q, u, self._zero)
-                           for each in (bending, self._robot))
+        flexible = bending.inverse_dynamics(q, u, self._zero)
+        rigid = self._robot.inverse_dynamics(q, u, self._zero)
         return np.asarray(flexible - rigid)
 
     def _generalized(self, torque: Array, q: Array) -> Array:

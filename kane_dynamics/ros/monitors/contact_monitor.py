@@ -21,7 +21,8 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Bool
 
 DAMPING = 0.05  # m, of the wrench: estimated torques are noisy, and divided by it
-OBSERVED_BENDING = 'quasi-static deflection at the measured state, not of acceleration and contact'
+OBSERVED_BENDING = ('quasi-static deflection at the measured state, not of acceleration '
+                    'and contact')
 UNCALIBRATED = ('observer.threshold: empty, so ~/collision stays silent; expected '
                 'thresholds, as of `kane-dynamics collision-thresholds` for a recording '
                 'without contact')
@@ -125,10 +126,10 @@ class ContactMonitor:
         self.collisions: Counter[str] = Counter()  # by joint
         self._bending = bending
         joints = robot.speed_names
-        given = observer_settings(values, robot)
+        settings = observer_settings(values, robot)
         self._applied_torque = AppliedTorque(robot, values, reject, bending)
-        self._observer = MomentumObserver(robot, gain=given.pop('gain'))
-        self.detector = CollisionDetector(joints, **given)
+        self._observer = MomentumObserver(robot, gain=settings.pop('gain'))
+        self.detector = CollisionDetector(joints, **settings)
         self._torque_message = joint_state_of_efforts(joints)
         frame = observed_frame(values, robot.model)
         self._wrench_message = wrench_stamped(frame)
@@ -143,10 +144,11 @@ class ContactMonitor:
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Use checked parameters from the next state on."""
-        given = observer_settings(values, self._robot)
-        self._observer.tune(given.pop('gain'), values['state_timeout'])
-        self.detector.tune(**given)
-        self._thresholds = given['threshold']
+        settings = observer_settings(values, self._robot)
+        self._observer.tune(settings.pop('gain'), values['state_timeout'])
+        self.detector.tune(**settings)
+        self._thresholds = settings['threshold']
+        # Without thresholds ~/collision is silent; with them it says what is known now.
         was_silent = self._silent
         self._silent = not values['observer.threshold'].size
         if self._silent and not was_silent:

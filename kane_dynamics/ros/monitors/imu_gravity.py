@@ -80,19 +80,20 @@ class GravityFromImu:
             self._filtered = g
             self._first = stamp
         else:
-            self._filtered = self._filtered + -math.expm1(-elapsed
-                                                          / self.time_constant) * (
-                g - self._filtered)
+            # The exact low-pass filter of a sample that holds since the previous one.
+            share = -math.expm1(-elapsed / self.time_constant)
+            self._filtered = self._filtered + share * (g - self._filtered)
         self._last = stamp
         if follows and elapsed > GAP * self.time_constant:
             raise InputError(f'time since the previous message: {elapsed:.3g} s; '
                              f'expected at most {GAP:g} times imu.time_constant, '
                              f'{self.time_constant:g} s')
         if (stamp - self._first) / NANO >= SETTLED * self.time_constant:
-            found = self._magnitude / float(np.linalg.norm(self._filtered)) * self._filtered
-            if np.abs(found - self._used).max() > STEP * self._magnitude:
-                self._used = found
-                self._use(found)
+            scale = self._magnitude / float(np.linalg.norm(self._filtered))
+            gravity = scale * self._filtered
+            if np.abs(gravity - self._used).max() > STEP * self._magnitude:
+                self._used = gravity
+                self._use(gravity)
 
     def _force_at_rest(self, message: Imu) -> Array:
         """Return the specific force at rest, (3,) m/s^2 in world axes."""
@@ -117,8 +118,8 @@ class GravityFromImu:
         """Return the rotation of a frame fixed to the base."""
         frame = self._model.frame(name)
         if frame.body != WORLD:
-            expected = ', '.join(sorted(each.name for each in self._model.frames
-                                        if each.body == WORLD))
+            expected = ', '.join(sorted(fixed.name for fixed in self._model.frames
+                                        if fixed.body == WORLD))
             raise InputError(f"frame of the IMU: '{name}', which moves; expected one "
                              f'fixed to the base: {expected}')
         return frame.rotation

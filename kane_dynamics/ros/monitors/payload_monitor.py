@@ -159,8 +159,8 @@ class PayloadMonitor:
                                   com=_vector(estimator.com),
                                   com_deviation=_vector(estimator.com_deviation))
         message.header.frame_id = self._frame
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(self._recent[-1].stamp,
-                                                                        NANO)
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(self._recent[-1].stamp, NANO)
         self._publisher.publish(message)
 
     def _update_estimate(self, estimator: PayloadEstimator) -> bool:
@@ -171,12 +171,14 @@ class PayloadMonitor:
         """
         if len(self._recent) < 3:
             return False
-        before, now, after = self._recent
-        if not 0 < after.stamp - before.stamp < 2 * MAX_GAP * PERIOD:
+        first, middle, last = self._recent
+        span = last.stamp - first.stamp
+        if not 0 < span < 2 * MAX_GAP * PERIOD:
             return False
-        udot = (after.u - before.u) * (NANO / (after.stamp - before.stamp))
+        # The central difference of the velocities around the middle sample.
+        udot = (last.u - first.u) * (NANO / span)
         try:
-            estimator.update(now.q, now.u, udot, now.torque)
+            estimator.update(middle.q, middle.u, udot, middle.torque)
         except InputError as error:  # overflow from finite numbers
             self._reject('not finite', str(error))
             return False

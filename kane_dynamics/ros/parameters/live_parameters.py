@@ -57,7 +57,8 @@ class LiveParameters:
         self._frozen = frozen
         self._check = check
         self._changed = changed
-        # Values without the prefix: the present ones, and those of a request that is checked.
+        # Values without the prefix: the present ones, and those of a request that is
+        # checked.
         self._present = self._staged = declare(node, specs)
         self.values = with_prefix(self._present)
         overrides = list(getattr(node, '_parameter_overrides', {}))

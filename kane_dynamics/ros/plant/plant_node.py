@@ -172,13 +172,13 @@ class PlantNode(Node):
 
     def _on_command(self, message: Float64MultiArray) -> None:
         try:
-            given = vector(message.data, None, len(self._commanded), 'commands')
+            torques = vector(message.data, None, len(self._commanded), 'commands')
         except InputError as error:
             self._reject('commands', error)
             return
         self.received += 1
         tau = np.zeros(len(self.plant.arm.joint_names))
-        tau[self._commanded] = given
+        tau[self._commanded] = torques
         self.plant.command(tau)
 
     def _on_wrench(self, message: WrenchStamped) -> None:
@@ -226,7 +226,8 @@ class PlantNode(Node):
         else:
             self._tick(time.time_ns())
             response.success = not self.failure
-            response.message = self.failure or f'{self.plant.time / NANO:g} s after the start'
+            reached = f'{self.plant.time / NANO:g} s after the start'
+            response.message = self.failure or reached
         return response
 
     def _check(self, values: Mapping[str, Any], given: Collection[str]) -> None:
@@ -272,7 +273,10 @@ class PlantNode(Node):
 
     def _warn_of_others(self) -> None:
         """Warn of further nodes that publish the time or command the arm."""
-        if self._clock_out is not None and (clocks := self.count_publishers('/clock')) > 1:
+        clocks = 0
+        if self._clock_out is not None:
+            clocks = self.count_publishers('/clock')
+        if clocks > 1:
             self._warn('clock', f'{clocks} publishers on /clock; expected one node with '
                        'publish_clock')
         if len(sources := self._commanders.update()) > 1:
@@ -318,7 +322,8 @@ class PlantNode(Node):
         if plant.braked:
             return DiagnosticStatus.OK, f'{running}, brakes on until the first command'
         if plant.timed_out:
-            return DiagnosticStatus.WARN, f'{running}, no command for {plant.command_age:.2f} s'
+            age = f'{plant.command_age:.2f} s'
+            return DiagnosticStatus.WARN, f'{running}, no command for {age}'
         if plant.arm.energy.warning:
             return DiagnosticStatus.WARN, f'{running}; {plant.arm.energy.warning}'
         return DiagnosticStatus.OK, running

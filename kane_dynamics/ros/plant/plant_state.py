@@ -101,9 +101,9 @@ class PlantState:
         """
         Use checked parameters from the next tick on.
 
-        Initial.position from the next reset.
+        The initial positions are used at the next reset.
         """
-        before = self._values
+        previous = self._values
         self._values = values
         names = self.arm.joint_names
         self._noise = [per_joint(values, f'noise.{what}', names, 0.0)
@@ -116,15 +116,18 @@ class PlantState:
         self._timeout = round(values['command_timeout'] * NANO)
         parameter_loads(self.robot.model, values).apply(self.robot)
         self.arm.use_parameters()
-        if before['seed'] != values['seed']:
+        if previous['seed'] != values['seed']:
             self._reset_generators()
 
     def reset(self) -> None:
         """Put the arm at rest at its initial position; keep the time."""
         arm = self.arm
         initial = per_joint(self._values, 'initial.position', arm.joint_names, 0.0)
-        given = self._values['initial.position'].shape != (0,) or not self.robot.constraint_names
-        arm.reset(np.clip(initial, arm.lower, arm.upper) if given else None)
+        stated = self._values['initial.position'].shape != (0,)
+        if stated or not self.robot.constraint_names:
+            arm.reset(np.clip(initial, arm.lower, arm.upper))
+        else:
+            arm.reset(None)  # at the configuration of the constraints file
         self._wrench_until.clear()
         self._torque = self._zero
         self._last_command: int | None = None
@@ -136,11 +139,10 @@ class PlantState:
 
     def _reset_generators(self) -> None:
         """Restart the random generators; noise and each line have independent ones."""
-        generators = [np.random.default_rng(each) for each in np.random.SeedSequence(
-            self._values['seed']).spawn(3)]
-        self._random = generators[0]
-        self.states.set_generator(generators[1])
-        self.commands.set_generator(generators[2])
+        noise, states, commands = np.random.SeedSequence(self._values['seed']).spawn(3)
+        self._random = np.random.default_rng(noise)
+        self.states.set_generator(np.random.default_rng(states))
+        self.commands.set_generator(np.random.default_rng(commands))
 
     @property
     def time(self) -> int:
@@ -181,15 +183,16 @@ class PlantState:
 
         """
         self.arm.frames.row(frame)
-        most = np.repeat([self._values['wrench.max_force'],
-                          self._values['wrench.max_moment']], 3)
-        if not (np.abs(wrench) <= most).all():
+        max_force = self._values['wrench.max_force']
+        max_moment = self._values['wrench.max_moment']
+        bounds = np.repeat([max_force, max_moment], 3)
+        if not (np.abs(wrench) <= bounds).all():  # NaN too
             raise InputError(f'wrench: {wrench.tolist()}; expected finite numbers, at '
-                             f'most {most[0]:g} N and {most[3]:g} N m (parameters '
+                             f'most {max_force:g} N and {max_moment:g} N m (parameters '
                              'wrench.max_force and wrench.max_moment)')
         self.arm.wrenches[frame] = wrench
-        self._wrench_until[frame] = self.time + round(self._values['wrench.timeout']
-                                                      * NANO)
+        duration = round(self._values['wrench.timeout'] * NANO)
+        self._wrench_until[frame] = self.time + duration
 
     def tick(self, stamp: int) -> Iterator[Measurement]:
         """
@@ -207,10 +210,12 @@ class PlantState:
 
         """
         now = self.time
+        # The state is measured before the torque that answers an earlier one acts.
         self.states.send(now, self._measured(stamp))
         torque = self._commanded_torque(now)
-        for frame in [frame for frame, end in self._wrench_until.items() if end <= now]:
-            del self.arm.wrenches[frame], self._wrench_until[frame]
+        for frame, end in list(self._wrench_until.items()):
+            if end <= now:
+                del self.arm.wrenches[frame], self._wrench_until[frame]
         if not self.braked:
             for _ in range(self._values['substeps']):
                 self.arm.step(torque)
@@ -223,7 +228,8 @@ class PlantState:
             self._torque = tau
             self._last_command = now
             self.braked = False
-        timed_out = self._last_command is not None and now - self._last_command > self._timeout
+        timed_out = (self._last_command is not None
+                     and now - self._last_command > self._timeout)
         self.timeouts += timed_out and not self.timed_out
         self.timed_out = timed_out
         zero = timed_out and self._values['after_timeout'] == 'zero'

@@ -12,7 +12,8 @@ import math
 from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.control.trajectory_limits import described_time
 from kane_dynamics.errors import InputError
-from kane_dynamics.loop_tracking.driven_mechanism import driving_tracker, motion_of_closed
+from kane_dynamics.loop_tracking.driven_mechanism import (driving_tracker,
+                                                          motion_of_closed)
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.motion.motion import Motion, State
 from kane_dynamics.ros.common.conversion import Array
@@ -55,6 +56,7 @@ def refuse_impossible(served: ServedRobot, motion: Motion, place: Array | None =
 
     """
     names = motion.joint_names
+    # First the points that the message states, then what lies between them.
     check_positions(served, names, motion.positions, motion.times, place=place)
     if place is not None:
         _check_start(served, motion, place, moment)
@@ -62,6 +64,7 @@ def refuse_impossible(served: ServedRobot, motion: Motion, place: Array | None =
     state = motion.sample(times)
     check_positions(served, names, state[0], motion.times, times, place)
     _check_speeds(served, motion, times, state[1])
+    # Efforts follow from a motion of all joints that determine the others.
     if set(joints_that_follow(served.robot)) <= _places(served, names):
         _check_efforts(served, motion)
 
@@ -93,6 +96,7 @@ def check_positions(served: ServedRobot, names: Sequence[str], positions: Array,
     lower = limits.lower[places] - ROUNDING
     upper = limits.upper[places] + ROUNDING
     if place is not None:
+        # An arm outside its limits may move back, but no farther out.
         lower = np.minimum(lower, place)
         upper = np.maximum(upper, place)
     outside = np.maximum(lower - positions, positions - upper)
@@ -100,13 +104,13 @@ def check_positions(served: ServedRobot, names: Sequence[str], positions: Array,
         return
     k, j = divmod(int(np.argmax(outside)), len(names))
     value = float(positions[k, j])
-    least = float(lower[j])
-    most = float(upper[j])
-    expected = f'at most {most:.6g}' if value > most else f'at least {least:.6g}'
-    hint = looks_like_degrees(value, least, most)
-    raise InputError(f"joint '{names[j]}': position {value:.6g} "
-                     f'{described_time(float((points if times is None else times)[k]), points)}; '
-                     f'expected {expected}{hint}')
+    low = float(lower[j])
+    high = float(upper[j])
+    expected = f'at most {high:.6g}' if value > high else f'at least {low:.6g}'
+    time_of_row = points[k] if times is None else times[k]
+    when = described_time(float(time_of_row), points)
+    raise InputError(f"joint '{names[j]}': position {value:.6g} {when}; expected "
+                     f'{expected}{looks_like_degrees(value, low, high)}')
 
 
 def _check_start(served: ServedRobot, motion: Motion, place: Array,

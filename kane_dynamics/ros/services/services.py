@@ -196,7 +196,8 @@ class Services(Node):
             handle.abort()
             return self._failed(result, error)
         if handle.is_cancel_requested:
-            result.message = f'cancelled at {report.reached:g} s of {simulation.duration:g} s'
+            result.message = (f'cancelled at {report.reached:g} s of '
+                              f'{simulation.duration:g} s')
             handle.canceled()
         elif self.worker.stopping:
             result.message = 'the node is shutting down'

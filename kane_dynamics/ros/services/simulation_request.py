@@ -96,7 +96,9 @@ class SimulationRequest:
                                   integrator=self.integrator, stops=self.stops)
         except InputError as error:
             warning = step_warning(self.robot, self.q0, self.step, self.integrator)
-            raise error if warning is None else InputError(f'{error}: {warning}') from None
+            if warning is None:
+                raise
+            raise InputError(f'{error}: {warning}') from None
         wall_time = time.perf_counter() - began
         changes = map(str, [*trajectory.speed_changes[:MOST_CHANGES],
                             *trajectory.stop_events[:MOST_CHANGES]])

@@ -6,7 +6,8 @@ import math
 from typing import Any
 
 from kane_dynamics.control.terms import Terms
-from kane_dynamics.control.trajectory_feedforward import fill_trajectory, FilledTrajectory
+from kane_dynamics.control.trajectory_feedforward import (fill_trajectory,
+                                                          FilledTrajectory)
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.loop_error import LoopError, UNKNOWN
 from kane_dynamics.motion.motion import Motion
@@ -17,7 +18,8 @@ from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
 from kane_dynamics.ros.services.motion_check import refuse_impossible
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.torque_path.cdr import HEAD, STAMP, STAMP_AT, Writer
-from kane_dynamics.ros.torque_path.trajectory_input import read_trajectory, TrajectoryHeader
+from kane_dynamics.ros.torque_path.trajectory_input import (read_trajectory,
+                                                            TrajectoryHeader)
 import numpy as np
 
 FIELDS = ('positions', 'velocities', 'accelerations')

@@ -87,7 +87,8 @@ class Reader:
         try:
             return body[:-1].decode()
         except UnicodeDecodeError:
-            raise InputError(f'string at byte {begin}: {body[:40]!r}; expected UTF-8') from None
+            raise InputError(f'string at byte {begin}: {body[:40]!r}; expected '
+                             'UTF-8') from None
 
     def texts(self) -> list[str]:
         """Read a sequence of strings."""

@@ -98,13 +98,13 @@ def _check_inertia(tensor: Array, bound: float) -> None:
         raise InputError(f'inertia: {tensor.tolist()}; expected finite numbers')
     principal = principal_moments(tensor, rounding=1e-6)  # rounding of numbers in text
     if not principal.possible:
-        raise InputError(f'inertia: principal moments {principal}; expected none negative '
-                         'and none larger than the sum of the other two')
+        raise InputError(f'inertia: principal moments {principal}; expected none '
+                         'negative and none larger than the sum of the other two')
     largest = principal.moments[2]
     if largest > bound:
         raise InputError(f'inertia: principal moment {largest:g} kg m^2; expected at '
-                         f'most {bound:g} kg m^2, the mass times the square of parameter '
-                         'payload.max_distance')
+                         f'most {bound:g} kg m^2, the mass times the square of '
+                         'parameter payload.max_distance')
 
 
 def parameter_loads(model: Model, values: Mapping[str, Any]) -> GravityAndPayload:

@@ -329,7 +329,11 @@ class JointStateReader:
         return places(self.joints, names)
 
     def _note_missing(self, names: list[str], missing: list[str]) -> str:
-        """Note the names of a message that lacks joints; return the reason to drop it."""
+        """
+        Note the names of a message that lacks joints.
+
+        Return the reason to drop it.
+        """
         if names and len(missing) == len(self.joints):
             if len(self.foreign_joints) < MAX_LAYOUTS:
                 self.foreign_joints.add(tuple(names))

@@ -96,8 +96,10 @@ class StateCheck:
         margin += ROUNDING
         lower = limits.lower[places] - margin
         upper = limits.upper[places] + margin
-        self._turning = np.isinf(limits.lower[places]) & np.isinf(limits.upper[places]) & [
-            name not in self._robot.model.sliding for name in self._joints]
+        # Continuous joints, whose angle a driver may publish between -pi and pi.
+        unlimited = np.isinf(limits.lower[places]) & np.isinf(limits.upper[places])
+        sliding = [name in self._robot.model.sliding for name in self._joints]
+        self._turning = unlimited & ~np.array(sliding, dtype=bool)
         self._bounds[:] = np.clip([lower, upper, fastest, slope, step], -UNLIMITED,
                                   UNLIMITED)
         self._compares = bool(limited.any())
@@ -133,9 +135,9 @@ class StateCheck:
         confirms = self._confirmed or stamp - self._stamp <= self._timeout
         if not self._stamp or not confirms:
             return self._first(stamp)
-        elapsed = min(stamp,
-                      self._latest) - self._stamp if self._latest else stamp - self._stamp
-        self._elapsed[()] = max(elapsed, 0) / NANO
+        # After `freeze` no more than the grace time counts.
+        compared = min(stamp, self._latest) if self._latest else stamp
+        self._elapsed[()] = max(compared - self._stamp, 0) / NANO
         if self._is_possible():
             self._confirmed = True
             return None

@@ -249,6 +249,7 @@ class TorquePath:
         """Compute and publish the command for one serialized JointState."""
         if not self.running:
             return
+        # 1. Read and judge the state.
         began = time.perf_counter()
         now = self._clock()
         stamp = self._accept(data, now)
@@ -258,7 +259,8 @@ class TorquePath:
             self._keep(stamp, now)
             self._waiting = data
             return
-        # Between two cycles, so that each command is computed with consistent loads.
+        # 2. Compute the command. New loads are applied between two cycles, so that each
+        # command is computed with consistent ones.
         if self._loads is not self._applied_loads:
             self._apply_loads()
         reader = self._reader
@@ -274,6 +276,7 @@ class TorquePath:
             dropped = self.active_motion.clear()
             self._refuse(REFUSED, str(error) + '; desired motion dropped' * dropped, now)
             return
+        # 3. Publish it, unless the guard may have taken over meanwhile.
         self._keep(stamp, now)
         if self.arbiter is not None and not self.arbiter.confirm(time.perf_counter()):
             return
@@ -300,6 +303,8 @@ class TorquePath:
     def _accept(self, data: bytes, now: int) -> int | None:
         """Read a serialized state; return its stamp, ns, or None if it is dropped."""
         reader = self._reader
+        # Faults of the message: it says nothing about the arm, not even that it is
+        # heard.
         fault = reader.read(data, self.need_velocity)
         stamp = reader.stamp or now
         if fault is not None and fault is not NOT_FINITE:
@@ -315,6 +320,8 @@ class TorquePath:
         if stamp_fault is not None:
             self._drop(*stamp_fault)
             return None
+        # Faults of the numbers: the arm is heard, and the last command goes on for a
+        # time.
         self._last_heard = moment = min(stamp, now)
         if fault is not None:
             self._refuse(fault, reader.detail, now)

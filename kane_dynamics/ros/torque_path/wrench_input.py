@@ -15,7 +15,8 @@ from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
 from kane_dynamics.ros.torque_path.cdr import Reader, TooShortError
-from kane_dynamics.ros.torque_path.joint_state_reader import MALFORMED, NOT_FINITE, time_fault
+from kane_dynamics.ros.torque_path.joint_state_reader import (MALFORMED, NOT_FINITE,
+                                                              time_fault)
 import numpy as np
 from rclpy.serialization import deserialize_message
 
@@ -58,7 +59,9 @@ class WrenchFrames:
         Raise InputError for a frame not in wrench.frames.
         """
         if name not in self.names:
-            expected = ', '.join(self.names) or 'no wrench: parameter wrench.frames is empty'
+            expected = ', '.join(self.names)
+            if not self.names:
+                expected = 'no wrench: parameter wrench.frames is empty'
             raise InputError(f"frame_id: '{name}'; expected {expected}")
         return self.names.index(name)
 
