@@ -215,6 +215,7 @@ def frame_wrench(partial_velocities: Array, torque: Array, *, length: float = 0.
     # (n, 6): torques of unit forces and of moments of 1 N times the length.
     scale = np.array([1.0, 1.0, 1.0, length, length, length])
     columns = partial_velocities.T * scale
+    # The damped pseudoinverse: exact for singular values that are large enough.
     left, s, right = np.linalg.svd(columns, full_matrices=False)
     undamped = s >= smallest
     inverse = np.where(undamped, 1.0 / np.maximum(s, smallest), s / smallest**2)

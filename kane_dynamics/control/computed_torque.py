@@ -145,6 +145,7 @@ def require_closed(robot: Robot, positions: Array, times: Array) -> None:
     allowed = np.where(robot.mechanism.turning, limits[1], limits[0])
     if (residual <= allowed).all():
         return
+    # The largest violation, relative to its limit.
     point, row = np.unravel_index(np.argmax(residual / allowed), residual.shape)
     raise InputError(f"motion: the residual of '{robot.constraint_names[row]}' is "
                      f"{residual[point, row]:.3g} (m or rad) in point {point + 1}; "
@@ -328,7 +329,7 @@ class ComputedTorque:
                  followed: Sequence[str] | None = None) -> None:
         """Check the gains; one number applies to all joints."""
         simulated: Robot | None = None
-        if isinstance(robot, Motion):
+        if isinstance(robot, Motion):  # the former order: (motion, kp, kd)
             warnings.warn('ComputedTorque(motion, kp, kd) is deprecated; expected '
                           'ComputedTorque(robot, motion, kp, kd)', DeprecationWarning,
                           stacklevel=2)
@@ -375,6 +376,7 @@ def _followed(robot: Robot, motion: Motion, followed: Sequence[str] | None
         if followed is not None:
             raise InputError(f'followed: {list(followed)}; expected None, because all '
                              'joints of this robot follow the motion')
+    # A motion of as many joints as independent speeds states which joints follow.
     elif followed is None and motion.n == robot.n:
         followed = motion.joint_names
     places = followed_joints(robot, followed)

@@ -155,6 +155,7 @@ class Controller:
                                           finite=False), stated)
         if rate_limit is not None:
             rate = per_joint(rate_limit, 'rate_limit', names, finite=False)
+        # From here on nothing is refused.
         self._kp = new_kp
         self._kd = new_kd
         self._gains = np.concatenate([new_kp, new_kd])
@@ -341,6 +342,7 @@ class Controller:
             return self._feedback(q, u, *self._motion.desired(motion, moment), t)
         if self._pose is not None:
             return self._feedback(q, u, self._pose, self._zero, self._zero, t)
+        # The first state without a motion is the pose to hold.
         pose = q if self._direct else q[self._motion.places]
         tau = self._feedback(q, u, pose, self._zero, self._zero, t)
         if np.isfinite(tau).all():  # a refused state is no pose
@@ -350,10 +352,13 @@ class Controller:
     def _feedback(self, q: Array, u: Array, q_d: Array, u_d: Array, udot_d: Array,
                   t: float) -> Array:
         """Return the torque at the measured state and the corrected acceleration."""
+        # With all terms, one kernel computes the whole law.
         if self._compensate.complete and self.bending is None:
             time = (t,) if self._timed else ()
             tau = self._law(q, u, q_d, u_d, udot_d, self._gains, *time)
             return tau if self._preload is None else self._preloaded(tau, q, t)
+        # Otherwise feedback acts on the joints that follow, and terms are left out of
+        # the sum.
         positions, rates = q, u
         if not self._direct:
             places = self._motion.places
@@ -411,6 +416,8 @@ class Controller:
         """
         if self._direct:
             return self._source.torque_terms(q, u, accelerations)
+        # The drift is what udot must be for the joints that follow not to accelerate;
+        # its inertial torque counts with the Coriolis terms.
         time = self._time(t)
         drift = self._motion.speed_rates(q, u, 0.0 * accelerations, t)
         udot = self._motion.speed_rates(q, u, accelerations, t)

@@ -105,6 +105,8 @@ class FrictionError:
         shape = coulomb_shape(u, self._speed)
         self._shape = forgotten * self._shape + (1.0 - forgotten) * shape
         self._rate = forgotten * self._rate + (1.0 - forgotten) * u / UNIT_SPEED
+        # Normalized least mean squares: steps along the regressor, relative to its
+        # square.
         norm = self._shape**2 + self._rate**2 + LEAST_NORM
         # The estimate is external torque; friction opposes the motion, hence the sign.
         bounded = np.clip(estimate, -self._largest, self._largest)

@@ -157,6 +157,7 @@ class MomentumObserver:
         if not math.isfinite(t):
             self.reset()
             raise InputError(f't: {t}; expected a finite time in s')
+        # The time since the last sample; None for the first, also after a gap.
         elapsed = None if self._t is None else t - self._t
         if elapsed == 0.0:
             return self.torque
@@ -169,6 +170,8 @@ class MomentumObserver:
         except (InputError, ConstraintError):
             self.reset()
             raise
+        # One step of the residual. tau of a held command acted since the last sample;
+        # measured torques and beta change linearly in between.
         if elapsed is not None:
             forgotten = np.exp(-self._gain * elapsed)
             mean_torque = self._tau if self.held else 0.5 * (self._tau + torques)
@@ -230,7 +233,7 @@ def _momentum_kernel(robot: Robot) -> Kernel:
     def terms(q: Vector, u: Vector, t: Scalar, parameters: Vector,
               limits: Vector) -> Matrix:
         result = equations.momentum_terms(q, u, parameters, t)
-        if not equations.watched:
+        if not equations.watched:  # a tree has no singular or open configuration
             return result
         return nan_unless(result, equations.margin(q, t, limits))
 

@@ -61,8 +61,8 @@ class QuasiStatic:
         modal = [model.coordinate_names[k] for k in modes]
         self.joint_names = tuple(model.coordinate_names[k] for k in joints)
         self.speed_names = tuple(name for name in speeds if name not in modal)
-        # Places among the coordinates, then among the speeds: the rates of all modes and of
-        # some joints.
+        # Places among the coordinates, then among the speeds: the rates of all modes and
+        # of some joints.
         self._modes = _index(modes)
         self._joints = _index(joints)
         self._modal_speeds = _index(list(map(speeds.index, modal)))

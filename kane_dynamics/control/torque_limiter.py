@@ -101,6 +101,7 @@ class TorqueLimiter:
             self._last = torques
             self._stamp = t
             return Command(tau, self._none, self._none, False)
+        # Outside the limits: refuse what is not finite, clamp, then limit the rate.
         if not all(map(math.isfinite, torques)):
             raise InputError('torques: not finite, '
                              f'{dict(zip(self._names, torques, strict=True))}; expected '

@@ -244,6 +244,7 @@ def _refined(joints: TrajectoryJoints, points: ControllerPoints, tau: Array,
         wrong = (deviation > tolerance).any(axis=1) | joints.strays(points, pending,
                                                                     PROBES)
         error = np.maximum(error, deviation[~wrong].max(axis=0, initial=0.0))
+        # Halve the segments with an error: their middles are probes that are known.
         split = pending[wrong]
         _check_count(len(points.t) + len(split), max_points, 'tolerance')
         points = points.halved(split)

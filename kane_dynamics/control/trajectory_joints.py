@@ -86,6 +86,7 @@ class TrajectoryJoints:
         if rest is not None:
             self._pose = finite_row(rest, 'rest: positions', robot.joint_names)
 
+        # Of a robot in joint rates all three sets are the same.
         self.driving = self.actuators = self.names
         self._path: ClosedPath | None = None
         if not self._plain:
@@ -96,6 +97,8 @@ class TrajectoryJoints:
             source.require_drives('actuated', self.actuators)
         if robot.constraint_names:
             self._path = ClosedPath(robot, self.driving, loop_tolerance, max_figure)
+        # Places of driving joints and actuators in the robot's order, and of driving
+        # joints in the trajectory's.
         self._columns = np.array(self._places(self.driving))
         self._acting = self._places(self.actuators)
         self._chosen = [self.names.index(name) for name in self.driving]
@@ -181,6 +184,7 @@ class TrajectoryJoints:
             return [turned, q]
         if robot.configuration is not None:
             return [robot.closed_posture(robot.configuration)]
+        # A point of all joints gives the assembly mode; else it is that near zero.
         if len(self.names) == robot.n_q:
             order = [self.names.index(name) for name in robot.joint_names]
             return [robot.closed_posture(positions[0, order], fixed=self.driving)]
@@ -235,7 +239,7 @@ class TrajectoryJoints:
     def _efforts(self, q: Array, rates: Array, accelerations: Array) -> Array:
         """Return the efforts of the actuators for rows in the order of time."""
         motion = self._motion(q, rates, accelerations)
-        if self._plain:
+        if self._plain:  # torques of the joints, without loops to follow
             tau = self._compensate.inverse_dynamics(self._source, *motion)
             return tau[:, self._acting]
         self._check_limits(motion[0])

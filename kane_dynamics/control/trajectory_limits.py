@@ -41,6 +41,8 @@ def check_motion(points: ControllerPoints, limits: JointLimits, names: Sequence[
     if len(points.t) < 2 or _certain(points, lower, upper, fastest):
         return
     ranges = (('position', lower, upper), ('velocity', -fastest, fastest))
+    # Control points bound position and velocity; segments within the limits need no
+    # samples.
     bounds = _control_points(points)
     for part, (what, low, high) in enumerate(ranges):
         beyond = ((bounds[part] < low) | (bounds[part] > high)).any(axis=(0, 2))
@@ -69,6 +71,7 @@ def _certain(points: ControllerPoints, lower: Array, upper: Array,
     reach = 0.4 * longest * speed + 0.05 * longest**2 * acceleration
     above = (q.min(axis=0) - reach >= lower).all()
     below = (q.max(axis=0) + reach <= upper).all()
+    # Velocity: control points next to the ends, then the middle one.
     ends = speed + 0.25 * longest * acceleration
     middle = ((5.0 / h) * np.diff(q, axis=0) - 2.0 * (u[:-1] + u[1:])
               + (0.25 * h) * np.diff(udot, axis=0))

@@ -213,6 +213,7 @@ class _Search:
 
     def run(self, q: Array, iterations: int) -> InverseKinematics:
         """Return the best configuration of a search from q."""
+        # Errors may grow for some steps, so the best configuration is kept aside.
         best = InverseKinematics(q, self.error(q), False, 0)
         without_progress = 0
         for k in range(iterations + 1):
@@ -284,6 +285,8 @@ class _Search:
         limits = self.robot.limits
         if not self.looped:
             return np.clip(moved(model, q, step), limits.lower, limits.upper)
+        # Loops close near the step; a shorter one where they do not, or beyond the
+        # limits.
         for _ in range(SHORTENINGS):
             try:
                 closed = self.robot.closed_posture(moved(model, q, step))
@@ -301,6 +304,7 @@ class _Search:
         n = self.robot.n
         if not self.constrained:
             return np.eye(n)
+        # Columns of T: the rates at unit speeds, less those at rest.
         drift = self.robot.joint_rates(q, np.zeros(n))
         columns = []
         for unit in np.eye(n):

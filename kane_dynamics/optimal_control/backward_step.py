@@ -165,7 +165,8 @@ def limited_minimum(Q: Matrix, g: Vector, Q_x: Matrix, lower: Vector, upper: Vec
     n = len(g)
     k: Vector = np.zeros(n)
     inverse = [1.0 / x for x in np.diag(Q)]
-    # A sweep finds most of the torques that are at a bound, a Newton step solves for the others.
+    # A sweep finds most of the torques that are at a bound, a Newton step solves for the
+    # others.
     for _ in range(ROUNDS):
         k, slope = _swept(Q, k, g + Q @ k, inverse, lower, upper)
         k = _newton_step(Q, g, k, slope, lower, upper)

@@ -224,6 +224,7 @@ class MechanismHorizon:
         q, u, t = self._parts(state)
         end_time = t + constants.h
         parameters, limits = np.split(constants.parameters, [self._physical])
+        # The step, its cost, and what makes it invalid: open or singular loops.
         q, u, multipliers = self._step.step(q, u, tau, t, constants.h, parameters)
         error, rates = self._error(q, u, tau, end_time, target)
         cost = stage_cost(error, rates, weight, constants.limits)
@@ -391,6 +392,7 @@ class TreeHorizon:
         n = self.n
         limits = constants.limits
         error = np.concatenate([end, tau]) - target
+        # The cost of the interval by q and u at its end, and by the torques.
         gradient, hessian = cost_slopes(error, end[n:], weight, limits)
         cost_to_go = expansion_of_tree(
             slopes.reshape(3, n, n), constants.h, v + gradient[:2 * n],

@@ -169,6 +169,7 @@ class PredictiveController:
         solution = optimizer.try_solve(q, u, iterations=iterations)
         if solution is not None:
             return solution
+        # Other first torques: those that hold gravity, then none.
         for tau in (optimizer.holding_torques(q), 0.0 * optimizer.torque_limits):
             optimizer.start(tau)
             solution = optimizer.try_solve(q, u, iterations=iterations)

@@ -323,6 +323,7 @@ class TrajectoryOptimizer:
         if not np.isfinite(cost):
             return None
         arrays.swap()
+        # A search that stalled at another state begins without regularization.
         if self._stalled:
             self._regularization = 0.0
             self._stalled = False
@@ -369,6 +370,7 @@ class TrajectoryOptimizer:
         """Return the motion of the path, with the torques of the actuators alone."""
         arrays = self._arrays
         n_q = self.robot.n_q
+        # The torques of the path include the disturbance.
         states = arrays.path[:, :n_q + self.robot.n].copy()
         tau = np.clip(arrays.tau - self._disturbance, -self.torque_limits,
                       self.torque_limits)
@@ -378,6 +380,8 @@ class TrajectoryOptimizer:
     def _iterate(self, cost: float) -> float:
         """Improve the path, or regularize the next iteration; return the cost."""
         arrays = self._arrays
+        # Derivatives along the path, then the policy from the end of the horizon to its
+        # begin.
         arrays.linearize()
         arrays.backward(self._regularization)
         # A scale s of the policy is expected to change the cost by s first + s^2 second.
@@ -387,6 +391,8 @@ class TrajectoryOptimizer:
             arrays.policy[:] = 0.0
             self._stalled = self._regularization >= OVERFLOW
             return self._regularized(cost)
+        # Search along the policy: the first scale with a sufficient part of the
+        # decrease.
         scale = 1.0
         for _ in range(HALVINGS):
             new_cost = self._simulated(scale)
@@ -463,6 +469,7 @@ class Target:
             return self._of_motion(target, t)
         robot = self._robot
         q = self.configuration(target, 'target')
+        # Constraints that depend on time are closed at every time.
         if robot.equations.timed and robot.constraint_names:
             q = np.array([robot.closed_posture(q, t=float(time)) for time in t])
         elif robot.equations.timed:
