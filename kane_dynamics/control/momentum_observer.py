@@ -157,7 +157,7 @@ class MomentumObserver:
         if not math.isfinite(t):
             self.reset()
             raise InputError(f't: {t}; expected a finite time in s')
-        # The time since the last sample; None for the first, also after a gap.
+        # The time since the last sample; None for the first, also after a long pause.
         elapsed = None if self._t is None else t - self._t
         if elapsed == 0.0:
             return self.torque
