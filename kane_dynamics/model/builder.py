@@ -258,6 +258,7 @@ class ModelBuilder:
             raise ModelError(f"frame '{name}': {at} m on beam '{of}'; expected 0 to "
                              f'{modes.length:g} m')
         self._check_new(name)
+        # On the straight beam first; without modes the section is a frame of its body.
         placement = self._placements[of].frame(np.eye(3), at * modes.axes[0])
         if coordinates:
             # The section moves by massless bodies in series, one for each of its
@@ -289,6 +290,7 @@ class ModelBuilder:
         index = names.index(name)
         if is_ball_part(index, self._balls):
             check_ball_property(name, properties)
+        # Bodies are immutable records: the changed one takes the place.
         body = self._bodies[index]
         self._bodies[index] = replace(body, joint=replace(body.joint, **properties))
 
@@ -482,6 +484,7 @@ class ModelBuilder:
                    if body.joint.name in self._coordinates}
         for body in self._bodies:
             joint = body.joint
+            # Joints of sections and of clamped beams follow no other one.
             index = masters.get(self._coordinates[joint.coordinate])
             follows = joint.deflection is None and joint.multiplier != 0.0
             if index is None or not follows or joint.name in masters:

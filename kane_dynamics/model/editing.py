@@ -222,6 +222,7 @@ class _Merger:
 
     def keep(self, body: Body) -> None:
         """Add a body whose joint moves, on its carrier of the result."""
+        # Its carrier may be merged, so that the joint has another pose on another body.
         carrier = self._joint_placement(body)
         joint = replace(body.joint, rotation=carrier.rotation,
                         translation=carrier.translation,

@@ -108,6 +108,7 @@ def stiffened(model: Model) -> Model:
     """Return the model with rigid links for beams, without modal coordinates."""
     if not model.flexible:
         return model
+    # Outward, as in `with_locked`: sections merge into their beam, all others stay.
     modal = model.modal_coordinates
     rigid = [k for k in range(model.n) if k not in modal]
     bodies: list[Body] = []
@@ -153,6 +154,7 @@ class _Sections:
 
     def with_load(self, frame: Frame, inertial: Inertial, root: Body) -> Body:
         """Add inertia, in a frame's axes, to its section; return the root body."""
+        # A rider moves with the section at its frame, and is rigid beside it.
         at = frame.translation
         if frame.name == self._modes.name:
             at = inertial.com  # of the link itself: at the section nearest to it

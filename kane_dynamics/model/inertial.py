@@ -100,6 +100,7 @@ class Inertial:
     @classmethod
     def from_pseudo_inertia(cls, pseudo: ArrayLike) -> Inertial:
         """Return the inertial with this pseudo-inertia about the origin, (4, 4)."""
+        # Inverse of `pseudo_inertia`, with the parallel axis theorem for second moments.
         P = np.asarray(pseudo, dtype=np.float64)
         mass = P[3, 3]
         com = P[:3, 3] / mass if mass > 0.0 else np.zeros(3)
@@ -180,6 +181,7 @@ def principal_moments(inertia: ArrayLike, *, mass: float = 0.0,
 
     """
     a, b, c = np.linalg.eigvalsh(np.asarray(inertia, dtype=np.float64)).tolist()
+    # Moments of real files are rounded, and tiny bodies have almost none.
     noise = rounding * max(abs(a), abs(c)) + 1e-12 * mass
     exceeds_the_others = c > (a + b) * (1.0 + 1e-6) + noise
     return PrincipalMoments((a, b, c), indefinite=a < -noise,

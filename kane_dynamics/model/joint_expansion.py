@@ -92,6 +92,7 @@ def expand_joint(joint: StatedJoint) -> list[StatedJoint]:
         parts = _in_plane(joint.axis)
     else:
         return [joint]
+    # In series, from the parent outward; the child is the body of the last one.
     singles: list[StatedJoint] = []
     for suffix, kind, axis in parts:
         name = joint.name + suffix
@@ -112,6 +113,7 @@ def _along_or_about(prefix: str, kind: str) -> list[Part]:
 
 def _in_plane(axis: Array) -> list[Part]:
     """Return the joints of a planar joint: along two axes, and about the normal."""
+    # x is the projection of the frame's x axis, or of y where x is the normal.
     normal = axis / np.sqrt(axis @ axis)
     seed = np.array([1.0, 0.0, 0.0])
     if abs(normal[0]) > 1.0 - 1e-9:

@@ -81,6 +81,7 @@ def _rods(model: Model, body: int, radius: float) -> Iterator[LinkShape]:
     """Yield rods from a body's origin to its outward joints, or to its far end."""
     if body != WORLD:
         yield LinkShape('', 'sphere', np.array([1.3 * radius]), np.eye(4), JOINT_COLOR)
+    # To each joint that it carries; the last body of a chain to its farthest point.
     ends = [child.joint.translation for child in model.bodies if child.parent == body]
     if not ends and body != WORLD:
         points = [frame.translation for frame in model.frames if frame.body == body]

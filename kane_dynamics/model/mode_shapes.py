@@ -170,6 +170,7 @@ def _wave_number(kind: str, ratio: float, k: int) -> float:
 
 def _root(f: Callable[[float], float], low: float, high: float) -> float:
     """Return the root of f between low and high by bisection, to rounding."""
+    # A hundred halvings end at adjacent numbers.
     sign = math.copysign(1.0, f(low))
     for _ in range(100):
         middle = 0.5 * (low + high)

@@ -124,6 +124,7 @@ def limit_lines(axes: Axes, values: Array, bound: float) -> None:
     """Plot -bound and bound if values come near them; else write the bound above."""
     if not np.isfinite(bound):
         return
+    # Distant limits would flatten the curves: they are written, not drawn.
     low, high = axes.get_ylim()
     is_near = False
     for sign in (-1.0, 1.0):
@@ -143,6 +144,7 @@ def limit_lines(axes: Axes, values: Array, bound: float) -> None:
 
 def hide_rounding(axes: Axes, noise: float, span: float) -> None:
     """Extend the height of a panel with only rounding errors until they are a line."""
+    # A panel whose lines all vary by less than the noise gets a fixed height.
     low, high = axes.get_ylim()
     lines = [np.asarray(line.get_ydata(), dtype=np.float64) for line in axes.lines]
     ranges = [float(np.ptp(values)) for values in lines if len(values)]
@@ -150,7 +152,7 @@ def hide_rounding(axes: Axes, noise: float, span: float) -> None:
         return
     middle = 0.0
     if lines:
-        middle = float(np.mean([np.mean(values) for values in lines]))
+        middle = float(np.mean(list(map(np.mean, lines))))
     if abs(middle) <= noise:
         middle = 0.0
     axes.set_ylim(min(low, middle - span), max(high, middle + span))

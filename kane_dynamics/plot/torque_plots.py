@@ -113,6 +113,7 @@ def _without_rounding(values: Array, largest: float) -> Array:
 
 def stack(axes: Axes, t: Array, terms: Array) -> None:
     """Plot (K, 5) terms as stacked areas: positive parts up, negative ones down."""
+    # Twice, so that terms of opposite signs do not hide each other.
     for part_of in (np.maximum, np.minimum):  # the positive, then the negative part
         level = np.zeros(len(t))
         for (label, color), term in zip(_SOURCES.items(), terms.T, strict=True):

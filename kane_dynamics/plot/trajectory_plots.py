@@ -1,7 +1,7 @@
 """Plots of motions over time and in the phase plane."""
 
 from collections.abc import Collection, Mapping, Sequence
-from itertools import cycle
+from itertools import chain, cycle, product
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
@@ -50,16 +50,18 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
         return _side_by_side(trajectory, path, quantities, limits, title)
 
     # Each joint has one color and dash in all panels.
-    names = dict.fromkeys(name for quantity in quantities for name in quantity.names)
-    looks = cycle((color, dash) for dash in ('-', '--', ':') for color in LINES)
+    names: dict[str, None] = {}  # an ordered set
+    for quantity in quantities:
+        names |= dict.fromkeys(quantity.names)
+    looks = cycle(product(('-', '--', ':'), LINES))
     look_of = dict(zip(names, looks))
-    color_of = {name: color for name, (color, _) in look_of.items()}
+    color_of = {name: color for name, (_, color) in look_of.items()}
     shown: dict[str, Any] = {}
     with styled(10.0, 9.0, title, path) as figure:
         panels = figure.subplots(4, 1, sharex=True)
         for axes, quantity in zip(panels, quantities, strict=False):
             for k, (name, values) in enumerate(quantity.columns.items()):
-                color, dash = look_of[name]
+                dash, color = look_of[name]
                 width = WIDE - (WIDE - SLIM) * k / max(len(quantity.names), 2)
                 line, = axes.plot(trajectory.t, values, color=color, linestyle=dash,
                                   linewidth=width)
@@ -69,7 +71,8 @@ def plot_trajectory(trajectory: Trajectory, path: Path | None = None, *,
             if bounds is not None:
                 _limits(axes, quantity.columns, bounds, color_of)
             axes.set_ylabel(quantity.label)
-        if any(line.get_label() == 'limit' for axes in panels for line in axes.lines):
+        drawn_lines = chain.from_iterable(axes.lines for axes in panels)
+        if any(line.get_label() == 'limit' for line in drawn_lines):
             shown['limit'] = Line2D([], [], color=INK, linestyle='--', linewidth=THIN)
         figure.legend(shown.values(), shown, loc='outside right upper', title='Joint',
                       alignment='left', ncols=1 + len(shown) // 32)
@@ -211,6 +214,7 @@ def _phase_columns(joints: int) -> int:
 def _limits(axes: Axes, values: Mapping[str, Array], bounds: Mapping[str, float],
             colors: Mapping[str, str]) -> None:
     """Plot the limits near the values, and write the largest fraction of a limit."""
+    # The largest fraction of each finite limit.
     shares = {}
     for name, row in values.items():
         if np.isfinite(bounds.get(name, np.inf)):
@@ -256,6 +260,7 @@ def _bounded(axes: Axes, along: str, values: Any, lower: float, upper: float) ->
         axes.set_ylim(begin, end)
         draw_line = axes.axhline
         shade = axes.axhspan
+    # What lies beyond a limit is shaded, up to the edge of the panel.
     for bound, beyond in ((lower, begin), (upper, end)):
         if np.isfinite(bound):
             draw_line(bound, color=RED, linewidth=THIN, linestyle='--', label='limit')

@@ -127,10 +127,10 @@ def _load(source: Source, tag: str) -> tuple[LinkShape, ...]:
 
 def _shape(link: str, element: Any, colors: Mapping[str, Any]) -> LinkShape | None:
     """Convert yourdfpy's record, without the file of a mesh; None without shape."""
-    kind = next((kind for kind in _SIZES
-                 if getattr(element.geometry, kind, None) is not None), None)
-    if kind is None:
+    stated = [kind for kind in _SIZES if getattr(element.geometry, kind, None)]
+    if not stated:
         return None
+    kind = stated[0]
     geometry = getattr(element.geometry, kind)
     numbers = [getattr(geometry, name) for name in _SIZES[kind]]
     size = np.hstack([1.0 if number is None else number for number in numbers])
@@ -163,6 +163,7 @@ def _mesh_file(name: str, folders: list[Path]) -> Path | None:
     package = ''
     if scheme == 'package':
         package, _, path = path.partition('/')
+    # In this order: as it is, beside the URDF and above it, in installed packages.
     candidates = []
     if Path(path).is_absolute():
         candidates.append(Path(path))

@@ -96,6 +96,7 @@ def load(name: str) -> tuple[Model, list[str]] | None:
 
 def store(name: str, model: Model, warnings: list[str]) -> None:
     """Store a model and its warnings, if reading them back gives the same model."""
+    # A number that JSON changed, or a class that it does not know, would show here.
     content = json.dumps([model, warnings], default=_plain)
     model_read_back, _ = json.loads(content, object_hook=_record)
     if model_read_back.digest() == model.digest():

@@ -31,6 +31,7 @@ def read_model(text: str, supplement: Any, *, base: str | None, tip: str | None,
     """Return the model of a URDF text and the warnings; arguments as in `load_urdf`."""
     if floating not in ('angles', 'quaternion'):
         raise InputError(f"floating: {floating!r}; expected 'angles' or 'quaternion'")
+    # The file: elements, checked, as a tree of links and joints.
     root = parse(text)
     notices = Notices()
     check_schema(root, notices)
@@ -44,12 +45,14 @@ def read_model(text: str, supplement: Any, *, base: str | None, tip: str | None,
     if root_joint != 'fixed':
         tree = with_root_joint(tree, root_joint, base, joints)
         base = ROOT_PARENT
+    # The choice of what moves, and the data that URDF cannot express.
     selection = select_joints(tree, base=base, tip=tip, joints=joints, locked=locked,
                               drop=drop)
     extra = read_supplement(supplement)
     singles = selection.singles.values()
     check_joints(extra, [single.name for single in singles if single.kind != 'fixed'])
     model = assemble_model(tree, selection, extra, gravity, notices, strict=strict)
+    # Beams come last: they replace bodies that exist, and add coordinates behind all.
     for link, beam in extra.beams.items():
         model = with_beam(model, link, beam,
                           _riders(model, link, tree, selection, extra))

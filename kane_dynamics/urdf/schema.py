@@ -92,6 +92,7 @@ def check_schema(root: Element, notices: Notices) -> None:
 def _check(element: Element, owner: str, notices: Notices) -> None:
     """Check an element and its children; `owner` is the link or joint in messages."""
     rule = RULES[element.tag]
+    # Links and joints are named in messages; other elements by the one that has them.
     if element.tag in ('robot', *MANY):
         if not element.attributes.get('name', '').strip():
             raise UrdfError(f'<{element.tag}> (line {element.line}): name '
@@ -114,6 +115,7 @@ def _check(element: Element, owner: str, notices: Notices) -> None:
         if element.first(tag) is None:
             raise UrdfError(f'{what}: no <{tag}> (line {element.line}); expected '
                             'exactly one')
+    # What no rule knows is noted, not refused: files have elements of many programs.
     for child in element.children:
         if child.tag in rule.children:
             _check(child, owner, notices)

@@ -104,10 +104,10 @@ def _check_balls(tree: UrdfTree, free: frozenset[str],
         if joint.kind != 'free':
             continue
         turns = [f'{joint.name}/w{letter}' for letter in 'xyz']
-        locked = [name for name in turns if name not in free]
+        locked = {name: positions.get(name, 0.0) for name in turns if name not in free}
         in_part = 0 < len(locked) < 3
-        if in_part or any(positions.get(name, 0.0) for name in locked):
-            at = ', '.join(f'{name} {positions.get(name, 0.0):g}' for name in locked)
+        if in_part or any(locked.values()):
+            at = ', '.join(f'{name} {position:g}' for name, position in locked.items())
             raise InputError(f"joint '{joint.name}': locked: {at}; expected "
                              f"{', '.join(turns)} to move together, or locked at 0, or "
                              "floating='angles'")
@@ -144,6 +144,7 @@ def _behind(singles: Iterable[StatedJoint], base: str) -> dict[str, list[StatedJ
 
 def _path(singles: Iterable[StatedJoint], base: str, tip: str) -> set[str]:
     """Return the names of the joints between two links."""
+    # Inwards from the tip, since each link has one parent.
     above = {single.child: single for single in singles}
     path = set()
     link = tip

@@ -89,13 +89,15 @@ def read_supplement(
         return Supplement()
     data = source if isinstance(source, Mapping) else read_yaml(source, 'supplement')
     top = mapping(data, 'supplement', ('joints', 'payload', 'beams'))
-    joints = {name: _joint(name, entry) for name, entry
-              in mapping(top.get('joints', {}), 'supplement: joints').items()}
+    joints = {}
+    for name, entry in mapping(top.get('joints', {}), 'supplement: joints').items():
+        joints[name] = _joint(name, entry)
     payload = None
     if top.get('payload') is not None:
         payload = _payload(top['payload'])
-    beams = {name: _beam(name, entry) for name, entry
-             in mapping(top.get('beams', {}), 'supplement: beams').items()}
+    beams = {}
+    for name, entry in mapping(top.get('beams', {}), 'supplement: beams').items():
+        beams[name] = _beam(name, entry)
     return Supplement(joints, payload, beams)
 
 

@@ -50,7 +50,7 @@ def build_tree(name: str, links: Sequence[tuple[str, Inertial | None]],
     _check_unique('link', [link for link, _ in links])
     _check_unique('joint', [joint.name for joint in joints])
     by_name = dict(links)
-    above: dict[str, StatedJoint] = {}
+    above: dict[str, StatedJoint] = {}  # the joint of each child
     for joint in joints:
         for what, link in (('parent', joint.parent), ('child', joint.child)):
             if link not in by_name:
@@ -191,6 +191,7 @@ def with_root_joint(tree: UrdfTree, kind: str, base: Any = None,
     if any(joint.name == ROOT_JOINT for joint in joints):
         raise InputError(f"root_joint: '{kind}', and a joint of the URDF is "
                          f"'{ROOT_JOINT}'; expected another name of that joint")
+    # Last in the file's order; as the only joint at the root it still comes first in q.
     added = StatedJoint(ROOT_JOINT, kind, ROOT_PARENT, base, np.eye(3), np.zeros(3),
                         np.array([0.0, 0.0, 1.0]))
     parts = [single.name for single in expand_joint(added)]
@@ -205,6 +206,7 @@ def with_root_joint(tree: UrdfTree, kind: str, base: Any = None,
 def _carried_by(tree: UrdfTree, base: str
                 ) -> tuple[dict[str, Inertial | None], tuple[StatedJoint, ...]]:
     """Return the links that a base carries, with itself, and their joints."""
+    # Outwards, one generation of links at a time.
     carried: set[str] = set()
     reached = {base}
     while reached:

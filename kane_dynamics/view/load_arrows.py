@@ -100,6 +100,7 @@ class LoadArrows:
         placed_bodies = configurations(robot.model, self.q[k])
         drawn: dict[str, list[Array]] = {kind: [] for kind in KINDS}
         bodies = robot.model.bodies
+        # In units of the largest magnitude of each kind; small ones are left out.
         for body, placed, reaction in zip(bodies, placed_bodies, self.reactions[k],
                                           strict=True):
             joint = body.joint

@@ -236,6 +236,7 @@ class Window:
         button.label = 'Pause' if self._playing else 'Play'
 
     def _turn(self, i: int, value: float) -> None:
+        # One joint changes; in a closed loop the dependent ones follow it.
         with self._lock:
             q = np.where(np.arange(len(self._q)) == i, value, self._q)
             if self.robot.constraint_names:
