@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.feasibility.path_geometry import Section
-from kane_dynamics.feasibility.reachability import Limits
+from kane_dynamics.feasibility.reachability import IntervalLimits
 from kane_dynamics.feasibility.segment_peaks import largest
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
@@ -91,7 +91,7 @@ class PathLimits:
         self.tightened: Segments = np.arange(count)  # vertices, since the latest limits
         self._used = {name: self._used_joints(name) for name in (
             'effort', 'power', 'acceleration')}
-        self._latest: Limits | None = None
+        self._latest: IntervalLimits | None = None
         self.sets: Array | None = None  # controllable sets with the latest limits
 
     def _compute_torques(self, q: Array, first: Array, second: Array, tau: Array) -> None:
@@ -139,7 +139,7 @@ class PathLimits:
         self._tight_speed[near] = self.tight[near, 1].min(axis=1)
         self.tightened = near
 
-    def at(self, x: Array | None, calm: bool = False) -> Limits:
+    def at(self, x: Array | None, calm: bool = False) -> IntervalLimits:
         """
         Return the limits, exact at a profile x, (N + 1,); without friction for None.
 
@@ -173,13 +173,13 @@ class PathLimits:
             most = np.minimum(most, steady)
         if not rows:
             rows = [np.zeros((len(most), 4, 1)) + [[0.0], [0.0], [0.0], [1.0]]]
-        limits = Limits(_side_by_side(rows), _side_by_side(
+        limits = IntervalLimits(_side_by_side(rows), _side_by_side(
             middles or [np.zeros((len(most) - 1, 4, 0))]), most)
         if self.linear:
             self._latest = limits
         return limits
 
-    def _updated(self, limits: Limits) -> Limits:
+    def _updated(self, limits: IntervalLimits) -> IntervalLimits:
         """Return linear limits after those at some vertices were tightened."""
         near = self.tightened
         begin = 0

@@ -34,7 +34,7 @@ EMPTY = 1e200  # error of an empty set
 ROUNDING = 1e-9  # relative excess of a limit that is rounding
 RANGE, GROUPS = 3, 4  # numbers of a set; numbers of a limit, and of what it allows
 
-class Limits(NamedTuple):
+class IntervalLimits(NamedTuple):
     """
     Limits of a path with N intervals.
 
@@ -119,7 +119,7 @@ def compile_passes(m: int) -> None:
     _pass_kernels(*kernel.shape)
 
 
-def end_limit(limits: Limits) -> float:
+def end_limit(limits: IntervalLimits) -> float:
     """Return the largest x at the end of the path."""
     result = np.empty(1)
     _steady_kernel(limits.rows.shape[2]).scan([limits.rows[-1:], limits.most[-1:]], result)
@@ -134,7 +134,7 @@ class Infeasible(Exception):  # noqa: N818 - raised only inside this package
         self.vertex = vertex
 
 
-def controllable_sets(limits: Limits, last: tuple[float, float],
+def controllable_sets(limits: IntervalLimits, last: tuple[float, float],
                       known: tuple[Array, Segments] | None = None) -> Array:
     """
     Return the controllable sets of all vertices: least and largest x, and its error.

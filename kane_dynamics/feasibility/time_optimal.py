@@ -24,7 +24,8 @@ from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
 from kane_dynamics.feasibility.path_robot import PathRobot
 from kane_dynamics.feasibility.path_timing import Checked, duration, joined
 from kane_dynamics.feasibility.reachability import (controllable_sets, end_limit,
-                                                    fastest_profile, Infeasible, Limits)
+                                                    fastest_profile, Infeasible,
+                                                    IntervalLimits)
 from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
 from kane_dynamics.loop_tracking.loop_error import LoopError
@@ -247,7 +248,7 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
     return np.asarray(x)
 
 
-def _refusal(limits: PathLimits, limited: Limits, vertex: int, start: float, end: float
+def _refusal(limits: PathLimits, limited: IntervalLimits, vertex: int, start: float, end: float
              ) -> Exception:
     """Return the reason why no timing satisfies the limits."""
     names, bound = limits.robot.joint_names, limits.bounds.effort
@@ -273,7 +274,7 @@ def _refusal(limits: PathLimits, limited: Limits, vertex: int, start: float, end
         'expected a path that the motors can follow, or more points')
 
 
-def _largest_end(limits: PathLimits, limited: Limits, start: float) -> float:
+def _largest_end(limits: PathLimits, limited: IntervalLimits, start: float) -> float:
     """Return the largest speed at the end of the path; infinite if it is not known."""
     try:
         sets = controllable_sets(limited, (0.0, end_limit(limited)))

@@ -9,7 +9,7 @@ from kane_dynamics.simulation.observers import Chunk, Extremes, Observer
 import numpy as np
 
 
-class Excess(NamedTuple):
+class DeflectionExcess(NamedTuple):
     """
     The first deflection of a simulation beyond the admissible one.
 
@@ -60,7 +60,7 @@ class DeflectionWatch(Observer):
         """Look at the initial states."""
         self._single = single
         self._beams: list[_WatchedBeam] = []
-        self._first: dict[int, Excess] = {}  # by simulation
+        self._first: dict[int, DeflectionExcess] = {}  # by simulation
         for body in robot.model.bodies:
             if body.beam is not None:
                 # Modal coordinates have places in q; those of ball joints have none.
@@ -100,8 +100,9 @@ class DeflectionWatch(Observer):
         excesses = np.flatnonzero(deflection > beam.admissible_deflection)
         if len(excesses):
             k = excesses[0]
-            self._first[simulation] = Excess(float(t[k]), simulation, watched.name,
-                                             float(deflection[k]), beam.admissible_deflection)
+            self._first[simulation] = DeflectionExcess(float(t[k]), simulation, watched.name,
+                                                       float(deflection[k]),
+                                                       beam.admissible_deflection)
 
     def warning(self) -> str | None:
         """Return the warning for the first excess, or None."""

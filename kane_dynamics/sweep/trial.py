@@ -48,7 +48,7 @@ PAYLOAD = 10  # inertial parameters of a payload, in the order of a robot's para
 Law = Callable[[Vector, Vector, Vector, Vector], Vector]
 
 
-class Parts(NamedTuple):
+class TrialParts(NamedTuple):
     """Slices of the entries of a trial's state; time and margin may be empty."""
 
     q: slice
@@ -61,14 +61,14 @@ class Parts(NamedTuple):
     size: int
 
 
-def parts_of(robot: Robot, tracked: int) -> Parts:
+def parts_of(robot: Robot, tracked: int) -> TrialParts:
     """Return the slices of a trial's state for a number of tracked joints."""
     sizes = [robot.n_q, robot.n, int(robot.equations.timed), 1, tracked, margin_count(robot),
              robot.n]
     ends = np.cumsum(sizes).tolist()
     begins = [0, *ends[:-1]]
     q, u, time, work, error, margin, tau = map(slice, begins, ends)
-    return Parts(q, u, time, work.start, error, margin, tau, ends[-1])
+    return TrialParts(q, u, time, work.start, error, margin, tau, ends[-1])
 
 
 @dataclass(frozen=True)

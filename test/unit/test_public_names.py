@@ -11,9 +11,6 @@ import kane_dynamics
 import pytest
 
 SOURCE = Path(kane_dynamics.__file__).read_text('utf-8')
-# Classes whose names are still those of others. The list may only become shorter.
-SHARED_NAMES = {'Excess', 'JointMotion', 'Limits', 'Operation', 'Parameters', 'Parts', 'Program',
-                'Rows', 'Timing'}
 
 
 def fresh(program):
@@ -95,9 +92,4 @@ def classes_by_name():
 
 def test_no_class_has_the_name_of_another():
     shared = {name: modules for name, modules in classes_by_name().items() if len(modules) > 1}
-    assert {name: modules for name, modules in shared.items() if name not in SHARED_NAMES} == {}
-
-
-def test_list_of_shared_names_has_only_names_that_are_still_shared():
-    classes = classes_by_name()
-    assert [name for name in sorted(SHARED_NAMES) if len(classes.get(name, ())) < 2] == []
+    assert shared == {}

@@ -100,7 +100,7 @@ class Parameter:
     meaning: str
 
 
-class Parameters:
+class ParameterSymbols:
     """Symbols for the constants of a model, in the order of their use."""
 
     def __init__(self) -> None:
@@ -164,7 +164,7 @@ def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
     """
     if model.flexible:
         raise ModelError(f"closed form of '{model.name}': flexible bodies; expected rigid bodies")
-    given = Parameters()
+    given = ParameterSymbols()
     g = model.gravity
     bodies = [SimpleNamespace(name=body.name, parent=body.parent,
                               inertial=_inertial(given, k + 1, body),
@@ -176,7 +176,7 @@ def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
             list(given.found.values()))
 
 
-def _inertial(given: Parameters, k: int, body: Body) -> Any:
+def _inertial(given: ParameterSymbols, k: int, body: Body) -> Any:
     own = body.inertial
     return SimpleNamespace(
         mass=given.scalar(f'm{k}', own.mass, 'kg', f'mass of {body.name}'),
@@ -184,7 +184,7 @@ def _inertial(given: Parameters, k: int, body: Body) -> Any:
         inertia=given.tensor(f'I{k}', own.inertia, f'central moment of inertia of {body.name}'))
 
 
-def _joint(given: Parameters, k: int, joint: Joint) -> Any:
+def _joint(given: ParameterSymbols, k: int, joint: Joint) -> Any:
     length, force = ('m', 'N') if joint.kind == 'prismatic' else ('rad', 'N m')
     inertia = 'kg' if joint.kind == 'prismatic' else 'kg m^2'
     one = {

@@ -43,7 +43,7 @@ REFUSAL = ('path: no timing satisfies the limits of effort and torque rate with 
            f'{MARGIN:g}; expected limits that are larger than the torques at rest with friction')
 
 
-class Timing(NamedTuple):
+class ThirdOrderTiming(NamedTuple):
     """
     A timing that satisfies the limits, and that on its grid without tighter limits.
 
@@ -101,7 +101,7 @@ def rate_limited(robot: Robot, motion: Motion, bounds: Bounds, rates: RateBounds
         bounds the motion, or no timing was found.
 
     """
-    best: dict[int, Timing] = {}
+    best: dict[int, ThirdOrderTiming] = {}
     done: set[int] = set()
     reason = ''
     for _ in range(GRIDS):
@@ -136,7 +136,7 @@ def rate_limited(robot: Robot, motion: Motion, bounds: Bounds, rates: RateBounds
 
 
 def _timed(robot: Robot, path: SmoothSection, bounds: Bounds, rates: RateBounds,
-           before: Timing | None) -> Timing | str:
+           before: ThirdOrderTiming | None) -> ThirdOrderTiming | str:
     """Return the fastest timing of a section, or the reason why there is none on its grid."""
     limits = ThirdOrderLimits(robot, path, bounds, rates)
     spline = ProfileSpline(path.s, path.place, path.size)
@@ -163,7 +163,7 @@ def _timed(robot: Robot, path: SmoothSection, bounds: Bounds, rates: RateBounds,
             break
         _tighten(limits, found.largest)
         start = _below(spline, limits, c)
-    return reason if best is None else Timing(best, least, path.s, profile)
+    return reason if best is None else ThirdOrderTiming(best, least, path.s, profile)
 
 
 def _tighten(limits: ThirdOrderLimits, largest: Array) -> None:

@@ -31,7 +31,7 @@ UPPER = np.triu_indices(3)
 
 
 @dataclass
-class JointMotion:
+class LaneMotion:
     """Axes and motion of the joints of one part; see the module for the symbols."""
 
     sigma: Any
@@ -65,7 +65,7 @@ class JointRows:
 
     """
 
-    def __init__(self, motion: JointMotion, acceleration: Any, mass: Any, sums: Any,
+    def __init__(self, motion: LaneMotion, acceleration: Any, mass: Any, sums: Any,
                  factor: Any) -> None:
         """Compute the vectors from the sums of `_moments` over the subtrees."""
         sigma, s, slide, turn = motion.sigma, motion.s, motion.slide, motion.turn
@@ -168,11 +168,11 @@ def _axes(tree: TreeSums, part: int, R: Any, p: Any) -> tuple[Any, Any]:
 
 
 def _motions(tree: TreeSums, axes: Sequence[tuple[Any, Any]], rates: Sequence[Any]
-             ) -> list[JointMotion]:
+             ) -> list[LaneMotion]:
     """Return the motion of all joints."""
     linear = tree.from_origins([rate * sigma for (sigma, _), rate in zip(axes, rates)])
     angular = tree.toward_root([rate * s for (_, s), rate in zip(axes, rates)])
-    return [JointMotion(*axis, v, omega) for axis, v, omega in zip(axes, linear, angular)]
+    return [LaneMotion(*axis, v, omega) for axis, v, omega in zip(axes, linear, angular)]
 
 
 def _masses(tree: TreeSums, links: Sequence[Link]) -> list[Any]:
@@ -185,7 +185,7 @@ def _masses(tree: TreeSums, links: Sequence[Link]) -> list[Any]:
     return tree.packed(masses)
 
 
-def _moments(R: Any, p: Any, motion: JointMotion, acceleration: Any, inertial: Any) -> Any:
+def _moments(R: Any, p: Any, motion: LaneMotion, acceleration: Any, inertial: Any) -> Any:
     """
     Return the moments of the links of one part about the origin, (27,).
 

@@ -26,7 +26,7 @@ import numpy as np
 evaluate = Primitive('kane_dynamics')
 
 
-class Operation:
+class JaxOperation:
     """
     A function that the primitive evaluates, with its derivatives.
 
@@ -41,36 +41,36 @@ class Operation:
     """
 
     def __init__(self, function: BatchFunction, compiled: bool,
-                 of: 'Operation | None' = None) -> None:
+                 of: 'JaxOperation | None' = None) -> None:
         """Store the function."""
         self.function, self.compiled, self.of = function, compiled, of
-        self._derived: dict[tuple[str, ...], Operation] = {}
+        self._derived: dict[tuple[str, ...], JaxOperation] = {}
 
     def __repr__(self) -> str:
         """Return the name, which expressions of JAX show."""
         return self.function.name
 
-    def derived(self, mode: str, by: Sequence[str]) -> 'Operation':
+    def derived(self, mode: str, by: Sequence[str]) -> 'JaxOperation':
         """Return the operation of a 'vjp' or 'jvp' with respect to some arguments."""
         found = self._derived.get((mode, *by))
-        return found or self._derived.setdefault((mode, *by), Operation(
+        return found or self._derived.setdefault((mode, *by), JaxOperation(
             getattr(self.function, mode)(by), self.compiled, self))
 
 
-def _evaluated(*arrays: Any, operation: Operation) -> Any:
+def _evaluated(*arrays: Any, operation: JaxOperation) -> Any:
     """Evaluate outside of a traced function, with all checks."""
     result = operation.function([np.asarray(x) for x in arrays])
     return jnp.asarray(result, dtype=arrays[0].dtype)
 
 
-def _shaped(*arrays: Any, operation: Operation) -> Any:
+def _shaped(*arrays: Any, operation: JaxOperation) -> Any:
     """Return the shape of the result."""
     function = operation.function
     shape = (*function.batch([x.shape for x in arrays]), *function.shape)
     return jax.core.ShapedArray(shape, arrays[0].dtype)
 
 
-def _lowered(*arrays: Any, operation: Operation) -> Any:
+def _lowered(*arrays: Any, operation: JaxOperation) -> Any:
     """Return the call of machine code, or of Python, in a compiled function."""
     function = operation.function
     batch = function.batch([x.shape for x in arrays])
@@ -89,13 +89,13 @@ def _lowered(*arrays: Any, operation: Operation) -> Any:
     return jax.pure_callback(called, result, *rows)
 
 
-def _refused(context: Any, *arrays: Any, operation: Operation) -> Any:
+def _refused(context: Any, *arrays: Any, operation: JaxOperation) -> Any:
     """Raise InputError for a function that is compiled for another device."""
     raise InputError(f'{operation}: compiled for {context.module_context.platforms}; expected '
                      "the CPU, where the kernels run: jax.default_device(jax.devices('cpu')[0])")
 
 
-def _rate(primals: Sequence[Any], tangents: Sequence[Any], *, operation: Operation) -> Any:
+def _rate(primals: Sequence[Any], tangents: Sequence[Any], *, operation: JaxOperation) -> Any:
     """Return the value and its tangent."""
     value = evaluate.bind(*primals, operation=operation)
     moving = [k for k, x in enumerate(tangents) if not isinstance(x, ad.Zero)]
@@ -104,7 +104,7 @@ def _rate(primals: Sequence[Any], tangents: Sequence[Any], *, operation: Operati
                                 operation=operation.derived('jvp', names))
 
 
-def _transposed(cotangent: Any, *arrays: Any, operation: Operation) -> Any:
+def _transposed(cotangent: Any, *arrays: Any, operation: JaxOperation) -> Any:
     """Return the cotangents of the tangents of a 'jvp', or of the cotangent of a 'vjp'."""
     wanted = [k for k, x in enumerate(arrays) if ad.is_undefined_primal(x)]
     found: list[Any] = [None] * len(arrays)
@@ -133,7 +133,7 @@ def _summed(x: Any, shape: tuple[int, ...]) -> Any:
     return jnp.sum(x, axis=axes, keepdims=True)
 
 
-def _mapped(arrays: Sequence[Any], axes: Sequence[Any], *, operation: Operation) -> Any:
+def _mapped(arrays: Sequence[Any], axes: Sequence[Any], *, operation: JaxOperation) -> Any:
     """Evaluate for a further batch axis, as the first one."""
     ranks = [x.ndim - len(a.shape) - (axis is not None)
              for a, x, axis in zip(operation.function.arguments, arrays, axes)]
@@ -171,7 +171,7 @@ class JaxFunction(QuantityFunction):
         elif compiled:
             xla_target.require_interface()
         self.compiled = compiled is not False
-        self._operation = Operation(self.function, self.compiled)
+        self._operation = JaxOperation(self.function, self.compiled)
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Return the quantity, by position or by name; see `Robot.jax`."""

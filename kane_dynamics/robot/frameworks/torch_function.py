@@ -20,10 +20,10 @@ import torch
 
 DTYPES = (torch.float64, torch.float32)
 STEP = ' -> '  # in a handle, before each derivative
-_operations: 'WeakValueDictionary[str, Operation]' = WeakValueDictionary()
+_operations: 'WeakValueDictionary[str, TorchOperation]' = WeakValueDictionary()
 
 
-class Operation:
+class TorchOperation:
     """
     A function that the operator evaluates, with its derivatives.
 
@@ -40,32 +40,32 @@ class Operation:
         """Register the function."""
         self.function = function
         self.handle = handle or f'{function.name} {uuid4().hex}'
-        self._derived: dict[tuple[str, ...], Operation] = {}
+        self._derived: dict[tuple[str, ...], TorchOperation] = {}
         _operations[self.handle] = self
 
-    def vjp(self, *by: str) -> 'Operation':
+    def vjp(self, *by: str) -> 'TorchOperation':
         """Return the operation of the gradients with respect to some arguments."""
         return self._of('vjp', *by)
 
-    def jvp(self, *by: str) -> 'Operation':
+    def jvp(self, *by: str) -> 'TorchOperation':
         """Return the operation of the rate for tangents of some arguments."""
         return self._of('jvp', *by)
 
-    def _of(self, mode: str, *by: str) -> 'Operation':
+    def _of(self, mode: str, *by: str) -> 'TorchOperation':
         found = self._derived.get((mode, *by))
         return found or self._derived.setdefault(
-            (mode, *by), Operation(getattr(self.function, mode)(by),
-                                   f'{self.handle}{STEP}{mode} {" ".join(by)}'))
+            (mode, *by), TorchOperation(getattr(self.function, mode)(by),
+                                        f'{self.handle}{STEP}{mode} {" ".join(by)}'))
 
 
-def _found(handle: str) -> Operation:
+def _found(handle: str) -> TorchOperation:
     """Return an operation by its handle."""
     operation = _operations.get(handle)
     if operation is None:
         root, _, derivative = handle.rpartition(STEP)
         mode, *by = derivative.split(' ')
         if root and mode in ('vjp', 'jvp'):
-            derived: Operation = getattr(_found(root), mode)(*by)
+            derived: TorchOperation = getattr(_found(root), mode)(*by)
             return derived
         raise InputError(f"function: '{handle}'; expected one that robot.torch returned in this "
                          'process and that still exists')
@@ -170,7 +170,7 @@ class TorchFunction(QuantityFunction):
                  parameters: str | Sequence[str]) -> None:
         """Check the names; the kernel compiles at the first call."""
         super().__init__(robot, quantity, at, parameters)
-        self._operation = Operation(self.function)
+        self._operation = TorchOperation(self.function)
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Return the quantity, by position or by name; see `Robot.torch`."""

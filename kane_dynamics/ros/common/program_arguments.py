@@ -24,7 +24,7 @@ OPTIONS_OF_ROS = ('-p', '--param', '-r', '--remap', '--params-file', '-e', '--en
 
 
 @dataclass(frozen=True)
-class Program:
+class RosProgram:
     """
     A program that runs one node.
 
@@ -55,7 +55,7 @@ class Program:
         return '\n'.join(lines)
 
 
-def run_program(program: Program, arguments: Sequence[str] | None,
+def run_program(program: RosProgram, arguments: Sequence[str] | None,
                 run: Callable[[Sequence[str]], int]) -> int:
     """
     Check the command line, then run the program; return its exit code.
@@ -94,7 +94,7 @@ def run_program(program: Program, arguments: Sequence[str] | None,
     return INVALID
 
 
-def _print_help(program: Program) -> int:
+def _print_help(program: RosProgram) -> int:
     """Print the help text; return the exit code."""
     print(program.help_text)
     return 0
@@ -128,7 +128,7 @@ def split_arguments(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     return outside, ros_arguments
 
 
-def check_arguments(program: Program, outside: Sequence[str],
+def check_arguments(program: RosProgram, outside: Sequence[str],
                     ros_arguments: Sequence[str]) -> None:
     """
     Check the arguments of a program.
@@ -194,7 +194,7 @@ def _options(ros_arguments: Sequence[str]) -> list[tuple[str, str]]:
     return options  # rclpy refuses other options, and those without a value
 
 
-def _node_name(program: Program, options: Sequence[tuple[str, str]]) -> str:
+def _node_name(program: RosProgram, options: Sequence[tuple[str, str]]) -> str:
     """Return the full name of the node after the remappings of the options."""
     rules = [value.partition(':=') for option, value in options
              if option in ('-r', '--remap')]
@@ -217,7 +217,7 @@ def _remapped(node: str, keys: Collection[str],
     return ''
 
 
-def _check_file(program: Program, path: Path, node: str) -> None:
+def _check_file(program: RosProgram, path: Path, node: str) -> None:
     """Raise InputError unless a file has parameters of the node."""
     blocks = parameter_blocks(path)
     if not any(takes_effect(block, node) for block in blocks):

@@ -23,9 +23,9 @@ SWITCH_INTERVAL = 5e-5
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `dynamics_node`; return the exit code."""
     exit_on_signal()
-    from kane_dynamics.ros.common.program_arguments import Program, run_program
+    from kane_dynamics.ros.common.program_arguments import RosProgram, run_program
     to_controller = '-r commands:=/forward_effort_controller/commands'
-    program = Program(
+    program = RosProgram(
         'dynamics_node', 'kane_dynamics',
         'Publish the torques of an arm for each of its joint states.',
         ('--ros-args -p urdf:=arm.urdf -p arm_compensates:=none',

@@ -14,8 +14,8 @@ from kane_dynamics.ros.common.early_signals import exit_on_signal
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `torque_guard`; return the exit code."""
     exit_on_signal()
-    from kane_dynamics.ros.common.program_arguments import Program, run_program
-    program = Program(
+    from kane_dynamics.ros.common.program_arguments import RosProgram, run_program
+    program = RosProgram(
         'torque_guard', 'torque_guard',
         'Hold the arm when its dynamics node dies or hangs; all settings are those of '
         'that node.',

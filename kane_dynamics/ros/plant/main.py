@@ -17,8 +17,8 @@ MIN_TIMEOUT = 1e-5  # s; with a timeout of zero the EventsExecutor does not wait
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `plant_node`; return the exit code."""
     exit_on_signal()
-    from kane_dynamics.ros.common.program_arguments import Program, run_program
-    program = Program(
+    from kane_dynamics.ros.common.program_arguments import RosProgram, run_program
+    program = RosProgram(
         'plant_node', 'plant', 'Simulate an arm with motors and sensors.',
         ('--ros-args -p urdf:=arm.urdf', '--ros-args --params-file plant.yaml',
          '--ros-args -p urdf:=arm.urdf -p publish_clock:=true'))

@@ -7,15 +7,16 @@ import sys
 
 from kane_dynamics.errors import InputError
 from kane_dynamics.ros.common.parameter_files import parameter_blocks, takes_effect
-from kane_dynamics.ros.common.program_arguments import (check_arguments, INVALID, Program,
-                                                        run_program, split_arguments)
+from kane_dynamics.ros.common.program_arguments import (check_arguments, INVALID,
+                                                        RosProgram, run_program,
+                                                        split_arguments)
 import pytest
 
 NODES = {'dynamics_node': 'kane_dynamics.ros.dynamics_node.main',
          'torque_guard': 'kane_dynamics.ros.guard.main',
          'plant_node': 'kane_dynamics.ros.plant.main'}
-PROGRAM = Program('dynamics_node', 'kane_dynamics', 'Publish torques.',
-                  ('--ros-args -p urdf:=arm.urdf',))
+PROGRAM = RosProgram('dynamics_node', 'kane_dynamics', 'Publish torques.',
+                     ('--ros-args -p urdf:=arm.urdf',))
 
 
 def check(*arguments):
@@ -179,12 +180,12 @@ def test_closed_standard_streams_are_no_sockets_of_the_node(tmp_path):
     code = f"""
 import os, sys
 sys.path[:0] = {[str(path) for path in sys.path]!r}
-from kane_dynamics.ros.common.program_arguments import Program, run_program
+from kane_dynamics.ros.common.program_arguments import RosProgram, run_program
 def run(arguments):
     with open({str(tmp_path / 'result')!r}, 'w') as file:
         file.write(' '.join(os.readlink(f'/proc/self/fd/{{k}}') for k in range(3)))
     return 0
-sys.exit(run_program(Program('a', 'b', '', ()), ['a'], run))"""
+sys.exit(run_program(RosProgram('a', 'b', '', ()), ['a'], run))"""
     script = f'exec {sys.executable} - 0<&- 1>&- 2>&-'
     program = tmp_path / 'program.py'
     program.write_text(code)
