@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 
-class PayloadEquations(NamedTuple):
+class ActuatorRows(NamedTuple):
     """
     Equations of one or N samples: left = Y x + error, one row for each actuator.
 
@@ -137,7 +137,7 @@ class PayloadRows:
             self.friction = np.full(len(self.names), self._joint_friction.sum())
 
     def __call__(self, q: Array, u: Array, udot: Array, tau: Array,
-                 t: Any = 0.0) -> PayloadEquations:
+                 t: Any = 0.0) -> ActuatorRows:
         """
         Return the rows of one sample or N.
 
@@ -158,7 +158,7 @@ class PayloadRows:
         Y = self.regressor(q, u, udot, t)
         left = tau - robot.inverse_dynamics(q, u, udot, t=t)
         if self._transmission is None:
-            return PayloadEquations(Y, u, left, self._slack(u))
+            return ActuatorRows(Y, u, left, self._slack(u))
         moment = [np.broadcast_to(t, np.shape(q)[:-1])] if robot.equations.timed else []
         found = self._transmission(q, u, *moment)
         T, rates = found[..., :-1], found[..., -1]
@@ -175,7 +175,7 @@ class PayloadRows:
             Y, T = np.swapaxes(per_actuator, -1, -2) @ Y, T @ per_actuator
             u = rates[..., self._places]
         held = np.einsum('...ja,...j->...a', np.abs(T), slack)
-        return PayloadEquations(Y, u, left, held, acting)
+        return ActuatorRows(Y, u, left, held, acting)
 
     def compile(self) -> None:  # noqa: A003
         """Compile the kernels of single samples now instead of at the first one."""
