@@ -34,6 +34,7 @@ EMPTY = 1e200  # error of an empty set
 ROUNDING = 1e-9  # relative excess of a limit that is rounding
 RANGE, GROUPS = 3, 4  # numbers of a set; numbers of a limit, and of what it allows
 
+
 class IntervalLimits(NamedTuple):
     """
     Limits of a path with N intervals.

@@ -16,6 +16,7 @@ from kane_dynamics.native.runtime.kernel import Kernel, windows
 from kane_dynamics.native.tracing.program import Shape
 import numpy as np
 
+# 1 / (4 - the previous one): the inverse pivots of the tridiagonal system.
 FACTORS = [0.0]
 while len(FACTORS) < 32:  # those behind are equal to rounding
     FACTORS.append(1.0 / (4.0 - FACTORS[-1]))
@@ -68,9 +69,12 @@ def spline_derivatives(q: Array, step: float, first: Array,
     factors = np.full(count, FACTORS[-1])
     factors[:len(FACTORS)] = FACTORS[:count]
     forward, back = kernels(n)
+    # Elimination, from the second point to the last but one; then substitution, back to
+    # the first. Until it is substituted, a point's slope is its eliminated row.
     forward.scan([slopes[:-2], windows(q, 3), rate, factors[1:-1]], slopes[1:-1])
     back.scan([slopes[:-1], slopes[1:], windows(q, 2), rate, factors[:-1]],
               derivatives[:-1], reverse=True)
+    # The last point has no segment behind it: its second derivative is that of the last.
     rise = (q[-1] - q[-2]) / step
     derivatives[-1, 1] = (2.0 * slopes[-2] + 4.0 * last - 6.0 * rise) / step
     return slopes, derivatives[:, 1]
