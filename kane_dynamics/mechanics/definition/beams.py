@@ -1,22 +1,24 @@
 """
 Reference formulation of a flexible beam: Kane's sums as volume integrals, by quadrature.
 
-The reference for `recursive`, which uses precomputed integrals. A point of the beam at rho from
-the body's origin has the partial velocities and the acceleration
+The reference for `recursive`, which uses precomputed integrals. A point of the beam at
+rho from the body's origin has the partial velocities and the acceleration
 
     v^r = v_O^r + omega^r x rho + d rho / d eta_r
     a   = a_O + alpha x rho + omega x (omega x rho) + 2 omega x rho' + rho''
 
-with ' in the axes of the body. The integral of v^r . a is exact for these points. That of the
-straight beam, a rigid body, is subtracted here. World axes, any scalar type. Source: Kane, Ryan &
-Banerjee, JGCD 10 (1987).
+with ' in the axes of the body. The integral of v^r . a is exact for these points. That
+of the straight beam, a rigid body, is subtracted here. World axes, any scalar type.
+Source: Kane, Ryan & Banerjee, JGCD 10 (1987).
 
-A twisting section is a round disc. Its partial angular velocities are those of the beam plus
-psi e, and its -F_r* is w^r . (J alpha + w x J w), minus that of the disc of the straight beam.
+A twisting section is a round disc. Its partial angular velocities are those of the beam
+plus psi e, and its -F_r* is w^r . (J alpha + w x J w), minus that of the disc of the
+straight beam.
 """
 
-from typing import Any
+from collections.abc import Callable
 
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.vector import cross, skew
 from kane_dynamics.mechanics.definition.kinematics import BodyMotion, Configuration
 from kane_dynamics.model.beam import Beam
@@ -24,35 +26,46 @@ import numpy as np
 
 
 class BeamPoints:
-    """Points of a bent beam, and of the straight one: positions and partial velocities."""
+    """Points of a bent and of the straight beam: positions and partial velocities."""
 
-    def __init__(self, beam: Beam, here: Configuration, q: Any) -> None:
-        """Evaluate the points at the body's configuration and the coordinates q, (n,)."""
-        self.beam, R = beam, here.R_wb
-        eta = q[list(beam.coordinates)]
-        unit = np.eye(len(q))[list(beam.coordinates)]
-        self.straight = beam.points @ R.T  # (g, 3)
-        self.bent = self.straight + sum(beam.displacement(eta)) @ R.T
+    def __init__(self, beam: Beam, configuration: Configuration, q: Vector) -> None:
+        """Evaluate the points in the body's configuration; q are the n coordinates."""
+        self.beam = beam
+        R = configuration.R_wb
+        modes = list(beam.coordinates)
+        eta = q[modes]
+        unit = np.eye(len(q))[modes]
         self.axis = R @ beam.direction
-        self.modal = []  # d rho / d eta of each point, (m, 3)
-        self.partials = []  # v^r of each point of the bent and of the straight beam, (n, 3)
-        for g in range(len(beam.weights)):
-            modal = (beam.shapes[g] @ R.T
-                     + np.multiply.outer(-(beam.shortening[g] @ eta), self.axis))
-            carried = [here.partial_velocity_origin + here.partial_angular_velocity @ skew(place)
-                       for place in (self.bent[g], self.straight[g])]
-            self.modal.append(modal)
-            self.partials.append((carried[0] + unit.T @ modal, carried[1]))
 
-    def total(self, vectors: Any) -> Any:
+        # Positions of the points from the body's origin, (g, 3).
+        self.straight = beam.points @ R.T
+        self.bent = self.straight + sum(beam.displacement(eta)) @ R.T
+
+        # d rho / d eta of each point, (m, 3): its mode shape, and the beam's shortening.
+        self.modal = []
+        for shape, shortening in zip(beam.shapes, beam.shortening):
+            axial = np.multiply.outer(-(shortening @ eta), self.axis)
+            self.modal.append(shape @ R.T + axial)
+
+        # v^r of each point of the bent and of the straight beam, (n, 3) each.
+        v = configuration.partial_velocity_origin
+        omega = configuration.partial_angular_velocity
+        self.partials = []
+        for bent, straight, modal in zip(self.bent, self.straight, self.modal):
+            v_bent = v + omega @ skew(bent) + unit.T @ modal
+            v_straight = v + omega @ skew(straight)
+            self.partials.append((v_bent, v_straight))
+
+    def total(self, vectors: Callable[[int], tuple[Matrix, Matrix]]) -> Matrix:
         """
-        Return the integral of v^r . a over the bent beam minus that over the straight one.
+        Return the integral of v^r . a over the bent minus that over the straight beam.
 
         `vectors(g)` returns a of point g of the two.
         """
-        result: Any = 0.0
+        result: Scalar = 0.0
         for g, dm in enumerate(self.beam.weights):
-            (v, v_straight), (a, a_straight) = self.partials[g], vectors(g)
+            v, v_straight = self.partials[g]
+            a, a_straight = vectors(g)
             result = result + dm * (v @ a - v_straight @ a_straight)
         return result
 
@@ -60,74 +73,103 @@ class BeamPoints:
 class Twist:
     """Sections of a beam as discs that rotate about its axis (torsion)."""
 
-    def __init__(self, beam: Beam, here: Configuration, n: int) -> None:
-        """Evaluate the sections at the body's configuration; n is the number of coordinates."""
-        self.e = here.R_wb @ beam.direction
-        self.carried = here.partial_angular_velocity
-        self.shapes = beam.twists @ np.eye(n)[list(beam.coordinates)]  # (g, n)
-        self.discs = [(spin, psi) for spin, psi in zip(beam.spins, self.shapes) if psi.any()]
+    def __init__(self, beam: Beam, configuration: Configuration, n: int) -> None:
+        """Evaluate the sections in the body's configuration; n coordinates."""
+        self.e = configuration.R_wb @ beam.direction
+        self.omega_partials = configuration.partial_angular_velocity
+        shapes = beam.twists @ np.eye(n)[list(beam.coordinates)]  # (g, n)
+        self.discs = []
+        for spin_inertia, psi in zip(beam.spins, shapes):
+            if psi.any():
+                self.discs.append((spin_inertia, psi))
 
-    def _moment(self, spin: float, w: Any) -> Any:
-        """Return the angular momentum J w of a disc."""
-        return 0.5 * spin * (w + (w @ self.e) * self.e)
+    def _moment(self, spin_inertia: float, omega: Vector) -> Vector:
+        """Return the angular momentum J omega of a disc."""
+        return 0.5 * spin_inertia * (omega + (omega @ self.e) * self.e)
 
-    def torques(self, motion: BodyMotion, rates: tuple[Any, Any]) -> Any:
-        """Return the contribution of torsion to -F_r*, (n,); `rates` are u and udot."""
-        result: Any = np.zeros(len(self.carried))
-        for spin, psi in self.discs:
-            turn, gain = (psi @ x for x in rates)
-            w = motion.omega + turn * self.e
-            alpha = motion.alpha + gain * self.e + cross(motion.omega, turn * self.e)
-            straight = self._moment(spin, motion.alpha) + cross(
-                motion.omega, self._moment(spin, motion.omega))
-            torque = self._moment(spin, alpha) + cross(w, self._moment(spin, w))
-            partials = self.carried + np.multiply.outer(psi, self.e)
-            result = result + partials @ torque - self.carried @ straight
+    def _disc_torque(self, spin_inertia: float, omega: Vector, alpha: Vector) -> Vector:
+        """Return J alpha + omega x J omega of a disc."""
+        gyroscopic = cross(omega, self._moment(spin_inertia, omega))
+        return self._moment(spin_inertia, alpha) + gyroscopic
+
+    def torques(self, motion: BodyMotion, u: Vector, udot: Vector) -> Vector:
+        """Return the contribution of torsion to -F_r*, (n,)."""
+        result: Vector = np.zeros(len(self.omega_partials))
+        for spin_inertia, psi in self.discs:
+            twist_rate = (psi @ u) * self.e
+            twist_acceleration = (psi @ udot) * self.e
+            omega = motion.omega + twist_rate
+            alpha = motion.alpha + twist_acceleration + cross(motion.omega, twist_rate)
+
+            partials = self.omega_partials + np.multiply.outer(psi, self.e)
+            twisted = self._disc_torque(spin_inertia, omega, alpha)
+            straight = self._disc_torque(spin_inertia, motion.omega, motion.alpha)
+            result = result + partials @ twisted - self.omega_partials @ straight
         return result
 
-    def inertia(self) -> Any:
+    def inertia(self) -> Matrix:
         """Return the contribution of torsion to the mass matrix, (n, n)."""
-        result: Any = np.zeros((len(self.carried), len(self.carried)))
-        for spin, psi in self.discs:
-            for partials, sign in ((self.carried + np.multiply.outer(psi, self.e), 1.0),
-                                   (self.carried, -1.0)):
-                turned = np.array([self._moment(sign * spin, w) for w in partials])
-                result = result + partials @ turned.T
+        n = len(self.omega_partials)
+        result: Matrix = np.zeros((n, n))
+        for spin_inertia, psi in self.discs:
+            twisted = self.omega_partials + np.multiply.outer(psi, self.e)
+            result = result + self._disc_inertia(spin_inertia, twisted)
+            result = result + self._disc_inertia(-spin_inertia, self.omega_partials)
         return result
 
+    def _disc_inertia(self, spin_inertia: float, partials: Matrix) -> Matrix:
+        """Return w^r . J w^s of a disc, (n, n), from its partial angular velocities."""
+        moments = np.array([self._moment(spin_inertia, omega) for omega in partials])
+        return partials @ moments.T
 
-def inertia_force(beam: Beam, here: Configuration, motion: BodyMotion, q: Any, u: Any,
-                  udot: Any) -> Any:
+
+def inertia_force(beam: Beam, configuration: Configuration, motion: BodyMotion,
+                  q: Vector, u: Vector, udot: Vector) -> Vector:
     """Return the contribution of bending to F_r*, (n,), N m or N."""
-    points = BeamPoints(beam, here, q)
-    speed, gain = (x[list(beam.coordinates)] for x in (u, udot))
+    points = BeamPoints(beam, configuration, q)
+    modes = list(beam.coordinates)
+    eta_rate = u[modes]
+    eta_acceleration = udot[modes]
     omega = motion.omega
 
-    def carried(place: Any) -> Any:
-        return motion.a + cross(motion.alpha, place) + cross(omega, cross(omega, place))
+    def rigid_acceleration(place: Vector) -> Vector:
+        """Return a_O + alpha x rho + omega x (omega x rho)."""
+        centripetal = cross(omega, cross(omega, place))
+        return motion.a + cross(motion.alpha, place) + centripetal
 
-    def accelerations(g: int) -> tuple[Any, Any]:
+    def accelerations(g: int) -> tuple[Vector, Vector]:
+        """Return the acceleration of point g of the bent and of the straight beam."""
         modal = points.modal[g]
-        curved = speed @ beam.shortening[g] @ speed
-        bending = 2.0 * cross(omega, speed @ modal) + gain @ modal - curved * points.axis
-        return carried(points.bent[g]) + bending, carried(points.straight[g])
-    return -points.total(accelerations) - Twist(beam, here, len(q)).torques(
-        motion, (u, udot))
+        # rho'' has the rate of d rho / d eta, since the shortening is of second order.
+        shortening = eta_rate @ beam.shortening[g] @ eta_rate
+        relative = eta_acceleration @ modal - shortening * points.axis
+        coriolis = 2.0 * cross(omega, eta_rate @ modal)
+        bent = rigid_acceleration(points.bent[g]) + coriolis + relative
+        return bent, rigid_acceleration(points.straight[g])
+
+    torsion = Twist(beam, configuration, len(q))
+    return -points.total(accelerations) - torsion.torques(motion, u, udot)
 
 
-def mass_matrix(beam: Beam, here: Configuration, q: Any) -> Any:
+def mass_matrix(beam: Beam, configuration: Configuration, q: Vector) -> Matrix:
     """Return the contribution of bending to the mass matrix, (n, n)."""
-    points = BeamPoints(beam, here, q)
-    return (points.total(lambda g: tuple(v.T for v in points.partials[g]))
-            + Twist(beam, here, len(q)).inertia())
+    points = BeamPoints(beam, configuration, q)
+
+    def partial_velocities(g: int) -> tuple[Matrix, Matrix]:
+        bent, straight = points.partials[g]
+        return bent.T, straight.T
+
+    torsion = Twist(beam, configuration, len(q))
+    return points.total(partial_velocities) + torsion.inertia()
 
 
-def weight(beam: Beam, here: Configuration, q: Any, gravity: Any) -> Any:
+def weight(beam: Beam, configuration: Configuration, q: Vector,
+           gravity: Vector) -> Vector:
     """Return the contribution of bending to the generalized force of gravity, (n,)."""
-    return BeamPoints(beam, here, q).total(lambda g: (gravity, gravity))
+    return BeamPoints(beam, configuration, q).total(lambda g: (gravity, gravity))
 
 
-def modal_force(beam: Beam, q: Any, u: Any, friction: bool) -> Any:
+def modal_force(beam: Beam, q: Vector, u: Vector, friction: bool) -> Vector:
     """Return the generalized force of elasticity and material damping, (n,)."""
     modes = list(beam.coordinates)
     force = beam.stiffness @ q[modes]

@@ -1,18 +1,18 @@
 """
-Forward kinematics of all bodies in world axes: poses, Jacobians, velocities, accelerations.
+Forward kinematics in world axes: poses, Jacobians, velocities, accelerations.
 
-Reference formulation after Kane & Levinson, Dynamics: Theory and Applications (1985), chapter 2,
-written for readability; `recursive` is the compiled formulation. Works on any scalar type.
+Reference formulation after Kane & Levinson, Dynamics: Theory and Applications (1985),
+chapter 2, written for readability; `recursive` is the compiled formulation. Works on any
+scalar type.
 
-A partial velocity is the coefficient of a speed u_r in a velocity: a column of the Jacobian. The
-partial velocities of a body are the rows of an (n, 3) array, so that omega = sum_r omega^r u_r is
-``u @ partial_angular_velocity``.
+A partial velocity is the coefficient of a speed u_r in a velocity: a column of the
+Jacobian. The partial velocities of a body are the rows of an (n, 3) array, so that omega
+= sum_r omega^r u_r is ``u @ partial_angular_velocity``.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
-
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.vector import axis_rotation, cross, skew
 from kane_dynamics.mechanics.ball_joints import joint_positions, rotations
 from kane_dynamics.model.model import Frame, Joint, Model, WORLD
@@ -39,13 +39,13 @@ class Configuration:
 
     """
 
-    R_wb: Any
-    p_wb: Any
-    p_com: Any
-    axis: Any
-    partial_angular_velocity: Any
-    partial_velocity_origin: Any
-    partial_velocity: Any
+    R_wb: Matrix
+    p_wb: Vector
+    p_com: Vector
+    axis: Vector
+    partial_angular_velocity: Matrix
+    partial_velocity_origin: Matrix
+    partial_velocity: Matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,47 +64,49 @@ class BodyMotion:
 
     """
 
-    omega: Any
-    alpha: Any
-    v: Any
-    a: Any
-    v_com: Any
-    a_com: Any
+    omega: Vector
+    alpha: Vector
+    v: Vector
+    a: Vector
+    v_com: Vector
+    a_com: Vector
 
 
-def position(joint: Joint, q: Any) -> Any:
+def position(joint: Joint, q: Vector) -> Scalar:
     """Return the position of a joint, rad or m."""
-    bent = joint.deflection
-    if bent is None:
+    deflection = joint.deflection
+    if deflection is None:
         return joint.multiplier * q[joint.coordinate] + joint.offset
-    eta = q[list(bent.coordinates)]
-    return joint.offset + bent.slope @ eta + 0.5 * (eta @ bent.curvature @ eta)
+    eta = q[list(deflection.coordinates)]
+    second_order = 0.5 * (eta @ deflection.curvature @ eta)
+    return joint.offset + deflection.slope @ eta + second_order
 
 
-def partials(joint: Joint, q: Any) -> Any:
+def partials(joint: Joint, q: Vector) -> Vector:
     """Return the derivative of a joint's rate with respect to the speeds, (n,)."""
-    bent = joint.deflection
-    if bent is None:
-        return joint.multiplier * np.eye(len(q))[joint.coordinate]
-    places = list(bent.coordinates)
-    return (bent.slope + bent.curvature @ q[places]) @ np.eye(len(q))[places]
+    n = len(q)
+    deflection = joint.deflection
+    if deflection is None:
+        return joint.multiplier * np.eye(n)[joint.coordinate]
+    modes = list(deflection.coordinates)
+    return (deflection.slope + deflection.curvature @ q[modes]) @ np.eye(n)[modes]
 
 
-def rate(joint: Joint, u: Any) -> Any:
-    """Return a rigid joint's rate from the speeds, or its acceleration from their rates."""
+def rate(joint: Joint, u: Vector) -> Scalar:
+    """Return a rigid joint's rate from u, or its acceleration from udot."""
     return joint.multiplier * u[joint.coordinate]
 
 
-def joint_acceleration(joint: Joint, q: Any, u: Any, udot: Any) -> Any:
+def joint_acceleration(joint: Joint, q: Vector, u: Vector, udot: Vector) -> Scalar:
     """Return the acceleration of a joint, rad/s^2 or m/s^2."""
-    bent = joint.deflection
-    if bent is None:
+    deflection = joint.deflection
+    if deflection is None:
         return rate(joint, udot)
-    speed = u[list(bent.coordinates)]
-    return partials(joint, q) @ udot + speed @ bent.curvature @ speed
+    modal_speeds = u[list(deflection.coordinates)]
+    return partials(joint, q) @ udot + modal_speeds @ deflection.curvature @ modal_speeds
 
 
-def configurations(model: Model, q: Any) -> tuple[Configuration, ...]:
+def configurations(model: Model, q: Vector) -> tuple[Configuration, ...]:
     """
     Return the configuration of every body.
 
@@ -117,42 +119,58 @@ def configurations(model: Model, q: Any) -> tuple[Configuration, ...]:
 
     Notes
     -----
-    A body has the partial velocities of its parent at the joint, v^r + omega^r x r. Its joint
-    adds its multiplier times its axis to the partial angular velocity (revolute) or the partial
-    velocity (prismatic) of its coordinate. The axes of a ball joint are those of its body.
+    A body has the partial velocities of its parent at the joint, v^r + omega^r x r. Its
+    joint adds its multiplier times its axis to the partial angular velocity (revolute)
+    or the partial velocity (prismatic) of its coordinate. The axes of a ball joint are
+    those of its body.
 
     """
     bodies: list[Configuration] = []
-    turned, q = rotations(model, q), joint_positions(model, q)
+    ball_rotations = rotations(model, q)
+    q = joint_positions(model, q)
     for k, body in enumerate(model.bodies):
         joint = body.joint
-        R, p, w, v = np.eye(3), np.zeros(3), np.zeros((model.n, 3)), np.zeros((model.n, 3))
-        if body.parent != WORLD:
+
+        # The body starts from its parent; the world is at rest at the origin.
+        if body.parent == WORLD:
+            R = np.eye(3)
+            p = np.zeros(3)
+            w = np.zeros((model.n, 3))
+            v = np.zeros((model.n, 3))
+        else:
             parent = bodies[body.parent]
-            R, p = parent.R_wb, parent.p_wb
-            w, v = parent.partial_angular_velocity, parent.partial_velocity_origin
+            R = parent.R_wb
+            p = parent.p_wb
+            w = parent.partial_angular_velocity
+            v = parent.partial_velocity_origin
+
+        # The joint's fixed frame: r leads from the parent's origin to the body's.
         r = R @ joint.translation
         R = R @ joint.rotation
-        if k in turned:
-            R = R @ turned[k]
-        s = R @ joint.axis
-        of_joint = np.outer(partials(joint, q), s)
+        if k in ball_rotations:
+            R = R @ ball_rotations[k]
+        axis = R @ joint.axis
+
+        # The joint's motion: a rotation about the axis, or a translation along it.
         x = position(joint, q)
+        joint_partials = np.outer(partials(joint, q), axis)
         if joint.kind == 'revolute':
             v = v + w @ skew(r)  # rows omega^r x r
-            w = w + of_joint
+            w = w + joint_partials
             R = R @ axis_rotation(joint.axis, np.sin(x), np.cos(x))
         else:
-            r = r + x * s
-            v = v + w @ skew(r) + of_joint
+            r = r + x * axis
+            v = v + w @ skew(r) + joint_partials
+
         p = p + r
-        c = R @ body.inertial.com
-        bodies.append(Configuration(R, p, p + c, s, w, v, v + w @ skew(c)))
+        com = R @ body.inertial.com
+        v_com = v + w @ skew(com)
+        bodies.append(Configuration(R, p, p + com, axis, w, v, v_com))
     return tuple(bodies)
 
 
-def motions(model: Model, bodies: Sequence[Configuration], q: Any, u: Any,
-            udot: Any) -> tuple[BodyMotion, ...]:
+def motions(model: Model, bodies: Sequence[Configuration], q: Vector, u: Vector,
+            udot: Vector) -> tuple[BodyMotion, ...]:
     """
     Return the motion of every body.
 
@@ -167,40 +185,69 @@ def motions(model: Model, bodies: Sequence[Configuration], q: Any, u: Any,
 
     Notes
     -----
-    Velocities are sums of partial velocities times speeds. Accelerations are propagated from
-    body to body with the centripetal and Coriolis terms. The axes of a ball joint turn with its
-    body: the angular velocity w on them has the derivative w' + omega x w, where omega may be
-    that of the carrier, since w x w = 0.
+    Velocities are sums of partial velocities times speeds. Accelerations are propagated
+    from body to body with the centripetal and Coriolis terms. The axes of a ball joint
+    turn with its body: the angular velocity w on them has the derivative w' + omega x w,
+    where omega may be that of the ball joint's parent, since w x w = 0.
 
     """
     result: list[BodyMotion] = []
-    q, carriers = joint_positions(model, q), {
-        first + k: model.bodies[first].parent for first in model.balls for k in range(3)}
-    for k, (body, here) in enumerate(zip(model.bodies, bodies)):
+    q = joint_positions(model, q)
+    ball_parents = _ball_parents(model)
+    for k, (body, configuration) in enumerate(zip(model.bodies, bodies)):
         joint = body.joint
-        alpha, a, omega_parent, r = np.zeros(3), np.zeros(3), np.zeros(3), here.p_wb
-        if body.parent != WORLD:
-            parent = result[body.parent]
-            alpha, a, omega_parent = parent.alpha, parent.a, parent.omega
-            r = here.p_wb - bodies[body.parent].p_wb
-        a = _point_acceleration(a, omega_parent, alpha, r)
-        relative = (partials(joint, q) @ u) * here.axis
-        along = joint_acceleration(joint, q, u, udot) * here.axis
-        if k in carriers:
-            omega_parent = result[carriers[k]].omega if carriers[k] != WORLD else np.zeros(3)
-        if joint.kind == 'revolute':
-            alpha = alpha + along + cross(omega_parent, relative)
+
+        # The parent's point at the body's origin; the world is at rest.
+        omega_parent = np.zeros(3)
+        if body.parent == WORLD:
+            alpha = np.zeros(3)
+            a = np.zeros(3)
         else:
-            a = a + along + 2.0 * cross(omega_parent, relative)
-        omega = u @ here.partial_angular_velocity
-        result.append(BodyMotion(
-            omega, alpha, u @ here.partial_velocity_origin, a, u @ here.partial_velocity,
-            _point_acceleration(a, omega, alpha, here.p_com - here.p_wb)))
+            parent = result[body.parent]
+            omega_parent = parent.omega
+            alpha = parent.alpha
+            r = configuration.p_wb - bodies[body.parent].p_wb
+            a = _point_acceleration(parent.a, omega_parent, alpha, r)
+
+        # The joint adds its acceleration along the axis, and the axis turns with the
+        # parent.
+        relative_velocity = (partials(joint, q) @ u) * configuration.axis
+        acceleration = joint_acceleration(joint, q, u, udot)
+        relative_acceleration = acceleration * configuration.axis
+        omega_axis = omega_parent
+        if k in ball_parents:
+            ball_parent = ball_parents[k]
+            if ball_parent == WORLD:
+                omega_axis = np.zeros(3)
+            else:
+                omega_axis = result[ball_parent].omega
+        if joint.kind == 'revolute':
+            alpha = alpha + relative_acceleration + cross(omega_axis, relative_velocity)
+        else:
+            coriolis = 2.0 * cross(omega_axis, relative_velocity)
+            a = a + relative_acceleration + coriolis
+
+        # Velocities are sums of partial velocities times speeds.
+        omega = u @ configuration.partial_angular_velocity
+        v = u @ configuration.partial_velocity_origin
+        v_com = u @ configuration.partial_velocity
+        com = configuration.p_com - configuration.p_wb
+        a_com = _point_acceleration(a, omega, alpha, com)
+        result.append(BodyMotion(omega, alpha, v, a, v_com, a_com))
     return tuple(result)
 
 
-def frame_pose(model: Model, frame: Frame, q: Any,
-               bodies: Sequence[Configuration] | None = None) -> tuple[Any, Any]:
+def _ball_parents(model: Model) -> dict[int, int]:
+    """Return the parent of every ball joint, by each of the joint's three bodies."""
+    parents = {}
+    for first in model.balls:
+        for k in range(first, first + 3):
+            parents[k] = model.bodies[first].parent
+    return parents
+
+
+def frame_pose(model: Model, frame: Frame, q: Vector,
+               bodies: Sequence[Configuration] | None = None) -> tuple[Matrix, Vector]:
     """
     Return the axes (3, 3, columns) and the origin (3,) of a frame in the world, m.
 
@@ -212,24 +259,29 @@ def frame_pose(model: Model, frame: Frame, q: Any,
     return body.R_wb @ frame.rotation, body.p_wb + body.R_wb @ frame.translation
 
 
-def frame_partial_velocities(model: Model, frame: Frame, q: Any, at: Any = None,
-                             bodies: Sequence[Configuration] | None = None) -> Any:
+def frame_partial_velocities(model: Model, frame: Frame, q: Vector,
+                             at: Vector | None = None,
+                             bodies: Sequence[Configuration] | None = None) -> Matrix:
     """
     Return the frame Jacobian, (6, n): column r is v^r, then omega^r; world axes.
 
-    With `at`, (3,), m, it is that of the point of the frame's body at this place; `bodies` as for
-    `frame_pose`.
+    With `at`, (3,), m, it is that of the point of the frame's body at this place;
+    `bodies` as for `frame_pose`.
     """
     if frame.body == WORLD:
         return np.zeros((6, model.n))
     body = (bodies or configurations(model, q))[frame.body]
     w = body.partial_angular_velocity
-    r = body.R_wb @ frame.translation if at is None else at - body.p_wb
+    if at is None:
+        r = body.R_wb @ frame.translation
+    else:
+        r = at - body.p_wb
     v = body.partial_velocity_origin + w @ skew(r)
     return np.concatenate([v.T, w.T])
 
 
-def frame_motion(model: Model, frame: Frame, q: Any, u: Any, udot: Any) -> tuple[Any, Any]:
+def frame_motion(model: Model, frame: Frame, q: Vector, u: Vector,
+                 udot: Vector) -> tuple[Vector, Vector]:
     """Return velocity and acceleration (6,) of a frame, linear first; world axes."""
     if frame.body == WORLD:
         return np.zeros(6), np.zeros(6)
@@ -241,6 +293,6 @@ def frame_motion(model: Model, frame: Frame, q: Any, u: Any, udot: Any) -> tuple
     return np.concatenate([v, motion.omega]), np.concatenate([a, motion.alpha])
 
 
-def _point_acceleration(a: Any, omega: Any, alpha: Any, r: Any) -> Any:
+def _point_acceleration(a: Vector, omega: Vector, alpha: Vector, r: Vector) -> Vector:
     """Return the acceleration of a point at r from a point with acceleration a."""
     return a + cross(alpha, r) + cross(omega, cross(omega, r))

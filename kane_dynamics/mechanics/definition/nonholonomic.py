@@ -1,5 +1,5 @@
 """
-Reference formulation of Kane's equations with constraints: F~_r + F~_r* = 0 for r = 1..p.
+Reference formulation of Kane's equations with constraints: F~_r + F~_r* = 0.
 
 The reference for `equations`, on numbers. With q' = W u + X and u_D = A u_I + B,
 
@@ -11,7 +11,7 @@ The reference for `equations`, on numbers. With q' = W u + X and u_D = A u_I + B
 from dataclasses import dataclass
 from typing import Any, TYPE_CHECKING
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Matrix
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.definition import kane
@@ -43,15 +43,19 @@ class Reduction:
 
 def reduction(mechanism: 'Mechanism', q: Array, t: float = 0.0) -> Reduction:
     """Return W, X, A and B as numbers."""
-    here = mechanism.state(q, t)
-    Y, Z = _numbers(*mechanism.speeds.of(q, t))
-    rows = mechanism.rows(here)
-    J, b = _numbers(rows.J[mechanism.kept], rows.b[mechanism.kept])
-    W, = _numbers(np.linalg.inv(Y))
-    C, free, dependent = J @ W, mechanism.free, dependent_places(mechanism)
-    A, B = _numbers(-np.linalg.solve(C[:, dependent], C[:, free]),
-                    np.linalg.solve(C[:, dependent], b + C @ Z))
-    return Reduction(W, -W @ Z, A, B)
+    dependent = dependent_places(mechanism)
+
+    # u = Y q' + Z gives q' = W u + X.
+    Y, Z = mechanism.speeds.of(q, t)
+    W = _numbers(np.linalg.inv(_numbers(Y)))
+    X = _numbers(-W @ _numbers(Z))
+
+    # J q' = b gives C u = b - J X with C = J W, which is solved for u_D.
+    J, b = _rows(mechanism, q, t)
+    C = J @ W
+    A = _numbers(-np.linalg.solve(C[:, dependent], C[:, mechanism.free]))
+    B = _numbers(np.linalg.solve(C[:, dependent], b - J @ X))
+    return Reduction(W, X, A, B)
 
 
 def dependent_places(mechanism: 'Mechanism') -> list[int]:
@@ -70,25 +74,39 @@ def all_speeds(mechanism: 'Mechanism', parts: Reduction, u: Array) -> Array:
 def joint_motion(mechanism: 'Mechanism', q: Array, u: Array, udot: Array,
                  t: float = 0.0) -> tuple[Array, Array]:
     """Return q' and q'', (n_q,), with the time derivatives of A, B, Y and Z."""
+    free = mechanism.free
+    dependent = dependent_places(mechanism)
     parts = reduction(mechanism, q, t)
-    free, dependent = mechanism.free, dependent_places(mechanism)
-    qdot = parts.W @ all_speeds(mechanism, parts, u) + parts.X
+    W, A, B = parts.W, parts.A, parts.B
+    qdot = W @ all_speeds(mechanism, parts, u) + parts.X
+
+    # Time derivatives along the motion, by dual numbers.
     q_moving = moving(q, coordinate_rates(mechanism.model, q, qdot))
     t_moving = moving(t, 1.0)
-    Y_rate, Z_rate = _numbers(*(rates(x) for x in mechanism.speeds.of(q_moving, t_moving)))
+    Y_moving, Z_moving = mechanism.speeds.of(q_moving, t_moving)
+    Y_rate = _numbers(rates(Y_moving))
+    Z_rate = _numbers(rates(Z_moving))
     rows = mechanism.rows(mechanism.state(q_moving, t_moving))
-    J_rate, b_rate = _numbers(rates(rows.J[mechanism.kept]), rates(rows.b[mechanism.kept]))
-    J = _numbers(mechanism.rows(mechanism.state(q, t)).J[mechanism.kept])[0]
-    _, Z = _numbers(*mechanism.speeds.of(q, t))
-    C = J @ parts.W
-    C_rate = J_rate @ parts.W - C @ Y_rate @ parts.W
-    A_rate = -np.linalg.solve(C[:, dependent], C_rate[:, free] + C_rate[:, dependent] @ parts.A)
-    B_rate = np.linalg.solve(C[:, dependent], b_rate + C_rate @ Z + C @ Z_rate
-                             - C_rate[:, dependent] @ parts.B)
+    J_rate = _numbers(rates(rows.J[mechanism.kept]))
+    b_rate = _numbers(rates(rows.b[mechanism.kept]))
+
+    # C = J W, and W' = -W Y' W since W Y = 1; X = -W Z.
+    J, _ = _rows(mechanism, q, t)
+    Z = _numbers(mechanism.speeds.of(q, t)[1])
+    C = J @ W
+    C_rate = J_rate @ W - C @ Y_rate @ W
+
+    # The rates of C_I + C_D A = 0 and of C_D B = b + C Z.
+    C_D = C[:, dependent]
+    C_D_rate = C_rate[:, dependent]
+    A_rate = -np.linalg.solve(C_D, C_rate[:, free] + C_D_rate @ A)
+    B_rate = np.linalg.solve(C_D, b_rate + C_rate @ Z + C @ Z_rate - C_D_rate @ B)
+
+    # u_D' = A u_I' + A' u_I + B', and q'' = W (u' - Y' q' - Z').
     u_rate = np.empty(mechanism.model.n)
     u_rate[free] = udot
-    u_rate[dependent] = parts.A @ udot + A_rate @ u + B_rate
-    return qdot, parts.W @ (u_rate - Y_rate @ qdot - Z_rate)
+    u_rate[dependent] = A @ udot + A_rate @ u + B_rate
+    return qdot, W @ (u_rate - Y_rate @ qdot - Z_rate)
 
 
 def reduced(mechanism: 'Mechanism', q: Array, force: Array, t: float = 0.0) -> Array:
@@ -98,13 +116,12 @@ def reduced(mechanism: 'Mechanism', q: Array, force: Array, t: float = 0.0) -> A
     F_r of the chosen speeds is W^T times the joint force.
     """
     parts = reduction(mechanism, q, t)
-    of_speeds = parts.W.T @ force
-    return (of_speeds[mechanism.free]
-            + parts.A.T @ of_speeds[dependent_places(mechanism)])
+    F = parts.W.T @ force
+    return F[mechanism.free] + parts.A.T @ F[dependent_places(mechanism)]
 
 
-def inverse_dynamics(mechanism: 'Mechanism', q: Array, u: Array, udot: Array, t: float = 0.0,
-                     **forces: Any) -> Array:
+def inverse_dynamics(mechanism: 'Mechanism', q: Array, u: Array, udot: Array,
+                     t: float = 0.0, **forces: Any) -> Array:
     """Return tau, (n,), such that F~_r + F~_r* = 0; `forces` as in `kane`."""
     qdot, qddot = joint_motion(mechanism, q, u, udot, t)
     active = kane.generalized_active_force(mechanism.model, q, qdot, **forces)
@@ -113,13 +130,21 @@ def inverse_dynamics(mechanism: 'Mechanism', q: Array, u: Array, udot: Array, t:
 
 
 def mass_matrix(mechanism: 'Mechanism', q: Array, t: float = 0.0) -> Array:
-    """Return M of the independent speeds, (n, n): F~_r* is linear in u', with this coefficient."""
+    """Return M of the independent speeds, (n, n): -F~_r* = sum_s M_rs u_s' + ..."""
     parts = reduction(mechanism, q, t)
-    T = (parts.W[:, mechanism.free]
-         + parts.W[:, dependent_places(mechanism)] @ parts.A)
+    W_I = parts.W[:, mechanism.free]
+    W_D = parts.W[:, dependent_places(mechanism)]
+    T = W_I + W_D @ parts.A  # joint rates per unit of each independent speed
     M: Array = T.T @ kane.mass_matrix(mechanism.model, q) @ T
     return M
 
 
-def _numbers(*values: Any) -> tuple[Array, ...]:
-    return tuple(np.array(x, dtype=np.float64) for x in values)
+def _rows(mechanism: 'Mechanism', q: Array, t: float) -> tuple[Array, Array]:
+    """Return J, (m, n_q), and b, (m,), of the independent constraint rows, J q' = b."""
+    rows = mechanism.rows(mechanism.state(q, t))
+    return _numbers(rows.J[mechanism.kept]), _numbers(rows.b[mechanism.kept])
+
+
+def _numbers(values: Matrix) -> Array:
+    """Return an array of scalars as floats."""
+    return np.array(values, dtype=np.float64)
