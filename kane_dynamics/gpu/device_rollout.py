@@ -15,7 +15,7 @@ from kane_dynamics.robot.derivative_kernels import PARAMETERS
 from kane_dynamics.robot.frameworks.batch_function import batch_function
 from kane_dynamics.robot.frameworks.quantity_function import require_shape
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.step_kernels import margin_count, step_program, StepChoice
+from kane_dynamics.simulation.step_kernels import step_program, StepChoice
 
 MOST_STEPS = 2**31
 
@@ -33,7 +33,7 @@ class DeviceRollout:
         batch_function(self._robot, 'forward_dynamics', '', parameters)  # checks the parameters
         own = (parameters,) if isinstance(parameters, str) else tuple(parameters)
         self._layout = StepLayout(robot.n_q, robot.n, robot.equations.timed,
-                                  margin_count(robot) > 0,
+                                  robot.equations.watched,
                                   {name: PARAMETERS[name] for name in own})
         self._arguments = [
             Argument('q', (robot.n_q,)), Argument('u', (robot.n,)), Argument('tau', (robot.n,)),

@@ -114,7 +114,7 @@ class DivergenceWatch(Observer):
     single : bool
         Leave out the number of the simulation.
     earlier : Observer, optional
-        An observer whose warning may explain the divergence.
+        An observer before it, whose warning may explain the divergence.
 
     """
 
@@ -131,10 +131,7 @@ class DivergenceWatch(Observer):
         entries = diverged(self._robot, chunk.states)
         k = int(np.argmax(entries.any(axis=(0, 2))))
         i, j = (int(index) for index in np.argwhere(entries[:, k])[0])
-        reason = None
-        if self._earlier is not None:
-            self._earlier.look(chunk)
-            reason = self._earlier.warning()
+        reason = None if self._earlier is None else self._earlier.warning()
         which = 'the simulation' if self._single else f'simulation {i}'
         raise diverged_error(which, chunk.times[k], self._step, state_names(self._robot)[j],
                              float(chunk.states[i, k, j]), reason)

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 import math
+from operator import attrgetter
 from typing import Any
 import warnings
 
@@ -37,9 +38,9 @@ from kane_dynamics.simulation.deflection_watch import DeflectionWatch
 from kane_dynamics.simulation.discontinuities import JumpWatch
 from kane_dynamics.simulation.energy_balance import compile_balance, EnergyBalance
 from kane_dynamics.simulation.limit_events import LimitWatch
-from kane_dynamics.simulation.observers import DivergenceWatch
+from kane_dynamics.simulation.observers import DivergenceWatch, Observer
 from kane_dynamics.simulation.speed_switching import SwitchingSteps
-from kane_dynamics.simulation.step_kernels import margin_count, step_kernel
+from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.step_size import stable_integrator
 from kane_dynamics.simulation.stepping import CallableSteps, Progress, run, Steps
 from kane_dynamics.simulation.stops.joint_stops import JointStops, require_stops
@@ -146,27 +147,36 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     count = whole_steps('duration', positive_time(duration, 'duration'), step)
     every = steps_per_sample(count, step, sample, len(states), single)
     warn_of_degrees(robot, states[:, :robot.n_q], 'q0', stacklevel=4)
-    # Before the first evaluation of user-defined functions: they may not be finite.
-    jumps = JumpWatch(robot, states, start, step, count, single)
+
+    # What watches the states, in this order.
+    observers: list[Observer] = []
+    if any(body.beam is not None for body in robot.model.bodies):
+        observers.append(DeflectionWatch(robot, states, start, single))
+    observers.append(DivergenceWatch(robot, step, single, *observers))
+    if robot.equations.timed:
+        # Before the first evaluation of user-defined functions, which may not be finite.
+        observers.append(JumpWatch(robot, states, start, step, count, single))
     integrator, step_text = stable_integrator(robot, states[:1, :robot.n_q], step, integrator,
                                               start)
     if step_text is not None:
         warnings.warn(step_text, ModelWarning, stacklevel=3)
-    steps = _steps(robot, states, single, step, count, every, torque, integrator, start, stops,
-                   progress is not None)
-
     # With the Runge-Kutta method, a step that is too long explains errors of the energy.
     cause = step_text if integrator == 'rk4' else None
-    deflections = DeflectionWatch(robot, states, start, single)
     limits = LimitWatch(robot, states, start, single, stops)
     balance = EnergyBalance(robot, step, states, integrator, start, single=single, cause=cause)
-    divergence = DivergenceWatch(robot, step, single, earlier=deflections)
-    observers = [divergence, deflections, jumps, limits, balance]
+    observers += [limits, balance]
+
+    steps = _steps(robot, states, single, step, count, every, torque, integrator, start, stops,
+                   progress is not None)
     samples = run(steps, states, count, every, observers, progress)
 
-    texts = [step_text, balance.warning(), deflections.warning()]
-    for text in filter(None, texts[1:]):
-        warnings.warn(text, ModelWarning, stacklevel=3)
+    texts = [] if step_text is None else [step_text]
+    for observer in reversed(observers):
+        text = observer.warning()
+        if text is not None:
+            warnings.warn(text, ModelWarning, stacklevel=3)
+            texts.append(text)
+
     q = np.ascontiguousarray(samples.states[..., :robot.n_q])
     u = np.ascontiguousarray(samples.states[..., robot.n_q:robot.n_q + robot.n])
     tau = steps.torques(samples, q, u)
@@ -177,8 +187,9 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
                       joint_names=robot.joint_names, limit_events=limits.events,
                       coordinate_names=robot.coordinate_names, speed_names=robot.speed_names,
                       constraint_names=robot.constraint_names,
-                      warnings=tuple(filter(None, texts)),
-                      speed_changes=steps.speed_changes(), stop_events=steps.stop_events())
+                      warnings=tuple(texts),
+                      speed_changes=tuple(sorted(steps.changes, key=attrgetter('t'))),
+                      stop_events=() if steps.stops is None else steps.stops.events(single))
 
 
 def _steps(robot: Robot, states: Array, single: bool, step: float, count: int, every: int,
@@ -237,7 +248,7 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
                              f'{residual[i, k]:.3g} (m or rad); expected a closed configuration, '
                              'as robot.closed_posture(q0)')
     time = np.full((*q.shape[:-1], int(robot.equations.timed)), t0)
-    margins = np.ones((*q.shape[:-1], margin_count(robot)))
+    margins = np.ones((*q.shape[:-1], int(robot.equations.watched)))
     return np.concatenate([q, u, time, margins], axis=-1)
 
 

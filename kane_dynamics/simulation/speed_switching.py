@@ -82,11 +82,6 @@ class SwitchingSteps(Steps):
     count : int
         Number of simulations.
 
-    Attributes
-    ----------
-    changes : list of SpeedChange
-        Changes of every simulation, as they were found.
-
     """
 
     def __init__(self, source: TorqueInput, stops: JointStops | None, count: int) -> None:
@@ -105,7 +100,6 @@ class SwitchingSteps(Steps):
                                                         for _ in range(count)]
         self._user = UserSpeeds(source.robot, stops is not None)
         self._watch = SingularityWatch(source.robot, source.step)
-        self.changes: list[SpeedChange] = []
 
     def advance(self, buffer: Array, done: int) -> Extremes | None:
         """Compute the states after each step; as `TorqueInput.advance`."""
@@ -137,12 +131,6 @@ class SwitchingSteps(Steps):
         for i, phase in enumerate(self._phases[:count]):
             groups.setdefault((id(phase.robot), phase.limit), []).append(i)
         return list(groups.values())
-
-    def _advance(self, source: TorqueInput, buffer: Array, done: int) -> Extremes | None:
-        """Compute the states of simulations in the same phase."""
-        if self.stops is None:
-            return source.advance(buffer, done)
-        return self.stops.advance(source, buffer, done)
 
     def _source_of(self, simulations: Sequence[int]) -> TorqueInput:
         """Return the native step of simulations in the same phase."""
@@ -339,10 +327,6 @@ class SwitchingSteps(Steps):
         """Return derived quantities of samples, in the user's speeds; see `UserSpeeds`."""
         times = self.start + samples.steps * np.float64(self.step)
         return self._user.results(self._history, samples.steps, times, samples.states, tau)
-
-    def speed_changes(self) -> tuple[SpeedChange, ...]:
-        """Return the changes of the independent speeds, in order of time."""
-        return tuple(sorted(self.changes, key=attrgetter('t')))
 
     def _look_closely(self, i: int, rows: Array, done: int) -> None:
         """Raise ConstraintError where a singularity lies between two rows of states."""

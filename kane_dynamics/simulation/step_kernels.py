@@ -78,15 +78,10 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:
-    """Return the names of the entries of a state: q, u, the time if needed, the margin."""
+    """Return the names of the entries of a state: q, u, and if needed the time and the margin."""
     time = ('time',) if robot.equations.timed else ()
-    margin = ('margin',) * margin_count(robot)
+    margin = ('margin',) if robot.equations.watched else ()
     return (*robot.coordinate_names, *robot.speed_names, *time, *margin)
-
-
-def margin_count(robot: Robot) -> int:
-    """Return the number of margins in a state: 1 for a constrained robot, else 0."""
-    return int(robot.equations.watched)
 
 
 def watches_stages(robot: Robot, q: Vector, t: Scalar) -> bool:
@@ -162,7 +157,7 @@ class RobotMotion:
 
     def rates(self, state: Vector, moment: int) -> Vector:
         """Return the time derivative of q, u, time and margin."""
-        robot, margins = self.robot, margin_count(self.robot)
+        robot, margins = self.robot, int(self.equations.watched)
         q, u, time = np.split(state[:len(state) - margins], [robot.n_q, robot.n_q + robot.n])
         rates = self.called(self._motion, q, u, self.torque(q, u, moment, *time), time)
         if self.equations.in_joint_rates:
@@ -185,7 +180,7 @@ class RobotMotion:
 
     def quadratures(self, q: Vector, u: Vector, moment: int) -> Vector:
         """Return the rates of time and margin."""
-        return np.array([*(1.0 for _ in self._start), *[0.0] * margin_count(self.robot)])
+        return np.array([*(1.0 for _ in self._start), *[0.0] * int(self.equations.watched)])
 
 
 def step_program(robot: Robot, name: str, choice: StepChoice) -> Program:
@@ -215,7 +210,7 @@ def traced_step(robot: Robot, choice: StepChoice, state: Vector, inputs: Matrix,
         after[:n_q] = equations.closure_step(q, t)
     after[:n_q] = on_unit_quaternions(robot.model, after[:n_q])
     # The joints that follow must determine the motion too.
-    if followed and margin_count(robot):
+    if followed and equations.watched:
         time = after[n_q + n] if equations.timed else 0.0
         margin = law_margin(robot, followed, after[:n_q], time)
         if not isinstance(margin, float):

@@ -19,7 +19,7 @@ from kane_dynamics.simulation.observers import (Chunk, diverged, Extremes, Impac
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.torque_input import (evaluated_torque, TorqueFunction,
                                                    TorqueInput)
-from kane_dynamics.simulation.trajectory import SpeedChange, StopEvent
+from kane_dynamics.simulation.trajectory import SpeedChange
 from kane_dynamics.simulation.user_speeds import actual_accelerations
 import numpy as np
 
@@ -49,12 +49,20 @@ class Steps:
     stops : JointStops, optional
         Stops whose impulses act after each step.
 
+    Attributes
+    ----------
+    changes : list of SpeedChange
+        Changes of the independent speeds so far.
+
     """
 
     def __init__(self, source: TorqueInput, stops: JointStops | None = None) -> None:
         """Store the native step and the stops."""
         self.source, self.stops = source, stops
         self.robot, self.step, self.start = source.robot, source.step, source.start
+        # Computes the states of a native step, with the stops.
+        self._advance = TorqueInput.advance if stops is None else stops.advance
+        self.changes: list[SpeedChange] = []
 
     def compute(self, starts: Array, done: int, count: int) -> Chunk:
         """Return the next steps from states, (N, size), after `done` steps: at most `count`."""
@@ -66,17 +74,7 @@ class Steps:
 
     def advance(self, buffer: Array, done: int) -> Extremes | None:
         """Compute the states of a buffer; arguments and result as of `TorqueInput.advance`."""
-        if self.stops is None:
-            return self.source.advance(buffer, done)
-        return self.stops.advance(self.source, buffer, done)
-
-    def speed_changes(self) -> tuple[SpeedChange, ...]:
-        """Return the changes of the independent speeds: none."""
-        return ()
-
-    def stop_events(self) -> tuple[StopEvent, ...]:
-        """Return the impacts on stops, in order of time."""
-        return () if self.stops is None else self.stops.events(self.source.single)
+        return self._advance(self.source, buffer, done)
 
     def user_state(self, simulation: int, state: Array, done: int) -> tuple[Array, Array]:
         """Return q and u, in the user's speeds, of a simulation's state after `done` steps."""
@@ -135,6 +133,7 @@ class CallableSteps(Steps):
     def __init__(self, steps: Steps, torque: TorqueFunction, every: int, in_time: bool) -> None:
         """Begin without samples."""
         super().__init__(steps.source, steps.stops)
+        self.changes = steps.changes
         self._steps, self._torque = steps, torque
         self._every, self._in_time = every, in_time
         self._samples: list[Array] = []
@@ -184,9 +183,6 @@ class CallableSteps(Steps):
         """Return u and derived quantities of samples."""
         return self._steps.results(samples, tau)
 
-    def speed_changes(self) -> tuple[SpeedChange, ...]:
-        """Return the changes of the independent speeds."""
-        return self._steps.speed_changes()
 
 
 def run(steps: Steps, starts: Array, count: int, every: int, observers: Sequence[Observer],

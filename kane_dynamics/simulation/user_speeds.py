@@ -45,7 +45,7 @@ class UserSpeeds:
 
     def speeds(self, robot: Robot, q: Array, u: Array, udot: Array, t: Any) -> Array:
         """Return the user's speeds and their rates, (2, n) or (K, 2, n)."""
-        names, equations = self._user_robot.speed_names, _equations(robot)
+        names, equations = self._user_robot.speed_names, robot.equations
 
         def speeds(q: Vector, u: Vector, udot: Vector, t: Scalar) -> Any:
             return other_speeds(equations, names, q, u, udot, t)
@@ -55,7 +55,7 @@ class UserSpeeds:
 
     def torques(self, robot: Robot, q: Array, tau: Array, t: Any) -> Array:
         """Convert forces dual to the user's speeds to generalized forces, (n,) or (K, n)."""
-        names, equations = self._user_robot.speed_names, _equations(robot)
+        names, equations = self._user_robot.speed_names, robot.equations
 
         def torques(q: Vector, tau: Vector, t: Scalar) -> Any:
             return tau_from(equations, names, q, tau, t)
@@ -153,7 +153,7 @@ class UserSpeeds:
 
         By default each acts on its own speed: of the user's robot, also in other speeds.
         """
-        names, equations = self._user_robot.speed_names, _equations(robot)
+        names, equations = self._user_robot.speed_names, robot.equations
 
         def torques(q: Vector, tau: Vector, t: Scalar) -> Any:
             return actuator_torques(equations, names, q, tau, t)
@@ -165,7 +165,7 @@ class UserSpeeds:
     def _constraint_forces(self, robot: Robot, q: Array, u: Array, udot: Array, applied: Array,
                            times: Array) -> Array:
         """Return the forces of all rows, (K, m), in a motion under given joint forces."""
-        equations = _equations(robot)
+        equations = robot.equations
         shapes = {'q': (robot.n_q,), 'u': (robot.n,), 'udot': (robot.n,),
                   'applied': (robot.model.n,)}
         return self._called(robot, 'constraint_forces_of_motion', shapes,
@@ -265,7 +265,3 @@ def law_power(history: History, source: Any, buffer: Array, done: int, rows: Arr
                 of_phase = replace(source, robot=changes[k][1]).acting(buffer[i:i + 1], done)
                 power[i, in_phase] = of_phase(rows[in_phase])[0]
     return power
-
-
-def _equations(robot: Robot) -> Equations:
-    return robot.equations

@@ -35,8 +35,7 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.speed_sets import limits_of
 from kane_dynamics.simulation.energy_balance import driven_kernel
 from kane_dynamics.simulation.speed_switching import STEP_RESIDUAL
-from kane_dynamics.simulation.step_kernels import (implicit_stage, margin_count,
-                                                   time_input)
+from kane_dynamics.simulation.step_kernels import implicit_stage, time_input
 import numpy as np
 
 NONE = 'none'
@@ -63,8 +62,8 @@ class TrialParts(NamedTuple):
 
 def parts_of(robot: Robot, tracked: int) -> TrialParts:
     """Return the slices of a trial's state for a number of tracked joints."""
-    sizes = [robot.n_q, robot.n, int(robot.equations.timed), 1, tracked, margin_count(robot),
-             robot.n]
+    equations = robot.equations
+    sizes = [robot.n_q, robot.n, int(equations.timed), 1, tracked, int(equations.watched), robot.n]
     ends = np.cumsum(sizes).tolist()
     begins = [0, *ends[:-1]]
     q, u, time, work, error, margin, tau = map(slice, begins, ends)

@@ -25,7 +25,7 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.simulation.step_kernels import (margin_count, RobotMotion, step_kernel,
+from kane_dynamics.simulation.step_kernels import (RobotMotion, step_kernel,
                                                    StepChoice, time_input, traced_step,
                                                    wrench_input)
 from kane_dynamics.simulation.stops.contact_forces import ROUNDING
@@ -164,7 +164,7 @@ def _traced_row(robot: Robot, choice: StepChoice, stopped: list[int], state: Vec
     for held, x, a, b, j, limit in zip(touching, pull, lower, upper, stopped, slack):
         within = (1.0 - _all(b + limit < q[j])) * (1.0 - _all(q[j] < a - limit))
         valid = valid * select(held, 1.0 - _all(x > 0.0), within)
-    if margin_count(robot):
+    if robot.equations.watched:
         valid = valid * _all(time_and_margin[-1] > 0.0)
     return [*q, *u, *time_and_margin, *free, *stages[0].accelerations, *first, *pull,
             *stages[0].generalized, *stages[-1].generalized, valid]
