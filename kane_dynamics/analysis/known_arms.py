@@ -15,7 +15,8 @@ from kane_dynamics.errors import InputError
 TABLE = Path(__file__).with_name('arms.yaml')
 UNCONFIRMED = 'unconfirmed'
 NO_INTERFACE = 'no effort interface'
-_KEYS = ('vendor', 'arm', 'name', 'joints', 'interface', 'versions', 'compensates', 'note',
+_KEYS = ('vendor', 'arm', 'name', 'joints', 'interface', 'versions', 'compensates',
+         'note',
          'efforts', 'sources')
 
 
@@ -62,10 +63,11 @@ class KnownArm:
     ----------
     vendor, arm, interface, versions, note : str
     name, joints : str
-        Regular expressions for the name of the robot and for all its joints; either identifies it.
+        Regular expressions for the name of the robot and for all its joints; either
+        identifies it.
     compensates : tuple of str or None
-        The torque terms that the arm adds to commanded efforts; None if no source says it, or if
-        efforts cannot be commanded.
+        The torque terms that the arm adds to commanded efforts; None if no source says
+        it, or if efforts cannot be commanded.
     commandable : bool
         Whether efforts can be commanded.
     efforts : tuple of ReportedEffort
@@ -91,7 +93,8 @@ class KnownArm:
             return True
         if not (self.joints and joint_names):
             return False
-        return all(re.fullmatch(self.joints, joint, re.IGNORECASE) for joint in joint_names)
+        return all(re.fullmatch(self.joints, joint,
+                                re.IGNORECASE) for joint in joint_names)
 
     def __str__(self) -> str:
         """Return arm and interface in one line."""
@@ -144,8 +147,8 @@ def contradiction(rows: Sequence[KnownArm], compensates: Collection[str]) -> str
         consequence = ', where gravity would count twice'
     if 'gravity' in stated and not any(by_arm):
         consequence = ', where nothing would hold the weight of the arm'
-    return (f'arm_compensates: {", ".join(compensates)}{consequence}; expected {expected} '
-            '(a simulated arm: what its simulator adds)')
+    return (f'arm_compensates: {", ".join(compensates)}{consequence}; expected '
+            f'{expected} (a simulated arm: what its simulator adds)')
 
 
 def effort_contradiction(rows: Sequence[KnownArm], kind: str, gravity: bool) -> str:
@@ -181,7 +184,8 @@ def _row(data: Any, number: int) -> KnownArm:
     row = mapping(data, what, _KEYS, InputError)
     missing = sorted(set(_KEYS) - {'joints', 'note'} - set(row))
     if missing:
-        raise InputError(f'{what}: no {", ".join(missing)}; expected all of {", ".join(_KEYS)}')
+        raise InputError(f'{what}: no {", ".join(missing)}; expected all of '
+                         f'{", ".join(_KEYS)}')
     if not row['sources']:
         raise InputError(f'{what}: no sources; expected where it is said')
     for key in ('name', 'joints'):
@@ -204,7 +208,8 @@ def _row(data: Any, number: int) -> KnownArm:
 
 def _effort(data: Any, what: str) -> ReportedEffort:
     """Return one checked entry of the reported efforts."""
-    entry = mapping(data, f'{what}, efforts', ('kind', 'gravity', 'versions'), InputError)
+    entry = mapping(data, f'{what}, efforts', ('kind', 'gravity', 'versions'),
+                    InputError)
     kind = str(entry.get('kind'))
     if kind not in (*EffortKind, UNCONFIRMED):
         raise InputError(f'{what}, efforts: kind {kind!r}; expected one of '

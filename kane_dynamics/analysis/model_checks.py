@@ -52,10 +52,11 @@ def examine_model(model: Model, robot: Robot, warnings: Sequence[str]) -> list[F
     base = model.floating_base
     if base:
         body = base[0].rpartition('/')[0]
-        findings.append(Finding('warning', f"floating base on '{body}': its contacts, which a "
-                                'URDF does not state, determine the torques that hold the '
-                                'robot; expected a check of your own with wrenches at the '
-                                'contacts'))
+        findings.append(Finding('warning',
+                                f"floating base on '{body}': its contacts, which a "
+                                'URDF does not state, determine the torques that hold '
+                                'the robot; expected a check of your own with wrenches '
+                                'at the contacts'))
     elif not robot.equations.in_joint_rates:
         findings += _examine_holding_torques(robot)
     else:
@@ -79,7 +80,9 @@ def _examine_compensation(model: Model) -> list[Finding]:
             findings.append(Finding('warning', f'efforts cannot be commanded: {row}'))
         elif row.compensates is not None:
             findings.append(Finding(
-                'fine', f'{row} adds {words(row.compensates)} to commanded efforts itself; state '
+                'fine',
+                f'{row} adds {words(row.compensates)} to commanded efforts itself; '
+                'state '
                 f'it as arm_compensates [{", ".join(row.compensates)}]'))
     return findings
 
@@ -94,7 +97,8 @@ def _examine_limits(model: Model, robot: Robot) -> list[Finding]:
         without = [name for name, value in zip(model.joint_names, values)
                    if name in driven and not np.isfinite(value)]
         if without:
-            findings.append(Finding('warning', f'no {limit}: {listed(without)}; {consequence}'))
+            findings.append(Finding('warning',
+                                    f'no {limit}: {listed(without)}; {consequence}'))
     return findings
 
 
@@ -109,11 +113,13 @@ def _examine_drives(model: Model, robot: Robot) -> list[Finding]:
             without_rotor.append(joint.name)
     findings = []
     if frictionless:
-        findings.append(Finding('warning', f'no friction is known of {listed(frictionless)}: '
+        findings.append(Finding('warning',
+                                f'no friction is known of {listed(frictionless)}: '
                                 '`kane-dynamics identify` finds it from a recording'))
     if without_rotor:
         findings.append(Finding(
-            'warning', f'no rotor inertia (armature) is known of {listed(without_rotor)}: behind '
+            'warning',
+            f'no rotor inertia (armature) is known of {listed(without_rotor)}: behind '
             'a gear it can exceed the inertia of the link; set it in the supplement'))
     return findings
 
@@ -122,8 +128,8 @@ def examine_units(model: Model) -> list[Finding]:
     """
     Return problems of sizes that no robot has in SI units, and a warning of gravity upwards.
 
-    The reach is the length of all links in one line. Masses are compared with a cube of that
-    size, radii of gyration and centers of mass with the reach itself.
+    The reach is the length of all links in one line. Masses are compared with a cube of
+    that size, radii of gyration and centers of mass with the reach itself.
     """
     findings = []
     lengths = {body.joint.name: float(np.linalg.norm(body.joint.translation))
@@ -132,14 +138,16 @@ def examine_units(model: Model) -> list[Finding]:
     too_long = [f'{name} ({length:.4g} m)' for name, length in lengths.items()
                 if length > LONGEST_LINK]
     if too_long:
-        findings.append(Finding('problem', f'links of unusual length: {listed(too_long)}; '
+        findings.append(Finding('problem',
+                                f'links of unusual length: {listed(too_long)}; '
                                 'expected m: are these millimeters?'))
     elif reach > 0.0:
         findings += _examine_inertias(model, reach)
     if model.gravity[2] > 0.0:
-        findings.append(Finding('warning', f'gravity {model.gravity.tolist()} m/s^2 points '
-                                'upwards in the axes of the base; expected 0 0 -9.81, unless the '
-                                'arm hangs from a ceiling'))
+        findings.append(Finding('warning',
+                                f'gravity {model.gravity.tolist()} m/s^2 points '
+                                'upwards in the axes of the base; expected 0 0 -9.81, '
+                                'unless the arm hangs from a ceiling'))
     return findings
 
 
@@ -148,9 +156,10 @@ def _examine_inertias(model: Model, reach: float) -> list[Finding]:
     findings = []
     total = sum(body.inertial.mass for body in model.bodies)
     if total > DENSEST * reach**3:
-        findings.append(Finding('problem', f'the masses are {total:.5g} kg together, for a robot '
-                                f'whose links reach {reach:.4g} m in one line; expected kg: are '
-                                'these grams?'))
+        findings.append(Finding('problem',
+                                f'the masses are {total:.5g} kg together, for a robot '
+                                f'whose links reach {reach:.4g} m in one line; expected '
+                                'kg: are these grams?'))
     size = max(reach, SMALLEST_REACH)
     far, wide = [], []
     for body in model.bodies:
@@ -162,13 +171,15 @@ def _examine_inertias(model: Model, reach: float) -> list[Finding]:
             radius = (moment / body.inertial.mass)**0.5
             wide.append(f'{body.name} ({radius:.4g} m)')
     if far:
-        findings.append(Finding('problem', 'centers of mass farther away than all links reach in '
-                                f'one line, {reach:.4g} m: {listed(far)}; expected m: are these '
-                                'millimeters?'))
+        findings.append(Finding('problem',
+                                'centers of mass farther away than all links reach in '
+                                f'one line, {reach:.4g} m: {listed(far)}; expected m: '
+                                'are these millimeters?'))
     if wide:
-        findings.append(Finding('problem', 'radii of gyration larger than all links reach in one '
-                                f'line, {reach:.4g} m: {listed(wide)}; expected inertias in kg '
-                                'm^2'))
+        findings.append(Finding('problem',
+                                'radii of gyration larger than all links reach in one '
+                                f'line, {reach:.4g} m: {listed(wide)}; expected '
+                                'inertias in kg m^2'))
     return findings
 
 
@@ -183,26 +194,30 @@ def examine_masses(robot: Robot) -> list[Finding]:
     massless = [name for name, entry in zip(robot.joint_names, largest) if entry == 0.0]
     if not massless:
         return []
-    return [Finding('problem', f'no mass moves with {listed(massless)}: no torque determines '
-                    'their acceleration, forward dynamics and simulation fail; expected an '
-                    '<inertial> on what they move, or an armature in the supplement')]
+    return [Finding('problem',
+                    f'no mass moves with {listed(massless)}: no torque determines '
+                    'their acceleration, forward dynamics and simulation fail; expected '
+                    'an <inertial> on what they move, or an armature in the supplement')]
 
 
 def _examine_weight(robot: Robot) -> list[Finding]:
     """Return whether the effort limits can hold the arm everywhere within its limits."""
     weights = largest_gravity_forces(robot)
     weak = [f"'{name}' (weight up to {weight:.5g}, effort {limit:.5g})"
-            for name, weight, limit in zip(robot.joint_names, weights, robot.limits.effort)
+            for name, weight, limit in zip(robot.joint_names, weights,
+                                           robot.limits.effort)
             if weight > limit]
     if weak:
         return [Finding('problem', 'the arm cannot hold itself in every configuration: '
                         f'{listed(weak)} N m or N')]
     if not weights.any():
-        return [Finding('warning', 'gravity torques: zero for all joints; expected a base mounted '
+        return [Finding('warning',
+                        'gravity torques: zero for all joints; expected a base mounted '
                         'as in the URDF, with gravity along its -z')]
-    return [Finding('fine', f'the efforts hold the arm in {SAMPLES} random configurations within '
-                    'its limits, and at the largest gravity torques that a search from there '
-                    'finds')]
+    return [Finding('fine',
+                    f'the efforts hold the arm in {SAMPLES} random configurations '
+                    'within its limits, and at the largest gravity torques that a '
+                    'search from there finds')]
 
 
 def _examine_holding_torques(robot: Robot) -> list[Finding]:
@@ -215,14 +230,16 @@ def _examine_holding_torques(robot: Robot) -> list[Finding]:
                         f'configurations; {error}')]
     efforts = robot.limits.effort
     weak = [f"'{name}' (torque up to {torque:.5g}, effort {limit:.5g})"
-            for name, torque, limit in zip(robot.joint_names, torques.max(axis=0), efforts)
+            for name, torque, limit in zip(robot.joint_names, torques.max(axis=0),
+                                           efforts)
             if torque > limit]
     beyond = int((torques > efforts).any(axis=1).sum())
     if weak:
         return [Finding('problem', f'the actuators cannot hold the arm in {beyond} of '
-                        f'{CLOSED_SAMPLES} random closed configurations within its limits: '
-                        f'{listed(weak)} N m or N')]
-    return [Finding('fine', f'the efforts of {listed(robot.actuated_names)} hold the arm in '
+                        f'{CLOSED_SAMPLES} random closed configurations within its '
+                        f'limits: {listed(weak)} N m or N')]
+    return [Finding('fine',
+                    f'the efforts of {listed(robot.actuated_names)} hold the arm in '
                     f'{CLOSED_SAMPLES} random closed configurations within its limits')]
 
 
@@ -230,8 +247,8 @@ def largest_gravity_forces(robot: Robot) -> Array:
     """
     Return the largest gravity force that a search finds for each joint, (n,), N m or N.
 
-    The search ascends from the largest of `SAMPLES` random configurations. A missing joint limit
-    is half a turn or 1 m from 0, or from the other limit.
+    The search ascends from the largest of `SAMPLES` random configurations. A missing
+    joint limit is half a turn or 1 m from 0, or from the other limit.
 
     Parameters
     ----------
@@ -258,11 +275,13 @@ def largest_gravity_forces(robot: Robot) -> Array:
     return np.asarray(largest.reshape(robot.n, STARTS).max(axis=1))
 
 
-def _uphill(robot: Robot, q: Array, joint: NDArray[np.int_], step: Array) -> tuple[Array, Array]:
+def _uphill(robot: Robot,
+            q: Array, joint: NDArray[np.int_], step: Array) -> tuple[Array, Array]:
     """
     Return the neighbour with the largest gravity force, (k, n), and that force, (k,).
 
-    A neighbour is a step away along one coordinate, or along all coordinates that increase it.
+    A neighbour is a step away along one coordinate, or along all coordinates that
+    increase it.
     """
     lower, upper = robot.sampling_range()
     rows = np.arange(len(q))
@@ -274,7 +293,8 @@ def _uphill(robot: Robot, q: Array, joint: NDArray[np.int_], step: Array) -> tup
     directions = np.stack([np.eye(robot.n), -np.eye(robot.n)])
     single = np.clip(q[:, None, None] + step[:, None, None] * directions, lower, upper)
     by_single = forces(single)
-    # One step along all coordinates that increase the force, each in its better direction.
+    # One step along all coordinates that increase the force, each in its better
+    # direction.
     better = np.where(by_single[:, 0] >= by_single[:, 1], step, -step)
     increases = by_single.max(axis=1) > forces(q)[:, None]
     combined = np.clip(q + np.where(increases, better, 0.0), lower, upper)[:, None]
@@ -302,14 +322,17 @@ def examine_efforts(robot: Robot, q: Array, effort: Array) -> list[Finding]:
         return []
     share = float(effort @ weight) / size**2  # 1: just the weight
     if share > 0.7:
-        return [Finding('fine', f'at rest the measured efforts hold {share:.0%} of the weight')]
+        return [Finding('fine',
+                        f'at rest the measured efforts hold {share:.0%} of the weight')]
     if share < -0.7:
-        return [Finding('problem', 'at rest the measured efforts are the weight with the opposite '
-                        'sign: efforts or joint axes are reversed, and torques would act in '
-                        'the wrong direction')]
-    return [Finding('warning', f'at rest the measured efforts hold {share:.0%} of the weight: the '
-                    'arm adds gravity itself (then arm_compensates needs gravity), or its efforts '
-                    'leave it out')]
+        return [Finding('problem',
+                        'at rest the measured efforts are the weight with the opposite '
+                        'sign: efforts or joint axes are reversed, and torques would '
+                        'act in the wrong direction')]
+    return [Finding('warning',
+                    f'at rest the measured efforts hold {share:.0%} of the weight: the '
+                    'arm adds gravity itself (then arm_compensates needs gravity), or '
+                    'its efforts leave it out')]
 
 
 def listed(names: Iterable[str], most: int = 8) -> str:

@@ -40,11 +40,12 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
     """
     Return the power balance of a motion.
 
-    ``joint torques q' + wrenches v + constraint forces b = friction q' + d(T + V)/dt``, where b
-    are the velocities that constraints prescribe.
+    ``joint torques q' + wrenches v + constraint forces b = friction q' + d(T + V)/dt``,
+    where b are the velocities that constraints prescribe.
 
-    The energy's rate comes from the energies alone, by central differences of fourth order along
-    the motion, so the residual checks torques against an independent formulation.
+    The energy's rate comes from the energies alone, by central differences of fourth
+    order along the motion, so the residual checks torques against an independent
+    formulation.
 
     Parameters
     ----------
@@ -60,7 +61,8 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
     Raises
     ------
     InputError
-        Names the argument, what was given and what is expected; also where a power is not finite.
+        Names the argument, what was given and what is expected; also where a power is
+        not finite.
 
     """
     tau = robot.inverse_dynamics(q, u, udot, wrench=wrench, t=t)
@@ -70,12 +72,14 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
             balance = _constrained_balance(robot, q, u, tau, wrench, t, energy_rate)
         else:
             external = robot.external_force(q, wrench=wrench)
-            friction = robot.torque_terms(q, u, udot)[..., TORQUE_TERMS.index('friction'), :]
+            friction = robot.torque_terms(q, u, udot)[...,
+                                                      TORQUE_TERMS.index('friction'), :]
             balance = PowerBalance(_product(tau, u), _product(external, u),
                                    _product(friction, u), energy_rate,
                                    np.zeros(np.shape(tau)[:-1])[()])
     if not np.isfinite(balance).all():
-        raise InputError(f'power: not finite, {balance}; expected a motion in a physical range')
+        raise InputError(f'power: not finite, {balance}; expected a motion in a '
+                         'physical range')
     return balance
 
 

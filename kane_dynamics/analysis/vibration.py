@@ -29,12 +29,13 @@ class Vibration:
     Attributes
     ----------
     frequencies : (k,) array
-        rad/s, ascending; 0 for modes without stiffness, such as the rigid motions of a free body,
-        negative (minus the growth rate, 1/s) for unstable modes.
+        rad/s, ascending; 0 for modes without stiffness, such as the rigid motions of a
+        free body, negative (minus the growth rate, 1/s) for unstable modes.
     shapes : (n, k) array
-        Column j: mode shape of frequency j in the speeds of the joints, with unit modal mass:
-        coordinates, and rotation vectors of ball joints on the axes of their bodies. Without
-        constraints and chosen speeds, `Robot.integrate` moves a configuration by it.
+        Column j: mode shape of frequency j in the speeds of the joints, with unit modal
+        mass: coordinates, and rotation vectors of ball joints on the axes of their
+        bodies. Without constraints and chosen speeds, `Robot.integrate` moves a
+        configuration by it.
     names : tuple of str
         Names of the rows, as `Robot.joint_names`.
 
@@ -49,42 +50,45 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
     """
     Return natural frequencies and mode shapes at rest: M y'' + K y = 0, y' = u.
 
-    K is the Hessian of the potential energy V along the motions that the constraints admit. With
-    the joints' speeds T u and constraint forces J^T lambda = V' - tau, it is (the torques tau of
-    the joints and lambda are constant)
+    K is the Hessian of the potential energy V along the motions that the constraints
+    admit. With the joints' speeds T u and constraint forces J^T lambda = V' - tau, it is
+    (the torques tau of the joints and lambda are constant)
 
         K_ij = T_i . V'' T_j + (V' - tau) . dT_i/dy_j.
 
-    Derivatives of V are those along the motions of the joints, which for ball joints are rotations
-    about the axes of their bodies.
+    Derivatives of V are those along the motions of the joints, which for ball joints are
+    rotations about the axes of their bodies.
 
     Parameters
     ----------
     robot : Robot
         Of any kind that does not depend on time.
     q : (n_q,) array
-        An equilibrium, or a configuration held by actuators; rad, m, and modal coordinates. With
-        constraints it must satisfy them; the actuators are those of `Robot.joint_torques`.
+        An equilibrium, or a configuration held by actuators; rad, m, and modal
+        coordinates. With constraints it must satisfy them; the actuators are those of
+        `Robot.joint_torques`.
     held : sequence of str
         Joints, or modal coordinates, that do not move, such as braked joints.
 
     Raises
     ------
     InputError
-        An unknown joint, an invalid q, a singular mass matrix, speeds or constraints that depend
-        on time, or loaded ball joints or loaded constraints that are not those of positions: then
-        K is not symmetric.
+        An unknown joint, an invalid q, a singular mass matrix, speeds or constraints
+        that depend on time, or loaded ball joints or loaded constraints that are not
+        those of positions: then K is not symmetric.
     ConstraintError
         The configuration is not closed.
 
     """
     names = robot.joint_names
     if robot.equations.timed:
-        raise InputError('vibrations: speeds or constraints that are functions; expected a robot '
-                         'that does not depend on time, which alone has an equilibrium')
+        raise InputError('vibrations: speeds or constraints that are functions; '
+                         'expected a robot that does not depend on time, which alone '
+                         'has an equilibrium')
     for name in held:
         if name not in names:
-            raise InputError(f"held: no joint '{name}'; expected one of {', '.join(names)}")
+            raise InputError(f"held: no joint '{name}'; expected one of "
+                             f"{', '.join(names)}")
     q = require_unit(robot.model, finite_row(q, 'q', robot.coordinate_names), 'q')
     M, motions = robot.mass_matrix(q), _admitted(robot, q)
     # Only motions that do not move the held joints are left.
@@ -95,18 +99,19 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
     size = np.abs(free).T @ motions.size @ np.abs(free)
     if np.abs(K - K.T).max(initial=0.0) > ASYMMETRY * size.max(initial=0.0):
         loaded = [*(ball.name for ball in balls(robot.model)), *robot.constraint_names]
-        raise InputError(f'vibrations: ball joints or constraints of velocities, of {loaded}, '
-                         'that carry a load; expected an equilibrium without load on them, where '
-                         'the stiffness is symmetric')
+        raise InputError('vibrations: ball joints or constraints of velocities, of '
+                         f'{loaded}, that carry a load; expected an equilibrium without '
+                         'load on them, where the stiffness is symmetric')
     # With M = L L^T and y = L^-T z the problem is z'' + L^-1 K L^-T z = 0.
     try:
         root = np.linalg.inv(np.linalg.cholesky(M))
     except np.linalg.LinAlgError:
-        raise InputError('vibrations: the mass matrix is singular (a massless moving body); '
-                         'expected mass in every motion that is not held') from None
+        raise InputError('vibrations: the mass matrix is singular (a massless moving '
+                         'body); expected mass in every motion that is not held') from None
     squares, vectors = np.linalg.eigh(root @ K @ root.T)
     shapes = root.T @ vectors
-    # The eigenvalue of no stiffness is the rounding of K along its shape and of the largest one.
+    # The eigenvalue of no stiffness is the rounding of K along its shape and of the
+    # largest one.
     terms = np.einsum('ij,ik,kj->j', np.abs(shapes), size, np.abs(shapes))
     rounding = ROUNDING * len(K) * (terms + np.abs(squares).max(initial=0.0))
     squares[np.abs(squares) <= rounding] = 0.0
@@ -128,11 +133,14 @@ def _admitted(robot: Robot, q: Array) -> _Stiffness:
     equations = robot.equations
     if equations.in_joint_rates:
         return _Stiffness(np.eye(robot.n), K, size)
-    motions = [equations.mechanism.joint_motion(q, unit, 0.0 * unit) for unit in np.eye(robot.n)]
+    motions = [equations.mechanism.joint_motion(q, unit,
+                                                0.0 * unit) for unit in np.eye(robot.n)]
     T = motions[0].T.astype(np.float64)
-    # The forces that constraints carry act along the curvature of the admissible motions.
+    # The forces that constraints carry act along the curvature of the admissible
+    # motions.
     carried = slope - robot.joint_torques(T.T @ slope, q)
-    curvature = np.array([carried @ motion.T_rate for motion in motions], dtype=np.float64).T
+    curvature = np.array([carried @ motion.T_rate for motion in motions],
+                         dtype=np.float64).T
     size = np.abs(T).T @ size @ np.abs(T) + np.abs(curvature)
     return _Stiffness(T, T.T @ K @ T + curvature, size)
 
@@ -150,10 +158,10 @@ def potential_derivatives(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
     """
     Return the derivatives of V along the motions of the joints, (n_j,), and theirs, (n_j, n_j).
 
-    Exact, of gravity, springs and beams. Entry [r, s] is the derivative of entry r along motion s:
-    V'' in the coordinates, or with ball joints G^T V'' G + V' . dG, q' = G v, whose entries of one
-    ball joint differ from their transpose by its moment. The third result is the sum of the
-    absolute values of the terms, which states what is rounding.
+    Exact, of gravity, springs and beams. Entry [r, s] is the derivative of entry r along
+    motion s: V'' in the coordinates, or with ball joints G^T V'' G + V' . dG, q' = G v,
+    whose entries of one ball joint differ from their transpose by its moment. The third
+    result is the sum of the absolute values of the terms, which states what is rounding.
     """
     n, model = robot.n_q, robot.model
     frame, payload = robot.equations.payload_frame, robot.parameters.payload
@@ -174,8 +182,8 @@ def potential_derivatives(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
         rows = [coordinate_rates(model, q, unit) for unit in np.eye(model.n)]
         return np.array(rows, dtype=np.float64)
     G = rates(q).T
-    # q' is linear in q and v, except for what does not depend on q: so its change over G is the
-    # derivative, dG[r, s] of the rates of motion r along motion s.
+    # q' is linear in q and v, except for what does not depend on q: so its change over G
+    # is the derivative, dG[r, s] of the rates of motion r along motion s.
     dG = np.stack([rates(q + step) for step in G.T], axis=1) - G.T[:, None]
     size = np.abs(G).T @ np.abs(K) @ np.abs(G) + np.abs(dG) @ np.abs(slope)
     return G.T @ slope, G.T @ K @ G + dG @ slope, size

@@ -77,8 +77,8 @@ class DeflectionWatch(Observer):
     def _look(self, states: Array, t: Array, extremes: Extremes | None = None) -> None:
         """Look at states, (N, K, size), at times t, (K,)."""
         for watched in self._beams:
-            # The peaks of the modes bound the deflection. The bound decides in most cases,
-            # unless the motion diverges.
+            # The peaks of the modes bound the deflection. The bound decides in most
+            # cases, unless the motion diverges.
             if extremes is None:
                 largest = np.abs(states[:, :, watched.places]).max(axis=1, initial=0.0)
             else:
@@ -112,7 +112,7 @@ class DeflectionWatch(Observer):
         which = '' if self._single else f' of simulation {first.simulation}'
         count = len(self._first)
         count_text = f' ({count} simulations)' if count > 1 else ''
-        return (f"beam '{first.beam}'{which}: a deflection of {first.deflection:.3g} m at "
-                f'{first.t:.6g} s{count_text}; expected at most {first.bound:.3g} m, a tenth of '
-                'its length. The motion is inaccurate from there on. Use several shorter beams '
-                'in series for this link')
+        return (f"beam '{first.beam}'{which}: a deflection of {first.deflection:.3g} m "
+                f'at {first.t:.6g} s{count_text}; expected at most {first.bound:.3g} m, '
+                'a tenth of its length. The motion is inaccurate from there on. Use '
+                'several shorter beams in series for this link')

@@ -1,12 +1,13 @@
 """
 Detection of jumps of user-defined functions during a simulation.
 
-A jump of a prescribed velocity needs an impulse, which the equations of motion do not include. For
-a continuous function f with the derivative f', the change over an interval is the integral of f'.
-Intervals where Simpson's rule does not confirm this are halved: for a smooth function, however
-steep, the difference vanishes; at a jump it stays, down to the resolution of the time. An interval
-is halved as well if the outcome of a comparison (numpy.where, abs, minimum) changes in it, so that
-jumps which cancel each other within a step are found.
+A jump of a prescribed velocity needs an impulse, which the equations of motion do not
+include. For a continuous function f with the derivative f', the change over an interval
+is the integral of f'. Intervals where Simpson's rule does not confirm this are halved:
+for a smooth function, however steep, the difference vanishes; at a jump it stays, down
+to the resolution of the time. An interval is halved as well if the outcome of a
+comparison (numpy.where, abs, minimum) changes in it, so that jumps which cancel each
+other within a step are found.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,8 +27,8 @@ import numpy as np
 SMALL = 1e-10  # rad/s, m/s, rad or m: smaller jumps are not looked for
 EPS = float(np.finfo(float).eps)
 ROUNDING = 64.0 * EPS  # of a function, and of its argument
-# Relative length of an interval that is not halved: of functions of time; of q, whose rounding
-# makes the time of a decision uncertain.
+# Relative length of an interval that is not halved: of functions of time; of q, whose
+# rounding makes the time of a decision uncertain.
 SHORT, SHORT_OF_STATE = 4.0 * EPS, 1e-11
 MOST = 2**14  # intervals in one round; of more, those with the largest differences
 SIDE = 8  # points on either side of a suspected jump
@@ -35,8 +36,8 @@ NOISE = 3.0  # a jump is larger than the scatter of the points on both sides by 
 SAME = 1e-12  # relative: jumps that are as close in time are one
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # spreads the weights of comparisons
 
-# Differences, (K,), above 1 where f may jump, and f at the begin, (K, C), of intervals given by
-# begin, (K,), end, (K,), s, and number of the step, (K,).
+# Differences, (K,), above 1 where f may jump, and f at the begin, (K, C), of intervals
+# given by begin, (K,), end, (K,), s, and number of the step, (K,).
 Screen = Callable[[Array, Array, Any], tuple[Array, Array]]
 
 
@@ -64,28 +65,33 @@ class JumpWatch(Observer):
 
     """
 
-    def __init__(self, robot: Robot, starts: Array, start: float, step: float, count: int,
+    def __init__(self, robot: Robot, starts: Array, start: float, step: float,
+                 count: int,
                  single: bool) -> None:
         """Find the functions; kernels compile on first use."""
         self._robot, self._start, self._step = robot, start, step
         self._count, self._single = count, single
-        # The integrator adds up its time, which may pass the last nominal time by its rounding.
+        # The integrator adds up its time, which may pass the last nominal time by its
+        # rounding.
         end = start + count * step
         self._range = start, end + 0.5 * EPS * count * max(abs(start), abs(end))
         equations = robot.equations
         self._mechanism: Mechanism | None = None
         if equations.timed and len(starts):
             self._mechanism = equations.mechanism
-        # Names and units of all entries of the functions: of time alone (False), of state (True).
+        # Names and units of all entries of the functions: of time alone (False), of
+        # state (True).
         self._names = {of_state: self._functions_at_start(starts, of_state)
                        for of_state in (False, True)}
 
-    def _functions_at_start(self, starts: Array, of_state: bool) -> list[tuple[str, str]]:
+    def _functions_at_start(self, starts: Array,
+                            of_state: bool) -> list[tuple[str, str]]:
         """Return name and unit of every entry of the functions, which are finite at the start."""
         if self._mechanism is None:
             return []
         n_q = self._robot.n_q
-        functions = _functions(self._mechanism, starts[0, :n_q], np.zeros(n_q), self._start,
+        functions = _functions(self._mechanism, starts[0, :n_q], np.zeros(n_q),
+                               self._start,
                                of_state)
         names: list[tuple[str, str]] = []
         for name, x in functions.items():
@@ -126,22 +132,25 @@ class JumpWatch(Observer):
                 at = [x[k] for x in motion] or [np.zeros(self._robot.n_q)] * 2
                 self._refuse(at[0], at[1], float(begin[k]), float(end[k]), of_state)
             return differences, results[:, 1:]
-        jump = first_jump(screen, times, self._range, SHORT_OF_STATE if of_state else SHORT)
+        jump = first_jump(screen, times, self._range,
+                          SHORT_OF_STATE if of_state else SHORT)
         if jump is not None:
             name, unit = self._names[of_state][jump.channel]
             raise ConstraintError(
-                f'{which}, t = {jump.t:.9g} s: {name} jumps by {jump.size:.3g}{unit}; expected a '
-                'continuous function, because a jump needs an impulse, which the equations do '
-                'not include')
+                f'{which}, t = {jump.t:.9g} s: {name} jumps by {jump.size:.3g}{unit}; '
+                'expected a continuous function, because a jump needs an impulse, which '
+                'the equations do not include')
 
-    def _refuse(self, q: Array, slope: Array, begin: float, end: float, of_state: bool) -> None:
+    def _refuse(self, q: Array, slope: Array, begin: float, end: float,
+                of_state: bool) -> None:
         """Raise ConstraintError that names the function that is not finite in an interval."""
         assert self._mechanism is not None
         for t in (begin, 0.5 * (begin + end), end):
             _functions(self._mechanism, q + (t - begin) * slope, slope, t, of_state)
         names = ', '.join(dict.fromkeys(name for name, _ in self._names[of_state]))
-        raise ConstraintError(f'{names}: one of these or its derivative is too large between t = '
-                              f'{begin:.9g} and {end:.9g} s; expected numbers below 1e100')
+        raise ConstraintError(f'{names}: one of these or its derivative is too large '
+                              f'between t = {begin:.9g} and {end:.9g} s; expected '
+                              'numbers below 1e100')
 
     def _kernel(self, of_state: bool) -> Kernel:
         """Return the kernel of `Screen`, (1 + C,), by begin and end, and by q and q' before."""
@@ -169,7 +178,8 @@ class JumpWatch(Observer):
 def _functions(mechanism: Mechanism, q: Any, qdot: Any, t: Any,
                of_state: bool) -> dict[tuple[str, str], Any]:
     """Return user-defined functions as dual numbers, by name and unit."""
-    return mechanism.functions(mechanism.state(moving(q, qdot), moving(t, 1.0)), of_state)
+    return mechanism.functions(mechanism.state(moving(q, qdot), moving(t, 1.0)),
+                               of_state)
 
 
 class _Parts(NamedTuple):
@@ -182,7 +192,8 @@ class _Parts(NamedTuple):
 
 def _parts(functions: dict[tuple[str, str], Any]) -> _Parts:
     """Return the parts of functions that are dual numbers."""
-    flat = np.concatenate([np.ravel(np.asarray(x, dtype=object)) for x in functions.values()])
+    flat = np.concatenate([np.ravel(np.asarray(x,
+                                               dtype=object)) for x in functions.values()])
     f, r = values(flat), rates(flat)
     # Every comparison has a weight of its own, so that no two outcomes cancel.
     decisions = [node for node in Program('', (), (*f, *r), ()).schedule()
@@ -198,7 +209,8 @@ def _difference(begin: Scalar, end: Scalar, parts: Sequence[_Parts]) -> Vector:
     total = (branch_1 - branch_0) * (branch_1 - branch_0) + (branch_2 - branch_0) * (
         branch_2 - branch_0)
     total = total / SMALL
-    # Changes that Simpson's rule does not confirm, relative to the rounding of f and of t.
+    # Changes that Simpson's rule does not confirm, relative to the rounding of f and of
+    # t.
     late = _size(begin) + _size(end)
     for a, r_a, r_m, b, r_b in zip(f_0, r_0, r_1, f_2, r_2):
         error = b - a - (end - begin) * (r_a + 4.0 * r_m + r_b) * (1.0 / 6.0)
@@ -256,7 +268,8 @@ def first_jump(screen: Screen, times: Array, within: tuple[float, float],
             largest = np.argsort(-difference[suspect], kind='stable')[:MOST]
             suspect = np.sort(suspect[largest])
         begin, end, step = begin[suspect], end[suspect], step[suspect]
-        # Intervals as short as the resolution of time hold a jump, or do not; others are halved.
+        # Intervals as short as the resolution of time hold a jump, or do not; others are
+        # halved.
         latest = np.maximum(np.abs(begin), np.abs(end))
         last = end - begin <= short * np.maximum(latest, span)
         for k in np.flatnonzero(last).tolist():
@@ -270,7 +283,8 @@ def first_jump(screen: Screen, times: Array, within: tuple[float, float],
         return None
     earliest = min(jumps).t
     latest_same = earliest + SAME * (abs(earliest) + span)
-    return min((jump for jump in jumps if jump.t <= latest_same), key=attrgetter('channel'))
+    return min((jump for jump in jumps if jump.t <= latest_same),
+               key=attrgetter('channel'))
 
 
 def _jumps(screen: Screen, begin: float, end: float, step: int,

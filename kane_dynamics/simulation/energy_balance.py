@@ -1,13 +1,14 @@
 """
 The energy balance of a simulation, checked during the simulation.
 
-The change of energy equals the work of torques and moving constraints minus the dissipation of
-friction and damping. The error of this balance shows a wrong integration that does not diverge: a
-step that is too long, nearly singular independent speeds, a violated constraint.
+The change of energy equals the work of torques and moving constraints minus the
+dissipation of friction and damping. The error of this balance shows a wrong integration
+that does not diverge: a step that is too long, nearly singular independent speeds, a
+violated constraint.
 
-Energy and dissipation of all states of a chunk are one call of a SIMD kernel, which is fast enough
-for a check of every step. A constraint or a speed that prescribes a motion does work: with
-q' = T u + X, the joint forces f have the power f . q' = tau . u + f . X.
+Energy and dissipation of all states of a chunk are one call of a SIMD kernel, which is
+fast enough for a check of every step. A constraint or a speed that prescribes a motion
+does work: with q' = T u + X, the joint forces f have the power f . q' = tau . u + f . X.
 """
 
 from collections.abc import Sequence
@@ -84,7 +85,8 @@ class EnergyBalance(Observer):
     Attributes
     ----------
     began : (N,) array
-        Time of the first error above the allowed one, for each simulation, s; infinite if none.
+        Time of the first error above the allowed one, for each simulation, s; infinite
+        if none.
     error : (N,) array
         Current error of the balance, J: change of energy minus work.
     worst : (N,) array
@@ -95,7 +97,8 @@ class EnergyBalance(Observer):
     """
 
     def __init__(self, robot: Robot, step: float, states: Array, integrator: str,
-                 start: float = 0.0, *, single: bool = True, cause: str | None = None) -> None:
+                 start: float = 0.0, *, single: bool = True,
+                 cause: str | None = None) -> None:
         """Compile the kernels."""
         self.robot, self._step, self._start = robot, step, start
         self._single, self._cause = single, cause
@@ -124,8 +127,8 @@ class EnergyBalance(Observer):
         """
         Update the balance with further steps.
 
-        A few rows of a chunk are checked first; all rows only if the error there is not clearly
-        below the allowed one.
+        A few rows of a chunk are checked first; all rows only if the error there is not
+        clearly below the allowed one.
 
         Parameters
         ----------
@@ -134,8 +137,8 @@ class EnergyBalance(Observer):
         done : int
             Number of earlier steps.
         tau : (1 or N, 1 or K, n) array, or callable
-            Torques held during each of the K steps; or, for a continuous law, a function that
-            returns its power at row numbers of `states`, (N, rows), W.
+            Torques held during each of the K steps; or, for a continuous law, a function
+            that returns its power at row numbers of `states`, (N, rows), W.
         impacts : sequence of Impact
             Of the K steps.
 
@@ -147,7 +150,9 @@ class EnergyBalance(Observer):
             if not impacts and not (changing and self._driven):
                 rows = FEW_ROWS if len(states) > 1 else MANY_ROWS
                 for skip in sorted({-(-count // rows), min(SKIP, count)}, reverse=True):
-                    terms = self._balance(states, np.append(np.arange(0, count, skip), count), tau)
+                    terms = self._balance(states,
+                                          np.append(np.arange(0, count, skip), count),
+                                          tau)
                     if (np.abs(terms.error) <= 0.5 * terms.allowed).all():
                         self._store(terms)
                         return
@@ -186,7 +191,8 @@ class EnergyBalance(Observer):
             input_power = power + np.concatenate([begin[:1], end])
         passive = 0.5 * h * (power[1:] + power[:-1])
         energy = kinetic + potential
-        error = self.error + (energy[1:] - energy[:1]) - np.cumsum(work + passive, axis=0)
+        gained = energy[1:] - energy[:1]
+        error = self.error + gained - np.cumsum(work + passive, axis=0)
         worked = self._worked + np.cumsum(np.abs(work) + np.abs(passive), axis=0)
         uncertain = self._unresolved + np.zeros(error.shape)
         if unresolved:
@@ -200,7 +206,8 @@ class EnergyBalance(Observer):
                    + ROUNDING * (fastest + np.maximum(np.abs(low), np.abs(high))))
         return BalanceTerms(error, allowed, uncertain, worked, fastest, low, high)
 
-    def _work(self, states: Array, chosen: Array, rows: Array, tau: Array | Power) -> Any:
+    def _work(self, states: Array, chosen: Array, rows: Array,
+              tau: Array | Power) -> Any:
         """Return the work of held torques between rows, (rows - 1, N) or 0, J."""
         if callable(tau) or not tau.any():
             return 0.0
@@ -227,7 +234,8 @@ class EnergyBalance(Observer):
         if not (callable(tau) or self._tree):
             n_q, n = self.robot.n_q, self.robot.n
             changes = _differences(states[:, :, n_q:n_q + n].swapaxes(0, 1), 2)
-            uncertain = uncertain + self._step * _dot(np.abs(tau), changes.swapaxes(0, 1))
+            uncertain = uncertain + self._step * _dot(np.abs(tau),
+                                                      changes.swapaxes(0, 1))
         return uncertain
 
     def _terms(self, states: Array) -> Array:
@@ -268,10 +276,10 @@ class EnergyBalance(Observer):
             remedy = 'Shorten the step'
             if not self._tree:
                 remedy += ', or choose other independent speeds (independent=)'
-        return (f'energy balance{which}: from {self.began[k]:.6g} s on the energy differs from '
-                f'the work done, by up to {self.worst[k]:.3g} J{count}; expected at most '
-                f'{self.expected[k]:.3g} J at that time with a step of {self._step:g} s. The '
-                f'motion is wrong from there on. {remedy}')
+        return (f'energy balance{which}: from {self.began[k]:.6g} s on the energy '
+                f'differs from the work done, by up to {self.worst[k]:.3g} J{count}; '
+                f'expected at most {self.expected[k]:.3g} J at that time with a step of '
+                f'{self._step:g} s. The motion is wrong from there on. {remedy}')
 
 
 def _with_impacts(terms: BalanceTerms, impacts: Sequence[Impact]) -> BalanceTerms:
@@ -297,8 +305,8 @@ def _differences(rows: Array, order: int) -> Array:
     """
     Return magnitudes of differences of an order for every interval along the first axis.
 
-    Each interval has the largest of the differences that include it; with too few rows, the order
-    is lower.
+    Each interval has the largest of the differences that include it; with too few rows,
+    the order is lower.
     """
     order = min(order, len(rows) - 1)
     differences = np.abs(np.diff(rows, order, axis=0))
@@ -320,15 +328,15 @@ def compile_balance(robot: Robot) -> None:
 def energy_kernel(robot: Robot) -> Kernel:
     """Return the kernel of kinetic energy, potential energy and power of friction, (3,)."""
     equations, n_q, n = robot.equations, robot.n_q, robot.n
-    constrained = equations if not equations.in_joint_rates else None
     tree = equations.tree
 
     def terms(state: Vector, parameters: Vector) -> list[Scalar]:
         q, u, time = np.split(state, [n_q, n_q + n])
-        rates = u if constrained is None else constrained.joint_speeds(q, u, *time)
+        rates = equations.joint_speeds(q, u, *time)
         return [tree.kinetic_energy(q, rates, parameters),
                 tree.potential_energy(q, parameters), tree.friction_force(rates) @ rates]
-    return robot.compiled(terms, name='energy_terms', state=(_size(robot),), shape=(TERMS,))
+    return robot.compiled(terms, name='energy_terms', state=(_size(robot),),
+                          shape=(TERMS,))
 
 
 def driven_kernel(robot: Robot) -> Kernel | None:
@@ -341,7 +349,8 @@ def driven_kernel(robot: Robot) -> Kernel | None:
         q, u, time = np.split(state, [n_q, n_q + n])
         force = equations.actual_joint_forces(q, u, tau, parameters, *time)
         return force @ equations.joint_speeds(q, u, *time) - tau @ u
-    return robot.compiled(power, name='driven_power', state=(_size(robot),), tau=(n,), shape=())
+    return robot.compiled(power, name='driven_power', state=(_size(robot),), tau=(n,),
+                          shape=())
 
 
 _DRIVEN: WeakKeyDictionary[Mechanism, bool] = WeakKeyDictionary()

@@ -70,7 +70,8 @@ class LimitEvents(Sequence[LimitEvent]):
     The objects are created on first access, because a simulation may have thousands.
     """
 
-    def __init__(self, names: Mapping[str, Sequence[str]], crossings: Sequence[Crossings],
+    def __init__(self, names: Mapping[str, Sequence[str]],
+                 crossings: Sequence[Crossings],
                  single: bool) -> None:
         """Store the crossings, and the names of the joints by limit."""
         self._names, self._crossings, self._single = names, tuple(crossings), single
@@ -104,7 +105,8 @@ class LimitWatch(Observer):
     """
     Detects the steps at which a joint passes a limit.
 
-    Speed limits are checked of robots in joint rates only; position limits only without stops.
+    Speed limits are checked of robots in joint rates only; position limits only without
+    stops.
 
     Parameters
     ----------
@@ -125,7 +127,8 @@ class LimitWatch(Observer):
         """Look at the initial states."""
         n_q = robot.n_q
         coordinates = robot.coordinate_names
-        self._names = {'lower': coordinates, 'upper': coordinates, 'velocity': robot.joint_names}
+        self._names = {'lower': coordinates, 'upper': coordinates,
+                       'velocity': robot.joint_names}
         self._single = single
         self._crossings: list[Crossings] = []
         self._count = 0
@@ -169,7 +172,8 @@ class LimitWatch(Observer):
         low, high = extremes
         for limit, bound in self._bounds.items():
             x, was_beyond = rows[:, bound.part], self._beyond[limit]
-            i, j = np.nonzero(bound.may_pass(low[:, bound.part], high[:, bound.part], was_beyond))
+            i, j = np.nonzero(bound.may_pass(low[:, bound.part], high[:, bound.part],
+                                             was_beyond))
             self._beyond[limit] = bound.is_beyond(x[:, :, -1], bound.bound)
             if not len(i):
                 continue
@@ -183,7 +187,9 @@ class LimitWatch(Observer):
             i, j = i[which], j[which]
             self._count += len(k)
             if self._count > MOST_EVENTS:
-                raise InputError(f'limit events: more than {MOST_EVENTS} by {t[-1]:.6g} s; '
-                                 'expected a shorter simulation, or a model without limits')
+                raise InputError(f'limit events: more than {MOST_EVENTS} by {t[-1]:.6g} '
+                                 's; expected a shorter simulation, or a model without '
+                                 'limits')
             if len(k):
-                self._crossings.append(Crossings(limit, t[k], i, j, x[i, j, k], bound.bound[j]))
+                self._crossings.append(Crossings(limit, t[k], i, j, x[i, j, k],
+                                                 bound.bound[j]))

@@ -1,19 +1,19 @@
 """
 The protocol of what watches a simulation.
 
-The stepping loop (`stepping.run`) computes a simulation in chunks of successive steps. For each
-chunk
+The stepping loop (`stepping.run`) computes a simulation in chunks of successive steps.
+For each chunk
 
 1. every observer looks ahead (`look_ahead`), at what is known before the steps are computed;
 2. the steps are computed;
 3. every observer looks at the `Chunk` of states (`look`), in the order of the list.
 
-An observer records what it sees and changes nothing. An error that it raises ends the simulation;
-the observers after it do not look at that chunk. After the last chunk, `warning` returns a text
-for the user, or None.
+An observer records what it sees and changes nothing. An error that it raises ends the
+simulation; the observers after it do not look at that chunk. After the last chunk,
+`warning` returns a text for the user, or None.
 
-What changes states is no observer but a part of the steps (`stepping.Steps`): the impulses of
-joint stops, and the change of independent speeds before a singularity.
+What changes states is no observer but a part of the steps (`stepping.Steps`): the
+impulses of joint stops, and the change of independent speeds before a singularity.
 """
 
 from collections.abc import Callable, Sequence
@@ -133,7 +133,8 @@ class DivergenceWatch(Observer):
         i, j = (int(index) for index in np.argwhere(entries[:, k])[0])
         reason = None if self._earlier is None else self._earlier.warning()
         which = 'the simulation' if self._single else f'simulation {i}'
-        raise diverged_error(which, chunk.times[k], self._step, state_names(self._robot)[j],
+        raise diverged_error(which, chunk.times[k], self._step,
+                             state_names(self._robot)[j],
                              float(chunk.states[i, k, j]), reason)
 
 
@@ -154,7 +155,7 @@ def diverged_error(which: str, t: float, step: float, entry: str = '',
     entry_text = f" ('{entry}' first)" if entry else ''
     state_text = f'is {value:.3g}' if math.isfinite(value) else 'is not finite'
     earlier_text = f'. Earlier, {earlier}' if earlier else ''
-    return InputError(f'{which}: the state diverged ({state_text}) at {t:.6g} s{entry_text} with '
-                      f'a step of {step} s; expected a regular mass matrix and a shorter step, or '
-                      "integrator='implicit' if friction, springs or bending are stiff"
-                      f'{earlier_text}')
+    return InputError(f'{which}: the state diverged ({state_text}) at {t:.6g} '
+                      f's{entry_text} with a step of {step} s; expected a regular mass '
+                      "matrix and a shorter step, or integrator='implicit' if friction, "
+                      f'springs or bending are stiff{earlier_text}')

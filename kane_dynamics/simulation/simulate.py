@@ -1,9 +1,10 @@
 """
 Forward simulation in native code.
 
-One step of an integrator is traced with the robot's forward dynamics as a subroutine and compiled.
-The kernel runs along a buffer of states, where each result is the argument of the next step; this
-loop over time is native and releases the GIL. Many simulations run in SIMD lanes.
+One step of an integrator is traced with the robot's forward dynamics as a subroutine and
+compiled. The kernel runs along a buffer of states, where each result is the argument of
+the next step; this loop over time is native and releases the GIL. Many simulations run
+in SIMD lanes.
 
 `simulate` checks its arguments, chooses the steps and what watches them, and lets
 `stepping.run` compute the states.
@@ -53,7 +54,8 @@ MOST_STEPS = 100_000_000
 MOST_SAMPLES = 1_000_000
 DEFAULT_SAMPLES = 1000
 # Quantities that `simulate` computes for all rows of its result at once.
-AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy', 'constraint_forces',
+AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy',
+              'constraint_forces',
               'constraint_residual', 'constraint_velocity_residual')
 
 
@@ -65,10 +67,10 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     """
     Integrate the equations of motion with steps of one length.
 
-    Conditions on positions, such as closed loops, are corrected by one Newton step after every
-    step; the trajectory holds the remaining residuals. Independent speeds that become singular are
-    replaced by others during the simulation (`Trajectory.speed_changes`), unless the user named
-    them.
+    Conditions on positions, such as closed loops, are corrected by one Newton step after
+    every step; the trajectory holds the remaining residuals. Independent speeds that
+    become singular are replaced by others during the simulation
+    (`Trajectory.speed_changes`), unless the user named them.
 
     Parameters
     ----------
@@ -81,60 +83,63 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     step : float
         s.
     torque : None, array, callable or ComputedTorque
-        None: zero torque. (n,): constant. (K, n) with at least one row per step: row k is held
-        during step k. (N, K, n): a table for each of N initial states (other forms apply to all).
-        ``torque(t, q, u)``: evaluated once a step and held; for a single initial state only,
-        because Python would be called N times a step. `ComputedTorque`: evaluated continuously,
-        with friction at the desired speed.
+        None: zero torque. (n,): constant. (K, n) with at least one row per step: row k
+        is held during step k. (N, K, n): a table for each of N initial states (other
+        forms apply to all). ``torque(t, q, u)``: evaluated once a step and held; for a
+        single initial state only, because Python would be called N times a step.
+        `ComputedTorque`: evaluated continuously, with friction at the desired speed.
     sample : float, optional
-        Time between the rows of the result, a whole number of steps. Default: about a thousand
-        rows, or fewer if N initial states would give more than a million. The first and the last
-        state are always included.
+        Time between the rows of the result, a whole number of steps. Default: about a
+        thousand rows, or fewer if N initial states would give more than a million. The
+        first and the last state are always included.
     progress : callable, optional
-        Called with the simulated time at intervals of about 20 ms at most, or of eight steps of
-        all N states if those take longer; returning False ends the simulation there.
+        Called with the simulated time at intervals of about 20 ms at most, or of eight
+        steps of all N states if those take longer; returning False ends the simulation
+        there.
     integrator : {'rk4', 'implicit'}, optional
-        The fourth-order Runge-Kutta method; or a second-order Rosenbrock method whose step
-        friction, springs and beams do not limit (`mechanics.integrators.rosenbrock`). The first
-        is more accurate for smooth motions; the second is faster by orders of magnitude where
-        joints stick. By default 'rk4' if the step is stable at the (first) initial
-        configuration (`longest_step`), else 'implicit', with a warning that says so.
+        The fourth-order Runge-Kutta method; or a second-order Rosenbrock method whose
+        step friction, springs and beams do not limit
+        (`mechanics.integrators.rosenbrock`). The first is more accurate for smooth
+        motions; the second is faster by orders of magnitude where joints stick. By
+        default 'rk4' if the step is stable at the (first) initial configuration
+        (`longest_step`), else 'implicit', with a warning that says so.
     t0 : float
         Initial time, s, for functions of time.
     stops : bool
-        Put rigid, inelastic, frictionless stops at the position limits: the impulse of a stop
-        ends the motion into it and acts on all joints, in the space of the motions that the
-        constraints admit. `Trajectory.stop_events` lists the impacts; each takes about a
-        millisecond. While a joint presses against its stop, the force of the stop holds it within
-        the steps, at the cost of a few free steps and at the order of the integrator.
+        Put rigid, inelastic, frictionless stops at the position limits: the impulse of a
+        stop ends the motion into it and acts on all joints, in the space of the motions
+        that the constraints admit. `Trajectory.stop_events` lists the impacts; each
+        takes about a millisecond. While a joint presses against its stop, the force of
+        the stop holds it within the steps, at the cost of a few free steps and at the
+        order of the integrator.
 
     Returns
     -------
     Trajectory
-        Its arrays have a leading axis N for N initial states. Each simulation of N equals the
-        single simulation from its initial state, to rounding.
+        Its arrays have a leading axis N for N initial states. Each simulation of N
+        equals the single simulation from its initial state, to rounding.
 
     Raises
     ------
     InputError
-        Names the argument, the value and what is expected; also if the motion diverges (is not
-        finite), with the time and the joint.
+        Names the argument, the value and what is expected; also if the motion diverges
+        (is not finite), with the time and the joint.
     ConstraintError
-        The motion comes to a kinematic singularity (a dead point); independent speeds that the
-        user named become singular; constraints contradict each other; a loop's residual after
-        one step is too large; or a user-defined function jumps or is not finite. Names the time,
-        the constraint, and the configuration or the size of the jump.
+        The motion comes to a kinematic singularity (a dead point); independent speeds
+        that the user named become singular; constraints contradict each other; a loop's
+        residual after one step is too large; or a user-defined function jumps or is not
+        finite. Names the time, the constraint, and the configuration or the size of the
+        jump.
 
     Warns
     -----
     ModelWarning
-        An initial position looks like degrees (see the page on limits).
-        The step is too long for the Runge-Kutta method with this friction, these springs or beams
-        at the (first) initial configuration (`longest_step`): 'implicit' is chosen by default,
-        and with 'rk4' the motion near rest is inaccurate.
-        The error of the energy balance is above that expected of the step: names the time of its
-        begin.
-        A beam bends further than its equations are meant for: names the time, the beam, the
+        An initial position looks like degrees (see the page on limits). The step is too
+        long for the Runge-Kutta method with this friction, these springs or beams at the
+        (first) initial configuration (`longest_step`): 'implicit' is chosen by default,
+        and with 'rk4' the motion near rest is inaccurate. The error of the energy
+        balance is above that expected of the step: names the time of its begin. A beam
+        bends further than its equations are meant for: names the time, the beam, the
         deflection and the admissible one. All three are in `Trajectory.warnings` too.
 
     """
@@ -156,17 +161,20 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     if robot.equations.timed:
         # Before the first evaluation of user-defined functions, which may not be finite.
         observers.append(JumpWatch(robot, states, start, step, count, single))
-    integrator, step_text = stable_integrator(robot, states[:1, :robot.n_q], step, integrator,
+    integrator, step_text = stable_integrator(robot, states[:1, :robot.n_q], step,
+                                              integrator,
                                               start)
     if step_text is not None:
         warnings.warn(step_text, ModelWarning, stacklevel=3)
     # With the Runge-Kutta method, a step that is too long explains errors of the energy.
     cause = step_text if integrator == 'rk4' else None
     limits = LimitWatch(robot, states, start, single, stops)
-    balance = EnergyBalance(robot, step, states, integrator, start, single=single, cause=cause)
+    balance = EnergyBalance(robot, step, states, integrator, start, single=single,
+                            cause=cause)
     observers += [limits, balance]
 
-    steps = _steps(robot, states, single, step, count, every, torque, integrator, start, stops,
+    steps = _steps(robot, states, single, step, count, every, torque, integrator, start,
+                   stops,
                    progress is not None)
     samples = run(steps, states, count, every, observers, progress)
 
@@ -185,19 +193,22 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         arrays = {name: x[0] for name, x in arrays.items()}
     return Trajectory(start + samples.steps * np.float64(step), **arrays,
                       joint_names=robot.joint_names, limit_events=limits.events,
-                      coordinate_names=robot.coordinate_names, speed_names=robot.speed_names,
+                      coordinate_names=robot.coordinate_names,
+                      speed_names=robot.speed_names,
                       constraint_names=robot.constraint_names,
                       warnings=tuple(texts),
                       speed_changes=tuple(sorted(steps.changes, key=attrgetter('t'))),
                       stop_events=() if steps.stops is None else steps.stops.events(single))
 
 
-def _steps(robot: Robot, states: Array, single: bool, step: float, count: int, every: int,
-           torque: Any, integrator: str, start: float, stops: bool, in_time: bool) -> Steps:
+def _steps(robot: Robot, states: Array, single: bool, step: float, count: int,
+           every: int,
+           torque: Any, integrator: str, start: float, stops: bool,
+           in_time: bool) -> Steps:
     """Return the steps of simulations from states, (N, size); arguments as of `simulate`."""
     if callable(torque) and not single:
-        raise InputError(f'torque: a function, with {len(states)} initial states; expected None, '
-                         'an array or a ComputedTorque')
+        raise InputError(f'torque: a function, with {len(states)} initial states; '
+                         'expected None, an array or a ComputedTorque')
     source = torque_input(robot, step, count, torque, None if single else len(states),
                           integrator, start)
     joint_stops = None
@@ -213,21 +224,24 @@ def _steps(robot: Robot, states: Array, single: bool, step: float, count: int, e
     return steps
 
 
-def _require_arguments(robot: Any, t0: Any, progress: Any, integrator: Any, stops: Any) -> None:
+def _require_arguments(robot: Any, t0: Any, progress: Any, integrator: Any,
+                       stops: Any) -> None:
     """Raise InputError for arguments of `simulate` of a wrong kind and limits that are NaN."""
     instance(robot, Robot, 'robot')
     if isinstance(t0, bool | np.bool_):
         raise InputError(f't0: {t0!r}; expected a finite number, s')
     if not (progress is None or callable(progress)):
-        raise InputError(f'progress: {progress!r}; expected None or a function of the time')
+        raise InputError(f'progress: {progress!r}; expected None or a function of the '
+                         'time')
     if integrator is not None:
         integrator_of(integrator)
     if not isinstance(stops, bool | np.bool_):
         raise InputError(f'stops: {stops!r}; expected True or False')
-    for name, low, high in zip(robot.coordinate_names, robot.limits.lower, robot.limits.upper):
+    for name, low, high in zip(robot.coordinate_names, robot.limits.lower,
+                               robot.limits.upper):
         if math.isnan(low) or math.isnan(high):
-            raise InputError(f"limits: of joint '{name}' {low:g} to {high:g}; expected numbers, "
-                             'infinite where there is no limit')
+            raise InputError(f"limits: of joint '{name}' {low:g} to {high:g}; expected "
+                             'numbers, infinite where there is no limit')
 
 
 def initial_states(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
@@ -236,17 +250,18 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
     u = checked(Argument('u0', (robot.n,), robot.speed_names), u0)
     q = require_unit(robot.model, q, 'q0')
     if q.shape[:-1] != u.shape[:-1]:
-        raise InputError(f'q0: shape {q.shape}, u0: shape {u.shape}; expected ({robot.n_q},) and '
-                         f'({robot.n},), or (N, {robot.n_q}) and (N, {robot.n})')
+        raise InputError(f'q0: shape {q.shape}, u0: shape {u.shape}; expected '
+                         f'({robot.n_q},) and ({robot.n},), or (N, {robot.n_q}) and (N, '
+                         f'{robot.n})')
     if robot.constraint_names and q.size:
         residual = np.abs(np.atleast_2d(robot.constraint_residual(q, t=t0)))
         in_units = residual / robot.mechanism.row_units
         i, k = np.unravel_index(np.argmax(in_units), residual.shape)
         if in_units[i, k] > loosened(robot.mechanism, CLOSED):
             which = '' if q.ndim == 1 else f' of state {i}'
-            raise InputError(f"q0{which}: the residual of '{robot.constraint_names[k]}' is "
-                             f'{residual[i, k]:.3g} (m or rad); expected a closed configuration, '
-                             'as robot.closed_posture(q0)')
+            raise InputError(f"q0{which}: the residual of '{robot.constraint_names[k]}' "
+                             f'is {residual[i, k]:.3g} (m or rad); expected a closed '
+                             'configuration, as robot.closed_posture(q0)')
     time = np.full((*q.shape[:-1], int(robot.equations.timed)), t0)
     margins = np.ones((*q.shape[:-1], int(robot.equations.watched)))
     return np.concatenate([q, u, time, margins], axis=-1)
@@ -256,11 +271,11 @@ def whole_steps(name: str, value: float, step: float) -> int:
     """Return a time as a number of steps; InputError unless it is whole and in bounds."""
     count = round(value / step) if math.isfinite(value / step) else 0
     if count < 1 or abs(value / step - count) > 1e-6 * max(1, count):
-        raise InputError(f'{name}: {value} s, {value / step:.6g} steps of {step} s; expected a '
-                         'whole number of steps')
+        raise InputError(f'{name}: {value} s, {value / step:.6g} steps of {step} s; '
+                         'expected a whole number of steps')
     if count > MOST_STEPS:
-        raise InputError(f'{name}: {value} s, {count} steps of {step} s; expected at most '
-                         f'{MOST_STEPS}')
+        raise InputError(f'{name}: {value} s, {count} steps of {step} s; expected at '
+                         f'most {MOST_STEPS}')
     return count
 
 
@@ -277,8 +292,8 @@ def steps_per_sample(count: int, step: float, sample: Any, N: int, single: bool)
         if not single:
             which, together = f' for each of {N} initial states', ' together'
             remedy = 'a longer sample or fewer states'
-        raise InputError(f'sample: {rows} rows{which}, from {count} steps sampled every {every}; '
-                         f'expected at most {MOST_SAMPLES}{together}: {remedy}')
+        raise InputError(f'sample: {rows} rows{which}, from {count} steps sampled every '
+                         f'{every}; expected at most {MOST_SAMPLES}{together}: {remedy}')
     return every
 
 

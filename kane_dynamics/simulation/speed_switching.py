@@ -3,10 +3,10 @@ Simulations of constrained robots with a change of independent speeds before sin
 
 Every native step computes a margin, which is positive for an accepted state
 (`mechanics.constraints.conditioning`; where, says `step_kernels.watches_stages`). For a
-non-positive margin, Python code finds the reason: ill-conditioned speeds or rows are replaced, and
-the simulation continues from the last accepted state; any other reason is an error. Near a
-singularity of all choices, and in other speeds than those that the user named, the states are
-checked for a singularity between two steps.
+non-positive margin, Python code finds the reason: ill-conditioned speeds or rows are
+replaced, and the simulation continues from the last accepted state; any other reason is
+an error. Near a singularity of all choices, and in other speeds than those that the user
+named, the states are checked for a singularity between two steps.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,13 +19,9 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import ComputedTorque, require_following
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.ball_joints import joint_speeds
-from kane_dynamics.mechanics.constraints.conditioning import (best_choice,
-                                                              constraints_at_fault,
-                                                              described, EXCESS, figure,
-                                                              in_lengths, LIMITS, loosened,
-                                                              SHARE, SINGULAR,
-                                                              singular_error, Stack, stacked,
-                                                              WELL_CHOSEN)
+from kane_dynamics.mechanics.constraints.conditioning import (
+    best_choice, constraints_at_fault, described, EXCESS, figure, in_lengths, LIMITS,
+    loosened, SHARE, SINGULAR, singular_error, Stack, stacked, WELL_CHOSEN)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
@@ -84,7 +80,8 @@ class SwitchingSteps(Steps):
 
     """
 
-    def __init__(self, source: TorqueInput, stops: JointStops | None, count: int) -> None:
+    def __init__(self, source: TorqueInput, stops: JointStops | None,
+                 count: int) -> None:
         """Start all simulations in the robot's own speeds."""
         super().__init__(source, stops)
         self._law: ComputedTorque | None = source.torque if source.follows else None
@@ -216,7 +213,8 @@ class SwitchingSteps(Steps):
         watched = self._watched(i, state, done)
         if self._law is not None:
             for place in watched:
-                require_following(phase.robot, self._law.followed, place.q, place.t, where,
+                require_following(phase.robot, self._law.followed, place.q, place.t,
+                                  where,
                                   NEARLY)
         worst = max(watched, key=attrgetter('figure'))
         if worst.figure > SHARE * phase.limit:
@@ -231,7 +229,8 @@ class SwitchingSteps(Steps):
         for place in watched:
             at = q, t, self._open, where, self.step
             residual_error(mechanism, place.stack, True, *at)
-            left_out_error(mechanism, place.stack, place.q, place.t, SHARE * self._excess, where)
+            left_out_error(mechanism, place.stack, place.q, place.t,
+                           SHARE * self._excess, where)
             residual_error(mechanism, place.stack, False, *at)
         raise self._diverged(i, done + 1)
 
@@ -249,9 +248,10 @@ class SwitchingSteps(Steps):
         if in_units[worst] > FARTHEST:
             name = robot.joint_names[worst]
             raise InputError(f"{where}the state diverged: joint '{name}' moves by "
-                             f'{moved[worst]:.3g} rad or m in one step of {self.step:g} s; '
-                             f'expected at most {FARTHEST * robot.mechanism.units[worst]:.3g}, '
-                             'as with a shorter step')
+                             f'{moved[worst]:.3g} rad or m in one step of {self.step:g} '
+                             's; expected at most '
+                             f'{FARTHEST * robot.mechanism.units[worst]:.3g}, as with a '
+                             'shorter step')
 
     def _preferred(self, stack: Stack) -> Any:
         """Return the user's speeds if they are well conditioned, else the best choice."""
@@ -291,7 +291,8 @@ class SwitchingSteps(Steps):
         source = self._source_of([i])
         dual_to = (self.robot if self._law is None else robot).speed_names
         try:
-            stages = watched_configurations(robot, state, source.torque_at(state, done), dual_to,
+            stages = watched_configurations(robot, state, source.torque_at(state, done),
+                                            dual_to,
                                             self.step, source.choice.integrator)
         except (ConstraintError, ZeroDivisionError):
             raise self._diverged(i, done + 1) from None
@@ -305,7 +306,8 @@ class SwitchingSteps(Steps):
             result.append(_Watched(conditioning, stack, q, t))
         return result
 
-    def user_state(self, simulation: int, state: Array, done: int) -> tuple[Array, Array]:
+    def user_state(self,
+                   simulation: int, state: Array, done: int) -> tuple[Array, Array]:
         """Return q and the user's own speeds of a simulation at one of its states."""
         q, u = self._parts(state)
         robot = self._phases[simulation].robot
@@ -326,7 +328,8 @@ class SwitchingSteps(Steps):
     def results(self, samples: Samples, tau: Array) -> dict[str, Array]:
         """Return derived quantities of samples, in the user's speeds; see `UserSpeeds`."""
         times = self.start + samples.steps * np.float64(self.step)
-        return self._user.results(self._history, samples.steps, times, samples.states, tau)
+        return self._user.results(self._history, samples.steps, times, samples.states,
+                                  tau)
 
     def _look_closely(self, i: int, rows: Array, done: int) -> None:
         """Raise ConstraintError where a singularity lies between two rows of states."""
@@ -378,7 +381,8 @@ class SingularityWatch:
         """Store the robot; kernels compile on first use."""
         self._user_robot, self._step = user_robot, step
 
-    def look(self, robot: Robot, near: bool, q: Array, times: Array, where: Callable[[int], str],
+    def look(self, robot: Robot, near: bool, q: Array, times: Array,
+             where: Callable[[int], str],
              speeds: Callable[[int], Array]) -> None:
         """
         Raise ConstraintError for a singularity between a row and the next.
@@ -392,7 +396,8 @@ class SingularityWatch:
         q, times : (K, n_q), (K,) arrays
             Configurations, rad or m, and their times, s.
         where, speeds : callable
-            Return the begin of a message, and the user's speeds, for the number of a row.
+            Return the begin of a message, and the user's speeds, for the number of a
+            row.
 
         """
         mechanism, of_user = robot.mechanism, self._user_robot.mechanism
@@ -409,23 +414,29 @@ class SingularityWatch:
             for k in np.flatnonzero(side[1:] * side[:-1] <= 0.0)[:1].tolist():
                 stack = stacked(of_user, q[k], times[k])
                 loop = constraints_at_fault(of_user, stack, of_user.free,
-                                            best_choice(of_user, stack, of_user.free).kept)
+                                            best_choice(of_user, stack,
+                                                        of_user.free).kept)
                 raise ConstraintError(
-                    f'{where(k)}the independent speeds {", ".join(of_user.speed_names)} become '
-                    f'singular within the next step under {loop}, at {described(of_user, q[k])}, '
-                    f'u = {np.round(speeds(k), 9).tolist()}: they do not determine the joint '
-                    'rates there; expected others, or independent=None, which changes them')
+                    f'{where(k)}the independent speeds {", ".join(of_user.speed_names)} '
+                    f'become singular within the next step under {loop}, at '
+                    f'{described(of_user, q[k])}, u = '
+                    f'{np.round(speeds(k), 9).tolist()}: they do not determine the '
+                    'joint rates there; expected others, or independent=None, which '
+                    'changes them')
         if near:
             S = rows[:, [*mechanism.free, *constraint_rows]]
             turn = np.linalg.solve(S[:-1], S[1:]) - np.eye(n)
-            for k in np.flatnonzero(np.linalg.norm(turn, axis=(1, 2)) > TURN)[:1].tolist():
-                loop = constraints_at_fault(mechanism, stacked(mechanism, q[k], times[k]),
+            for k in np.flatnonzero(np.linalg.norm(turn,
+                                                   axis=(1, 2)) > TURN)[:1].tolist():
+                loop = constraints_at_fault(mechanism,
+                                            stacked(mechanism, q[k], times[k]),
                                             mechanism.free, mechanism.kept)
                 raise ConstraintError(
-                    f'{where(k)}a kinematic singularity (dead point) of {loop} is passed, or so '
-                    f'near that a step of {self._step:g} s is too long, at '
-                    f'{described(mechanism, q[k])}: the rows depend on each other there, and the '
-                    'motion beyond is not determined, or takes shorter steps')
+                    f'{where(k)}a kinematic singularity (dead point) of {loop} is '
+                    f'passed, or so near that a step of {self._step:g} s is too long, '
+                    f'at {described(mechanism, q[k])}: the rows depend on each other '
+                    'there, and the motion beyond is not determined, or takes shorter '
+                    'steps')
 
     def _rows(self) -> Kernel:
         """Return the kernel of all rows of speeds and constraints, (n_j + m, n_j), by q and t."""
@@ -439,7 +450,8 @@ class SingularityWatch:
             return np.concatenate([speed_rows * mechanism.units,
                                    mechanism.rows(state).J * mechanism.units / sizes])
         return robot.compiled(rows, name='stacked_rows', q=(robot.n_q,),
-                              shape=(robot.model.n + len(mechanism.labels), robot.model.n))
+                              shape=(robot.model.n + len(mechanism.labels),
+                                     robot.model.n))
 
 
 def trusted(states: Array) -> Any:
@@ -478,8 +490,8 @@ def residual_error(mechanism: Mechanism, stack: Stack, kept: bool, q: Array, t: 
             f'{described(mechanism, q)}; expected at most '
             f'{largest * mechanism.row_units[worst]:.3g} {unit}, as with a shorter step')
     raise ConstraintError(
-        f'{constraint} contradicts the others at {described(mechanism, q)}, t = {t:.6g} s: its '
-        f'residual is {residual} where the others hold; expected 0')
+        f'{constraint} contradicts the others at {described(mechanism, q)}, t = {t:.6g} '
+        f's: its residual is {residual} where the others hold; expected 0')
 
 
 class _StagesInNumbers:
@@ -520,7 +532,8 @@ class _StagesInNumbers:
                        moment: int) -> tuple[Any, Any]:
         """Return joint rates and udot of a stage of the linearly implicit equations."""
         generalized, t = self._stage(q, moment)
-        v, udot = ImplicitStep(self.equations).stage(q, u, generalized, before, g, self._wrench,
+        v, udot = ImplicitStep(self.equations).stage(q, u, generalized, before, g,
+                                                     self._wrench,
                                                      self._block, t)
         return np.asarray(v, dtype=np.float64), np.asarray(udot, dtype=np.float64)
 
@@ -529,7 +542,8 @@ class _StagesInNumbers:
         return np.array([*(1.0 for _ in self._time), 0.0])
 
 
-def watched_configurations(robot: Robot, state: Array, tau: Array, dual_to: tuple[str, ...],
+def watched_configurations(robot: Robot, state: Array, tau: Array,
+                           dual_to: tuple[str, ...],
                            step: float, integrator: str) -> list[tuple[float, Array]]:
     """
     Return where a step computes its margin: times after its start, s, and q, (n_q,).

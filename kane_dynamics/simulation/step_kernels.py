@@ -43,17 +43,18 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
     """
     Return the kernel of one step of one of `INTEGRATORS`.
 
-    Its pointers: state, as `state_names`, inputs, constants, next state. With held torques the
-    inputs are tau (n) and the constants the step and the robot's parameters. With feedback the
-    inputs are q, u and udot desired at the step's beginning, middle and end (3, 3 n), and the
-    constants begin with kp and kd; `followed` are the indices of the joints that follow, of
-    robots with chosen speeds or constraints. With `dual_to`, tau is dual to the speeds of these
-    names.
+    Its pointers: state, as `state_names`, inputs, constants, next state. With held
+    torques the inputs are tau (n) and the constants the step and the robot's parameters.
+    With feedback the inputs are q, u and udot desired at the step's beginning, middle
+    and end (3, 3 n), and the constants begin with kp and kd; `followed` are the indices
+    of the joints that follow, of robots with chosen speeds or constraints. With
+    `dual_to`, tau is dual to the speeds of these names.
 
-    The last entry of a constrained robot's state is `conditioning.margin`, whose limits are the
-    last of the constants: a state is accepted if it is positive. It is that of the step's end, or,
-    for constraints of velocities alone, the smallest of the configurations at which the step
-    evaluates the dynamics, where it costs least; see `watches_stages`.
+    The last entry of a constrained robot's state is `conditioning.margin`, whose limits
+    are the last of the constants: a state is accepted if it is positive. It is that of
+    the step's end, or, for constraints of velocities alone, the smallest of the
+    configurations at which the step evaluates the dynamics, where it costs least; see
+    `watches_stages`.
 
     Raises
     ------
@@ -88,9 +89,10 @@ def watches_stages(robot: Robot, q: Vector, t: Scalar) -> bool:
     """
     Return whether a step's margin is the smallest of its stages, not that of its end.
 
-    With closed loops it is that of the step's end, before the loops are closed, where the
-    correction needs the same system. With constraints of velocities alone the dynamics of the
-    stages need that system; the step's end is then a stage of the next step.
+    With closed loops it is that of the step's end, before the loops are closed, where
+    the correction needs the same system. With constraints of velocities alone the
+    dynamics of the stages need that system; the step's end is then a stage of the next
+    step.
     """
     equations = robot.equations
     return equations.watched and not equations.keeps_positions(q, t)
@@ -108,13 +110,15 @@ def _inputs(robot: Robot, feedback: bool) -> list[tuple[str, Shape]]:
 class RobotMotion:
     """A robot during one traced step, in the interface of the integrators (`System`)."""
 
-    def __init__(self, robot: Robot, inputs: Matrix, gains: Vector | None, parameters: Vector,
+    def __init__(self, robot: Robot, inputs: Matrix, gains: Vector | None,
+                 parameters: Vector,
                  dual_to: tuple[str, ...] | None, watched: bool,
                  followed: Sequence[int], start: Vector, h: Scalar) -> None:
         """
         Store the arguments of the step of length h, which begins at the time `start`, (0 or 1,).
 
-        `gains` is None if torques are held; with `watched`, `margins` collects those of stages.
+        `gains` is None if torques are held; with `watched`, `margins` collects those of
+        stages.
         """
         self.equations, self.robot, self._dual_to = robot.equations, robot, dual_to
         self._inputs, self._parameters = inputs, parameters
@@ -145,7 +149,8 @@ class RobotMotion:
     def called(self, program: Program, q: Vector, u: Vector, tau: Vector, time: Any,
                *inputs: Any) -> Any:
         """Return the results of the dynamics of a stage; their margin, if any, is stored."""
-        results = call(program, q, u, tau, *inputs, *self._wrench, *time, self._parameters)
+        results = call(program, q, u, tau, *inputs, *self._wrench, *time,
+                       self._parameters)
         if self.watched:
             *results, margin = results
             self.margins.append(margin)
@@ -158,7 +163,8 @@ class RobotMotion:
     def rates(self, state: Vector, moment: int) -> Vector:
         """Return the time derivative of q, u, time and margin."""
         robot, margins = self.robot, int(self.equations.watched)
-        q, u, time = np.split(state[:len(state) - margins], [robot.n_q, robot.n_q + robot.n])
+        q, u, time = np.split(state[:len(state) - margins],
+                              [robot.n_q, robot.n_q + robot.n])
         rates = self.called(self._motion, q, u, self.torque(q, u, moment, *time), time)
         if self.equations.in_joint_rates:
             rates = [*u, *rates]
@@ -180,7 +186,8 @@ class RobotMotion:
 
     def quadratures(self, q: Vector, u: Vector, moment: int) -> Vector:
         """Return the rates of time and margin."""
-        return np.array([*(1.0 for _ in self._start), *[0.0] * int(self.equations.watched)])
+        return np.array([*(1.0 for _ in self._start),
+                         *[0.0] * int(self.equations.watched)])
 
 
 def step_program(robot: Robot, name: str, choice: StepChoice) -> Program:
@@ -194,25 +201,29 @@ def traced_step(robot: Robot, choice: StepChoice, state: Vector, inputs: Matrix,
     """Return the state after one step of a `system`, with the end projected on constraints."""
     n_q, n, equations = robot.n_q, robot.n, robot.equations
     feedback, integrator, dual_to, followed = choice.needed(robot)
-    gains, h, parameters = np.split(constants, [2 * n, 2 * n + 1] if feedback else [0, 1])
-    t = state[n_q + n] if equations.timed else 0.0
-    watched = watches_stages(robot, state[:n_q], t)
-    motion = system(robot, inputs, gains if feedback else None, parameters, dual_to, watched,
-                    followed, state[n_q + n:][:int(equations.timed)], h[0])
+
+    def time_of(state: Vector) -> Scalar:
+        return state[n_q + n] if equations.timed else 0.0
+    gain_count = 2 * n if feedback else 0
+    gains, h, parameters = np.split(constants, [gain_count, gain_count + 1])
+    keeps_positions = equations.keeps_positions(state[:n_q], time_of(state))
+    watches_stages = equations.watched and not keeps_positions
+    motion = system(robot, inputs, gains if feedback else None, parameters, dual_to,
+                    watches_stages, followed, state[n_q + n:][:int(equations.timed)],
+                    h[0])
     after: Vector = integrator_of(integrator).step(motion, state, h[0])
     # The margin, then one Newton step on the loops and unit quaternions.
-    if watched:
+    q, t = after[:n_q], time_of(after)
+    if watches_stages:
         after[-1] = reduce(lambda x, y: select(x < y, x, y), motion.margins)
-    elif not equations.in_joint_rates:
-        q, t = after[:n_q], after[n_q + n] if equations.timed else 0.0
-        if equations.watched:  # no later step reads this entry, so it causes no latency
-            after[-1] = equations.margin(q, t, constants[-LIMITS:])
-        after[:n_q] = equations.closure_step(q, t)
-    after[:n_q] = on_unit_quaternions(robot.model, after[:n_q])
+    elif keeps_positions:
+        # No later step reads the margin, so it causes no latency.
+        after[-1] = equations.margin(q, t, constants[-LIMITS:])
+        q = equations.closure_step(q, t)
+    after[:n_q] = on_unit_quaternions(robot.model, q)
     # The joints that follow must determine the motion too.
     if followed and equations.watched:
-        time = after[n_q + n] if equations.timed else 0.0
-        margin = law_margin(robot, followed, after[:n_q], time)
+        margin = law_margin(robot, followed, after[:n_q], t)
         if not isinstance(margin, float):
             after[-1] = select(margin < after[-1], margin, after[-1])
     return after
@@ -229,19 +240,21 @@ def time_input(robot: Robot) -> list[tuple[str, Shape]]:
     return [('t', ())] if robot.equations.timed else []
 
 
-def implicit_stage(robot: Robot, method: ImplicitStep, dual_to: tuple[str, ...] | None = None,
+def implicit_stage(robot: Robot, method: ImplicitStep,
+                   dual_to: tuple[str, ...] | None = None,
                    *, watched: bool = False, varied: bool = False) -> Program:
     """
     Trace `ImplicitStep.stage`: joint rates, udot and, if `watched`, the margin.
 
-    Its inputs: q, u, tau, results of the first stage, g, factors on friction if `varied`, wrench,
-    time and parameters.
+    Its inputs: q, u, tau, results of the first stage, g, factors on friction if
+    `varied`, wrench, time and parameters.
     """
     equations: Any = robot.equations
     wrenches, n_j = wrench_input(robot), robot.model.n
     factor_input: list[tuple[str, Shape]] = [('factors', (n_j,))] if varied else []
     inputs: list[tuple[str, Shape]] = [
-        ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), ('joint_rates', (n_j,)),
+        ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)),
+        ('joint_rates', (n_j,)),
         ('udot', (robot.n,)), ('g', ()), *factor_input, *wrenches, *time_input(robot),
         ('parameters', robot.parameters.block.shape)]
 

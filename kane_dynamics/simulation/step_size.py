@@ -39,16 +39,16 @@ def longest_step(robot: Robot, q: Any, u: Any = None, *, t: float = 0.0) -> Long
     """
     Return the longest Runge-Kutta step that is stable near a state.
 
-    The equations are linearised about the state, x' = J x. A step h multiplies the
-    part of x of an eigenvalue of J by R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24, z = h times
-    the eigenvalue, and ``|R| <= 1`` is required (Hairer & Wanner, Solving Ordinary
-    Differential Equations II, section IV.2). The limit is most often smoothed Coulomb friction:
-    the slope of mu tanh(u / u_s) at rest, mu / u_s, over a small inertia.
+    The equations are linearised about the state, x' = J x. A step h multiplies the part
+    of x of an eigenvalue of J by R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24, z = h times the
+    eigenvalue, and ``|R| <= 1`` is required (Hairer & Wanner, Solving Ordinary
+    Differential Equations II, section IV.2). The limit is most often smoothed Coulomb
+    friction: the slope of mu tanh(u / u_s) at rest, mu / u_s, over a small inertia.
 
-    In a motion the limit of a beam or spring changes with the configuration and the speeds: take
-    the least over the states of the motion. A stable step is not an accurate one. Vibrations near
-    the limit lose their energy within a few steps, which the energy balance of `simulate`
-    reports.
+    In a motion the limit of a beam or spring changes with the configuration and the
+    speeds: take the least over the states of the motion. A stable step is not an
+    accurate one. Vibrations near the limit lose their energy within a few steps, which
+    the energy balance of `simulate` reports.
 
     Parameters
     ----------
@@ -72,8 +72,8 @@ def longest_step(robot: Robot, q: Any, u: Any = None, *, t: float = 0.0) -> Long
     if not (n and _may_limit_step(robot.model, robot.friction)):
         return LongestStep(math.inf)
     values, vectors = np.linalg.eig(_state_matrix(robot, q, u, t))
-    # The step limit of an eigenvalue depends on its angle. An unstable equilibrium (an inverted
-    # arm) does not limit the step.
+    # The step limit of an eigenvalue depends on its angle. An unstable equilibrium (an
+    # inverted arm) does not limit the step.
     angles = np.angle(np.minimum(values.real, 0.0) + 1j * np.abs(values.imag))
     with np.errstate(divide='ignore'):
         steps = np.interp(angles, ANGLES, _radii()) / np.abs(values)
@@ -86,19 +86,21 @@ def _state_matrix(robot: Robot, q: Array, u: Array, t: float) -> Array:
     """
     Return J, (2 n, 2 n), of the equations linearised about a state, by central differences.
 
-    Its coordinates are changes of q along the partial rates of the joints, and changes of u. Along
-    these rates loops stay closed to first order, and the residual of second order is equal on both
-    sides of a difference.
+    Its coordinates are changes of q along the partial rates of the joints, and changes
+    of u. Along these rates loops stay closed to first order, and the residual of second
+    order is equal on both sides of a difference.
     """
     n = robot.n
     units = DIFFERENCE * np.eye(n)
-    rates = robot.joint_rates(np.tile(q, (n + 1, 1)), np.concatenate([np.zeros((1, n)), units]),
+    rates = robot.joint_rates(np.tile(q, (n + 1, 1)),
+                              np.concatenate([np.zeros((1, n)), units]),
                               t=t)
     partial_rates = rates[1:] - rates[0]
     dq = np.concatenate([np.zeros((n, robot.n_q)), partial_rates])
     du = np.concatenate([units, np.zeros((n, n))])
     udot = robot.forward_dynamics(np.concatenate([q + dq, q - dq]),
-                                  np.concatenate([u + du, u - du]), np.zeros((4 * n, n)), t=t)
+                                  np.concatenate([u + du, u - du]), np.zeros((4 * n, n)),
+                                  t=t)
     slopes = (udot[:2 * n] - udot[2 * n:]).T / (2.0 * DIFFERENCE)
     by_u, by_q = np.split(slopes, 2, axis=1)
     return np.block([[np.zeros((n, n)), np.eye(n)], [by_q, by_u]])
@@ -112,9 +114,9 @@ def step_warning(robot: Robot, q: Any, step: float, integrator: str = 'rk4',
     longest, name = longest_step(robot, q, t=t)
     if step <= longest:
         return None
-    return (f"a step of {step:g} s is too long for '{name}'; expected at most {longest:.2g} s "
-            'near rest with its friction, springs or bending. With a longer step it oscillates or '
-            f'creeps instead of resting. Use the '
+    return (f"a step of {step:g} s is too long for '{name}'; expected at most "
+            f'{longest:.2g} s near rest with its friction, springs or bending. With a '
+            'longer step it oscillates or creeps instead of resting. Use the '
             "integrator 'implicit', or shorten the step")
 
 
@@ -123,7 +125,8 @@ def stable_integrator(robot: Robot, q: Array, step: float, integrator: str | Non
     """
     Return the integrator of a simulation, and the warning about its step or its choice, if any.
 
-    `q` has the first initial configuration as its only row; no row without initial states.
+    `q` has the first initial configuration as its only row; no row without initial
+    states.
     """
     if not len(q):
         return integrator or 'rk4', None
@@ -132,9 +135,9 @@ def stable_integrator(robot: Robot, q: Array, step: float, integrator: str | Non
     longest, name = longest_step(robot, q[0], t=t)
     if step <= longest:
         return 'rk4', None
-    return 'implicit', (f"integrator 'implicit' is used: a step of {step:g} s is too long for "
-                        f"'{name}' with 'rk4', which needs at most {longest:.2g} s with its "
-                        'friction, springs or bending')
+    return 'implicit', (f"integrator 'implicit' is used: a step of {step:g} s is too "
+                        f"long for '{name}' with 'rk4', which needs at most "
+                        f'{longest:.2g} s with its friction, springs or bending')
 
 
 def _may_limit_step(model: Model, friction: bool) -> bool:

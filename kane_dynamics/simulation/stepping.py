@@ -1,12 +1,14 @@
 """
 The stepping loop of a simulation, and the steps that it computes.
 
-`run` computes steps in chunks and shows the states to observers (`observers`). Native code
-computes a chunk in a few milliseconds without the GIL, so progress is reported in time.
+`run` computes steps in chunks and shows the states to observers (`observers`). Native
+code computes a chunk in a few milliseconds without the GIL, so progress is reported in
+time.
 
-Each kind of `Steps` computes states in its own way: `Steps` in native code with the impulses of
-joint stops, `speed_switching.SwitchingSteps` with a change of independent speeds before a
-singularity, and `CallableSteps` with a torque function in Python before every step of these.
+Each kind of `Steps` computes states in its own way: `Steps` in native code with the
+impulses of joint stops, `speed_switching.SwitchingSteps` with a change of independent
+speeds before a singularity, and `CallableSteps` with a torque function in Python before
+every step of these.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,7 +16,8 @@ import time
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.simulation.observers import (Chunk, diverged, Extremes, Impact, Observer,
+from kane_dynamics.simulation.observers import (Chunk, diverged, Extremes, Impact,
+                                                Observer,
                                                 Power)
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.torque_input import (evaluated_torque, TorqueFunction,
@@ -76,7 +79,8 @@ class Steps:
         """Compute the states of a buffer; arguments and result as of `TorqueInput.advance`."""
         return self._advance(self.source, buffer, done)
 
-    def user_state(self, simulation: int, state: Array, done: int) -> tuple[Array, Array]:
+    def user_state(self,
+                   simulation: int, state: Array, done: int) -> tuple[Array, Array]:
         """Return q and u, in the user's speeds, of a simulation's state after `done` steps."""
         n_q, n = self.robot.n_q, self.robot.n
         return state[:n_q], state[n_q:n_q + n]
@@ -109,7 +113,8 @@ class Steps:
             at['t'] = np.tile(times, shape[0])
         udot, stop_forces = actual_accelerations(robot, q, u, tau.reshape(u.shape),
                                                  self.stops is not None, **at)
-        energy = np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)], axis=1)
+        energy = np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)],
+                          axis=1)
         rows = {'u': u, 'udot': udot, 'stop_forces': stop_forces, 'energy': energy}
         return {name: x.reshape(*shape, *x.shape[1:]) for name, x in rows.items()}
 
@@ -130,7 +135,8 @@ class CallableSteps(Steps):
 
     """
 
-    def __init__(self, steps: Steps, torque: TorqueFunction, every: int, in_time: bool) -> None:
+    def __init__(self, steps: Steps, torque: TorqueFunction, every: int,
+                 in_time: bool) -> None:
         """Begin without samples."""
         super().__init__(steps.source, steps.stops)
         self.changes = steps.changes
@@ -184,8 +190,8 @@ class CallableSteps(Steps):
         return self._steps.results(samples, tau)
 
 
-
-def run(steps: Steps, starts: Array, count: int, every: int, observers: Sequence[Observer],
+def run(steps: Steps, starts: Array, count: int, every: int,
+        observers: Sequence[Observer],
         progress: Progress | None = None) -> Samples:
     """
     Compute a simulation and return its samples, with the first and the last state.
@@ -201,7 +207,8 @@ def run(steps: Steps, starts: Array, count: int, every: int, observers: Sequence
     observers : sequence of Observer
         What watches the states, in this order.
     progress : callable, optional
-        Called with the simulated time after each chunk; returning False ends the simulation.
+        Called with the simulated time after each chunk; returning False ends the
+        simulation.
 
     """
     sampled = np.append(np.arange(0, count, every), count)

@@ -118,8 +118,8 @@ class TorqueInput:
         Returns
         -------
         (1 or N, 1 or K, n) array, or callable
-            Torques held during each step; or, for computed torque, a function that returns the
-            power of the torques, (N, rows), W, at row numbers of the buffer.
+            Torques held during each step; or, for computed torque, a function that
+            returns the power of the torques, (N, rows), W, at row numbers of the buffer.
 
         """
         if isinstance(self.torque, ComputedTorque):
@@ -128,7 +128,8 @@ class TorqueInput:
             def power_at(rows: Array) -> Array:
                 q = np.ascontiguousarray(buffer[:, rows, :n_q])
                 u = np.ascontiguousarray(buffer[:, rows, n_q:n_q + n])
-                power: Array = np.einsum('nkj,nkj->nk', self.torques(done + rows, q, u), u)
+                power: Array = np.einsum('nkj,nkj->nk', self.torques(done + rows, q, u),
+                                         u)
                 return power
             return power_at
         table: Array = self.torque
@@ -207,7 +208,8 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
         choice = StepChoice(False, integrator)
         constants = np.concatenate([[step], block])
         torque = _table(robot, None if callable(torque) else torque, count, states)
-    return TorqueInput(robot, step_kernel(robot, *choice), choice, step, constants, torque, start,
+    return TorqueInput(robot, step_kernel(robot, *choice), choice, step, constants,
+                       torque, start,
                        single=states is None)
 
 
@@ -218,12 +220,13 @@ def _require_same_robot(torque: ComputedTorque, robot: Robot) -> None:
             raise InputError(f'motion: of the joints {list(torque.motion.joint_names)}; '
                              f'expected {list(robot.joint_names)}')
         if not robot.equations.in_joint_rates:
-            raise InputError('torque: ComputedTorque(motion, kp, kd), with chosen speeds or '
-                             'constraints; expected ComputedTorque(robot, motion, kp, kd)')
+            raise InputError('torque: ComputedTorque(motion, kp, kd), with chosen '
+                             'speeds or constraints; expected ComputedTorque(robot, '
+                             'motion, kp, kd)')
     elif not torque.robot.equals(robot):
-        raise InputError('torque: computed torque of another robot (model, options, gravity or '
-                         'payload) than the simulated one; expected the same, or a function that '
-                         'returns the torques of the other')
+        raise InputError('torque: computed torque of another robot (model, options, '
+                         'gravity or payload) than the simulated one; expected the '
+                         'same, or a function that returns the torques of the other')
 
 
 def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:
@@ -235,16 +238,16 @@ def _table(robot: Robot, torque: Any, count: int, states: int | None) -> Array:
         rows = np.shape(torque)[1]
         table = checked(Argument('torque', (rows, n), robot.speed_names), torque)
         if len(table) != states:
-            raise InputError(f'torque: shape {table.shape}; expected a table for each of the '
-                             f'{states} states, or one (K, {n}) for all')
+            raise InputError(f'torque: shape {table.shape}; expected a table for each '
+                             f'of the {states} states, or one (K, {n}) for all')
     else:
         table = checked(Argument('torque', (n,), robot.speed_names), torque)
         if table.ndim == 1:
             return table[None, None].copy()
         table = table[None]
     if table.shape[1] < count:
-        raise InputError(f'torque: {table.shape[1]} rows; expected at least {count}, one per '
-                         'step')
+        raise InputError(f'torque: {table.shape[1]} rows; expected at least {count}, '
+                         'one per step')
     return table
 
 
@@ -256,7 +259,8 @@ def evaluated_torque(robot: Robot, torque: TorqueFunction, t: float, q: Array,
     Raises
     ------
     InputError
-        The function has a wrong signature, or returns something else than n finite numbers.
+        The function has a wrong signature, or returns something else than n finite
+        numbers.
 
     """
     try:

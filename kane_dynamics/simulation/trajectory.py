@@ -24,7 +24,8 @@ from kane_dynamics.simulation.user_speeds import constraint_residuals
 import numpy as np
 
 Path = str | os.PathLike[str]
-OF_CONSTRAINTS = ('constraint_forces', 'constraint_residual', 'constraint_velocity_residual')
+OF_CONSTRAINTS = ('constraint_forces', 'constraint_residual',
+                  'constraint_velocity_residual')
 ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'stop_forces', *OF_CONSTRAINTS)
 LATER = ('stop_forces', 'constraint_velocity_residual')  # arrays that older files lack
 FORMER = {'constraint_residual': 'constraint_gap'}  # names of arrays in older files
@@ -45,15 +46,16 @@ class LimitEvent(NamedTuple):
         """Return the event as text."""
         quantity = 'speed' if self.limit == 'velocity' else 'position'
         which = '' if self.state is None else f'simulation {self.state}: '
-        return (f"{which}at {self.t:.4g} s joint '{self.joint}' passes its {self.limit} limit: "
-                f'{quantity} {self.value:.4g}, limit {self.bound:.4g}')
+        return (f"{which}at {self.t:.4g} s joint '{self.joint}' passes its {self.limit} "
+                f'limit: {quantity} {self.value:.4g}, limit {self.bound:.4g}')
 
 
 class StopEvent(NamedTuple):
     """
     The impact of a joint on one of its stops, in a simulation with stops.
 
-    The speed is that into the stop; the loss is the energy lost in all stops at that time, J.
+    The speed is that into the stop; the loss is the energy lost in all stops at that
+    time, J.
     """
 
     t: float
@@ -66,8 +68,8 @@ class StopEvent(NamedTuple):
     def __str__(self) -> str:
         """Return the event as text."""
         which = '' if self.state is None else f'simulation {self.state}: '
-        return (f"{which}at {self.t:.4g} s joint '{self.joint}' hits its {self.limit} stop: speed "
-                f'{self.speed:.4g}, {self.loss:.3g} J lost')
+        return (f"{which}at {self.t:.4g} s joint '{self.joint}' hits its {self.limit} "
+                f'stop: speed {self.speed:.4g}, {self.loss:.3g} J lost')
 
 
 class SpeedChange(NamedTuple):
@@ -85,7 +87,8 @@ class SpeedChange(NamedTuple):
     def __str__(self) -> str:
         """Return the event as text."""
         which = '' if self.state is None else f'simulation {self.state}: '
-        return (f'{which}at {self.t:.4g} s the independent speeds {", ".join(self.before)} change '
+        return (f'{which}at {self.t:.4g} s the independent speeds '
+                f'{", ".join(self.before)} change '
                 f'to {", ".join(self.after)}')
 
 
@@ -111,16 +114,16 @@ class Trajectory:
         Kinetic and potential energy, J.
     joint_names : tuple of str
     limit_events : sequence of LimitEvent
-        Checked at every step, not only at the samples. Without `stops` the simulation continues
-        past a limit. Speed limits are checked for robots in joint rates.
+        Checked at every step, not only at the samples. Without `stops` the simulation
+        continues past a limit. Speed limits are checked for robots in joint rates.
     speed_names, constraint_names : tuple of str
         Of the entries of u, udot and tau, and of the rows of the constraints.
     constraint_forces : (K, m) or (N, K, m) array
-        Forces of the constraints under the torques and the forces of the stops, N or N m; without
-        stops as `Robot.constraint_forces`.
+        Forces of the constraints under the torques and the forces of the stops, N or N
+        m; without stops as `Robot.constraint_forces`.
     constraint_residual, constraint_velocity_residual : (K, m) or (N, K, m) arrays
-        Residuals of positions, m or rad, and of velocities, m/s or rad/s; as the methods of
-        `Robot` of these names.
+        Residuals of positions, m or rad, and of velocities, m/s or rad/s; as the methods
+        of `Robot` of these names.
     speed_changes : sequence of SpeedChange
         Changes of the independent speeds.
     warnings : tuple of str
@@ -128,8 +131,9 @@ class Trajectory:
     stop_events : sequence of StopEvent
         Impacts on joint stops, in order of time; the contact that follows is no event.
     stop_forces : (K, n_j) or (N, K, n_j) array
-        Forces of the stops on the joints of `joint_names`, N m or N: positive at lower stops, zero
-        of joints that do not press against a stop. They act on udot and on the constraints.
+        Forces of the stops on the joints of `joint_names`, N m or N: positive at lower
+        stops, zero of joints that do not press against a stop. They act on udot and on
+        the constraints.
     coordinate_names : tuple of str
         Of the entries of q: `joint_names`, but four for the quaternion of a ball joint.
 
@@ -164,7 +168,8 @@ class Trajectory:
             for name in OF_CONSTRAINTS:
                 freeze(self, name, np.zeros((*self.q.shape[:-1], 0)))
         if not self.stop_forces.size:
-            freeze(self, 'stop_forces', np.zeros((*self.q.shape[:-1], len(self.joint_names))))
+            freeze(self, 'stop_forces', np.zeros((*self.q.shape[:-1],
+                                                  len(self.joint_names))))
 
     def __repr__(self) -> str:
         """Return size and joints on one line."""
@@ -190,7 +195,8 @@ class Trajectory:
         return html_table(repr(self)[1:-1], ['joint', 'q', 'u', 'tau'], table)
 
     @classmethod
-    def along(cls, robot: Robot, t: Array, q: Array, u: Array, udot: Array) -> Trajectory:
+    def along(cls, robot: Robot, t: Array, q: Array, u: Array,
+              udot: Array) -> Trajectory:
         """
         Return a given motion with its torques (inverse dynamics) and energies.
 
@@ -214,12 +220,14 @@ class Trajectory:
             raise InputError(f'q: shape {q.shape}; expected (K, {robot.n_q})')
         t = increasing(t, len(q), 't')
         tau = robot.inverse_dynamics(q, u, udot, t=t)
-        energy = np.stack([robot.kinetic_energy(q, u, t=t), robot.potential_energy(q)], axis=-1)
+        energy = np.stack([robot.kinetic_energy(q, u, t=t), robot.potential_energy(q)],
+                          axis=-1)
         rows: dict[str, Any] = {}
         if robot.constraint_names:
             rows = constraint_residuals(robot, q, u, t=t)
             rows['constraint_forces'] = robot.constraint_forces(q, u, tau, t=t)
-        return cls(t, q, u, udot, tau, energy, robot.joint_names, speed_names=robot.speed_names,
+        return cls(t, q, u, udot, tau, energy, robot.joint_names,
+                   speed_names=robot.speed_names,
                    constraint_names=robot.constraint_names, **rows,
                    coordinate_names=robot.coordinate_names)
 
@@ -238,7 +246,8 @@ class Trajectory:
         """Return the motion from initial state k of N; InputError if k is out of range."""
         if self.q.ndim != 3 or not -len(self.q) <= k < len(self.q):
             count = f'{len(self.q)} motions' if self.q.ndim == 3 else 'a single motion'
-            raise InputError(f'state: {k}, of {count}; expected the number of a motion, from 0')
+            raise InputError(f'state: {k}, of {count}; expected the number of a motion, '
+                             'from 0')
         number = k % len(self.q)
 
         def of_state(events: Any) -> tuple[Any, ...]:
@@ -269,7 +278,10 @@ class Trajectory:
             if name not in file and former in file:
                 file[name] = file[former]
         try:
-            content: dict[str, Any] = {name: file[name] for name in ARRAYS if name not in LATER}
+            content: dict[str, Any] = {}
+            for name in ARRAYS:
+                if name not in LATER:
+                    content[name] = file[name]
             for name in NAMES[:3]:
                 content[name] = tuple(map(str, file[name]))
             # Files of earlier versions lack what was added later.
@@ -284,7 +296,8 @@ class Trajectory:
                 content[name] = _events(name, file.get(name, ()))
             return cls(**content)
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f'{os.fspath(path)}: {error}; expected a file of save_npz') from None
+            raise InputError(f'{os.fspath(path)}: {error}; expected a file of '
+                             'save_npz') from None
 
     def save_csv(self, path: Path) -> None:
         """
@@ -307,16 +320,18 @@ class Trajectory:
     def require(self, robot: Robot, what: str) -> None:
         """Raise InputError unless this is one motion of a robot; `what` names the caller."""
         self._require_single(what)
-        if (self.joint_names, self.speed_names) != (robot.joint_names, robot.speed_names):
-            raise InputError(f'{what}: trajectory of the joints {list(self.joint_names)} and '
-                             f'speeds {list(self.speed_names)}; expected '
+        if (self.joint_names, self.speed_names) != (robot.joint_names,
+                                                    robot.speed_names):
+            raise InputError(f'{what}: trajectory of the joints '
+                             f'{list(self.joint_names)} and speeds '
+                             f'{list(self.speed_names)}; expected '
                              f'{list(robot.joint_names)} and {list(robot.speed_names)}')
 
     def _require_single(self, what: str) -> None:
         """Raise InputError for several motions; `what` names the caller."""
         if self.q.ndim == 3:
-            raise InputError(f'{what}: trajectory of {len(self.q)} motions; expected one, as from '
-                             'trajectory.state(k)')
+            raise InputError(f'{what}: trajectory of {len(self.q)} motions; expected '
+                             'one, as from trajectory.state(k)')
 
     def _columns(self) -> list[str]:
         """Return the header of a table of all arrays."""

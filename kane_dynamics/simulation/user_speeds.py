@@ -13,8 +13,8 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.stops.contact_forces import with_stop_forces
 import numpy as np
 
-# For each simulation, the numbers of steps after which its choices of speeds begin, and the
-# robots in these choices.
+# For each simulation, the numbers of steps after which its choices of speeds begin, and
+# the robots in these choices.
 History = Sequence[Sequence[tuple[int, Robot]]]
 
 
@@ -32,8 +32,8 @@ class UserSpeeds:
     Parameters
     ----------
     user_robot : Robot
-        The user's robot. Its speeds u = Y_I q' + Z_I are defined also where they are singular and
-        do not determine q'.
+        The user's robot. Its speeds u = Y_I q' + Z_I are defined also where they are
+        singular and do not determine q'.
     stops : bool
         Whether stops hold its joints.
 
@@ -128,16 +128,19 @@ class UserSpeeds:
                     begin += count
         return results
 
-    def _derived(self, robot: Robot, rows: Array, tau: Array, times: Array) -> dict[str, Array]:
+    def _derived(self,
+                 robot: Robot, rows: Array, tau: Array, times: Array) -> dict[str, Array]:
         """Return the quantities of `results` for states, (K, size), in one choice of speeds."""
         at: dict[str, Any] = {'t': times} if robot.equations.timed else {}
         q = np.ascontiguousarray(rows[:, :robot.n_q])
         u = np.ascontiguousarray(rows[:, robot.n_q:robot.n_q + robot.n])
         in_user_speeds = robot.speed_names == self._user_robot.speed_names
         generalized = tau if in_user_speeds else self.torques(robot, q, tau, times)
-        udot, stop_forces = actual_accelerations(robot, q, u, generalized, self._stops, **at)
+        udot, stop_forces = actual_accelerations(robot, q, u, generalized, self._stops,
+                                                 **at)
         applied = stop_forces + self._actuator_torques(robot, q, generalized, tau, times)
-        energy = np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)], axis=1)
+        energy = np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)],
+                          axis=1)
         forces = self._constraint_forces(robot, q, u, udot, applied, times)
         residuals = constraint_residuals(robot, q, u, **at)
         if not in_user_speeds:
@@ -162,14 +165,16 @@ class UserSpeeds:
         return self._called(robot, 'actuator_torques', shapes, (robot.model.n,), torques,
                             (q, force), times)
 
-    def _constraint_forces(self, robot: Robot, q: Array, u: Array, udot: Array, applied: Array,
+    def _constraint_forces(self, robot: Robot, q: Array, u: Array, udot: Array,
+                           applied: Array,
                            times: Array) -> Array:
         """Return the forces of all rows, (K, m), in a motion under given joint forces."""
         equations = robot.equations
         shapes = {'q': (robot.n_q,), 'u': (robot.n,), 'udot': (robot.n,),
                   'applied': (robot.model.n,)}
         return self._called(robot, 'constraint_forces_of_motion', shapes,
-                            (len(robot.constraint_names),), equations.constraint_forces_of_motion,
+                            (len(robot.constraint_names),),
+                            equations.constraint_forces_of_motion,
                             (q, u, udot, applied), times)
 
 
@@ -177,7 +182,8 @@ def _parts_by_robot(history: History, sampled: Array) -> list[tuple[Robot, list[
     """Return the samples of each choice of speeds, in all simulations."""
     groups: dict[int, tuple[Robot, list[_Part]]] = {}
     for i, changes in enumerate(history):
-        begins = np.searchsorted(sampled, [step for step, _ in changes], side='right').tolist()
+        begins = np.searchsorted(sampled, [step for step, _ in changes],
+                                 side='right').tolist()
         ends = [*begins[1:], len(sampled)]
         for begin, end, (_, robot) in zip(begins, ends, changes):
             if end > begin:
@@ -192,13 +198,16 @@ def actual_accelerations(robot: Robot, q: Array, u: Array, tau: Array, stops: bo
     udot: Array = robot.forward_dynamics(q, u, tau, **at)
     if not stops:
         return udot, np.zeros((len(q), robot.model.n))
-    return with_stop_forces(robot, q, u, udot, robot.limits.lower, robot.limits.upper, **at)
+    return with_stop_forces(robot, q, u, udot, robot.limits.lower, robot.limits.upper,
+                            **at)
 
 
-def constraint_residuals(robot: Robot, q: Array, u: Array, **at: Array) -> dict[str, Array]:
+def constraint_residuals(robot: Robot,
+                         q: Array, u: Array, **at: Array) -> dict[str, Array]:
     """Return the residuals of the constraints along a motion, (K, m) arrays."""
+    of_velocities = robot.constraint_velocity_residual(q, u, **at)
     return {'constraint_residual': robot.constraint_residual(q, **at),
-            'constraint_velocity_residual': robot.constraint_velocity_residual(q, u, **at)}
+            'constraint_velocity_residual': of_velocities}
 
 
 def actuator_torques(equations: Equations, names: Sequence[str], q: Any, tau: Any,
@@ -206,8 +215,8 @@ def actuator_torques(equations: Equations, names: Sequence[str], q: Any, tau: An
     """
     Return the joint torques of the actuators, (n_j,).
 
-    With `actuated`, tau is dual to the speeds of the equations; else to the named speeds, and each
-    entry acts on its own speed.
+    With `actuated`, tau is dual to the speeds of the equations; else to the named
+    speeds, and each entry acts on its own speed.
     """
     if equations.actuated is not None:
         return equations.shared_torques(q, tau, t)
@@ -235,7 +244,8 @@ def other_speeds(equations: Equations, names: Sequence[str], q: Any, u: Any,
                      values(Y) @ motion.qddot + rates(Y) @ motion.qdot + rates(Z)])
 
 
-def law_power(history: History, source: Any, buffer: Array, done: int, rows: Array) -> Array:
+def law_power(history: History, source: Any, buffer: Array, done: int,
+              rows: Array) -> Array:
     """
     Return the power of computed torque in the speeds of each state, (N, rows), W.
 
@@ -262,6 +272,7 @@ def law_power(history: History, source: Any, buffer: Array, done: int, rows: Arr
             phase = np.searchsorted([after for after, _ in changes], done + rows) - 1
             for k in np.unique(phase):
                 in_phase = phase == k
-                of_phase = replace(source, robot=changes[k][1]).acting(buffer[i:i + 1], done)
-                power[i, in_phase] = of_phase(rows[in_phase])[0]
+                of_phase = replace(source, robot=changes[k][1])
+                power_at = of_phase.acting(buffer[i:i + 1], done)
+                power[i, in_phase] = power_at(rows[in_phase])[0]
     return power

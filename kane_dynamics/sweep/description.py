@@ -38,9 +38,8 @@ class Sweep:
     """
     Many simulations of one robot with varying values.
 
-    Trial i depends only on `seed` and i: it draws from
-    ``numpy.random.SeedSequence(seed, spawn_key=(i,))``. `variation` documents how values are
-    given.
+    Trial i depends only on `seed` and i: it draws from ``numpy.random.SeedSequence(seed,
+    spawn_key=(i,))``. `variation` documents how values are given.
 
     Parameters
     ----------
@@ -53,30 +52,32 @@ class Sweep:
     duration, step : float
         s; the duration is an integer multiple of the step.
     q0, u0 : value of every coordinate, of every (independent) speed
-        Initial state, rad or m, and s. Default: the start of the motion, else that of the robot's
-        `configuration`, else zeros. Loops are closed from q0: the joints whose rates are the
-        independent speeds keep their values, and the others move, in the assembly mode of q0 if
-        its residuals are at most 0.01 rad, or lengths of the mechanism, else in that of
-        `configuration`. Quaternions are divided by their lengths, so that normal values are
-        uniform rotations.
+        Initial state, rad or m, and s. Default: the start of the motion, else that of
+        the robot's `configuration`, else zeros. Loops are closed from q0: the joints
+        whose rates are the independent speeds keep their values, and the others move, in
+        the assembly mode of q0 if its residuals are at most 0.01 rad, or lengths of the
+        mechanism, else in that of `configuration`. Quaternions are divided by their
+        lengths, so that normal values are uniform rotations.
     payload : mapping, optional
-        `frame`, in whose axes it is given; `mass`, kg; `com`, three values, m; `gyration`, the
-        radius of gyration k about its center of mass, m: its inertia is m k^2 about every axis.
+        `frame`, in whose axes it is given; `mass`, kg; `com`, three values, m;
+        `gyration`, the radius of gyration k about its center of mass, m: its inertia is
+        m k^2 about every axis.
     friction : value of every joint
         Factor on the damping and friction of the plant; the controller's model uses 1.
     controller : str or mapping
-        `kind`: computed_torque, gravity_compensation or none; `kp`, 1/s^2, and `kd`, 1/s, values
-        of every joint (100 and 20); `known_payload`, the fraction of the payload in the
-        controller's model (0).
+        `kind`: computed_torque, gravity_compensation or none; `kp`, 1/s^2, and `kd`,
+        1/s, values of every joint (100 and 20); `known_payload`, the fraction of the
+        payload in the controller's model (0).
     motion : Motion, optional
         The desired motion; with constraints, of the joints that follow it (as in
         `ComputedTorque`). Default: rest at q0.
     chunk : int
-        Number of trials that are computed and written together; does not affect the results. The
-        first chunk is shorter, so that a refused case and the progress are seen early.
+        Number of trials that are computed and written together; does not affect the
+        results. The first chunk is shorter, so that a refused case and the progress are
+        seen early.
     integrator : {'rk4', 'implicit'}, optional
-        As in `simulate`. By default the one that `simulate` chooses at the initial state of the
-        first trial.
+        As in `simulate`. By default the one that `simulate` chooses at the initial state
+        of the first trial.
     t0 : float
         Initial time, s, for functions of time and for the motion.
 
@@ -106,7 +107,8 @@ class Sweep:
 
     def __post_init__(self) -> None:
         """Check all entries and collect the values in the order in which they are drawn."""
-        for name, least, largest in (('samples', 1, MOST_SAMPLES), ('seed', 0, 2**63 - 1),
+        for name, least, largest in (('samples', 1, MOST_SAMPLES),
+                                     ('seed', 0, 2**63 - 1),
                                      ('chunk', 1, MOST_CHUNK)):
             freeze(self, name, integer(getattr(self, name), name, least, largest))
         for name in ('duration', 'step'):
@@ -115,16 +117,18 @@ class Sweep:
                 raise InputError(f'{name}: 0 s; expected a positive time')
         count = self.duration / self.step
         if not 1 <= round(count) <= MOST_STEPS or abs(count - round(count)) > 1e-6 * count:
-            raise InputError(f'duration: {self.duration} s, {count:.6g} steps of {self.step} s; '
-                             f'expected a whole number of steps, at most {MOST_STEPS}')
+            raise InputError(f'duration: {self.duration} s, {count:.6g} steps of '
+                             f'{self.step} s; expected a whole number of steps, at most '
+                             f'{MOST_STEPS}')
         if self.integrator is not None:
             integrator_of(self.integrator)
         freeze(self, 't0', number_of('t0', self.t0, signed=True))
         if not isinstance(self.model, Model | Robot):
-            raise InputError(f'model: a {type(self.model).__name__}; expected a Model or a Robot')
+            raise InputError(f'model: a {type(self.model).__name__}; expected a Model '
+                             'or a Robot')
         if self.robot.parameters.payload is not None:
-            raise InputError('model: a robot that carries a payload; expected one without, and '
-                             'the payload of the sweep')
+            raise InputError('model: a robot that carries a payload; expected one '
+                             'without, and the payload of the sweep')
         self.joints.check_motion(self.motion)
         freeze(self, 'values', self._values())
 
@@ -184,7 +188,8 @@ class Sweep:
             'step': self.step, 'integrator': self.integrator, 't0': self.t0,
             'payload_frame': self.payload_frame, 'chunk': self.chunk,
             'motion': None if desired is None else hashlib.sha256(desired.tobytes()).hexdigest(),
-            'values': {value.name: [value.kind, *value.numbers] for value in self.values}}
+            'values': {value.name: [value.kind,
+                                    *value.numbers] for value in self.values}}
 
     @property
     def digest(self) -> str:
@@ -197,7 +202,8 @@ class Sweep:
         q0, u0 = joints.start(self.motion, self.t0)
         controller = self.controller
         # A mapping without one of the keys is a choice of controllers, {choice: [...]}.
-        if not isinstance(controller, Mapping) or not set(controller) & set(CONTROLLER_KEYS):
+        if not isinstance(controller,
+                          Mapping) or not set(controller) & set(CONTROLLER_KEYS):
             controller = {'kind': controller}
         controller = mapping(controller, 'controller', CONTROLLER_KEYS, InputError)
         kind = value_of('controller', controller.get('kind', NONE), names=CONTROLLERS)
@@ -218,25 +224,26 @@ class Sweep:
                                     [usual] * len(followed))
         if payload is not None and kinds != {NONE}:
             used |= {'known_payload'}
-            values.append(value_of('known_payload', controller.get('known_payload', 0.0)))
+            values.append(value_of('known_payload',
+                                   controller.get('known_payload', 0.0)))
         for name in controller:
             if name not in used:
                 carries = 'without' if payload is None else 'with'
-                raise InputError(f'controller: {name} is given for {", ".join(sorted(kinds))} '
-                                 f'{carries} a payload, which does not use it; expected no such '
-                                 'key')
+                raise InputError(f'controller: {name} is given for '
+                                 f'{", ".join(sorted(kinds))} {carries} a payload, '
+                                 'which does not use it; expected no such key')
         grids = math.prod(len(value.numbers) for value in values if value.kind == 'grid')
         if self.samples % grids:
-            raise InputError(f'samples: {self.samples} for {grids} combinations of the grids; '
-                             f'expected a multiple of {grids}')
+            raise InputError(f'samples: {self.samples} for {grids} combinations of the '
+                             f'grids; expected a multiple of {grids}')
         return tuple(values)
 
     def _payload(self, payload: Any) -> list[Value]:
         """Return the varying values of the payload."""
         entries = mapping(payload, 'payload', PAYLOAD_KEYS, InputError)
         if 'frame' not in entries or 'mass' not in entries:
-            raise InputError(f'payload: {SHORT.repr(payload)}; expected frame and mass, and '
-                             'optionally com and gyration')
+            raise InputError(f'payload: {SHORT.repr(payload)}; expected frame and mass, '
+                             'and optionally com and gyration')
         freeze(self, 'payload_frame', self.robot.model.frame(entries['frame']).name)
         com = entries.get('com', (0.0, 0.0, 0.0))
         if not isinstance(com, Sequence) or isinstance(com, str) or len(com) != 3:

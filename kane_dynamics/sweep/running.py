@@ -26,16 +26,17 @@ class Summary:
     digest: str
 
 
-def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | None = None,
+def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *,
+              workers: int | None = None,
               dask: str | None = None) -> Summary:
     """
     Complete the table of a sweep in a folder.
 
-    Rows are written as chunks finish. Running the same sweep with the same folder continues an
-    interrupted run; chunks that were not finished are computed again. A run that ends before its
-    first chunks, as in the seconds in which kernels compile, has written nothing: a smaller
-    `Sweep.chunk` loses less. On processors of one kind, the rows are equal bit for bit for any
-    number and kind of workers.
+    Rows are written as chunks finish. Running the same sweep with the same folder
+    continues an interrupted run; chunks that were not finished are computed again. A run
+    that ends before its first chunks, as in the seconds in which kernels compile, has
+    written nothing: a smaller `Sweep.chunk` loses less. On processors of one kind, the
+    rows are equal bit for bit for any number and kind of workers.
 
     Parameters
     ----------
@@ -44,12 +45,12 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | No
     folder : path
         New, empty, or the folder of this sweep.
     workers : int, optional
-        Number of processes. Default: ``KANE_DYNAMICS_THREADS``, else one per processor. 1 runs
-        in this process. More than 1 requires ``if __name__ == '__main__':`` in the calling
-        script.
+        Number of processes. Default: ``KANE_DYNAMICS_THREADS``, else one per processor.
+        1 runs in this process. More than 1 requires ``if __name__ == '__main__':`` in
+        the calling script.
     dask : str, optional
-        Address of a Dask scheduler, such as ``tcp://host:8786``, whose workers run the sweep.
-        They need the same version of this package.
+        Address of a Dask scheduler, such as ``tcp://host:8786``, whose workers run the
+        sweep. They need the same version of this package.
 
     Returns
     -------
@@ -58,7 +59,8 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | No
     Raises
     ------
     InputError
-        If the folder has other content, the cluster does not exist, or a package is missing.
+        If the folder has other content, the cluster does not exist, or a package is
+        missing.
     ConstraintError
         If a function of time jumps, as in `simulate`.
     SweepError
@@ -67,8 +69,8 @@ def run_sweep(sweep: Sweep, folder: str | os.PathLike[str], *, workers: int | No
     Warns
     -----
     ModelWarning
-        If the step is too large for the model, or the integrator 'implicit' is chosen for it, as
-        in `simulate`.
+        If the step is too large for the model, or the integrator 'implicit' is chosen
+        for it, as in `simulate`.
 
     """
     if workers is not None:
@@ -99,7 +101,8 @@ def _computed(sweep: Sweep, work: bytes, chunks: Sequence[int], workers: int,
               dask: str | None) -> Done:
     """Compute chunks; yield them as they finish."""
     if chunks[:1] == [0] and len(sweep.rows(0)) < sweep.chunk:
-        # A short first chunk comes before workers start, so that its rows are seen early.
+        # A short first chunk comes before workers start, so that its rows are seen
+        # early.
         yield from here(work, [0])
         chunks = chunks[1:]
     if dask is not None:

@@ -33,8 +33,8 @@ def drawn(sweep: Sweep, rows: Sequence[int]) -> Values:
             generator.standard_normal(out=normal[k])
     draws: Iterator[tuple[Array, Array]] = zip(uniform.T, normal.T)
     no_draw = np.zeros(len(rows)), np.zeros(len(rows))
-    # The index of a trial, written in the mixed base of the grids' lengths, has the place in
-    # each grid as its digits.
+    # The index of a trial, written in the mixed base of the grids' lengths, has the
+    # place in each grid as its digits.
     values, numbers = {}, np.asarray(rows)
     for value in sweep.values:
         draw = next(draws) if value.random else no_draw
@@ -44,7 +44,8 @@ def drawn(sweep: Sweep, rows: Sequence[int]) -> Values:
     return values
 
 
-def of_joints(values: Values, name: str, joints: Sequence[str], default: float = 0.0) -> Array:
+def of_joints(values: Values, name: str, joints: Sequence[str],
+              default: float = 0.0) -> Array:
     """Return the values of all joints, given together or for each joint, (N, n)."""
     count = len(next(iter(values.values())))
     of_all = values.get(name, np.full(count, default))
@@ -57,7 +58,8 @@ def controllers(values: Values) -> list[str]:
     return [CONTROLLERS[int(place)] for place in values['controller'].tolist()]
 
 
-def plant(values: Values, joints: Sequence[str], followed: Sequence[str]) -> PlantParameters:
+def plant(values: Values, joints: Sequence[str],
+          followed: Sequence[str]) -> PlantParameters:
     """Return the plant parameters of all trials for the kernels, with gains of `followed`."""
     friction = of_joints(values, 'friction', joints)
     payload = np.zeros((len(friction), PAYLOAD))

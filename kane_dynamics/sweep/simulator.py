@@ -1,8 +1,8 @@
 """
 Simulate chunks of trials in SIMD lanes, grouped by controller.
 
-The result of a lane does not depend on the other lanes (`native.runtime.batch_loop`), so a row
-does not depend on chunks, threads or workers.
+The result of a lane does not depend on the other lanes (`native.runtime.batch_loop`), so
+a row does not depend on chunks, threads or workers.
 """
 
 from functools import lru_cache
@@ -67,7 +67,8 @@ class Simulator:
     Attributes
     ----------
     integrator : str
-        That of the sweep, or the one that `simulate` chooses at the first trial's initial state.
+        That of the sweep, or the one that `simulate` chooses at the first trial's
+        initial state.
     step_text : str or None
         Warning about the step, or about the choice of the integrator.
 
@@ -86,7 +87,8 @@ class Simulator:
         self._gains = sweep.robot.speed_names
         if Mode.COMPUTED_TORQUE in self._controllers:
             followed, self._gains = joints.followed, joints.followed_names
-        self.trial = Trial(sweep.robot, sweep.payload_frame, self.integrator, joints.tracked,
+        self.trial = Trial(sweep.robot, sweep.payload_frame, self.integrator,
+                           joints.tracked,
                            followed)
         self._shared = self.trial.shared(sweep.step)
 
@@ -106,7 +108,8 @@ class Simulator:
         """Raise ConstraintError if a function of time jumps during the sweep."""
         sweep = self.sweep
         start, _ = self._start(drawn(sweep, range(1)))
-        watch = JumpWatch(self.trial.robot, start, sweep.t0, sweep.step, sweep.steps, True)
+        watch = JumpWatch(self.trial.robot, start, sweep.t0, sweep.step, sweep.steps,
+                          True)
         for done in range(0, sweep.steps, LOOKED):
             watch.look_ahead(done, min(LOOKED, sweep.steps - done))
 
@@ -114,8 +117,8 @@ class Simulator:
         """
         Return the rows of a chunk as arrays or lists of texts by column name.
 
-        A trial without a closed start, or that diverges, or whose constraints or independent
-        speeds fail, has NaN outcomes and a message in `error`.
+        A trial without a closed start, or that diverges, or whose constraints or
+        independent speeds fail, has NaN outcomes and a message in `error`.
         """
         rows = self.sweep.rows(chunk)
         values = drawn(self.sweep, rows)
@@ -128,7 +131,8 @@ class Simulator:
             array[failed] = np.nan
         for k in np.flatnonzero(failed).tolist():
             if errors[k] is None:
-                errors[k] = self._error(int(results.failed_by[k]), bool(results.refused[k]))
+                errors[k] = self._error(int(results.failed_by[k]),
+                                        bool(results.refused[k]))
         closes = (results.worst <= 1.0) & ~failed
         return {'index': np.asarray(rows), 'seed': np.full(len(rows), self.sweep.seed),
                 **values, 'controller': kinds.tolist(), 'ok': ~failed, 'error': errors,
@@ -155,9 +159,10 @@ class Simulator:
         by_time = f'before {steps * self.sweep.step:.6g} s'
         if refused:
             names = ', '.join(self.sweep.robot.speed_names)
-            return (f'{by_time}: the independent speeds {names} become ill-conditioned, a loop '
-                    f'opens within a step of {self.sweep.step:g} s, or the motion is singular; '
-                    'expected other speeds, a shorter step, or `simulate`, which changes speeds')
+            return (f'{by_time}: the independent speeds {names} become ill-conditioned, '
+                    f'a loop opens within a step of {self.sweep.step:g} s, or the '
+                    'motion is singular; expected other speeds, a shorter step, or '
+                    '`simulate`, which changes speeds')
         return (f'diverged (non-finite state) {by_time}: unstable, '
                 f'or the step of {self.sweep.step:g} s is too large')
 
@@ -197,7 +202,8 @@ class Simulator:
             refused[no_margin] = True
             failed_by[(failed_by == 0) & ~np.isfinite(states).all(axis=1)] = end
             balance.look(states)
-        return Results(states, low, high, failed_by, refused, balance.drift, balance.worst)
+        return Results(states, low, high, failed_by, refused, balance.drift,
+                       balance.worst)
 
     def _desired(self, q0: Array) -> Array:
         """Return the desired motion of each step, (1 or N, 1 or steps, 3, 3 m)."""
@@ -235,12 +241,13 @@ class Simulator:
         columns['limits'] = ['; '.join(names[k] for k in np.flatnonzero(row)) for row in passed]
         return columns
 
-    def _limits_passed(self, low: Array, high: Array, peak: Array) -> tuple[Any, list[str]]:
+    def _limits_passed(self,
+                       low: Array, high: Array, peak: Array) -> tuple[Any, list[str]]:
         """
         Return the exceeded limits of all trials, (N, limits), and these: '<joint> <limit>'.
 
-        Limits of velocity and effort are those of joints whose rates are the speeds. Efforts have
-        none if other joints have the actuators, which share the torques.
+        Limits of velocity and effort are those of joints whose rates are the speeds.
+        Efforts have none if other joints have the actuators, which share the torques.
         """
         at, robot = self.trial.parts, self.trial.robot
         limits, speeds = robot.limits, robot.speed_names
@@ -254,7 +261,8 @@ class Simulator:
         if actuated is not None and set(robot.actuated_names) != set(speeds):
             effort = np.full(robot.n, np.inf)
         fastest = np.maximum(-low[:, at.u], high[:, at.u])
-        passed = np.concatenate([low[:, at.q] < limits.lower, high[:, at.q] > limits.upper,
+        passed = np.concatenate([low[:, at.q] < limits.lower,
+                                 high[:, at.q] > limits.upper,
                                  fastest > velocity, peak > effort], axis=1)
         names = []
         for limit, joints in (('lower', robot.coordinate_names),
@@ -268,7 +276,8 @@ class _WorkBalance:
     """
     The energy balance of trials, whose work is integrated with the motion.
 
-    The error of the work is that of the integrator: of second order for the implicit one.
+    The error of the work is that of the integrator: of second order for the implicit
+    one.
 
     Attributes
     ----------
@@ -315,8 +324,8 @@ def task(sweep: Sweep) -> bytes:
     try:
         return pickle.dumps((sweep.digest, sweep))
     except (pickle.PicklingError, AttributeError) as error:
-        raise InputError(f'model: {error}; expected speeds and constraints with functions of a '
-                         'module, which other processes can import') from None
+        raise InputError(f'model: {error}; expected speeds and constraints with '
+                         'functions of a module, which other processes can import') from None
 
 
 def compute(work: bytes, chunk: int) -> Columns:
@@ -329,6 +338,6 @@ def _simulator(work: bytes) -> Simulator:
     """Return the simulator of a task; workers cache it for the next chunk."""
     digest, sweep = pickle.loads(work)
     if sweep.digest != digest:
-        raise SweepError(f'worker: runs kane_dynamics {sweep.description["version"]}; expected '
-                         'the version that started the sweep')
+        raise SweepError(f'worker: runs kane_dynamics {sweep.description["version"]}; '
+                         'expected the version that started the sweep')
     return Simulator(sweep)

@@ -39,8 +39,9 @@ class SweptJoints:
         if not self.constrained:
             return tuple(range(robot.n))
         if robot.model.balls:
-            raise InputError('controller: computed_torque with ball joints, whose positions are '
-                             'rotations; expected gravity_compensation or none')
+            raise InputError('controller: computed_torque with ball joints, whose '
+                             'positions are rotations; expected gravity_compensation or '
+                             'none')
         return followed_joints(robot)
 
     @property
@@ -85,7 +86,8 @@ class SweptJoints:
             desired = [x[None, self.columns(motion)] for x in motion.sample(t0)]
             q[list(self.followed)] = desired[0][0]
             if robot.constraint_names:
-                driven = mechanism_motion(robot, self.followed_names, np.array([t0]), *desired)
+                driven = mechanism_motion(robot, self.followed_names, np.array([t0]),
+                                          *desired)
                 q, u = driven.q[0], driven.u[0]
         return q.tolist(), u.tolist()
 
@@ -93,8 +95,9 @@ class SweptJoints:
         """
         Return closed configurations near q0, (N, n_q), and why there is none.
 
-        Rows without one are NaN. The joints whose rates are independent speeds keep their values;
-        the assembly mode is that of q0, if its loops are nearly closed, else that of the robot.
+        Rows without one are NaN. The joints whose rates are independent speeds keep
+        their values; the assembly mode is that of q0, if its loops are nearly closed,
+        else that of the robot.
         """
         robot = self._robot
         closed = np.array([on_unit_quaternions(robot.model, q) for q in q0])

@@ -1,9 +1,9 @@
 """
 Table of a sweep: a folder of parquet files, one per chunk, written atomically.
 
-Parquet readers read the folder as one table with rows in any order; `read_table` returns them in
-order. The folder also holds the description of the sweep and the lock of the writing process.
-Readers skip both because of the leading underscore.
+Parquet readers read the folder as one table with rows in any order; `read_table` returns
+them in order. The folder also holds the description of the sweep and the lock of the
+writing process. Readers skip both because of the leading underscore.
 """
 
 from collections.abc import Iterator
@@ -51,8 +51,8 @@ class SweepTable:
         Raises
         ------
         InputError
-            If the folder has other content; for another sweep, the message names the differing
-            entries.
+            If the folder has other content; for another sweep, the message names the
+            differing entries.
         SweepError
             If another process writes to the folder.
 
@@ -62,8 +62,8 @@ class SweepTable:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                raise SweepError(f'{self.folder}: another process is writing this sweep; '
-                                 'expected one writer') from None
+                raise SweepError(f'{self.folder}: another process is writing this '
+                                 'sweep; expected one writer') from None
             self._claim()
             yield self._finished()
 
@@ -106,10 +106,11 @@ class SweepTable:
         if path.name in content:
             self._compare(path)
         elif content:
-            raise InputError(f"{self.folder}: holds '{content[0]}' and no sweep; expected an "
-                             'empty or a new folder')
+            raise InputError(f"{self.folder}: holds '{content[0]}' and no sweep; "
+                             'expected an empty or a new folder')
         else:
-            text = json.dumps({'digest': self.digest, **self.sweep.description}, indent=1)
+            text = json.dumps({'digest': self.digest, **self.sweep.description},
+                              indent=1)
             _write(path, lambda file: file.write(text.encode()))
 
     def _compare(self, path: Path) -> None:
@@ -120,14 +121,16 @@ class SweepTable:
         described = json.loads(json.dumps(self.sweep.description))
         differing = [key for key in described if stored.get(key) != described[key]]
         if differing == ['values']:
-            stored_values = stored['values'] if isinstance(stored['values'], dict) else {}
+            stored_values = stored['values']
+            if not isinstance(stored_values, dict):
+                stored_values = {}
             values = described['values']
             differing = [name for name in {**values, **stored_values}
                          if values.get(name) != stored_values.get(name)]
         raise InputError(
             f'{self.folder}: holds sweep {str(stored.get("digest"))[:SHOWN]}, not '
-            f'{self.digest[:SHOWN]}; they differ in {", ".join(differing)}; expected another '
-            'folder')
+            f'{self.digest[:SHOWN]}; they differ in {", ".join(differing)}; expected '
+            'another folder')
 
     def _finished(self) -> set[int]:
         """Return the complete chunks; remove damaged files, which are computed again."""
@@ -170,7 +173,8 @@ def read_table(folder: str | os.PathLike[str]) -> Any:
     if not parts:
         raise InputError(f'{path}: no rows; expected at least one finished chunk')
     try:
-        tables = [parquet.read_table(part, page_checksum_verification=True) for part in parts]
+        tables = [parquet.read_table(part,
+                                     page_checksum_verification=True) for part in parts]
     except (OSError, ValueError) as error:
         raise InputError(f'{path}: {error}; expected undamaged files: run the sweep '
                          'again') from None
@@ -185,8 +189,8 @@ def _described(path: Path) -> dict[str, Any]:
         reason = error.strerror if isinstance(error, OSError) else error
         raise InputError(f'{path}: {reason}; expected the folder of a sweep') from None
     if not isinstance(description, dict):
-        raise InputError(f'{path}: description: a {type(description).__name__}; expected the '
-                         'folder of a sweep')
+        raise InputError(f'{path}: description: a {type(description).__name__}; '
+                         'expected the folder of a sweep')
     return description
 
 

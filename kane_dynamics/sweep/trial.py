@@ -1,15 +1,17 @@
 """
 Kernels of one trial: the plant, its controller and the recorded outcomes.
 
-The state of a trial is (q, u, time, work, squared error, margin, tau): coordinates, speeds, the
-time if the equations depend on it, the work of torques and friction, the integrals of the
-squared tracking error of the joints that follow, `conditioning.margin` of constraints, and the
-torques at the beginning of the last step. The Runge-Kutta step integrates everything but margin
-and tau. The implicit step integrates q and u; the integrals then use the trapezoidal rule.
+The state of a trial is (q, u, time, work, squared error, margin, tau): coordinates,
+speeds, the time if the equations depend on it, the work of torques and friction, the
+integrals of the squared tracking error of the joints that follow, `conditioning.margin`
+of constraints, and the torques at the beginning of the last step. The Runge-Kutta step
+integrates everything but margin and tau. The implicit step integrates q and u; the
+integrals then use the trapezoidal rule.
 
-With q' = T u + X and the friction f of the joints, the net generalized force is tau - T^T f. The
-step is that of `simulate`: the integrator, one Newton step on the loops, and the margin of the
-state, which is positive where the independent speeds are well conditioned and the loops closed.
+With q' = T u + X and the friction f of the joints, the net generalized force is tau -
+T^T f. The step is that of `simulate`: the integrator, one Newton step on the loops, and
+the margin of the state, which is positive where the independent speeds are well
+conditioned and the loops closed.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,8 +26,8 @@ from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
-from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths, loosened,
-                                                              WELL_CHOSEN)
+from kane_dynamics.mechanics.constraints.conditioning import (
+    EXCESS, in_lengths, loosened, WELL_CHOSEN)
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -42,8 +44,8 @@ NONE = 'none'
 CONTROLLERS = (Mode.COMPUTED_TORQUE.value, Mode.GRAVITY_COMPENSATION.value, NONE)
 PAYLOAD = 10  # inertial parameters of a payload, in the order of a robot's parameters
 
-# The torque of a controller from q, u, the desired motion of the tracked joints, (3 m,), and
-# the time, (0 or 1,).
+# The torque of a controller from q, u, the desired motion of the tracked joints, (3 m,),
+# and the time, (0 or 1,).
 Law = Callable[[Vector, Vector, Vector, Vector], Vector]
 
 
@@ -63,7 +65,8 @@ class TrialParts(NamedTuple):
 def parts_of(robot: Robot, tracked: int) -> TrialParts:
     """Return the slices of a trial's state for a number of tracked joints."""
     equations = robot.equations
-    sizes = [robot.n_q, robot.n, int(equations.timed), 1, tracked, int(equations.watched), robot.n]
+    sizes = [robot.n_q, robot.n, int(equations.timed), 1, tracked,
+             int(equations.watched), robot.n]
     ends = np.cumsum(sizes).tolist()
     begins = [0, *ends[:-1]]
     q, u, time, work, error, margin, tau = map(slice, begins, ends)
@@ -116,7 +119,8 @@ class Trial:
     tracked : sequence of int
         Indices in q of the joints with a tracking error.
     followed : sequence of int
-        Indices in q of the joints that follow by computed torque, among the tracked ones.
+        Indices in q of the joints that follow by computed torque, among the tracked
+        ones.
 
     """
 
@@ -137,16 +141,17 @@ class Trial:
         self._carries = payload_frame is not None
         mechanism = self.robot.mechanism
         self._limits = limits_of(WELL_CHOSEN * float(np.sqrt(mechanism.model.n)),
-                                 in_lengths(mechanism, loosened(mechanism, STEP_RESIDUAL)),
+                                 in_lengths(mechanism,
+                                            loosened(mechanism, STEP_RESIDUAL)),
                                  loosened(mechanism, EXCESS))
 
     def step(self, controller: str) -> Kernel:
         """
         Return the kernel of one step with one of `CONTROLLERS`.
 
-        Its arguments are the state, the desired q, u and udot of the tracked joints at the
-        beginning, middle and end of the step (3, 3 m), a row of `PlantParameters`, and step and
-        gravity (4,).
+        Its arguments are the state, the desired q, u and udot of the tracked joints at
+        the beginning, middle and end of the step (3, 3 m), a row of `PlantParameters`,
+        and step and gravity (4,).
         """
         if controller not in CONTROLLERS:
             raise InputError(f"controller: '{controller}'; expected one of "
@@ -158,18 +163,22 @@ class Trial:
 
     def energy(self) -> Kernel:
         """Return the kernel of kinetic and potential energy, (2,), J, of a state."""
-        return self._kernel('trial_energies', self._energies, ('state', 'plant', 'shared'), (2,))
+        return self._kernel('trial_energies', self._energies,
+                            ('state', 'plant', 'shared'), (2,))
 
     def shared(self, step: float) -> Array:
         """Return the arguments that all trials share: step (s) and gravity."""
         return np.array([step, *self._gravity])
 
-    def _kernel(self, name: str, function: Any, names: tuple[str, ...], shape: Shape) -> Kernel:
+    def _kernel(self, name: str, function: Any, names: tuple[str, ...],
+                shape: Shape) -> Kernel:
         """Return the kernel of a function of arguments of these names."""
         shapes = {'state': (self.parts.size,), 'desired': (3, 3 * len(self.tracked)),
-                  'plant': (PAYLOAD + 1 + self.robot.model.n + 2 * self.n,), 'shared': (4,)}
+                  'plant': (PAYLOAD + 1 + self.robot.model.n + 2 * self.n,),
+                  'shared': (4,)}
         *inputs, constants = names
-        return self.robot.kernels.compiled(function, name, {key: shapes[key] for key in inputs},
+        return self.robot.kernels.compiled(function, name,
+                                           {key: shapes[key] for key in inputs},
                                            shape, constants=shapes[constants])
 
     def _step(self, controller: str, state: Vector, desired: Matrix, plant: Vector,
@@ -203,11 +212,13 @@ class Trial:
             return lambda q, u, desired, time: np.zeros(self.n).astype(object)
         if controller == Mode.GRAVITY_COMPENSATION:
             gravity = self.robot.kernels.program('gravity_force')
-            return lambda q, u, desired, time: np.array(call(gravity, q, *time, parameters))
+            return lambda q, u, desired, time: np.array(
+                call(gravity, q, *time, parameters))
         program = law_program(self.robot, self.followed)
         columns = [self.tracked.index(k) for k in self.followed]
 
-        def computed_torque(q: Vector, u: Vector, desired: Vector, time: Vector) -> Vector:
+        def computed_torque(q: Vector, u: Vector, desired: Vector,
+                            time: Vector) -> Vector:
             motion = (x[columns] for x in np.split(desired, 3))
             tau: Any = call(program, q, u, *motion, gains, *time, parameters)
             return np.array(tau)
@@ -284,7 +295,8 @@ class TrialMotion:
     def _rates(self, q: Vector, u: Vector, moment: int, time: Vector) -> list[Scalar]:
         """Return q', udot and the power."""
         tau = self.law(q, u, self._desired[moment], time)
-        rates: list[Scalar] = call(self._trial.motion_program, q, u, tau, self._factors, *time,
+        rates: list[Scalar] = call(self._trial.motion_program, q, u, tau, self._factors,
+                                   *time,
                                    self._carried)
         return rates
 
@@ -313,7 +325,8 @@ class TrialMotion:
 
     @lazy_property
     def _stage(self) -> Program:
-        return implicit_stage(self._trial.robot, ImplicitStep(self.equations), varied=True)
+        return implicit_stage(self._trial.robot, ImplicitStep(self.equations),
+                              varied=True)
 
     def implicit_stage(self, q: Vector, u: Vector, tau: Vector,
                        before: tuple[Vector, Vector], g: Scalar, moment: int

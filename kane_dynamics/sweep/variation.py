@@ -9,8 +9,8 @@ A value is a number (or a name), or one of::
     {choice: [a, b, ...]}            # at random
     {grid: [a, b, ...]}              # in turn: every combination of all grids of a sweep
 
-A value for every joint is one value for all joints, ``{each: value}`` for an independent draw per
-joint, a list with one value per joint, or a mapping from joints to values.
+A value for every joint is one value for all joints, ``{each: value}`` for an independent
+draw per joint, a list with one value per joint, or a mapping from joints to values.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,7 +42,8 @@ class Value:
     kind : str
         'fixed', or one of `RANGES` and `LISTS`.
     numbers : tuple of float
-        The value; low and high; mean and deviation; or the list. For names, their indices.
+        The value; low and high; mean and deviation; or the list. For names, their
+        indices.
 
     """
 
@@ -155,11 +156,13 @@ def values_of(name: str, data: Any, joints: Sequence[str], default: Sequence[flo
         if unknown:
             raise InputError(f'{name}: no joint {SHORT.repr(unknown[0])}; expected '
                              f'{", ".join(joints)}; or {FORMS}')
-        data = [data.get(joint, start) for joint, start in zip(joints, default, strict=True)]
+        data = [data.get(joint, start) for joint,
+                start in zip(joints, default, strict=True)]
     if not isinstance(data, list | tuple | np.ndarray):
         return (value_of(name, data, signed=signed),)
     if len(data) != len(joints):
-        raise InputError(f'{name}: {len(data)} entries; expected {len(joints)}, in the order '
+        raise InputError(f'{name}: {len(data)} entries; expected {len(joints)}, in the '
+                         'order '
                          f'{", ".join(joints)}')
     return tuple(value_of(f'{name}.{joint}', x, signed=signed)
                  for joint, x in zip(joints, data))
@@ -186,7 +189,8 @@ def _entry(name: str, value: Any, signed: bool, names: Sequence[str]) -> float:
     if value is None and 'none' in names:  # YAML reads `null` and `~` as None
         value = 'none'
     if value not in names:
-        raise InputError(f'{name}: {SHORT.repr(value)}; expected one of {", ".join(names)}')
+        raise InputError(f'{name}: {SHORT.repr(value)}; expected one of '
+                         f'{", ".join(names)}')
     return float(names.index(value))
 
 
@@ -194,14 +198,15 @@ def _check_range(name: str, kind: str, numbers: tuple[float, ...], signed: bool)
     """Raise InputError if two numbers are no valid range of this kind."""
     if kind == 'normal':
         if not signed:
-            raise InputError(f'{name}: normal, which includes negative values; expected uniform '
-                             'or loguniform')
+            raise InputError(f'{name}: normal, which includes negative values; expected '
+                             'uniform or loguniform')
         if len(numbers) != 2 or numbers[1] < 0.0:
-            raise InputError(f'{name}: normal: {list(numbers)}; expected [mean, deviation], '
-                             'deviation >= 0')
+            raise InputError(f'{name}: normal: {list(numbers)}; expected [mean, '
+                             'deviation], deviation >= 0')
         return
     positive = kind == 'loguniform'
     ascending = len(numbers) == 2 and numbers[0] <= numbers[1]
     if not ascending or (positive and not numbers[0] > 0.0):
         bounds = '0 < low <= high' if positive else 'low <= high'
-        raise InputError(f'{name}: {kind}: {list(numbers)}; expected [low, high], {bounds}')
+        raise InputError(f'{name}: {kind}: {list(numbers)}; expected [low, high], '
+                         f'{bounds}')

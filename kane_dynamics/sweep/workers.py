@@ -44,7 +44,8 @@ def processes(work: bytes, chunks: Collection[int], count: int) -> Done:
         pool = ProcessPoolExecutor(min(count, len(waiting)), context, _begin)
         finished = 0
         try:
-            futures = {pool.submit(compute, work, chunk): chunk for chunk in sorted(waiting)}
+            futures = {pool.submit(compute, work,
+                                   chunk): chunk for chunk in sorted(waiting)}
             for future in as_completed(futures):
                 chunk = futures.pop(future)
                 try:
@@ -63,9 +64,9 @@ def processes(work: bytes, chunks: Collection[int], count: int) -> Done:
                 threads.uninterrupted(worker.join)
         deaths = 0 if finished else deaths + 1
         if waiting and deaths == MOST_DEATHS:
-            raise SweepError(f'workers: {deaths} died before finishing a chunk; expected enough '
-                             "memory, and `if __name__ == '__main__':` in the script that starts "
-                             'the sweep')
+            raise SweepError(f'workers: {deaths} died before finishing a chunk; '
+                             "expected enough memory, and `if __name__ == '__main__':` "
+                             'in the script that starts the sweep')
 
 
 def cluster(work: bytes, chunks: Collection[int], address: str) -> Done:
@@ -84,7 +85,8 @@ def cluster(work: bytes, chunks: Collection[int], address: str) -> Done:
     """
     distributed = needed('distributed')
     try:
-        client = distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
+        client = distributed.Client(address, timeout=CONNECT_TIMEOUT,
+                                    set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"dask: '{address}': {error}; expected the address of a Dask "
                          'scheduler') from None
@@ -98,8 +100,8 @@ def cluster(work: bytes, chunks: Collection[int], address: str) -> Done:
                 rows = future.result()
             except (distributed.KilledWorker, distributed.client.FutureCancelledError,
                     ImportError, OSError, RuntimeError) as error:
-                raise SweepError(f"chunk {chunk} on the Dask cluster at '{address}': {error}; "
-                                 'finished rows are kept') from error
+                raise SweepError(f"chunk {chunk} on the Dask cluster at '{address}': "
+                                 f'{error}; finished rows are kept') from error
             future.release()
             yield chunk, rows
     finally:

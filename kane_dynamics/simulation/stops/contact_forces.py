@@ -1,13 +1,14 @@
 """
 The forces and the impulses of joint stops at states of a simulation.
 
-At a state, the forces f of the stops at which joints rest and the accelerations a into them solve
-the complementarity problem f >= 0, a <= 0, f . a = 0 of `mechanics.joint_stops.stop_impulses`. At
-the end of a step past a stop, impulses end the motion into it, and solve the same problem for
-speeds and for positions.
+At a state, the forces f of the stops at which joints rest and the accelerations a into
+them solve the complementarity problem f >= 0, a <= 0, f . a = 0 of
+`mechanics.joint_stops.stop_impulses`. At the end of a step past a stop, impulses end the
+motion into it, and solve the same problem for speeds and for positions.
 
-With constraints or chosen speeds both act in the space of the admissible motions: a force or an
-impulse p of a stop at joint j, on side s, changes the independent speeds by -M^-1 T_j^T s p.
+With constraints or chosen speeds both act in the space of the admissible motions: a
+force or an impulse p of a stop at joint j, on side s, changes the independent speeds by
+-M^-1 T_j^T s p.
 """
 
 from typing import Any
@@ -17,7 +18,8 @@ from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.ball_joints import angle_places, angles, on_unit_quaternions
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units
 from kane_dynamics.mechanics.integrators.held_joints import REGULAR
-from kane_dynamics.mechanics.joint_stops import (ended_motion, nearest_stops, stop_impulses,
+from kane_dynamics.mechanics.joint_stops import (ended_motion, nearest_stops,
+                                                 stop_impulses,
                                                  stopped_state)
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -57,7 +59,8 @@ def resting_sides(robot: Robot, q: Array, u: Array, lower: Array, upper: Array,
     return sides
 
 
-def with_stop_forces(robot: Robot, q: Array, u: Array, udot: Array, lower: Array, upper: Array,
+def with_stop_forces(robot: Robot, q: Array, u: Array, udot: Array, lower: Array,
+                     upper: Array,
                      **at: Any) -> tuple[Array, Array]:
     """
     Return the accelerations under the forces of the stops, and these forces.
@@ -103,13 +106,15 @@ def with_stop_forces(robot: Robot, q: Array, u: Array, udot: Array, lower: Array
     return udot, forces
 
 
-def _speeds_of_joints(robot: Robot, q: Array, at: dict[str, Array]) -> tuple[Array, Array]:
+def _speeds_of_joints(robot: Robot,
+                      q: Array, at: dict[str, Array]) -> tuple[Array, Array]:
     """Return T, (K, n_j, n), of the joints' speeds T u + X, and M^-1, (K, n, n)."""
     n, count = robot.n, len(q)
     inverse = robot.inverse_mass_matrix(q, **at)
     if robot.equations.in_joint_rates:
         return np.broadcast_to(np.eye(n), (count, n, n)), inverse
-    # At rest the accelerations of the joints are T udot, and those of moving constraints.
+    # At rest the accelerations of the joints are T udot, and those of moving
+    # constraints.
     T = np.empty((count, robot.model.n, n))
     rest = np.zeros((count, n))
     of_constraints = robot.joint_accelerations(q, rest, rest, **at)
@@ -119,7 +124,8 @@ def _speeds_of_joints(robot: Robot, q: Array, at: dict[str, Array]) -> tuple[Arr
     return T, inverse
 
 
-def resolved_state(robot: Robot, state: Array, t: float, lower: Array, upper: Array, held: Array,
+def resolved_state(robot: Robot, state: Array, t: float, lower: Array, upper: Array,
+                   held: Array,
                    force: Array | None, step: float) -> tuple[Array, Array]:
     """
     Return a state, (size,), after the impulses of the stops, and the speeds they ended, (n_q,).
@@ -131,8 +137,8 @@ def resolved_state(robot: Robot, state: Array, t: float, lower: Array, upper: Ar
     held : (n_q,) array
         The sides of the stops that held joints in this step, else 0.
     force : (n,) array or None
-        The mean generalized force of these stops in the step, whose impulses act already; None if
-        no stop held.
+        The mean generalized force of these stops in the step, whose impulses act
+        already; None if no stop held.
     step : float
         s.
 
@@ -155,21 +161,24 @@ def resolved_state(robot: Robot, state: Array, t: float, lower: Array, upper: Ar
     if constrained:
         q, u, speeds = admissible_state(robot, q, u, t, lower, upper, applied)
     else:
-        q, u, speeds = stopped_state(q, u, robot.inverse_mass_matrix(q), lower, upper, applied)
+        q, u, speeds = stopped_state(q, u, robot.inverse_mass_matrix(q), lower, upper,
+                                     applied)
     resolved = state.copy()
     resolved[:n_q], resolved[n_q:n_q + n] = q, u
     return resolved, speeds
 
 
-def admissible_state(robot: Robot, q: Array, u: Array, t: float, lower: Array, upper: Array,
+def admissible_state(robot: Robot, q: Array, u: Array, t: float, lower: Array,
+                     upper: Array,
                      applied: Array) -> tuple[Array, Array, Array]:
     """
     Return q and u after the impulses of the stops, and the speeds that they ended, (n_q,).
 
-    The impulses that move joints back solve the complementarity problem of `stop_impulses`: of
-    stops that act on the same motion, those that would pull have none. Loops are not linear, so
-    the problem is linearized again where its solution leads, until no joint is past its stop.
-    `applied` are the impulses that act already, as of `stopped_state`.
+    The impulses that move joints back solve the complementarity problem of
+    `stop_impulses`: of stops that act on the same motion, those that would pull have
+    none. Loops are not linear, so the problem is linearized again where its solution
+    leads, until no joint is past its stop. `applied` are the impulses that act already,
+    as of `stopped_state`.
 
     Raises
     ------
@@ -180,7 +189,8 @@ def admissible_state(robot: Robot, q: Array, u: Array, t: float, lower: Array, u
     at = _time(robot, t)
     units = coordinate_units(robot.model, robot.mechanism.constraints)
     rounding = ROUNDING * units
-    # Positions: iterate until every joint is between its stops, and at those that moved it.
+    # Positions: iterate until every joint is between its stops, and at those that moved
+    # it.
     moved = applied[0].copy()  # by the impulse of each stop so far
     for _ in range(ITERATIONS):
         T, X, inverse = _partial_rates(robot, q, at)
@@ -230,7 +240,8 @@ def _closed(robot: Robot, q: Array, t: float) -> Array:
     equations: Any = robot.equations
     if not equations.keeps_positions(q, t):
         return np.asarray(on_unit_quaternions(robot.model, q))
-    kernel = robot.compiled(lambda q, t: equations.closure_step(q, t), name='closure_step',
+    kernel = robot.compiled(lambda q, t: equations.closure_step(q, t),
+                            name='closure_step',
                             q=(robot.n_q,), t=(), shape=(robot.n_q,))
     result: Array = on_unit_quaternions(robot.model, kernel(kernel(q, t), t))
     return result
@@ -239,16 +250,18 @@ def _closed(robot: Robot, q: Array, t: float) -> Array:
 def _driven(robot: Robot, q: Array, into: Array, t: float) -> ConstraintError:
     """Return the error for a joint that the constraints drive into its stop."""
     name = robot.coordinate_names[int(np.argmax(into))]
-    return ConstraintError(f"{t:.6g} s: joint '{name}' is at its stop, and the constraints "
-                           'drive it on; expected a motion between the stops')
+    return ConstraintError(f"{t:.6g} s: joint '{name}' is at its stop, and the "
+                           'constraints drive it on; expected a motion between the '
+                           'stops')
 
 
-def _response(side: Array, joints: Any, T: Array, inverse: Array) -> tuple[Array, Array, Array]:
+def _response(side: Array,
+              joints: Any, T: Array, inverse: Array) -> tuple[Array, Array, Array]:
     """
     Return the response to impulses of the stops of k joints, by their numbers.
 
-    It is their sides (k,), the changes of the independent speeds (n, k), and the motion away from
-    each stop (k, k), regular where the constraints couple stops.
+    It is their sides (k,), the changes of the independent speeds (n, k), and the motion
+    away from each stop (k, k), regular where the constraints couple stops.
     """
     s = side[joints]
     along = inverse @ (T[joints] * s[:, None]).T

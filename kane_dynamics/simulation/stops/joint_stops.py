@@ -1,10 +1,11 @@
 """
 Joint stops of `simulate`: rigid, inelastic and frictionless, at the position limits.
 
-After a native step that ends past a stop, the joints are moved back and the impulses of the stops
-end the motion into them (`contact_forces`). While joints press against their stops, the forces of
-these hold them within the steps, which are native too (`pressed_steps`). If another joint passes
-its stop in such a step, the impulses of these forces count in that contact.
+After a native step that ends past a stop, the joints are moved back and the impulses of
+the stops end the motion into them (`contact_forces`). While joints press against their
+stops, the forces of these hold them within the steps, which are native too
+(`pressed_steps`). If another joint passes its stop in such a step, the impulses of these
+forces count in that contact.
 """
 
 from collections.abc import Sequence
@@ -64,14 +65,15 @@ def require_stops(robot: Robot, q: Array) -> None:
     constrained = not robot.equations.in_joint_rates
     for name, low, high in zip(robot.coordinate_names, lower, upper):
         if not (low < high or (low == high and constrained)):
-            raise InputError(f"limits: of joint '{name}' {low:g} to {high:g}; expected a "
-                             'range, between its stops; a joint that cannot move is fixed')
+            raise InputError(f"limits: of joint '{name}' {low:g} to {high:g}; expected "
+                             'a range, between its stops; a joint that cannot move is '
+                             'fixed')
     touching = TOUCHING * coordinate_units(robot.model, _constraints(robot))
     past = (q < lower - touching) | (q > upper + touching)
     if past.any():
         i, j = (int(x) for x in np.argwhere(past)[0])
-        raise InputError(f"q0: joint '{robot.coordinate_names[j]}' at {q[i, j]:.6g}; expected "
-                         f'{lower[j]:.6g} to {upper[j]:.6g}, between its stops')
+        raise InputError(f"q0: joint '{robot.coordinate_names[j]}' at {q[i, j]:.6g}; "
+                         f'expected {lower[j]:.6g} to {upper[j]:.6g}, between its stops')
 
 
 def _constraints(robot: Robot) -> Sequence[Constraint]:
@@ -106,8 +108,8 @@ class JointStops:
         """
         Compute the states after each step, with the stops; as `TorqueInput.advance`.
 
-        Steps after a contact are computed again. Contacts after `done` steps of an earlier call
-        are forgotten: their steps are computed again.
+        Steps after a contact are computed again. Contacts after `done` steps of an
+        earlier call are forgotten: their steps are computed again.
 
         Parameters
         ----------
@@ -138,10 +140,12 @@ class JointStops:
     def _forget(self, i: int, done: int) -> None:
         """Forget the contacts of simulation i after `done` steps."""
         if i in self._contacts:
-            self._contacts[i] = {step: contact for step, contact in self._contacts[i].items()
+            self._contacts[i] = {step: contact for step,
+                                 contact in self._contacts[i].items()
                                  if step <= done}
         if i in self._pressures:
-            self._pressures[i] = [_Pressure(steps[steps <= done], energies[steps <= done])
+            self._pressures[i] = [_Pressure(steps[steps <= done],
+                                            energies[steps <= done])
                                   for steps, energies in self._pressures[i]]
 
     def settle(self, done: int) -> list[Impact]:
@@ -153,14 +157,17 @@ class JointStops:
         impacts = []
         for i, contacts in self._contacts.items():
             for step, contact in contacts.items():
-                impacts.append(Impact(step - done - 1, i, contact.balance, contact.unresolved))
+                impacts.append(Impact(step - done - 1, i, contact.balance,
+                                      contact.unresolved))
                 for j, (limit, speed) in contact.hits.items():
                     name = self._robot.coordinate_names[j]
-                    self._events.append(StopEvent(self._start + step * self._step, name, limit,
+                    self._events.append(StopEvent(self._start + step * self._step, name,
+                                                  limit,
                                                   speed, contact.loss, i))
         for i, pressures in self._pressures.items():
             for steps, energies in pressures:
-                impacts.append(Impact(steps - done - 1, i, energies[:, 1], energies[:, 2]))
+                impacts.append(Impact(steps - done - 1, i, energies[:, 1],
+                                      energies[:, 2]))
         self._contacts.clear()
         self._pressures.clear()
         return impacts
@@ -185,9 +192,9 @@ class JointStops:
         """
         Apply the stops to the states of simulation i, (K + 1, size).
 
-        Free steps are computed in pieces, which grow as long as no joint passes a stop. A piece
-        counts up to its first state past a stop; from there, pressed steps follow as long as they
-        are valid, and a step with an impulse where they are not.
+        Free steps are computed in pieces, which grow as long as no joint passes a stop.
+        A piece counts up to its first state past a stop; from there, pressed steps
+        follow as long as they are valid, and a step with an impulse where they are not.
         """
         end = len(rows) - 1
         at, computed, piece = 0, end, 1  # steps that count, computed steps, length of a piece
@@ -218,7 +225,8 @@ class JointStops:
                 count = 1
             else:
                 tried = min(pressed, end - at)
-                count = self._pressed(source, i, rows[at:at + tried + 1], done + at, held)
+                count = self._pressed(source, i, rows[at:at + tried + 1], done + at,
+                                      held)
                 pressed = GROWTH * pressed if count == tried else PRESSED
                 if not count:
                     count = self._keep(source, i, rows[at:at + 2], done + at, one, 1)
@@ -248,7 +256,8 @@ class JointStops:
                   one: PressedSteps | None) -> tuple[Array, Array]:
         """Return the end of a step after the impulses of the stops, and the speeds they ended."""
         force = None if one is None else one.force[:, 0].mean(axis=0)
-        return resolved_state(robot, state, t, self._lower, self._upper, held, force, self._step)
+        return resolved_state(robot, state, t, self._lower, self._upper, held, force,
+                              self._step)
 
     def _resting(self, robot: Robot, state: Array, done: int) -> Array:
         """Return the sides of the stops, (n_q,), at which joints rest; 0 of other joints."""
@@ -262,11 +271,12 @@ class JointStops:
         """
         Return the sides of the stops that hold joints during a step, (n_q,), and that step.
 
-        At the beginning forces f and accelerations a into the stops of the joints that rest solve
-        the complementarity problem f >= 0, a <= 0, f . a = 0 of `stop_impulses`, by the same
-        method. Joints whose small accelerations lead past their stops are held too, and a stop
-        that pulls later in the step does not hold in this step. What is left of the motion into
-        stops, also if that method does not end, the impulses at the end of the step take away.
+        At the beginning forces f and accelerations a into the stops of the joints that
+        rest solve the complementarity problem f >= 0, a <= 0, f . a = 0 of
+        `stop_impulses`, by the same method. Joints whose small accelerations lead past
+        their stops are held too, and a stop that pulls later in the step does not hold
+        in this step. What is left of the motion into stops, also if that method does not
+        end, the impulses at the end of the step take away.
         """
         side = self._resting(source.robot, state, done)
         held = np.zeros(len(side))
@@ -275,7 +285,8 @@ class JointStops:
             return pressed_steps(source, state, done, 1, held, self._lower, self._upper)
         if not side.any():
             return held, None
-        # First guess: all joints that accelerate into their stops without the stops' forces.
+        # First guess: all joints that accelerate into their stops without the stops'
+        # forces.
         into = side * step().acceleration[0]
         negligible = NEGLIGIBLE * float(np.abs(into).max())
         held = np.where(into > negligible, side, 0.0)
@@ -307,7 +318,8 @@ class JointStops:
         count = len(steps.valid) if steps.valid.all() else int(np.argmin(steps.valid))
         return self._keep(source, i, rows, done, steps, count)
 
-    def _keep(self, source: TorqueInput, i: int, rows: Array, done: int, pressed: PressedSteps,
+    def _keep(self, source: TorqueInput, i: int, rows: Array, done: int,
+              pressed: PressedSteps,
               count: int) -> int:
         """Record pressed steps, as many as `count`, which is returned, and their states."""
         rows[1:count + 1] = pressed.after[:count]
@@ -317,7 +329,8 @@ class JointStops:
                                         pressed.after[:count], steps)
             energies[:, 2] += np.abs(energies[:, 1])  # rounding errors, times large torques
             energies[:, 1] -= work_through_constraints(source.robot, rows[:count + 1],
-                                                       pressed.force[:, :count], self._step)
+                                                       pressed.force[:, :count],
+                                                       self._step)
             self._pressures.setdefault(i, []).append(_Pressure(steps, energies))
         return count
 
@@ -338,9 +351,11 @@ class JointStops:
         hits = {}
         for j in np.flatnonzero((speeds > 0.0) & ~rested).tolist():
             hits[j] = 'upper' if side_after[j] > 0.0 else 'lower', float(speeds[j])
-        energies = contact_energies(source, self._robot, end[None], rows[1:], np.array([step]))
+        energies = contact_energies(source, self._robot, end[None], rows[1:],
+                                    np.array([step]))
         if one is not None and self._constrained:
-            energies[:, 1] -= work_through_constraints(robot, np.stack([begin, end]), one.force,
+            energies[:, 1] -= work_through_constraints(robot, np.stack([begin, end]),
+                                                       one.force,
                                                        self._step)
         self._contacts.setdefault(i, {})[step] = Contact(hits, *energies[0].tolist())
 
@@ -396,12 +411,14 @@ def contact_energies(source: TorqueInput, user_robot: Robot, begin: Array, end: 
     return np.stack([lost, lost - work - 0.5 * h * power, unresolved], axis=1)
 
 
-def work_through_constraints(robot: Robot, states: Array, force: Array, step: float) -> Any:
+def work_through_constraints(robot: Robot, states: Array, force: Array,
+                             step: float) -> Any:
     """
     Return the work that forces of stops do through moving constraints in K steps, (K,), J.
 
-    A held joint does not move, so a stop does no work. But the constraints that prescribe a motion
-    react to it, and the balance counts their work without the forces of stops.
+    A held joint does not move, so a stop does no work. But the constraints that
+    prescribe a motion react to it, and the balance counts their work without the forces
+    of stops.
 
     Parameters
     ----------

@@ -1,11 +1,11 @@
 """
 Native steps during which given joints press against their stops.
 
-The joints in contact are arguments. They are held: the forces of their stops act in every stage of
-the integrator, so their work is zero, and the order of the step is that of the integrator. At the
-end of the step their remaining motion, which is of the order of the error of the step, is taken
-back; that of trees is zero. A step is valid if no stop pulls, and no other joint passes its stop.
-`JointStops` computes the other steps.
+The joints in contact are arguments. They are held: the forces of their stops act in
+every stage of the integrator, so their work is zero, and the order of the step is that
+of the integrator. At the end of the step their remaining motion, which is of the order
+of the error of the step, is taken back; that of trees is zero. A step is valid if no
+stop pulls, and no other joint passes its stop. `JointStops` computes the other steps.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,8 @@ from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.ball_joints import coordinate_rates, on_unit_quaternions
 from kane_dynamics.mechanics.constraints.conditioning import LIMITS
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units
-from kane_dynamics.mechanics.integrators.held_joints import (Held, held_response, held_solution,
+from kane_dynamics.mechanics.integrators.held_joints import (Held, held_response,
+                                                             held_solution,
                                                              linear_system)
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -47,8 +48,8 @@ class PressedSteps(NamedTuple):
     acceleration : (K, n_q) array
         Of the joints at the beginning of the step.
     first, pull : (K, n_q) arrays
-        The pull of each stop at the beginning of the step, and its largest pull in the step; 0 of
-        a stop that presses. A stop cannot pull.
+        The pull of each stop at the beginning of the step, and its largest pull in the
+        step; 0 of a stop that presses. A stop cannot pull.
     force : (2, K, n) array
         The generalized forces of the stops at both ends of the step.
     valid : (K,) array of bool
@@ -102,7 +103,8 @@ def pressed_steps(source: TorqueInput, state: Array, done: int, count: int, side
                         force.reshape(count, 2, -1).swapaxes(0, 1), valid[:, 0] > 0.5)
 
 
-def compile_pressed_steps(robot: Robot, integrator: str, followed: Sequence[int] = ()) -> None:
+def compile_pressed_steps(robot: Robot, integrator: str,
+                          followed: Sequence[int] = ()) -> None:
     """Compile the kernels of `pressed_steps` with and without feedback, as `step_kernel`."""
     for feedback in (False, True):
         compile_pressed_step(robot, StepChoice(feedback, integrator, None, followed))
@@ -121,7 +123,8 @@ def _stopped(lower: Array, upper: Array) -> list[int]:
     return stopped
 
 
-def _kernel(robot: Robot, free: Kernel, choice: StepChoice, stopped: list[int]) -> Kernel:
+def _kernel(robot: Robot, free: Kernel, choice: StepChoice,
+            stopped: list[int]) -> Kernel:
     """Return the kernel of a pressed step, by that of a free step and the joints with stops."""
     choice = choice.needed(robot)
     (size,), k = free.shape, len(stopped)
@@ -230,7 +233,8 @@ class _HeldMotion(RobotMotion):
         wrenches, times = wrench_input(robot), time_input(robot)
         first_stage: list[tuple[str, Shape]] = []
         if method is not None:
-            first_stage = [('joint_rates', (robot.model.n,)), ('udot', (robot.n,)), ('g', ())]
+            first_stage = [('joint_rates', (robot.model.n,)), ('udot', (robot.n,)),
+                           ('g', ())]
 
         def dynamics(q: Vector, u: Vector, tau: Vector, side: Vector,
                      *inputs: Any) -> list[Scalar]:
@@ -245,7 +249,8 @@ class _HeldMotion(RobotMotion):
             held = Held(joints, [s * s > 0.5 for s in side])
             if method is not None:
                 k_v, k_u, g = implicit
-                v, solution = method.held_stage(held, q, u, tau, (k_v, k_u), g[()], wrench,
+                v, solution = method.held_stage(held, q, u, tau, (k_v, k_u), g[()],
+                                                wrench,
                                                 physical, t)
             else:
                 system = linear_system(equations, q, u, tau, wrench, physical, t)
@@ -253,7 +258,8 @@ class _HeldMotion(RobotMotion):
                 v = []
                 if not equations.in_joint_rates:
                     v = coordinate_rates(robot.model, q, system.v)
-            margin = [equations.margin(q, t, parameters[-LIMITS:])] if self.watched else []
+            margin = [equations.margin(q, t,
+                                       parameters[-LIMITS:])] if self.watched else []
             return [*v, *np.concatenate(solution), *margin]
         return trace_program('held_dynamics', dynamics, [
             ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)),
@@ -265,14 +271,16 @@ def _pulls(stages: Sequence[Vector], side: Vector) -> list[Scalar]:
     """Return the largest pull of each stop in several stages, (k,); 0 if it presses."""
     largest = [0.0 * s for s in side]
     for forces in stages:
-        magnitudes = (f * s * select(f * s < 0.0, -1.0, 1.0) for f, s in zip(forces, side))
+        magnitudes = (f * s * select(f * s < 0.0, -1.0, 1.0) for f,
+                      s in zip(forces, side))
         rounding = PULL * sum(magnitudes, 0.0)
         pulls = [f * s - rounding for f, s in zip(forces, side)]
         largest = [select(x < y, y, x) for x, y in zip(largest, pulls)]
     return largest
 
 
-def _corrected(robot: Robot, stopped: list[int], touching: list[Scalar], stops: list[Scalar],
+def _corrected(robot: Robot, stopped: list[int], touching: list[Scalar],
+               stops: list[Scalar],
                q: Vector, u: Vector, time: list[Scalar],
                parameters: Vector) -> tuple[Vector, Vector, Vector]:
     """Return q and u without the remaining motion of the held joints, and what is left of q."""
@@ -284,7 +292,8 @@ def _corrected(robot: Robot, stopped: list[int], touching: list[Scalar], stops: 
     T, _, inverse = system(q)
     along = inverse @ T[stopped].T
     for _ in range(2):  # the second has the error of the first, and of closing the loops
-        q = closed(q - T @ (along @ held_response(T[stopped] @ along, touching, away(q))))
+        q = closed(q - T @ (along @ held_response(T[stopped] @ along, touching,
+                                                  away(q))))
     T, X, inverse = system(q)
     along = inverse @ T[stopped].T
     u = u - along @ held_response(T[stopped] @ along, touching, (T @ u + X)[stopped])
@@ -296,7 +305,8 @@ def _system_of(robot: Robot, q: Vector, time: list[Scalar],
     """
     Return two functions of the configuration q.
 
-    The first returns T and X of q' = T u + X, and M^-1. The second closes the loops of q.
+    The first returns T and X of q' = T u + X, and M^-1. The second closes the loops of
+    q.
     """
     equations: Any = robot.equations
     n_q, n = robot.n_q, robot.n
@@ -309,8 +319,11 @@ def _system_of(robot: Robot, q: Vector, time: list[Scalar],
     def parts(q: Vector, *inputs: Any) -> Vector:
         t = time_of(inputs)
         motion = equations.at_rest(q, t)
-        T = np.stack([coordinate_rates(robot.model, q, column) for column in motion.T.T], axis=1)
-        inverse = equations.inverse_mass_matrix(q, inputs[-1][:robot.parameters.physical], t)
+        T = np.stack([coordinate_rates(robot.model, q, column) for column in motion.T.T],
+                     axis=1)
+        inverse = equations.inverse_mass_matrix(q,
+                                                inputs[-1][:robot.parameters.physical],
+                                                t)
         X = coordinate_rates(robot.model, q, motion.qdot)
         return np.concatenate([np.ravel(T), X, np.ravel(inverse)])
     system_program = trace_program('stopped_system', parts, inputs)
