@@ -4,6 +4,7 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from inspect import signature
+from types import CodeType, FunctionType
 from typing import Any
 
 from kane_dynamics.errors import InputError
@@ -14,6 +15,7 @@ import numpy as np
 
 LIBRARY = __name__.partition('.')[0]
 SUPPLIED = ('wrench', 't', 'parameters', 'limits')  # what a function may ask for by name
+_ASKED: dict[tuple[CodeType, int], tuple[str, ...]] = {}  # by code and number of inputs
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,18 @@ class RobotFunction:
 
 def _asked(function: Callable[..., Any], name: str, count: int) -> tuple[str, ...]:
     """Return what a function asks for by name, beside its `count` inputs."""
+    if not isinstance(function, FunctionType):
+        return _asked_by_signature(function, name, count)
+    # Functions of the same code ask for the same; to read a signature takes a while.
+    key = function.__code__, count
+    if key not in _ASKED:
+        _ASKED[key] = _asked_by_signature(function, name, count)
+    return _ASKED[key]
+
+
+def _asked_by_signature(function: Callable[..., Any], name: str, count: int
+                        ) -> tuple[str, ...]:
+    """Return what a function asks for by name, from its signature."""
     parameters = list(signature(function).parameters.values())
     positional = []
     by_name = []
