@@ -1,12 +1,14 @@
 """
 Motions of the energy formulation that satisfy the speeds and constraints.
 
-A constraint with a position-level residual, `residual(q, t)` = 0, is that residual differentiated,
+A constraint with a position-level residual, `residual(q, t)` = 0, is that residual
+differentiated,
 
     (d residual / dq) q' = - d residual / dt,
 
-independent of the constraint's own velocity equation; the others are velocity components. The
-rates of W, X, A and B need no formulas: all numbers carry their time derivative.
+independent of the constraint's own velocity equation; the others are velocity
+components. The rates of W, X, A and B need no formulas: all numbers carry their time
+derivative.
 """
 
 from dataclasses import dataclass, replace
@@ -34,7 +36,8 @@ class AdmissibleMotion:
     A, B : (m, n), (m,) arrays
         u_D = A u_I + B.
     variations : (n_q, n) array
-        W_sr + sum_k W_sk A_kr: variation of q_s per virtual motion of independent speed r.
+        W_sr + sum_k W_sk A_kr: variation of q_s per virtual motion of independent speed
+        r.
     J, b : (m, n_q), (m,) arrays
         The independent constraint rows, J q' = b.
     state : FiniteMechanismState
@@ -86,74 +89,87 @@ def admissible(mechanism: Mechanism, q: Array, u: Array, udot: Array,
     return _motion(mechanism, FiniteMechanismState(mechanism, q, qdot, t), u, udot)
 
 
-def _motion(mechanism: Mechanism, here: FiniteMechanismState, u: Array,
+def _motion(mechanism: Mechanism, state: FiniteMechanismState, u: Array,
             udot: Array) -> AdmissibleMotion:
-    """Return the motion; q'' is correct if `here` has the velocity q'."""
+    """Return the motion; q'' is correct if `state` has the velocity q'."""
     n = mechanism.model.n
     free = mechanism.free
     dependent = [r for r in range(n) if r not in free]
     names = mechanism.speeds.names
-    Y, Z = (_in_time(here, given) for given in mechanism.speeds.of(here.q, here.t))
-    J, b = _rows(mechanism, here)
-    W = _solved(Y, np.eye(n), f'speeds {", ".join(names)} are', here)
-    X = -(W @ Z)
+
+    # q' = W u + X from u = Y q' + Z; every number carries its time derivative.
+    Y, Z = mechanism.speeds.of(state.q, state.t)
+    W = _solved(_in_time(state, Y), np.eye(n), f'speeds {", ".join(names)} are', state)
+    X = -(W @ _in_time(state, Z))
+
+    # u_D = A u_I + B from C u = b - J X, C = J W.
+    J, b = _rows(mechanism, state)
     C = J @ W
     known = np.concatenate([-C[:, free], (b - J @ X)[:, None]], axis=1)
     rows = ', '.join(mechanism.labels[k] for k in mechanism.kept)
-    AB = _solved(C[:, dependent], known, f'constraints {rows} on the speeds '
-                 f'{", ".join(names[r] for r in dependent)} are', here)
-    A, B = AB[:, :-1], AB[:, -1]
+    dependent_names = ', '.join(names[r] for r in dependent)
+    AB = _solved(C[:, dependent], known,
+                 f'constraints {rows} on the speeds {dependent_names} are', state)
+    A = AB[:, :-1]
+    B = AB[:, -1]
+
+    # The rate of q' is q''.
     variations = W[:, free] + W[:, dependent] @ A
-    qdot = variations @ _timed(u, udot) + W[:, dependent] @ B + X
-    rates = parts(qdot, 0)
-    numbers = {'W': W, 'X': X, 'A': A, 'B': B, 'variations': variations, 'J': J, 'b': b}
-    return AdmissibleMotion(q=parts(here.q, here.count).value, qdot=rates.value, qddot=rates.rate,
-                            state=here,
-                            **{name: parts(x, 0).value for name, x in numbers.items()})
+    qdot = parts(variations @ _timed(u, udot) + W[:, dependent] @ B + X, 0)
+    return AdmissibleMotion(
+        q=parts(state.q, state.count).value, qdot=qdot.value, qddot=qdot.rate,
+        W=_value(W), X=_value(X), A=_value(A), B=_value(B),
+        variations=_value(variations), J=_value(J), b=_value(b), state=state)
 
 
-def _rows(mechanism: Mechanism, here: FiniteMechanismState) -> tuple[Any, Any]:
-    """Return J, (m, n_q), and b, (m,), of the independent rows, with time derivatives."""
+def _value(numbers: Any) -> Array:
+    """Return numbers without their time derivatives."""
+    return parts(numbers, 0).value
+
+
+def _rows(mechanism: Mechanism, state: FiniteMechanismState) -> tuple[Any, Any]:
+    """Return J, (m, n_q), and b, (m,), of the independent rows, in time."""
     n = mechanism.model.n
-    declared = mechanism.rows(here)
+    declared = mechanism.rows(state)
     J: list[Any] = []
     b: list[Any] = []
     for k in mechanism.kept:
         if declared.residual[k] is None:
-            J.append(_in_time(here, declared.J[k]))
-            b.append(_in_time(here, declared.b[k])[()])
+            J.append(_in_time(state, declared.J[k]))
+            b.append(_in_time(state, declared.b[k])[()])
         else:
-            residual = lifted(declared.residual[k], here.count)
+            residual = lifted(declared.residual[k], state.count)
             J.append(_timed(residual.gradient[:n], residual.gradient_rate[:n]))
             b.append(_timed(-residual.gradient[n], -residual.gradient_rate[n])[()])
     return np.array(J, dtype=object).reshape(len(J), n), np.array(b, dtype=object)
 
 
-def _in_time(here: FiniteMechanismState, array: Any) -> Any:
+def _in_time(state: FiniteMechanismState, array: Any) -> Any:
     """Return an array with only its time derivative."""
-    given = parts(array, here.count)
-    return _timed(given.value, given.rate)
+    numbers = parts(array, state.count)
+    return _timed(numbers.value, numbers.rate)
 
 
 def _timed(values: Any, rates: Any) -> Any:
     """Return numbers combined with their time derivatives."""
-    value, rate = np.asarray(values, dtype=float), np.asarray(rates, dtype=float)
-    none = np.zeros((*value.shape, 0))
-    return joined(Parts(value, none, rate, none))
+    value = np.asarray(values, dtype=float)
+    rate = np.asarray(rates, dtype=float)
+    no_gradient = np.zeros((*value.shape, 0))
+    return joined(Parts(value, no_gradient, rate, no_gradient))
 
 
-def _solved(A: Any, b: Any, what: str, here: FiniteMechanismState) -> Any:
+def _solved(A: Any, b: Any, what: str, state: FiniteMechanismState) -> Any:
     """
     Return A^-1 b with its time derivative.
 
-    The solution with A's numbers leaves a residual that is a pure rate. One refinement step
-    removes it, because rates of rates are zero.
+    The solution with A's numbers leaves a residual that is a pure rate. One refinement
+    step removes it, because rates of rates are zero.
     """
     try:
         inverse = np.linalg.inv(parts(A, 0).value)
     except np.linalg.LinAlgError:
-        q = parts(here.q, here.count).value
-        raise ConstraintError(f'{what} singular at q = {q.tolist()}; expected independent '
-                              'equations') from None
+        q = parts(state.q, state.count).value
+        raise ConstraintError(f'{what} singular at q = {q.tolist()}; expected '
+                              'independent equations') from None
     first = inverse @ b
     return first + inverse @ (b - A @ first)

@@ -2,53 +2,55 @@
 Kinetic and potential energies, and generalized forces from them by differentiation.
 
 Poses are homogeneous 4x4 matrices; a body's kinetic energy is 1/2 tr(T' J T'^T) with its
-pseudo-inertia J about its own origin (Uicker 1965, Kahn 1969). Passerello and Huston give
-the generalized inertia forces
+pseudo-inertia J about its own origin (Uicker 1965, Kahn 1969). Passerello and Huston
+give the generalized inertia forces
 
     F_r* = -( d/dt dKE/dq_r' - dKE/dq_r )                                 (for u = q')
 
-which automatic differentiation evaluates. Everywhere q and u = q' are (n,) arrays, udot the rates
-of u; rad or m, s. Energies of ball joints have q (n_q,) and the angular velocities in u. No
-function is shared with `kane`, `kinematics` or `recursive`, so that this formulation is an
-independent reference.
+which automatic differentiation evaluates. Everywhere q and u = q' are (n,) arrays, udot
+the rates of u; rad or m, s. Energies of ball joints have q (n_q,) and the angular
+velocities in u. No function is shared with `kane`, `kinematics` or `recursive`, so that
+this formulation is an independent reference.
 """
 
-from typing import Any
-
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.hyperdual import lifted, seeded
 from kane_dynamics.mechanics.ball_joints import balls, joint_positions, require_angles
 from kane_dynamics.mechanics.friction import friction_torque
+from kane_dynamics.model.beam import Beam
 from kane_dynamics.model.model import Joint, Model, WORLD
 import numpy as np
 
 
-def ball_matrix(p: Any) -> Any:
-    """Return the rotation of a quaternion, (4, 4): its products with vectors from both sides."""
-    x, y, z, w = p
+def ball_matrix(quaternion: Vector) -> Matrix:
+    """Return the rotation of a quaternion, (4, 4): its products with vectors."""
+    x, y, z, w = quaternion
     left = np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]])
     right = np.array([[w, -z, y, -x], [z, w, -x, -y], [-y, x, w, -z], [x, y, z, w]])
-    return (left @ right) * (1.0 / (p @ p))
+    return (left @ right) * (1.0 / (quaternion @ quaternion))
 
 
-def joint_matrices(model: Model, q: Any) -> list[Any]:
-    """Return the pose of each body in its parent at the coordinates q, (n_q,); (4, 4) each."""
-    at = joint_positions(model, q)
-    found = [joint_matrix(body.joint, at) for body in model.bodies]
+def joint_matrices(model: Model, q: Vector) -> list[Matrix]:
+    """Return the poses of the bodies in their parents at q, (n_q,); (4, 4) each."""
+    positions = joint_positions(model, q)
+    matrices = [joint_matrix(body.joint, positions) for body in model.bodies]
     for ball in balls(model):  # the three joints of a ball joint are at 0
-        found[ball.body] = found[ball.body] @ ball_matrix(ball.quaternion(q))
-    return found
+        rotation = ball_matrix(ball.quaternion(q))
+        matrices[ball.body] = matrices[ball.body] @ rotation
+    return matrices
 
 
-def joint_matrix(joint: Joint, q: Any) -> Any:
-    """Return the pose of a joint's body in its parent at the joint positions q, (4, 4)."""
+def joint_matrix(joint: Joint, q: Vector) -> Matrix:
+    """Return the pose of a joint's body in its parent at joint positions q, (4, 4)."""
     T = np.eye(4)
-    T[:3, :3], T[:3, 3] = joint.rotation, joint.translation
-    K, KK = generator(joint)
+    T[:3, :3] = joint.rotation
+    T[:3, 3] = joint.translation
+    K, K_squared = generator(joint)
     x = _position(joint, q)
     if joint.kind == 'prismatic':
         return T + (T @ K) * x
-    return T + (T @ K) * np.sin(x) + (T @ KK) * (1.0 - np.cos(x))  # Rodrigues: T exp(K x)
+    # Rodrigues: T exp(K x)
+    return T + (T @ K) * np.sin(x) + (T @ K_squared) * (1.0 - np.cos(x))
 
 
 def generator(joint: Joint) -> tuple[Array, Array]:
@@ -58,132 +60,164 @@ def generator(joint: Joint) -> tuple[Array, Array]:
         K[:3, 3] = joint.axis
     else:
         x, y, z = joint.axis
-        K[0, 1:3], K[1, 2] = (-z, y), -x
-        K[:3, :3] -= K[:3, :3].T
+        K[:3, :3] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
     return K, K @ K
 
 
-def poses(model: Model, q: Any) -> list[Any]:
+def poses(model: Model, q: Vector) -> list[Matrix]:
     """Return the poses of all bodies in the world, (4, 4) each."""
-    result: list[Any] = []
+    result: list[Matrix] = []
     for body, T in zip(model.bodies, joint_matrices(model, q)):
-        result.append(T if body.parent == WORLD else result[body.parent] @ T)
+        if body.parent == WORLD:
+            result.append(T)
+        else:
+            result.append(result[body.parent] @ T)
     return result
 
 
-def pose_rates(model: Model, q: Any, u: Any) -> list[Any]:
+def pose_rates(model: Model, q: Vector, u: Vector) -> list[Matrix]:
     """Return the time derivatives of the poses of all bodies, (4, 4) each."""
-    here, matrices, at = poses(model, q), joint_matrices(model, q), joint_positions(model, q)
-    result: list[Any] = []
+    body_poses = poses(model, q)
+    matrices = joint_matrices(model, q)
+    positions = joint_positions(model, q)
+    result: list[Matrix] = []
     for i, body in enumerate(model.bodies):
-        joint = body.joint
-        # The generator K commutes with exp(K x).
-        rate = (here[i] @ generator(joint)[0]) * _rate(joint, at, u)
+        # The generator K commutes with exp(K x), so it multiplies from the right.
+        K, _ = generator(body.joint)
+        rate = (body_poses[i] @ K) * _rate(body.joint, positions, u)
         if body.parent != WORLD:
             rate = result[body.parent] @ matrices[i] + rate
         result.append(rate)
     return result
 
 
-def kinetic_energy(model: Model, q: Any, u: Any) -> Any:
+def kinetic_energy(model: Model, q: Vector, u: Vector) -> Scalar:
     """Return the kinetic energy of bodies and rotors, J."""
-    twice: Any = 0.0
-    for body, T in zip(model.bodies, pose_rates(model, q, u)):
-        twice = twice + np.sum((T @ body.inertial.pseudo_inertia) * T)
-        rate = body.joint.multiplier * u[body.joint.coordinate]
-        twice = twice + body.joint.armature * (rate * rate)
-    bent = [i for i, body in enumerate(model.bodies) if body.beam is not None]
-    if bent:
-        here, moved = poses(model, q), pose_rates(model, q, u)
-        for i in bent:
-            twice = twice + _bending(model.bodies[i].beam, here[i], moved[i],
-                                     joint_positions(model, q), u)
+    twice: Scalar = 0.0
+    body_rates = pose_rates(model, q, u)
+    for body, T_rate in zip(model.bodies, body_rates):
+        joint = body.joint
+        # tr(T' J T'^T), then the rotor of the drive.
+        twice = twice + np.sum((T_rate @ body.inertial.pseudo_inertia) * T_rate)
+        rate = joint.multiplier * u[joint.coordinate]
+        twice = twice + joint.armature * (rate * rate)
+    if model.flexible:
+        positions = joint_positions(model, q)
+        for body, T, T_rate in zip(model.bodies, poses(model, q), body_rates):
+            if body.beam is not None:
+                twice = twice + _bending(body.beam, T, T_rate, positions, u)
     return 0.5 * twice
 
 
-def _bending(beam: Any, T: Any, T_rate: Any, q: Any, u: Any) -> Any:
+def _bending(beam: Beam, T: Matrix, T_rate: Matrix, q: Vector, u: Vector) -> Scalar:
     """
     Return twice the contribution of bending to the kinetic energy, J, by quadrature.
 
     It is v . v of the bent beam minus that of the straight one, which is a rigid body.
     """
-    eta, speed = (x[list(beam.coordinates)] for x in (q, u))
-    total: Any = 0.0
+    modes = list(beam.coordinates)
+    eta = q[modes]
+    eta_rate = u[modes]
+    R = T[:3, :3]
+    R_rate = T_rate[:3, :3]
+    total: Scalar = 0.0
     for x, dm, phi, H in zip(beam.points, beam.weights, beam.shapes, beam.shortening):
-        shorter, rate = (H @ eta) @ eta * -0.5, -((H @ eta) @ speed)
-        v_0 = T_rate[:3, :3] @ x + T_rate[:3, 3]
-        moved = (T_rate[:3, :3] @ (eta @ phi + beam.direction * shorter)
-                 + T[:3, :3] @ (speed @ phi + beam.direction * rate))
-        total = total + dm * ((2.0 * v_0 + moved) @ moved)
-    return total + _twisting(beam, T[:3, :3], T_rate[:3, :3], speed)
+        # The deflection and its rate, in the axes of the body.
+        axial = (H @ eta) @ eta * -0.5
+        axial_rate = -((H @ eta) @ eta_rate)
+        deflection = eta @ phi + beam.direction * axial
+        deflection_rate = eta_rate @ phi + beam.direction * axial_rate
+
+        # With v = v_0 + dv, v . v - v_0 . v_0 = (2 v_0 + dv) . dv.
+        v_0 = R_rate @ x + T_rate[:3, 3]
+        dv = R_rate @ deflection + R @ deflection_rate
+        total = total + dm * ((2.0 * v_0 + dv) @ dv)
+    return total + _twisting(beam, R, R_rate, eta_rate)
 
 
-def _twisting(beam: Any, R: Any, R_rate: Any, speed: Any) -> Any:
+def _twisting(beam: Beam, R: Matrix, R_rate: Matrix, eta_rate: Vector) -> Scalar:
     """
     Return twice the contribution of torsion to the kinetic energy, J.
 
-    The second moment S of a round section does not change in a rotation E(theta) about the beam.
-    So tr((R E)' S (R E)'^T) equals the same expression with R' + theta' R K, K = E'(0).
+    The second moment S of a round section does not change in a rotation E(theta) about
+    the beam. So tr((R E)' S (R E)'^T) equals the same expression with R' + theta' R K, K
+    = E'(0).
     """
     e = beam.direction
     K = np.cross(np.eye(3), e)
-    total: Any = 0.0
+    total: Scalar = 0.0
     for spin, psi in zip(beam.spins, beam.twists):
         if psi.any():
             S = 0.5 * spin * (np.eye(3) - np.outer(e, e))
-            turned = R_rate + (R @ K) * (psi @ speed)
-            total = total + np.sum((turned @ S) * turned) - np.sum((R_rate @ S) * R_rate)
+            twisted_rate = R_rate + (R @ K) * (psi @ eta_rate)
+            twisted = np.sum((twisted_rate @ S) * twisted_rate)
+            total = total + twisted - np.sum((R_rate @ S) * R_rate)
     return total
 
 
-def _position(joint: Joint, q: Any) -> Any:
-    bent = joint.deflection
-    if bent is None:
+def _position(joint: Joint, q: Vector) -> Scalar:
+    """Return the position of a joint, rad or m."""
+    deflection = joint.deflection
+    if deflection is None:
         return joint.multiplier * q[joint.coordinate] + joint.offset
-    eta = q[list(bent.coordinates)]
-    return bent.slope @ eta + 0.5 * ((bent.curvature @ eta) @ eta) + joint.offset
+    eta = q[list(deflection.coordinates)]
+    second_order = 0.5 * ((deflection.curvature @ eta) @ eta)
+    return deflection.slope @ eta + second_order + joint.offset
 
 
-def _rate(joint: Joint, q: Any, u: Any) -> Any:
-    bent = joint.deflection
-    if bent is None:
+def _rate(joint: Joint, q: Vector, u: Vector) -> Scalar:
+    """Return the rate of a joint, rad/s or m/s."""
+    deflection = joint.deflection
+    if deflection is None:
         return joint.multiplier * u[joint.coordinate]
-    eta, speed = (x[list(bent.coordinates)] for x in (q, u))
-    return bent.slope @ speed + (bent.curvature @ eta) @ speed
+    modes = list(deflection.coordinates)
+    eta = q[modes]
+    eta_rate = u[modes]
+    return deflection.slope @ eta_rate + (deflection.curvature @ eta) @ eta_rate
 
 
-def potential_energy(model: Model, q: Any, *, gravity: Any = None) -> Any:
-    """Return the potential energy of gravity (zero at the world's origin) and springs, J."""
+def potential_energy(model: Model, q: Vector, *,
+                     gravity: Vector | None = None) -> Scalar:
+    """Return the potential energy of gravity (zero at the origin) and springs, J."""
     g = model.gravity if gravity is None else gravity
-    total: Any = 0.0
-    here, q = poses(model, q), joint_positions(model, q)
-    for body, T in zip(model.bodies, here):
+    total: Scalar = 0.0
+    body_poses = poses(model, q)
+    q = joint_positions(model, q)
+    for body, T in zip(model.bodies, body_poses):
+        # Gravity: -g . (m p_com); the last column of J is the first moment.
         first_moment = T @ body.inertial.pseudo_inertia[:, 3]
         total = total - g @ first_moment[:3]
+
         joint = body.joint
         stretch = joint.multiplier * q[joint.coordinate] + joint.offset - joint.rest
         total = total + 0.5 * joint.stiffness * (stretch * stretch)
-        beam = body.beam
-        if beam is not None:
-            eta = q[list(beam.coordinates)]
-            total = total + 0.5 * ((beam.stiffness @ eta) @ eta)
-            for dm, phi, H in zip(beam.weights, beam.shapes, beam.shortening):
-                d = eta @ phi + beam.direction * ((H @ eta) @ eta * -0.5)
-                total = total - dm * (g @ (T[:3, :3] @ d))
+        if body.beam is not None:
+            total = total + _beam_energy(body.beam, T, q, g)
+    return total
+
+
+def _beam_energy(beam: Beam, T: Matrix, q: Vector, g: Vector) -> Scalar:
+    """Return the potential energy of elasticity, and of weight by bending, J."""
+    eta = q[list(beam.coordinates)]
+    total = 0.5 * ((beam.stiffness @ eta) @ eta)
+    for dm, phi, H in zip(beam.weights, beam.shapes, beam.shortening):
+        deflection = eta @ phi + beam.direction * ((H @ eta) @ eta * -0.5)
+        total = total - dm * (g @ (T[:3, :3] @ deflection))
     return total
 
 
 def generalized_inertia_force(model: Model, q: Array, u: Array, udot: Array) -> Array:
-    """Return F_r* = -(d/dt dKE/dq' - dKE/dq), (n,), N m or N, by automatic differentiation."""
+    """Return F_r* = -(d/dt dKE/dq' - dKE/dq), (n,), N m or N, by hyper-dual numbers."""
     require_angles(model, 'energy form')
     n = model.n
-    energy = lifted(kinetic_energy(model, seeded(q, u, 0, 2 * n),
-                                   seeded(u, udot, n, 2 * n)), 2 * n)
+    q_moving = seeded(q, u, 0, 2 * n)
+    u_moving = seeded(u, udot, n, 2 * n)
+    energy = lifted(kinetic_energy(model, q_moving, u_moving), 2 * n)
     return energy.gradient[:n] - energy.gradient_rate[n:]
 
 
 def conservative_force(model: Model, q: Array) -> Array:
-    """Return -dPE/dq, (n,): the generalized active force of gravity and springs, N m or N."""
+    """Return -dPE/dq, (n,): the active force of gravity and springs, N m or N."""
     require_angles(model, 'energy form')
     n = model.n
     energy = potential_energy(model, seeded(q, np.zeros(n), 0, n))
@@ -194,8 +228,8 @@ def friction_force(model: Model, u: Array) -> Array:
     """
     Return the generalized active force of damping and Coulomb friction, (n,), N m or N.
 
-    The virtual power of a joint is -(d x' + mu tanh(x'/x_s') + offset) times the variation of
-    its rate x'.
+    The virtual power of a joint is -(d x' + mu tanh(x'/x_s') + offset) times the
+    variation of its rate x'.
     """
     force = np.zeros(model.n)
     for body in model.bodies:
@@ -213,6 +247,7 @@ def mass_matrix(model: Model, q: Array) -> Array:
     n = model.n
     rows = []
     for unit in np.eye(n):  # direction of the second derivative, at u = 0
-        energy = lifted(kinetic_energy(model, q, seeded(np.zeros(n), unit, 0, n)), n)
+        u = seeded(np.zeros(n), unit, 0, n)
+        energy = lifted(kinetic_energy(model, q, u), n)
         rows.append(energy.gradient_rate)
     return np.array(rows)

@@ -2,9 +2,9 @@
 Kinematics of the energy formulation, by automatic differentiation of finite poses.
 
 The coordinates and the time are hyper-dual numbers with derivatives with respect to the
-coordinates and along the motion. The derivatives of a frame's pose give its Jacobian (possible
-displacements and rotations) and its rate; no formula for partial velocities is used. No function
-is shared with `kane`, `kinematics` or `recursive`.
+coordinates and along the motion. The derivatives of a frame's pose give its Jacobian
+(possible displacements and rotations) and its rate; no formula for partial velocities is
+used. No function is shared with `kane`, `kinematics` or `recursive`.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,9 @@ import numpy as np
 @dataclass(frozen=True, eq=False)
 class PossibleMotion:
     """
-    Possible displacement and rotation of a point and axes; one row per variation, world axes.
+    Possible displacement and rotation of a point and axes, a row per variation.
+
+    In world axes.
 
     Attributes
     ----------
@@ -40,15 +42,16 @@ class PossibleMotion:
     rotation_rate: Array
 
     def along(self, directions: Array) -> 'PossibleMotion':
-        """Return the motion for variations of the coordinates, the columns of (n_q, k)."""
-        return PossibleMotion(directions.T @ self.displacement, directions.T @ self.rotation,
+        """Return the motion for variations of q, the columns of (n_q, k)."""
+        return PossibleMotion(directions.T @ self.displacement,
+                              directions.T @ self.rotation,
                               directions.T @ self.displacement_rate,
                               directions.T @ self.rotation_rate)
 
 
 class FiniteMechanismState(MechanismState):
     """
-    State of a mechanism at one configuration, velocity and time, with independent kinematics.
+    State of a mechanism at one time, with independent kinematics.
 
     Parameters
     ----------
@@ -61,9 +64,9 @@ class FiniteMechanismState(MechanismState):
 
     Notes
     -----
-    Scalars are HyperDual. The variables are the coordinates, then the time; the direction is
-    that of the motion. Derivatives with respect to the variables are NaN if unknown: in
-    partial velocities and everything computed from them.
+    Scalars are HyperDual. The variables are the coordinates, then the time; the
+    direction is that of the motion. Derivatives with respect to the variables are NaN if
+    unknown: in partial velocities and everything computed from them.
 
     """
 
@@ -72,52 +75,62 @@ class FiniteMechanismState(MechanismState):
         require_angles(mechanism.model, 'energy form')
         self.count = len(q) + 1
         variables = seeded([*q, t], [*qdot, 1.0], 0, self.count)
-        super().__init__(mechanism.model, mechanism.speeds, variables[:-1], variables[-1])
+        super().__init__(mechanism.model, mechanism.speeds, variables[:-1],
+                         variables[-1])
         self._poses = poses(self.model, self.q)
 
     def pose(self, frame: str | Frame) -> tuple[Any, Any]:
         """Return the axes (3, 3, columns) and the origin (3,) of a frame, m."""
-        at = self._frame(frame)
-        R, p = at.rotation, at.translation
-        if at.body != WORLD:
-            T = self._poses[at.body]
-            R, p = T[:3, :3] @ R, T[:3, :3] @ p + T[:3, 3]
-        return R, p
+        place = self._frame(frame)
+        if place.body == WORLD:
+            return place.rotation, place.translation
+        T = self._poses[place.body]
+        R_body = T[:3, :3]
+        return R_body @ place.rotation, R_body @ place.translation + T[:3, 3]
 
     def partial_velocities(self, frame: str | Frame, at: Any = None) -> Any:
-        """Return the Jacobian, (6, n_q), of a frame's origin or of its body's point at `at`."""
+        """Return the Jacobian, (6, n_q), of a frame, or of its body's point at `at`."""
         R, p = self.pose(frame)
-        here = self.possible_motion(R, p)
-        value = np.concatenate([here.displacement, here.rotation], axis=1).T
-        rate = np.concatenate([here.displacement_rate, here.rotation_rate], axis=1).T
+        possible = self.possible_motion(R, p)
+        value = np.concatenate([possible.displacement, possible.rotation], axis=1).T
+        rate = np.concatenate([possible.displacement_rate, possible.rotation_rate],
+                              axis=1).T
         unknown = np.full((*value.shape, self.count), np.nan)
         J = joined(Parts(value, unknown, rate, unknown))
         if at is None:
             return J
-        r = at - p
-        carried = [np.array([w[1] * r[2] - w[2] * r[1], w[2] * r[0] - w[0] * r[2],
-                             w[0] * r[1] - w[1] * r[0]]) for w in J[3:].T]
-        return np.concatenate([J[:3] + np.array(carried).T, J[3:]])
+        # The point at r from the frame's origin adds omega^r x r, written out: no
+        # function is shared with the other formulations.
+        r_x, r_y, r_z = at - p
+        w_x, w_y, w_z = J[3:]
+        carried = np.array([w_y * r_z - w_z * r_y, w_z * r_x - w_x * r_z,
+                            w_x * r_y - w_y * r_x])
+        return np.concatenate([J[:3] + carried, J[3:]])
 
     def possible_motion(self, R: Any, p: Any) -> PossibleMotion:
         """
-        Return the possible motion of axes R, (3, 3), and a point p, (3,), per coordinate.
+        Return the possible motion of axes R, (3, 3), and a point p, (3,).
 
-        The rotation theta of the axes is the vector of the skew matrix dR R^T.
+        One row per coordinate. The rotation theta of the axes is the vector of the skew
+        matrix dR R^T.
         """
         n = self.model.n
-        axes, point = parts(R, self.count), parts(p, self.count)
-        turns = np.moveaxis(axes.gradient, -1, 0)[:n]
-        turn_rates = np.moveaxis(axes.gradient_rate, -1, 0)[:n]
+        axes = parts(R, self.count)
+        point = parts(p, self.count)
+        dR = np.moveaxis(axes.gradient, -1, 0)[:n]
+        dR_rate = np.moveaxis(axes.gradient_rate, -1, 0)[:n]
         return PossibleMotion(
-            point.gradient.T[:n], _vectors(turns @ axes.value.T), point.gradient_rate.T[:n],
-            _vectors(turn_rates @ axes.value.T + turns @ axes.rate.T))
+            displacement=point.gradient.T[:n],
+            rotation=_vectors(dR @ axes.value.T),
+            displacement_rate=point.gradient_rate.T[:n],
+            rotation_rate=_vectors(dR_rate @ axes.value.T + dR @ axes.rate.T))
 
     def center_of_mass(self, body: int) -> PossibleMotion:
         """Return the possible motion of a body's center of mass and axes."""
         T = self._poses[body]
-        return self.possible_motion(
-            T[:3, :3], T[:3, :3] @ self.model.bodies[body].inertial.com + T[:3, 3])
+        R = T[:3, :3]
+        com = R @ self.model.bodies[body].inertial.com + T[:3, 3]
+        return self.possible_motion(R, com)
 
     def axes(self, body: int) -> Array:
         """Return the axes of a body as numbers, (3, 3, columns)."""

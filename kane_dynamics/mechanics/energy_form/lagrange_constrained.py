@@ -1,11 +1,13 @@
 """
-Energy formulation with chosen speeds and constraints: an independent reference, on numbers.
+Energy formulation with chosen speeds and constraints: an independent reference.
 
-Two formulations give F~_r* of an independent speed u_r. Both use the kinetic energy of the
-unconstrained system, since substituting the constraints into it gives wrong equations. The first
-is that of Passerello and Huston:
+On numbers. Two formulations give F~_r* of an independent speed u_r. Both use the kinetic
+energy of the unconstrained system, since substituting the constraints into it gives
+wrong equations. The first is that of Passerello and Huston:
 
-    F~_r* = - sum_s ( d/dt dKE/dq_s' - dKE/dq_s ) ( W_sr + sum_k W_sk A_kr ),   k dependent
+    F~_r* = - sum_s ( d/dt dKE/dq_s' - dKE/dq_s ) ( W_sr + sum_k W_sk A_kr )
+
+with k over the dependent speeds.
 
 The second is `hamilton`. Both take the same inputs as `equations` and `nonholonomic`
 (model, speeds, constraints) and share no computation with them.
@@ -18,7 +20,8 @@ from typing import Any, Protocol
 from kane_dynamics._util.typing import Array
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.energy_form import energies
-from kane_dynamics.mechanics.energy_form.admissible_motion import admissible, AdmissibleMotion
+from kane_dynamics.mechanics.energy_form.admissible_motion import (admissible,
+                                                                   AdmissibleMotion)
 import numpy as np
 
 Wrenches = Mapping[str, tuple[Any, Any]]
@@ -35,7 +38,7 @@ class EnergyFormulation(Protocol):
 
 
 class PasserelloHuston:
-    """Generalized forces by Lagrange's derivatives of the energies and the chain rule."""
+    """Generalized forces by Lagrange's derivatives of the energies."""
 
     def inertia_force(self, motion: AdmissibleMotion, variations: Array) -> Array:
         """Return F*, (k,), for the columns of `variations`, (n_q, k)."""
@@ -90,7 +93,7 @@ class EnergyForm:
 
     def forward_dynamics(self, q: Array, u: Array, tau: Array, t: float = 0.0, *,
                          wrenches: Wrenches | None = None) -> Array:
-        """Return udot, (n,), for a tau dual to u; other arguments as for `inverse_dynamics`."""
+        """Return udot, (n,), for a tau dual to u; as `inverse_dynamics`."""
         motion = admissible(self.mechanism, q, u, np.zeros(len(u)), t)
         return self._udot(motion, tau, wrenches)
 
@@ -99,10 +102,11 @@ class EnergyForm:
         rest = np.zeros(self.mechanism.n)
         return self._mass_matrix(admissible(self.mechanism, q, rest, rest, t))
 
-    def joint_constraint_force(self, q: Array, u: Array, joint_torques: Array, t: float = 0.0, *,
+    def joint_constraint_force(self, q: Array, u: Array, joint_torques: Array,
+                               t: float = 0.0, *,
                                wrenches: Wrenches | None = None) -> Array:
         """
-        Return the sum of all constraint forces on the joint coordinates, (n_q,), N m or N.
+        Return the sum of all constraint forces on the joints, (n_q,), N m or N.
 
         Parameters
         ----------
@@ -121,12 +125,13 @@ class EnergyForm:
         motion = admissible(self.mechanism, q, u, np.zeros(len(u)), t)
         return self._constraint_force(motion, joint_torques, wrenches)
 
-    def constraint_forces(self, q: Array, u: Array, joint_torques: Array, t: float = 0.0, *,
-                          wrenches: Wrenches | None = None) -> Array:
+    def constraint_forces(self, q: Array, u: Array, joint_torques: Array,
+                          t: float = 0.0, *, wrenches: Wrenches | None = None) -> Array:
         """
-        Return the Lagrange multipliers lambda of all constraint rows, (m,); 0 for dependent rows.
+        Return the Lagrange multipliers lambda of all constraint rows, (m,).
 
-        J^T lambda is the `joint_constraint_force`, which has the same arguments.
+        They are 0 for dependent rows. J^T lambda is the `joint_constraint_force`, which
+        has the same arguments.
         """
         motion = admissible(self.mechanism, q, u, np.zeros(len(u)), t)
         force = self._constraint_force(motion, joint_torques, wrenches)
@@ -136,23 +141,28 @@ class EnergyForm:
 
     def _constraint_force(self, motion: AdmissibleMotion, joint_torques: Array,
                           wrenches: Wrenches | None) -> Array:
-        """Return the constraint force on the joints, (n_q,), from the motion at udot = 0."""
+        """Return the constraint force on the joints from the motion at udot = 0."""
         udot = self._udot(motion, motion.variations.T @ joint_torques, wrenches)
-        every = np.eye(len(joint_torques))  # single coordinates, ignoring constraints
-        return self._residual_force(motion.accelerated(udot), every, wrenches) - joint_torques
+        coordinates = np.eye(len(joint_torques))  # varied one by one, across constraints
+        accelerated = motion.accelerated(udot)
+        return self._residual_force(accelerated, coordinates, wrenches) - joint_torques
 
-    def _udot(self, motion: AdmissibleMotion, tau: Array, wrenches: Wrenches | None) -> Array:
+    def _udot(self, motion: AdmissibleMotion, tau: Array,
+              wrenches: Wrenches | None) -> Array:
         """Return udot, (n,), from the motion at udot = 0."""
         bias = self._residual_force(motion, motion.variations, wrenches)
-        udot: Array = np.linalg.solve(self._mass_matrix(motion), tau - bias).astype(np.float64)
+        M = self._mass_matrix(motion)
+        udot: Array = np.linalg.solve(M, tau - bias).astype(np.float64)
         return udot
 
     def _mass_matrix(self, motion: AdmissibleMotion) -> Array:
         """Return the mass matrix, (n, n), from the motion at udot = 0."""
         def inertia_force(moving: AdmissibleMotion) -> Array:
             return self.form.inertia_force(moving, moving.variations)
-        start = inertia_force(motion)
-        columns = [start - inertia_force(motion.accelerated(unit)) for unit in np.eye(len(start))]
+        at_rest = inertia_force(motion)
+        columns = []
+        for unit in np.eye(len(at_rest)):  # F* is linear in udot
+            columns.append(at_rest - inertia_force(motion.accelerated(unit)))
         return np.stack(columns, axis=1)
 
     def _residual_force(self, motion: AdmissibleMotion, variations: Array,
@@ -161,9 +171,12 @@ class EnergyForm:
         force = (self.form.inertia_force(motion, variations)
                  + self.form.conservative_force(motion, variations))
         if self.friction:
-            force = force + variations.T @ energies.friction_force(motion.state.model,
-                                                                   motion.qdot)
-        for name, (force_at_frame, moment) in (wrenches or {}).items():
-            here = motion.state.possible_motion(*motion.state.pose(name)).along(variations)
-            force = force + here.displacement @ force_at_frame + here.rotation @ moment
+            friction = energies.friction_force(motion.state.model, motion.qdot)
+            force = force + variations.T @ friction
+        if wrenches is not None:
+            for frame, (force_at_frame, moment) in wrenches.items():
+                R, p = motion.state.pose(frame)
+                possible = motion.state.possible_motion(R, p).along(variations)
+                force = force + possible.displacement @ force_at_frame
+                force = force + possible.rotation @ moment
         return -force

@@ -1,9 +1,9 @@
 """
 Variations and time derivatives of vectors and dyadics in rotating frames.
 
-A frame B rotates in A with the angular velocity omega; in a variation of the motion it rotates by
-the possible rotation theta. A quantity that is constant in B changes in A by the rotation alone.
-So for a vector V and a dyadic D
+A frame B rotates in A with the angular velocity omega; in a variation of the motion it
+rotates by the possible rotation theta. A quantity that is constant in B changes in A by
+the rotation alone. So for a vector V and a dyadic D
 
     A_var V = B_var V + theta x V,        A_d V = B_d V + omega x V,
     A_var D = B_var D + theta x D - D x theta,   and A_d D with omega likewise,
@@ -12,9 +12,9 @@ and for the angular velocity itself,
 
     A_var omega = A_d theta + theta x omega,     hence B_var omega = A_d theta.
 
-All components are along one triad, for changes in either frame. The change of a scalar is equal in
-all frames, so each term of an energy may be varied in the most convenient one. Source: vector
-variations, Journal of Robotic Systems 5 (1988) 553.
+All components are along one triad, for changes in either frame. The change of a scalar
+is equal in all frames, so each term of an energy may be varied in the most convenient
+one. Source: vector variations, Journal of Robotic Systems 5 (1988) 553.
 """
 
 from typing import Any
@@ -68,7 +68,9 @@ def relative(absolute_change: Any, turn: Any, quantity: Any) -> Any:
 
 def angular_velocity_variation(rotation_rate: Any, rotation: Any, omega: Any) -> Any:
     """
-    Return the variation in A of the angular velocity of B in A: A_d theta + theta x omega.
+    Return the variation in A of the angular velocity of B in A.
+
+    It is A_d theta + theta x omega.
 
     Parameters
     ----------
