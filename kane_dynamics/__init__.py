@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.kinematics import (inverse_kinematics, InverseKinematics, pose_error,
                                           pose_exp, pose_from, pose_log, rotation_exp,
                                           rotation_log, rotation_quaternion, rotation_rpy)
+    from kane_dynamics.kinematics.link_distances import LinkDistances
     from kane_dynamics.loop_tracking.loop_error import LoopError
     from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
     from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.model.editing import with_locked, with_model, with_names, with_tool
     from kane_dynamics.model.flexible_link import FlexibleLink
     from kane_dynamics.model.flexible_model import stiffened, with_beam
+    from kane_dynamics.model.link_shapes import LinkShape
     from kane_dynamics.model.mode_shapes import Bending, Torsion
     from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model
     from kane_dynamics.model.primitive_inertias import ball, box, disc, point_mass, rod
@@ -42,18 +44,20 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.simulation.step_size import longest_step
     from kane_dynamics.simulation.trajectory import Trajectory
     from kane_dynamics.urdf import expand_xacro, load_urdf
+    from kane_dynamics.urdf.link_shapes import load_collision_shapes
 
 __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'ComputedTorque',
            'ConstraintError', 'Controller', 'controller_kernels', 'Coupling', 'DependentSpeeds',
            'DeviceError', 'FilledTrajectory', 'FlexibleLink', 'Frame', 'FrictionError',
            'Inertial', 'InputError',
-           'InverseKinematics', 'Joint', 'KaneError', 'Limits', 'LoopError',
+           'InverseKinematics', 'Joint', 'KaneError', 'Limits',
+           'LinkDistances', 'LinkShape', 'LoopError',
            'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
            'MomentumObserver', 'Motion', 'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot',
            'Rolling', 'Speeds', 'SweepError', 'Terms', 'Torsion', 'Trajectory', 'UrdfError',
            'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'disc', 'expand_xacro',
            'fill_trajectory', 'frame_wrench', 'inverse_kinematics', 'knife_edge',
-           'load_constraints', 'load_mjcf', 'load_urdf', 'longest_step',
+           'load_collision_shapes', 'load_constraints', 'load_mjcf', 'load_urdf', 'longest_step',
            'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_from',
            'pose_log', 'power_balance', 'rod', 'rotation_exp', 'rotation_log',
            'rotation_quaternion', 'rotation_rpy', 'simulate', 'stiffened', 'with_beam',
@@ -77,6 +81,7 @@ _NAMES_BY_MODULE = {
     'kinematics':
         'inverse_kinematics InverseKinematics pose_error pose_exp pose_from pose_log '
         'rotation_exp rotation_log rotation_quaternion rotation_rpy',
+    'kinematics.link_distances': 'LinkDistances',
     'loop_tracking.loop_error': 'LoopError',
     'loop_tracking.loop_tracker': 'LoopTracker',
     'mechanics.constraints':
@@ -88,6 +93,7 @@ _NAMES_BY_MODULE = {
     'model.editing': 'with_locked with_model with_names with_tool',
     'model.flexible_link': 'FlexibleLink',
     'model.flexible_model': 'stiffened with_beam',
+    'model.link_shapes': 'LinkShape',
     'model.mode_shapes': 'Bending Torsion',
     'model.model': 'Body Frame Inertial Joint Limits Model',
     'model.primitive_inertias': 'ball box disc point_mass rod',
@@ -97,6 +103,7 @@ _NAMES_BY_MODULE = {
     'simulation.step_size': 'longest_step',
     'simulation.trajectory': 'Trajectory',
     'urdf': 'expand_xacro load_urdf',
+    'urdf.link_shapes': 'load_collision_shapes',
 }
 _PACKAGES = ('analysis', 'control', 'errors', 'feasibility', 'gpu', 'identification', 'kinematics',
              'mechanics', 'model', 'motion', 'optimal_control', 'plot', 'robot', 'simulation',
