@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
                                           pose_exp, pose_from, pose_log, rotation_exp,
                                           rotation_log, rotation_quaternion, rotation_rpy)
     from kane_dynamics.kinematics.link_distances import LinkDistances
+    from kane_dynamics.kinematics.straight_line import straight_line
     from kane_dynamics.loop_tracking.loop_error import LoopError
     from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
     from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds,
@@ -60,7 +61,8 @@ __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'C
            'load_collision_shapes', 'load_constraints', 'load_mjcf', 'load_urdf', 'longest_step',
            'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_from',
            'pose_log', 'power_balance', 'rod', 'rotation_exp', 'rotation_log',
-           'rotation_quaternion', 'rotation_rpy', 'simulate', 'stiffened', 'with_beam',
+           'rotation_quaternion', 'rotation_rpy', 'simulate', 'stiffened',
+           'straight_line', 'with_beam',
            'with_locked', 'with_model', 'with_names', 'with_tool']
 
 _NAMES_BY_MODULE = {
@@ -82,6 +84,7 @@ _NAMES_BY_MODULE = {
         'inverse_kinematics InverseKinematics pose_error pose_exp pose_from pose_log '
         'rotation_exp rotation_log rotation_quaternion rotation_rpy',
     'kinematics.link_distances': 'LinkDistances',
+    'kinematics.straight_line': 'straight_line',
     'loop_tracking.loop_error': 'LoopError',
     'loop_tracking.loop_tracker': 'LoopTracker',
     'mechanics.constraints':

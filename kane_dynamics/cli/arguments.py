@@ -292,6 +292,21 @@ def _doctor(sub: ArgumentParser) -> None:
                          help=f'topic of the {what}; default: %(default)s')
 
 
+def _send(sub: ArgumentParser) -> None:
+    _add_model(sub)
+    _add_constraints(sub)
+    _add_motion(sub, 'CSV or YAML file; it starts at the measured positions')
+    sub.add_argument('--by', type=float, nargs='+', metavar='X',
+                     help='move by so much from the measured positions, and back, rad or m; one '
+                     'per joint, or one value, which is smaller or turned round for joints that '
+                     'would leave their limits')
+    sub.add_argument('--duration', type=float, default=2.0, metavar='S',
+                     help='duration of the motion of --by in s; default: %(default)g')
+    sub.add_argument('--namespace', default='', help='namespace of the arm in the ROS graph')
+    sub.add_argument('--node', default='kane_dynamics', metavar='NAME',
+                     help='name of the dynamics node; default: %(default)s')
+
+
 def _view(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_constraints(sub)
@@ -373,5 +388,6 @@ ADD: dict[str, Callable[[ArgumentParser], None]] = {
     'feasible': _feasible,
     'fill': _fill,
     'doctor': _doctor,
+    'send': _send,
     'view': _view,
 }

@@ -174,5 +174,13 @@ examples:
 Compares names, limits, the sign of gravity, publishers and subscribers, rates, stamps and QoS.
 With --config, --live examines the robot of that file, of the node in --namespace if there are
 several. Both options need ROS. Exits with 1 if there is a problem.""",
+    'send': """
+examples:
+  kane-dynamics send arm.urdf --by 0.2
+  kane-dynamics send arm.urdf --by 0.2 -0.4 0.1 --duration 3
+  kane-dynamics send arm.urdf --motion motion.yaml --json
+
+Publishes a trajectory for the dynamics node, which must be active, and prints the largest
+difference between measured and desired positions. On a real arm this moves the arm. Needs ROS.""",
     'demo': '',
 }

@@ -38,6 +38,8 @@ COMMANDS = {
                  'feasible_command.feasible'),
     'fill': ('Efforts for a trajectory of joint_trajectory_controller', 'fill_command.fill'),
     'doctor': ('Problems of a URDF, its node and its ROS graph', 'commands.doctor'),
+    'send': ('A motion for the running node, and how well the arm follows it',
+             'send_command.send'),
     'view': ('The robot, its motion and its loads in the browser', 'view_command.view'),
     'demo': ('Feedforward on a simulated arm, live', 'commands.demo'),
 }

@@ -1,0 +1,88 @@
+"""The command `send`: a motion for the dynamics node, and how well the arm follows it."""
+
+from argparse import Namespace
+import sys
+from typing import Any
+
+from kane_dynamics._util.optional_imports import extra
+from kane_dynamics._util.typing import Array
+from kane_dynamics.cli.commands.inspect_command import print_table
+from kane_dynamics.cli.shared import load, print_json
+from kane_dynamics.cli.tables import read_motion
+from kane_dynamics.errors import InputError
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+FOLLOWED = 0.5  # of its travel: a joint with a larger error did not follow
+
+
+def send(options: Namespace) -> int:
+    """Send a motion to a running node, print the errors; return 1 if the arm did not follow."""
+    sender = extra('kane_dynamics.ros.common.motion_sender', 'ros', 'send')
+    if (options.motion is None) == (options.by is None):
+        raise InputError('--motion, --by: expected one of them')
+    if not 0.0 < options.duration < np.inf:
+        raise InputError(f'--duration: {options.duration}; expected a positive, finite time in s')
+    _, robot = load(options)
+    names = robot.actuated_names or robot.joint_names
+    if options.motion is not None:
+        motion = read_motion(options.motion, names)
+
+        def make(q: Array) -> Motion:
+            return motion
+    else:
+        def make(q: Array) -> Motion:
+            travel = _travel(options.by, robot, names, q)
+            return there_and_back(q, travel, options.duration, names)
+    tracking = sender.send_motion(make, names, node_name=options.node,
+                                  namespace=options.namespace)
+    if options.json:
+        print_json({'joint_names': list(names), 'travel': tracking.travel,
+                    'largest_error': tracking.largest_error, 'states': tracking.states,
+                    'warnings': list(tracking.warnings)})
+    else:
+        print_tracking(tracking)
+    lost = tracking.largest_error > FOLLOWED * tracking.travel
+    if not lost.any():
+        return 0
+    names_lost = ', '.join(name for name, is_lost in zip(names, lost, strict=True) if is_lost)
+    reasons = '; '.join(tracking.warnings) or 'none'
+    print(f'kane-dynamics: warning: the motion was not followed by {names_lost}; warnings of the '
+          f'node meanwhile: {reasons}', file=sys.stderr)
+    return 1
+
+
+def print_tracking(tracking: Any) -> None:
+    """Print how far the arm was from the motion."""
+    print(f'{tracking.states} joint states during the motion; rad or m')
+    print_table(['joint', 'travel', 'largest error'],
+                zip(tracking.joint_names, tracking.travel, tracking.largest_error, strict=True))
+    print(f'largest error: {1e3 * tracking.largest_error.max():.2g} mrad or mm')
+
+
+def there_and_back(q: Array, travel: Array, duration: float, names: tuple[str, ...]) -> Motion:
+    """Return a motion from q by some travel and back, at rest at the start, turn and end."""
+    still = np.zeros((3, len(q)))
+    return Motion.from_points([0.0, 0.5 * duration, duration], [q, q + travel, q], still, still,
+                              joint_names=names)
+
+
+def _travel(by: list[float], robot: Robot, names: tuple[str, ...], q: Array) -> Array:
+    """
+    Return the travel of each joint from the measured positions, rad or m.
+
+    One value for all joints is reduced to a quarter of a joint's range, and turned round where it
+    would leave the limits.
+    """
+    sizes = np.array(by)
+    if len(by) not in (1, len(names)) or not np.isfinite(sizes).all():
+        raise InputError(f'--by: {by}; expected one finite number, or {len(names)} in the order '
+                         f'{", ".join(names)}')
+    if len(by) == len(names) > 1:
+        return sizes
+    places = [robot.joint_names.index(name) for name in names]
+    lower, upper = robot.limits.lower[places], robot.limits.upper[places]
+    travel = np.clip(sizes[0], -0.25 * (upper - lower), 0.25 * (upper - lower))
+    leaves = (q + travel > upper) | (q + travel < lower)
+    return np.where(leaves, -travel, travel)

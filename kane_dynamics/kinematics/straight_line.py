@@ -1,0 +1,86 @@
+"""Motions of a frame on a straight line: from task space to joints."""
+
+from __future__ import annotations
+
+from kane_dynamics._util.checks import instance, integer, number
+from kane_dynamics.errors import InputError
+from kane_dynamics.kinematics.damped_least_squares import inverse_kinematics
+from kane_dynamics.kinematics.poses import checked_pose, pose_error, rotation_exp
+from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+from numpy.typing import ArrayLike
+
+JUMP = 0.5  # rad or m between two points: the configuration has changed, not followed
+
+
+def straight_line(robot: Robot, frame: str, q: ArrayLike, target: ArrayLike, duration: float, *,
+                  points: int = 51) -> Motion:
+    """
+    Return a motion of the joints in which a frame moves on a straight line, from rest to rest.
+
+    The origin of the frame moves on the line, while the frame turns about a fixed axis; both
+    follow the same quintic polynomial of time. Joint positions are those of
+    `inverse_kinematics`, each near the one before, and are interpolated by a cubic spline: more
+    points keep the frame closer to the line.
+
+    Parameters
+    ----------
+    robot : Robot
+        With joint angles and positions as coordinates, no ball joints.
+    frame : str
+        One of `robot.frame_names`.
+    q : (n_q,) array_like
+        The configuration at the start, rad or m.
+    target : (4, 4) array_like
+        Pose of the frame in the world at the end, m, such as of `pose_from`.
+    duration : float
+        s.
+    points : int
+        Of the spline, 5 or more.
+
+    Returns
+    -------
+    Motion
+        Of all joints; with constraints, of the joints of the independent speeds.
+
+    Raises
+    ------
+    InputError
+        An argument is invalid; a part of the line is out of reach, or next to a singular
+        configuration, where the joints would jump: names the fraction of the line.
+
+    """
+    instance(robot, Robot, 'robot')
+    require_angles(robot.model, 'straight_line')
+    duration = number(duration, 'duration', 'a positive, finite time, s',
+                      lambda x: 0.0 < x < np.inf)
+    points = integer(points, 'points', 5)
+    end = checked_pose(target, 'target')
+    start = robot.frame_pose(frame, q)
+    along = pose_error(start, end)  # a translation, and a rotation vector in world axes
+
+    times = np.linspace(0.0, duration, points)
+    share = times / duration
+    shares = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+    configurations = [np.asarray(q, dtype=np.float64)]
+    for done in shares[1:]:
+        pose = np.eye(4)
+        pose[:3, :3] = rotation_exp(done * along[3:]) @ start[:3, :3]
+        pose[:3, 3] = start[:3, 3] + done * along[:3]
+        # One start: another configuration than the nearest one is no continuation.
+        solution = inverse_kinematics(robot, frame, pose, configurations[-1], starts=1)
+        if not solution.converged:
+            raise InputError(f"target: '{frame}' does not reach {100.0 * done:.3g} % of the line "
+                             'within the joint limits; expected a line within reach')
+        jump = np.abs(solution.q - configurations[-1])
+        if jump.max() > JUMP:
+            name = robot.coordinate_names[int(jump.argmax())]
+            raise InputError(f"target: joint '{name}' jumps by {jump.max():.3g} rad or m at "
+                             f'{100.0 * done:.3g} % of the line, next to a singular '
+                             'configuration; expected another line, or more points')
+        configurations.append(solution.q)
+    names = robot.speed_names if robot.constraint_names else robot.coordinate_names
+    columns = [robot.coordinate_names.index(name) for name in names]
+    return Motion.from_points(times, np.array(configurations)[:, columns], joint_names=names)
