@@ -26,7 +26,7 @@ simulation
 analysis
 """
 APPLICATIONS = """
-feasibility gpu identification optimal_control sweep
+closed_forms feasibility gpu identification optimal_control sweep
 plot view
 """
 PROGRAMS = """
@@ -100,7 +100,7 @@ DOORS = {
     'rclpy': ('demo', 'ros'),
     'rich': ('demo', '_util/progress.py'),
     'scipy': ('identification',),
-    'sympy': ('cli',),
+    'sympy': ('closed_forms',),
     'torch': ('robot/frameworks/torch_function.py',),
     'trimesh': ('urdf/link_shapes.py', 'view'),
     'viser': ('view',),
@@ -223,8 +223,7 @@ def test_library_is_imported_only_where_it_may_be(library):
 @pytest.mark.parametrize('library', LAZY)
 def test_optional_library_is_imported_only_when_used(library):
     eager = [found for found in IMPORTS if found.target.split('.')[0] == library
-             and not found.lazy and found.unit not in ('demo', 'plot', 'view')
-             and not found.importer.startswith('cli/equations/')]
+             and not found.lazy and found.unit not in ('closed_forms', 'demo', 'plot', 'view')]
     assert eager == []
 
 

@@ -61,22 +61,25 @@ def export(options: Namespace) -> None:
 
 def equations(options: Namespace) -> None:
     """Print or write the closed form of a small mechanism's equations of motion."""
-    closed = extra('kane_dynamics.cli.equations.closed_form', 'equations',
-                   'equations in closed form')  # errors early
+    texts = extra('kane_dynamics.closed_forms.closed_form_text', 'equations',
+                  'equations in closed form')  # errors early
+    from kane_dynamics.closed_forms import closed_form
     model, robot = load(options)
     with progress_bar('deriving', 1.0) as progress:
-        form = closed.closed_form(model, numbers=options.numbers, friction=robot.friction,
-                                  progress=progress)
+        form = closed_form(model, numbers=options.numbers, friction=robot.friction,
+                           progress=progress)
     if options.json:
-        text = as_json(closed.as_data(form, robot.operation_count())) + '\n'
+        text = as_json(texts.as_data(form, robot.operation_count())) + '\n'
     elif options.format == 'text':
-        text = closed.as_text(form, robot.operation_count())
+        text = texts.as_text(form, robot.operation_count())
     else:
-        text = getattr(closed, f'as_{options.format}')(form)
-    if options.out:
-        with whole_file(options.out) as stream:
-            stream.write(text)
-    print(f'wrote {options.out}' if options.out else text, end='\n' if options.out else '')
+        text = getattr(texts, f'as_{options.format}')(form)
+    if not options.out:
+        print(text, end='')
+        return
+    with whole_file(options.out) as stream:
+        stream.write(text)
+    print(f'wrote {options.out}')
 
 
 def doctor(options: Namespace) -> int:

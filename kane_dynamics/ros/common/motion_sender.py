@@ -22,7 +22,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-WAIT = 30.0  # s, for joint states and torques; discovery takes some of them
+WAIT = 120.0  # s, for joint states and torques: kernels of many joints take a while to compile
 LEAD = 0.5  # s between sending a motion and its start
 RATE = 50.0  # points of a trajectory per second
 SETTLING = 0.2  # s after the end, in which the arm is still observed
@@ -74,7 +74,7 @@ def send_motion(make: Callable[[Array], Motion], joint_names: tuple[str, ...], *
     Raises
     ------
     InputError
-        No joint states, or no torques, within 30 s; the arm did not move.
+        No joint states, or no torques, within two minutes; the arm did not move.
 
     """
     context = Context()

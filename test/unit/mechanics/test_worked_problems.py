@@ -2,7 +2,7 @@
 
 from definition import Definition
 from kane_dynamics import Robot
-from kane_dynamics.cli.equations.symbolic import symbols, unwrapped
+from kane_dynamics.closed_forms.symbolic import symbols, unwrapped
 from kane_dynamics.mechanics.definition import kane, kinematics
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Model, WORLD

@@ -1,18 +1,17 @@
-"""Mechanics with SymPy symbols: scalar type, symbolic models, simplification."""
+"""Mechanics with SymPy symbols: a scalar type, and models whose constants are symbols."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
-from kane_dynamics.cli.equations.polynomials import Polynomials
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
 from kane_dynamics.model.model import Body, Joint, Model
 import numpy as np
 import sympy as sp
-from sympy.simplify.fu import TR8
 
-MOST_SHORTENED = 200  # terms; simplifying more takes minutes
+AXES = 'xyz'
 ROOTS = (sp.sqrt(2) / 2, sp.sqrt(3) / 2, sp.sqrt(2), sp.sqrt(3))
 
 
@@ -104,39 +103,49 @@ class ParameterSymbols:
     """Symbols for the constants of a model, in the order of their use."""
 
     def __init__(self) -> None:
-        """Create an empty collection."""
-        self.found: dict[str, Parameter] = {}
+        """Create an empty table."""
+        self.parameters: dict[str, Parameter] = {}
 
     def scalar(self, name: str, value: float, unit: str, meaning: str) -> Any:
         """Return 0, or plus or minus a positive symbol."""
         if value == 0.0:
             return 0.0
         symbol = sp.Symbol(name, positive=True)
-        self.found.setdefault(name, Parameter(symbol, abs(float(value)), unit, meaning))
+        self.parameters.setdefault(name, Parameter(symbol, abs(float(value)), unit, meaning))
         return Symbolic(symbol if value > 0.0 else -symbol)
 
     def vector(self, name: str, values: Any, unit: str, meaning: str) -> Any:
         """Return a vector; the names of several nonzero components contain the axis."""
-        several = np.count_nonzero(values) > 1
-        return np.array([self.scalar(name + (axis if several else ''), value, unit,
-                                     f'{meaning}, along {"-" if value < 0.0 else ""}{axis}')
-                         for axis, value in zip('xyz', values)], dtype=object)
+        has_several = np.count_nonzero(values) > 1
+        components = []
+        for axis, value in zip(AXES, values, strict=True):
+            suffix = axis if has_several else ''
+            sign = '-' if value < 0.0 else ''
+            components.append(self.scalar(name + suffix, value, unit,
+                                          f'{meaning}, along {sign}{axis}'))
+        return np.array(components, dtype=object)
 
     def tensor(self, name: str, values: Any, meaning: str) -> Any:
         """Return a symmetric tensor; moments that are equal share a symbol."""
         result = np.zeros((3, 3), dtype=object)
-        moments = np.diag(values)
-        alike = len(set(moments[moments != 0.0].tolist())) == 1
         for i in range(3):
-            for j in range(i, 3):
-                twin = max(k for k in range(3) if moments[k] == moments[i]) if i == j else j
-                suffix = '' if alike and i == j else 'xyz'[twin if i == j else i] + 'xyz'[twin]
-                shared = [k for k in range(3) if moments[k] == moments[i]] if i == j else []
-                part = ' and '.join(2 * 'xyz'[k] for k in shared) or (
-                    ('-' if values[i, j] < 0.0 else '') + 'xyz'[i] + 'xyz'[j])
-                result[i, j] = result[j, i] = self.scalar(name + suffix, values[i, j], 'kg m^2',
-                                                          f'{meaning}, {part}')
+            result[i, i] = self._moment(name, np.diag(values), i, meaning)
+            for j in range(i + 1, 3):
+                sign = '-' if values[i, j] < 0.0 else ''
+                pair = AXES[i] + AXES[j]
+                result[i, j] = result[j, i] = self.scalar(
+                    name + pair, values[i, j], 'kg m^2', f'{meaning}, {sign}{pair}')
         return result
+
+    def _moment(self, name: str, moments: Array, i: int, meaning: str) -> Any:
+        """Return a moment of inertia, under one symbol with those that equal it."""
+        equal_axes = [k for k in range(3) if moments[k] == moments[i]]
+        nonzero = moments[moments != 0.0]
+        # One symbol for all moments needs no axis; else it has that of its last one.
+        only_one_value = len(set(nonzero.tolist())) == 1
+        suffix = '' if only_one_value else 2 * AXES[max(equal_axes)]
+        axes = ' and '.join(2 * AXES[k] for k in equal_axes)
+        return self.scalar(name + suffix, moments[i], 'kg m^2', f'{meaning}, {axes}')
 
 
 def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
@@ -164,93 +173,71 @@ def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
     """
     if model.flexible:
         raise ModelError(f"closed form of '{model.name}': flexible bodies; expected rigid bodies")
-    given = ParameterSymbols()
-    g = model.gravity
-    bodies = [SimpleNamespace(name=body.name, parent=body.parent,
-                              inertial=_inertial(given, k + 1, body),
-                              joint=_joint(given, k + 1, body.joint), beam=None)
-              for k, body in enumerate(model.bodies)]
-    gravity = given.vector('g', g, 'm/s^2', 'gravity')
-    return (SimpleNamespace(n=model.n, bodies=bodies, gravity=gravity, name=model.name,
-                            coordinate_names=model.coordinate_names, balls=()),
-            list(given.found.values()))
+    table = ParameterSymbols()
+    bodies = []
+    for number, body in enumerate(model.bodies, 1):
+        bodies.append(SimpleNamespace(name=body.name, parent=body.parent, beam=None,
+                                      inertial=_inertial(table, number, body),
+                                      joint=_joint(table, number, body.joint)))
+    gravity = table.vector('g', model.gravity, 'm/s^2', 'gravity')
+    view = SimpleNamespace(n=model.n, bodies=bodies, gravity=gravity, name=model.name,
+                           coordinate_names=model.coordinate_names, balls=())
+    return view, list(table.parameters.values())
 
 
-def _inertial(given: ParameterSymbols, k: int, body: Body) -> Any:
-    own = body.inertial
+def exact_model(model: Model) -> Any:
+    """Return a model as `parametrised` does, with exact SymPy numbers in place of symbols."""
+    view, parameters = parametrised(model)
+    values = {parameter.symbol: unwrapped(parameter.value) for parameter in parameters}
+
+    def numbers_of(value: Any) -> Any:
+        if isinstance(value, Symbolic):
+            return Symbolic(value.value.xreplace(values))
+        if isinstance(value, np.ndarray):
+            entries = [numbers_of(entry) for entry in value.ravel()]
+            return np.array(entries, dtype=object).reshape(value.shape)
+        return value
+    for body in view.bodies:
+        for part in (body.inertial, body.joint):
+            fields = vars(part)
+            fields.update({name: numbers_of(value) for name, value in fields.items()})
+    view.gravity = numbers_of(view.gravity)
+    return view
+
+
+def _inertial(table: ParameterSymbols, number: int, body: Body) -> Any:
+    """Return the inertial properties of a body as symbols."""
+    inertial = body.inertial
     return SimpleNamespace(
-        mass=given.scalar(f'm{k}', own.mass, 'kg', f'mass of {body.name}'),
-        com=given.vector(f'r{k}', own.com, 'm', f'center of mass of {body.name}'),
-        inertia=given.tensor(f'I{k}', own.inertia, f'central moment of inertia of {body.name}'))
+        mass=table.scalar(f'm{number}', inertial.mass, 'kg', f'mass of {body.name}'),
+        com=table.vector(f'r{number}', inertial.com, 'm', f'center of mass of {body.name}'),
+        inertia=table.tensor(f'I{number}', inertial.inertia,
+                             f'central moment of inertia of {body.name}'))
 
 
-def _joint(given: ParameterSymbols, k: int, joint: Joint) -> Any:
-    length, force = ('m', 'N') if joint.kind == 'prismatic' else ('rad', 'N m')
-    inertia = 'kg' if joint.kind == 'prismatic' else 'kg m^2'
-    one = {
+def _joint(table: ParameterSymbols, number: int, joint: Joint) -> Any:
+    """Return a joint whose properties are symbols."""
+    slides = joint.kind == 'prismatic'
+    length, force, inertia = ('m', 'N', 'kg') if slides else ('rad', 'N m', 'kg m^2')
+    rest = "minus the spring's rest at" if joint.rest < 0.0 else "spring's rest at"
+    letters = {
         'stiffness': ('k', f'{force}/{length}', 'stiffness at'),
-        'rest': ('s', length, ('minus the ' if joint.rest < 0.0 else '') + "spring's rest at"),
+        'rest': ('s', length, rest),
         'damping': ('d', f'{force} s/{length}', 'damping at'),
         'friction': ('f', force, 'Coulomb friction at'),
         'friction_offset': ('b', force, 'friction at rest at'),
         'armature': ('J', inertia, 'armature at')}
-    values = {name: given.scalar(f'{letter}{k}', getattr(joint, name), unit,
-                                 f'{meaning} {joint.name}')
-              for name, (letter, unit, meaning) in one.items()}
-    speed = (given.scalar(f'w{k}', joint.friction_speed, f'{length}/s',
-                          f'friction speed at {joint.name}')
-             if joint.friction else 1.0)
-    place = given.vector(f'l{k}', joint.translation, 'm', f'position of {joint.name}')
+    properties = {}
+    for name, (letter, unit, meaning) in letters.items():
+        properties[name] = table.scalar(f'{letter}{number}', getattr(joint, name), unit,
+                                        f'{meaning} {joint.name}')
+    speed: Any = 1.0
+    if joint.friction:
+        speed = table.scalar(f'w{number}', joint.friction_speed, f'{length}/s',
+                             f'friction speed at {joint.name}')
+    place = table.vector(f'l{number}', joint.translation, 'm', f'position of {joint.name}')
     return SimpleNamespace(name=joint.name, kind=joint.kind, axis=joint.axis,
                            rotation=joint.rotation, translation=place,
                            coordinate=joint.coordinate, multiplier=joint.multiplier,
                            offset=joint.offset, friction_speed=speed, deflection=None,
-                           **values)
-
-
-def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = (), *,
-              progress: Callable[[float], object] = lambda done: None) -> list[Any]:
-    """
-    Return simplified expressions, with sin^2 + cos^2 = 1 and sums of angles applied.
-
-    Parameters
-    ----------
-    expressions : sequence of SymPy expressions
-        Expressions in sines and cosines of q, polynomial in u and tanh(u).
-    q, u : symbols
-        Coordinates and speeds; the coefficient of each product of speeds is simplified by itself,
-        and left expanded if it has more than `MOST_SHORTENED` terms.
-    progress : callable
-        Called with the finished fraction of the expressions.
-
-    Raises
-    ------
-    InputError
-        If an expression has too many terms.
-
-    """
-    angles, polynomials, short = list(q), Polynomials(expressions), []
-    speeds = [*u, *(x for x in polynomials.generators if isinstance(x, sp.tanh))]
-    for done, expression in enumerate(expressions):
-        parts = polynomials.by(polynomials.of(expression), speeds)
-        short.append(sp.Add(*(product * _short(part, angles) for product, part in parts.items())))
-        progress((done + 1) / len(expressions))
-    return short
-
-
-def _short(polynomial: Any, q: list[Any]) -> Any:
-    """Return the shorter form of a polynomial: in sines and cosines of q, or of sums of q."""
-    products = polynomial.as_expr()
-    if len(polynomial) > MOST_SHORTENED:
-        return products
-    sums = sp.expand(TR8(products))
-    for x in q:
-        products = min(products, _lowered(products, sp.cos(x), sp.sin(x)), key=sp.count_ops)
-    return min(map(sp.factor_terms, (products, sums)), key=sp.count_ops)
-
-
-def _lowered(expression: Any, high: Any, low: Any) -> Any:
-    """Return a polynomial with high^2 replaced by 1 - low^2."""
-    terms = sp.Poly(expression, high, domain='EX').terms()
-    return sp.expand(sp.Add(*(coefficient * high**(k % 2) * (1 - low**2)**(k // 2)
-                              for (k,), coefficient in terms)))
+                           **properties)

@@ -4,9 +4,11 @@ from dataclasses import replace
 from itertools import product
 
 from kane_dynamics import box, Inertial, InputError, Model, ModelBuilder, point_mass
-from kane_dynamics.cli.equations import polynomials
-from kane_dynamics.cli.equations.closed_form import as_csv, closed_form
-from kane_dynamics.cli.equations.symbolic import exact, shortened, Symbolic, symbols, unwrapped
+from kane_dynamics.closed_forms import polynomials
+from kane_dynamics.closed_forms.closed_form import closed_form
+from kane_dynamics.closed_forms.closed_form_text import as_csv
+from kane_dynamics.closed_forms.polynomials import shortened
+from kane_dynamics.closed_forms.symbolic import exact, Symbolic, symbols, unwrapped
 from kane_dynamics.mechanics.definition import kane, kinematics
 from mechanisms import random_model, random_state
 import numpy as np

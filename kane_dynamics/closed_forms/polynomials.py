@@ -1,19 +1,21 @@
 """
-Expand expressions to polynomials in sines, cosines, symbols and square roots.
+Short expressions, by polynomials in sines, cosines, symbols and square roots.
 
 SymPy's `expand` expands a nested expression before terms cancel, which takes too long for
 mechanisms with oblique axes. Here each node of the expression is converted once to a polynomial
 of SymPy's sparse rings, and sin^2 = 1 - cos^2 is applied after every product.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from kane_dynamics.errors import InputError
 import sympy as sp
 from sympy.polys.rings import ring
+from sympy.simplify.fu import TR8
 
 MOST_TERMS = 5000  # of a polynomial; more are too many to read
+MOST_SHORTENED = 200  # terms; simplifying more takes minutes
 
 
 class Polynomials:
@@ -34,10 +36,14 @@ class Polynomials:
         self.ring, *generators = ring(atoms, sp.QQ) if atoms else (ring('x', sp.QQ)[0],)
         self.generators = dict(zip(atoms, generators))
         self._values: dict[Any, Any] = {}
-        one, place = self.ring.one, {atom: k for k, atom in enumerate(atoms)}
-        self._rules = [(place[atom], one - self.generators[sp.cos(*atom.args)]**2)
-                       for atom in atoms if isinstance(atom, sp.sin)]
-        self._rules += [(place[atom], one * int(atom.base)) for atom in atoms if atom.is_Pow]
+        # The square of each sine and each root, by the place of its generator.
+        self._rules: list[tuple[int, Any]] = []
+        for place, atom in enumerate(atoms):
+            if isinstance(atom, sp.sin):
+                cosine = self.generators[sp.cos(*atom.args)]
+                self._rules.append((place, self.ring.one - cosine**2))
+            elif atom.is_Pow:
+                self._rules.append((place, self.ring.one * int(atom.base)))
 
     def of(self, expression: Any) -> Any:
         """
@@ -50,20 +56,24 @@ class Polynomials:
 
         """
         if expression not in self._values:
-            self._values[expression] = self._made(expression)
+            self._values[expression] = self._expanded(expression)
         return self._values[expression]
 
     def by(self, polynomial: Any, variables: Iterable[Any]) -> dict[Any, Any]:
         """Return the coefficients of a polynomial in some generators, by monomial."""
         places = [self.ring.symbols.index(x) for x in variables if x in self.generators]
-        found: dict[Any, Any] = {}
+        coefficients: dict[Any, Any] = {}
         for powers, coefficient in polynomial.terms():
-            rest = tuple(0 if k in places else power for k, power in enumerate(powers))
-            product = sp.Mul(*(self.ring.symbols[k]**powers[k] for k in places))
-            found.setdefault(product, self.ring.zero)[rest] = coefficient
-        return found
+            remaining = list(powers)
+            monomial = sp.Integer(1)
+            for k in places:
+                remaining[k] = 0
+                monomial *= self.ring.symbols[k]**powers[k]
+            part = coefficients.setdefault(monomial, self.ring.zero)
+            part[tuple(remaining)] = coefficient
+        return coefficients
 
-    def _made(self, expression: Any) -> Any:
+    def _expanded(self, expression: Any) -> Any:
         expression = self.plain.form(expression)
         if expression.is_Rational:
             return self.ring.one * sp.QQ(expression.p, expression.q)
@@ -74,8 +84,10 @@ class Polynomials:
             for part in expression.args:
                 result = self._bounded(result + self.of(part))
             return result
-        factors = ([self.of(expression.base)] * int(expression.exp) if expression.is_Pow
-                   else sorted(map(self.of, expression.args), key=len))
+        if expression.is_Pow:
+            factors = [self.of(expression.base)] * int(expression.exp)
+        else:  # products of short polynomials first, which keeps intermediate ones short
+            factors = sorted(map(self.of, expression.args), key=len)
         result = self.ring.one
         for factor in factors:
             result = self._bounded(self._lowered(result * factor))
@@ -109,12 +121,13 @@ class _Trig:
         """Collect the symbols and functions of the expressions."""
         self.atoms: set[Any] = set()
         self._forms: dict[Any, Any] = {}
-        waiting, seen = list(expressions), set()
+        waiting = list(expressions)
+        visited = set()
         while waiting:
             x = self.form(waiting.pop())
-            if x in seen:
+            if x in visited:
                 continue
-            seen.add(x)
+            visited.add(x)
             if x.is_Add or x.is_Mul:
                 waiting.extend(x.args)
             elif x.is_Pow and x.exp.is_Integer and x.exp > 0:
@@ -135,3 +148,57 @@ class _Trig:
             return sp.Mul(*(sp.sqrt(p)**k for p, k in sp.factorint(x.base).items()),
                           evaluate=False)
         return x
+
+
+def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = (), *,
+              progress: Callable[[float], object] = lambda done: None) -> list[Any]:
+    """
+    Return simplified expressions, with sin^2 + cos^2 = 1 and sums of angles applied.
+
+    Parameters
+    ----------
+    expressions : sequence of SymPy expressions
+        Expressions in sines and cosines of q, polynomial in u and tanh(u).
+    q, u : symbols
+        Coordinates and speeds; the coefficient of each product of speeds is simplified by itself,
+        and left expanded if it has more than `MOST_SHORTENED` terms.
+    progress : callable
+        Called with the finished fraction of the expressions.
+
+    Raises
+    ------
+    InputError
+        If an expression has too many terms.
+
+    """
+    angles = list(q)
+    polynomials = Polynomials(expressions)
+    frictions = [x for x in polynomials.generators if isinstance(x, sp.tanh)]
+    speeds = [*u, *frictions]
+    results = []
+    for done, expression in enumerate(expressions, 1):
+        parts = polynomials.by(polynomials.of(expression), speeds)
+        terms = [product * _short(part, angles) for product, part in parts.items()]
+        results.append(sp.Add(*terms))
+        progress(done / len(expressions))
+    return results
+
+
+def _short(polynomial: Any, q: list[Any]) -> Any:
+    """Return the shorter form of a polynomial: in sines and cosines of q, or of sums of q."""
+    products = polynomial.as_expr()
+    if len(polynomial) > MOST_SHORTENED:
+        return products
+    sums = sp.expand(TR8(products))
+    for x in q:
+        products = min(products, _lowered(products, sp.cos(x), sp.sin(x)), key=sp.count_ops)
+    return min(map(sp.factor_terms, (products, sums)), key=sp.count_ops)
+
+
+def _lowered(expression: Any, high: Any, low: Any) -> Any:
+    """Return a polynomial with high^2 replaced by 1 - low^2."""
+    lowered = []
+    for (power,), coefficient in sp.Poly(expression, high, domain='EX').terms():
+        square = (1 - low**2)**(power // 2)
+        lowered.append(coefficient * high**(power % 2) * square)
+    return sp.expand(sp.Add(*lowered))
