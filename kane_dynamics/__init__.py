@@ -109,8 +109,8 @@ _NAMES_BY_MODULE = {
     'urdf.link_shapes': 'load_collision_shapes',
 }
 _PACKAGES = ('analysis', 'closed_forms', 'control', 'errors', 'feasibility', 'gpu', 'identification',
-             'kinematics', 'mechanics', 'model', 'motion', 'optimal_control', 'plot', 'robot', 'simulation',
-             'sweep', 'urdf', 'view')
+             'kinematics', 'mechanics', 'model', 'motion', 'optimal_control', 'plot', 'robot',
+             'simulation', 'sweep', 'urdf', 'view')
 _MODULES = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
 
 

@@ -15,7 +15,7 @@ COUNTERPARTS = {
     'inverse_dynamics(q, u, udot)': 'rnea rne calcinversedynamics inversedynamics id mjinverse '
                                     'tau',
     'forward_dynamics(q, u, tau)': 'aba forwarddynamics fd calcforwarddynamics mjforward',
-    'mass_matrix(q)': 'crba calcmassmatrix m inertiamatrix jointspaceinertia massmatrix h',
+    'mass_matrix(q)': 'crba calcmassmatrix m inertiamatrix inertia jointspaceinertia massmatrix h',
     'inverse_mass_matrix(q)': 'computeminverse minverse minv',
     'bias_force(q, u)': 'nle nonlineareffects calcbiasterm bias qfrcbias biasforces',
     'gravity_force(q)': 'computegeneralizedgravity calcgravitygeneralizedforces '
@@ -66,7 +66,9 @@ FUNCTIONS = {
         'addmodels addmodelfromfile load urdf read frommodel',
     'kane_dynamics.load_mjcf(path), and Robot(model, **options)':
         'frommjcf loadmjcf buildmodelfrommjcf fromxmlpath',
-    'the functions of kane_dynamics.plot': 'plot plots draw',
+    'the functions of kane_dynamics.plot': 'plot plots draw plottorque plottorques plotmotion',
+    'kane_dynamics.pose_from(position, rpy=...), a (4, 4) array':
+        'se3 transform pose homogeneous rigidtransform',
     'kane_dynamics.view.Window(robot)': 'teach view show display viewer visualize render',
     'sum(body.inertial.mass for body in model.bodies)': 'mass totalmass computetotalmass',
     'kane_dynamics.Motion.from_points(times, positions, joint_names=...)':

@@ -134,7 +134,7 @@ def _equations(sub: ArgumentParser) -> None:
 def _add_efforts(sub: ArgumentParser) -> None:
     """Add the options that state what efforts are."""
     from kane_dynamics.analysis.known_arms import EffortKind
-    sub.add_argument('--efforts', choices=tuple(EffortKind), metavar='KIND',
+    sub.add_argument('--efforts', choices=[str(kind) for kind in EffortKind], metavar='KIND',
                      help='what the efforts are: motor_current, motor_torque (default), '
                      'joint_torque of a sensor, external_torque')
     sub.add_argument('--efforts-without-gravity', action='store_true',

@@ -110,6 +110,9 @@ def _options(parser: argparse.ArgumentParser, arguments: list[str]) -> argparse.
         if argument.startswith('-') and _is_number(argument):
             marked[f' {argument}'] = argument
     words = [f' {word}' if f' {word}' in marked else word for word in arguments]
+    if arguments[0].startswith('-') and arguments[0] not in ('-h', '--help'):
+        parser.error(f"'{arguments[0]}' before the command; expected one of "
+                     f'{", ".join(COMMANDS)}, or --help, --version')
     options, rest = parser.parse_known_args(words)
 
     def restored(value: Any) -> Any:
@@ -125,7 +128,8 @@ def _options(parser: argparse.ArgumentParser, arguments: list[str]) -> argparse.
 def _text_of(error: KaneError | OSError) -> str:
     """Return the message of an error; that of the system is led by the file's name."""
     if isinstance(error, OSError) and error.filename is not None:
-        return f"'{error.filename}': {str(error.strerror).lower()}"
+        return (f"'{error.filename}': {str(error.strerror).lower()}; expected the path of a file "
+                'that can be read, or written in an existing folder')
     return str(error)
 
 
@@ -134,7 +138,31 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the message and exit with code 2."""
-        self.exit(INVALID, f'kane-dynamics: error: {message}\nsee {self.prog} --help\n')
+        text = _as_expected(message)
+        self.exit(INVALID, f'kane-dynamics: error: {text}\nsee {self.prog} --help\n')
+
+
+def _as_expected(message: str) -> str:
+    """Return an error of argparse in the form of the library: what was given, what is expected."""
+    message = re.sub(r'^argument (?:-\w/)?', '', message)
+    choice = re.fullmatch(r"(.*?): invalid choice: '(.*?)' \(choose from (.*)\)", message)
+    if choice is not None:
+        name, value, listed = choice.groups()
+        choices = re.findall(r"'(.*?)'", listed)
+        near = difflib.get_close_matches(value, choices, 1)
+        hint = f'{near[0]}, or one of ' if near else 'one of '
+        return f"{name}: '{value}'; expected {hint}{', '.join(choices)}"
+    number = re.fullmatch(r"(.*?): invalid (float|int) value: '(.*)'", message)
+    if number is not None:
+        kind = 'a number' if number[2] == 'float' else 'an integer'
+        return f"{number[1]}: '{number[3]}'; expected {kind}"
+    missing = re.fullmatch(r'the following arguments are required: (.*)', message)
+    if missing is not None:
+        return f'{missing[1]}: missing; expected all of them'
+    excluded = re.fullmatch(r'(.*?): not allowed with argument (.*)', message)
+    if excluded is not None:
+        return f'{excluded[1]}: given with {excluded[2]}; expected one of them'
+    return message
 
 
 def _command(parser: argparse.ArgumentParser, command: str) -> argparse.ArgumentParser:
@@ -169,7 +197,7 @@ def _refuse_unknown(parser: argparse.ArgumentParser, options: argparse.Namespace
         nearest = [f'--{synonym}']
     else:
         nearest = difflib.get_close_matches(unknown, flags, 1)
-    hint = f'; expected {nearest[0]}?' if nearest else ''
+    hint = f'; expected {nearest[0]}?' if nearest else '; expected no further ones'
     _command(parser, options.command).error(
         f'unrecognized arguments: {" ".join(options.rest)}{hint}')
 

@@ -38,14 +38,15 @@ ROUNDING = 1e-13  # relative to the largest number of a table
 
 def source_of(options: Namespace) -> str | bytes:
     """Return the URDF for load_urdf: a path, or its text from standard input or from xacro."""
-    if options.urdf == '-' and sys.stdin is None:
-        raise InputError("URDF: '-', and standard input is closed; expected a URDF on standard "
-                         'input, or the path of a file')
     if options.urdf == '-':
         if sys.stdin is None:
-            raise InputError('standard input: closed; expected a URDF')
+            raise InputError("URDF: '-', and standard input is closed; expected a URDF on "
+                             'standard input, or the path of a file')
         options.urdf = sys.stdin.buffer.read()  # standard input can be read only once
     if options.xacro:
+        if isinstance(options.urdf, str) and '.xacro' not in options.urdf:
+            raise InputError(f"--xacro: given with '{options.urdf}'; expected it with a file whose "
+                             'name has .xacro')
         options.urdf = expand_xacro(options.urdf, arguments_of(options.xacro))
         options.xacro = None
     source: str | bytes = options.urdf

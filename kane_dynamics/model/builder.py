@@ -19,7 +19,7 @@ from kane_dynamics.model.beam import renumbered
 from kane_dynamics.model.flexible_link import AssumedModes, FlexibleLink
 from kane_dynamics.model.inertial import check_moments, Inertial
 from kane_dynamics.model.joint_expansion import expand_joint, StatedJoint
-from kane_dynamics.model.model import Body, Frame, GRAVITY, Joint, Model, WORLD
+from kane_dynamics.model.model import Body, Frame, GRAVITY, Joint, Limits, Model, WORLD
 from kane_dynamics.model.placement import ORIGIN, Placement, stated_pose
 import numpy as np
 from numpy.typing import ArrayLike
@@ -556,6 +556,10 @@ def _check_properties(joint: str, properties: dict[str, Any],
     if unknown:
         raise ModelError(f"joint '{joint}': no property '{unknown[0]}'; expected one of "
                          f'{", ".join(PROPERTIES)}')
+    limits = properties.get('limits')
+    if limits is not None and not isinstance(limits, Limits):
+        raise ModelError(f"joint '{joint}': limits: {limits!r}; expected Limits(lower, upper, "
+                         'velocity, effort)')
 
 
 def _check_inertial(on: str, inertial: Inertial) -> None:

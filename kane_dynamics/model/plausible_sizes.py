@@ -16,10 +16,15 @@ def reach(model: Model) -> float:
     return sum(float(np.linalg.norm(body.joint.translation)) for body in model.bodies)
 
 
+def is_far(distance: float, links: float) -> bool:
+    """Return whether a distance, m, is longer than all links in one line, and than `NEAR`."""
+    return distance > max(links, NEAR)
+
+
 def warn_of_distance(vector: Array, links: float, what: str, stacklevel: int) -> None:
-    """Warn of a vector, m, longer than all links in one line, and than `NEAR`."""
+    """Warn of a vector, m, that is far as of `is_far`."""
     distance = float(np.linalg.norm(vector))
-    if distance > max(links, NEAR):
+    if is_far(distance, links):
         warnings.warn(f'{what} {distance:.4g} m from its frame, and all links in one '
                       f'line reach {links:.4g} m; expected m', ModelWarning,
                       stacklevel=stacklevel + 1)

@@ -250,7 +250,10 @@ class Motion:
 
         """
         if not isinstance(t, float | int):
-            array = np.asarray(t, dtype=np.float64)
+            try:
+                array = np.asarray(t, dtype=np.float64)
+            except (TypeError, ValueError):
+                raise InputError(f't: {t!r}; expected a time in s, or (K,) times') from None
             if array.ndim:
                 return self._sample_many(array)
             t = float(array)

@@ -115,6 +115,9 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
         if isinstance(wrench_frames, str):
             raise InputError(f"wrench_frames: the string '{wrench_frames}'; expected a sequence "
                              'of frame names')
+        for name, value in (('friction', friction), ('frame_reduction', frame_reduction)):
+            if not isinstance(value, bool | np.bool_):
+                raise InputError(f'{name}: {value!r}; expected True or False')
         self._options: dict[str, Any] = {
             'wrench_frames': tuple(wrench_frames), 'payload_frame': payload_frame,
             'friction': bool(friction), 'frame_reduction': bool(frame_reduction)}

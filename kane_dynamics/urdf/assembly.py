@@ -13,8 +13,9 @@ from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model.ball_coordinates import quaternion_names
 from kane_dynamics.model.inertial import principal_moments
 from kane_dynamics.model.joint_expansion import Mimic, StatedJoint, StatedLimits
-from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model, WORLD
+from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model, ROUNDING, WORLD
 from kane_dynamics.model.placement import EYE, Placement, rotation_about, snapped
+from kane_dynamics.model.plausible_sizes import is_far
 from kane_dynamics.urdf.notices import Notices
 from kane_dynamics.urdf.selection import Selection
 from kane_dynamics.urdf.supplement import Supplement
@@ -37,6 +38,8 @@ def assemble_model(tree: UrdfTree, selection: Selection, supplement: Supplement,
     riders = _riders(tree, selection, supplement, placements, len(moving), notices,
                      strict)
     _note_masses(tree, moving, riders, notices)
+    _note_locked(selection, notices)
+    _note_payload(supplement, moving, notices)
 
     # The coordinates: the free joints, outward from the base or in the order that is
     # asked for.
@@ -65,8 +68,30 @@ def assemble_model(tree: UrdfTree, selection: Selection, supplement: Supplement,
                  balls)
 
 
-# ---------------------------------------------------------------------- placements of
-# links
+def _note_locked(selection: Selection, notices: Notices) -> None:
+    """Note joints that are locked outside their limits, as positions in degrees are."""
+    for name, position in selection.positions.items():
+        limits = selection.singles[name].limits
+        if limits is None or limits.lower is None or limits.upper is None:
+            continue
+        is_stated = limits.lower < limits.upper
+        if is_stated and not limits.lower - ROUNDING <= position <= limits.upper + ROUNDING:
+            notices.locked_outside.append(
+                f'{name} at {position:g} ({limits.lower:g} to {limits.upper:g})')
+
+
+def _note_payload(supplement: Supplement, moving: Moving, notices: Notices) -> None:
+    """Note a payload far from its frame, as of millimeters."""
+    if supplement.payload is None:
+        return
+    link, inertial = supplement.payload
+    links = sum(float(np.linalg.norm(single.translation)) for single, _ in moving)
+    distance = float(np.linalg.norm(inertial.com))
+    if is_far(distance, links):
+        notices.far_payload.append(f'{link} ({distance:.4g} m, {links:.4g} m)')
+
+
+# ---------------------------------------------------------------------- placements of links
 
 def _placements(selection: Selection) -> tuple[dict[str, Placement], Moving]:
     """

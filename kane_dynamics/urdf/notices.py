@@ -34,6 +34,11 @@ class Notices:
     degrees: Names = _kind('revolute joints whose <limit> spans many turns (URDF states '
                            'rad): degrees?')
     degree_rpy: Names = _kind(DEGREES)
+    locked_outside: Names = _kind('locked positions outside the limits; expected rad or '
+                                  'm: degrees?')
+    far_payload: Names = _kind('payload of the supplement whose center of mass is '
+                               'farther from its frame than all links reach in one line; '
+                               'expected m')
     indefinite: Names = _kind('links whose inertia has a negative principal moment; '
                               'used unchanged because of strict=False')
     triangle: Names = _kind('links whose inertia is impossible: a principal moment '

@@ -148,12 +148,12 @@ def test_shapes_that_overlap_at_rest_are_left_out_by_name():
 
 
 @pytest.mark.parametrize(('change', 'words'), [
-    (dict(shapes=LinkShape('a', 'box', np.ones(3), np.eye(4))), 'shapes: a LinkShape; expected'),
-    (dict(shapes=[LinkShape('a', 'mesh', np.ones(3), np.eye(4))]), "kind 'mesh'; expected one"),
-    (dict(obstacles=[LinkShape('a', 'box', np.ones(2), np.eye(4))]), 'expected 3 finite numbers'),
-    (dict(obstacles=[LinkShape('upper', 'box', np.ones(3), np.eye(4))]), 'expected another name'),
-    (dict(obstacles=[LinkShape('a', 'box', np.ones(3), np.eye(3))]), 'expected a finite .4, 4.'),
-    (dict(ignored=[('upper', 'elbow')]), "ignored: 'elbow' has no shape; expected names of")])
+    ({'shapes': LinkShape('a', 'box', np.ones(3), np.eye(4))}, 'shapes: a LinkShape; expected'),
+    ({'shapes': [LinkShape('a', 'mesh', np.ones(3), np.eye(4))]}, "kind 'mesh'; expected one"),
+    ({'obstacles': [LinkShape('a', 'box', np.ones(2), np.eye(4))]}, 'expected 3 finite numbers'),
+    ({'obstacles': [LinkShape('upper', 'box', np.ones(3), np.eye(4))]}, 'expected another name'),
+    ({'obstacles': [LinkShape('a', 'box', np.ones(3), np.eye(3))]}, 'expected a finite .4, 4.'),
+    ({'ignored': [('upper', 'elbow')]}, "ignored: 'elbow' has no shape; expected names of")])
 def test_invalid_shapes_and_names_are_refused(change, words):
     robot, shapes = two_links()
     with pytest.raises(InputError, match=words):
