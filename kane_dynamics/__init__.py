@@ -108,9 +108,9 @@ _NAMES_BY_MODULE = {
     'urdf': 'expand_xacro load_urdf',
     'urdf.link_shapes': 'load_collision_shapes',
 }
-_PACKAGES = ('analysis', 'closed_forms', 'control', 'errors', 'feasibility', 'gpu', 'identification',
-             'kinematics', 'mechanics', 'model', 'motion', 'optimal_control', 'plot', 'robot',
-             'simulation', 'sweep', 'urdf', 'view')
+_PACKAGES = ('analysis', 'closed_forms', 'control', 'errors', 'feasibility', 'gpu',
+             'identification', 'kinematics', 'mechanics', 'model', 'motion', 'optimal_control',
+             'plot', 'robot', 'simulation', 'sweep', 'urdf', 'view')
 _MODULES = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
 
 

@@ -5,8 +5,7 @@ from collections.abc import Callable
 import math
 from typing import Any
 
-from kane_dynamics.cli.plot_arguments import add_plot, KINDS
-
+KINDS = ('trajectory', 'torque-by-source', 'energy', 'reactions', 'phase')  # of pictures
 WITHIN = 'zeros, or the middle of limits that exclude 0'
 STEP = 0.01  # s, between samples of a motion given by points
 
@@ -317,6 +316,19 @@ def _view(sub: ArgumentParser) -> None:
                      help='port, or the next free one; default: 8080')
     sub.add_argument('--no-open', action='store_true', help='do not open a browser')
     sub.add_argument('--export', metavar='FILE.html', help='write a page instead of serving one')
+
+
+def add_plot(parser: ArgumentParser, *kinds: str) -> None:
+    """Add --plot, and --plot-of for several kinds, of which the first is the default."""
+    default = kinds[0]
+    parser.set_defaults(plot_of=None, plot_default=default)
+    if len(kinds) == 1:
+        parser.add_argument('--plot', metavar='FILE',
+                            help=f'picture of {default}, .png, .svg or .pdf')
+    else:
+        parser.add_argument('--plot', metavar='FILE', help='picture, .png, .svg or .pdf')
+        parser.add_argument('--plot-of', choices=kinds, metavar='WHAT',
+                            help=f'{", ".join(kinds)}; default: {default}')
 
 
 def _add_motion(sub: Any, text: str, **options: Any) -> None:

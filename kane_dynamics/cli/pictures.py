@@ -28,15 +28,16 @@ def plotter(options: Namespace) -> Any:
 def draw(plot: Any, options: Namespace, robot: Robot, trajectory: Trajectory,
          desired: Motion | None = None) -> None:
     """Write the picture that the options choose."""
-    what, sliding = options.plot_of or options.plot_default, robot.model.sliding
+    what = options.plot_of or options.plot_default
+    sliding = robot.model.sliding
     name = robot.model.name
     if what == 'trajectory':
         plot.plot_trajectory(trajectory, options.plot, prismatic=sliding, limits=robot.limits,
                              title=f'{name}: motion over time')
     elif what == 'tracking' and desired is not None:
-        wanted, *_ = desired.sample(trajectory.t)
-        followed = [robot.coordinate_names.index(name) for name in desired.joint_names]
-        plot.plot_tracking({'simulated': (trajectory.t, wanted, trajectory.q[:, followed])},
+        q_desired, _, _ = desired.sample(trajectory.t)
+        joints = [robot.coordinate_names.index(joint) for joint in desired.joint_names]
+        plot.plot_tracking({'simulated': (trajectory.t, q_desired, trajectory.q[:, joints])},
                            desired.joint_names, options.plot, prismatic=sliding,
                            title=f'{name}: tracking of the desired motion')
     else:

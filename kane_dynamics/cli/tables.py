@@ -75,23 +75,25 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
     header = [name.strip() for name in lines[0]]
     no_header(path, header, f't,q.{joint_names[0]},...')
     distinct(path, header)
-    found: dict[str, Any] = {}
+    tables: dict[str, Any] = {}
     for quantity in QUANTITIES:
-        wanted = [_column(header, quantity, joint) for joint in joint_names]
-        if all(column is None for column in wanted):
+        columns = {joint: _column(header, quantity, joint) for joint in joint_names}
+        lacking = [joint for joint, column in columns.items() if column is None]
+        if len(lacking) == len(joint_names):
             continue
-        lacking = [name for name, column in zip(joint_names, wanted, strict=True)
-                   if column is None]
         if lacking:
             raise InputError(f"{path}: no column '{quantity}.{lacking[0]}'"
-                             f'{more(lacking[1:])}, but {quantity} of other joints; expected '
+                             f'{further(lacking[1:])}, but {quantity} of other joints; expected '
                              f'{quantity}.<joint> of every joint (found {", ".join(header)})')
-        found[quantity] = _numbers(path, lines, wanted)
-    if not found:
+        tables[quantity] = _numbers(path, lines, list(columns.values()))
+    if not tables:
         raise InputError(f'{path}: no column of any joint; expected names like '
                          f"'q.{joint_names[0]}', found {header}")
-    times = [column for column, name in enumerate(header) if name in ('t', 'time')]
-    return States(_numbers(path, lines, times[:1])[:, 0] if times else None, **found)
+    t = None
+    for k, name in enumerate(header):
+        if name in ('t', 'time') and t is None:
+            t = _numbers(path, lines, [k])[:, 0]
+    return States(t, **tables)
 
 
 def read_rows(path: str, joint_names: Sequence[str], step: float | None = None) -> Rows:
@@ -116,13 +118,12 @@ def read_rows(path: str, joint_names: Sequence[str], step: float | None = None) 
         If the content is invalid; the message names the file and the entry.
 
     """
-    found = complete_rows(path, joint_names) if step is None else None
-    if found is not None:
-        return found
-    motion = read_motion(path, joint_names)
-    if step is None and not _is_yaml(path):
-        return sampled(motion, math.inf)
-    return sampled(motion, STEP if step is None else step)
+    if step is None:
+        rows = complete_rows(path, joint_names)
+        if rows is not None:
+            return rows
+        step = STEP if _is_yaml(path) else math.inf
+    return sampled(read_motion(path, joint_names), step)
 
 
 def complete_rows(path: str, joint_names: Sequence[str]) -> Rows | None:
@@ -145,8 +146,10 @@ def sampled(motion: Motion, step: float) -> Rows:
     if counts.sum() > MOST_SAMPLES:
         raise InputError(f'--step: {step:g}, {counts.sum()} samples of {motion.duration:g} s; '
                          f'expected at most {MOST_SAMPLES}')
-    t = np.concatenate([*(np.linspace(a, b, count, endpoint=False) for a, b, count in zip(
-        motion.times[:-1], motion.times[1:], counts, strict=True)), motion.times[-1:]])
+    pieces = []
+    for begin, end, count in zip(motion.times[:-1], motion.times[1:], counts, strict=True):
+        pieces.append(np.linspace(begin, end, count, endpoint=False))
+    t = np.concatenate([*pieces, motion.times[-1:]])
     until = t.copy()
     until[-1] = np.nextafter(t[-1], -math.inf)  # at its very end a motion is at rest
     return t, motion.sample(until)
@@ -191,13 +194,19 @@ def write_states(stream: TextIO, t: Array | None, states: Mapping[str, Array],
                  joint_names: Sequence[str]) -> None:
     """Write (K, n) arrays by quantity as CSV with all digits."""
     writer = csv.writer(stream, lineterminator='\n')
-    writer.writerow([*([] if t is None else ['t']),
-                     *(f'{quantity}.{joint}' for quantity in states for joint in joint_names)])
-    columns = [*([] if t is None else [t[:, None]]), *states.values()]
+    header = []
+    columns = []
+    if t is not None:
+        header.append('t')
+        columns.append(t[:, None])
+    for quantity, values in states.items():
+        header += [f'{quantity}.{joint}' for joint in joint_names]
+        columns.append(values)
+    writer.writerow(header)
     writer.writerows(np.hstack(columns).tolist())
 
 
-def more(names: Sequence[str]) -> str:
+def further(names: Sequence[str]) -> str:
     """Return the number of further names as text, or an empty text."""
     return f' (nor of {len(names)} more joints)' if names else ''
 
@@ -208,8 +217,12 @@ def _is_yaml(path: str | Path) -> bool:
 
 def _column(header: list[str], quantity: str, joint: str) -> int | None:
     """Return the index of the column of a joint's quantity; None if there is none."""
-    names = [f'{quantity}.{joint}', *([joint] if quantity == 'q' else [])]
-    return next((header.index(name) for name in names if name in header), None)
+    name = f'{quantity}.{joint}'
+    if name in header:
+        return header.index(name)
+    if quantity == 'q' and joint in header:
+        return header.index(joint)
+    return None
 
 
 def _numbers(path: str | Path, lines: list[list[str]], columns: Sequence[int | None]) -> Array:
@@ -241,11 +254,14 @@ def read_yaml_points(path: str | Path) -> tuple[list[str], list[float], list[Any
         if not isinstance(content.get(key), list):
             raise InputError(f'{path}: {key}: {SHORT.repr(content.get(key))}; expected a list '
                              f'of {what}')
-    points = [mapping(point, f'{path}: point {i}', POINT, InputError)
-              for i, point in enumerate(content['points'])]
-    times = [_seconds(point.get('time_from_start'), f'{path}: point {i}: time_from_start')
-             for i, point in enumerate(points)]
-    rows = [[point.get(name) or [] for point in points] for name in POINT[:3]]
+    times = []
+    rows: list[list[Any]] = [[], [], []]  # positions, velocities, accelerations
+    for i, entry in enumerate(content['points']):
+        what = f'{path}: point {i}'
+        point = mapping(entry, what, POINT, InputError)
+        times.append(_seconds(point.get('time_from_start'), f'{what}: time_from_start'))
+        for values, name in zip(rows, POINT[:3], strict=True):
+            values.append(point.get(name) or [])
     return content['joint_names'], times, rows
 
 
@@ -260,8 +276,9 @@ def _motion(path: str | Path, times: Any, rows: Any, names: Sequence[str],
 
 def _seconds(value: Any, what: str) -> float:
     """Return a time in s, given as a number or a builtin_interfaces/Duration."""
-    parts = (mapping(value, what, ('sec', 'nanosec'), InputError) if isinstance(value, Mapping)
-             else {'sec': value})
+    parts: Mapping[str, Any] = {'sec': value}
+    if isinstance(value, Mapping):
+        parts = mapping(value, what, ('sec', 'nanosec'), InputError)
     try:
         return float(parts.get('sec', 0)) + 1e-9 * float(parts.get('nanosec', 0))
     except (TypeError, ValueError):

@@ -49,8 +49,8 @@ def read_points(path: str, joint_names: Sequence[str], topic: str | None) -> lis
         saved = Trajectory.load_npz(Path(path))
         return [Points(tuple(saved.joint_names), saved.t, (saved.q, saved.u, saved.udot))]
     if Path(path).suffix in ('.yaml', '.yml'):
-        given, times, rows = read_yaml_points(path)
-        return [Points(tuple(given), times, (rows[0], rows[1], rows[2]))]
+        stated_names, times, (q, u, udot) = read_yaml_points(path)
+        return [Points(tuple(stated_names), times, (q, u, udot))]
     states = read_states(path, names)
     if states.t is None or states.q is None:
         raise InputError(f"{path}: no column 't' or 'q.<joint>'; expected both for a motion")
@@ -59,32 +59,39 @@ def read_points(path: str, joint_names: Sequence[str], topic: str | None) -> lis
 
 def _bag_points(path: Path, topic: str | None) -> list[Points]:
     """Return the trajectories of a topic of a bag."""
-    found = [Points(tuple(message.joint_names),
-                    [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec
-                     for p in message.points],
-                    ([p.positions for p in message.points], [p.velocities for p in message.points],
-                     [p.accelerations for p in message.points]), name, logged, message)
-             for name, logged, message in bag_messages(path, JOINT_TRAJECTORY, topic)]
-    if not found:
+    trajectories = []
+    for name, logged, message in bag_messages(path, JOINT_TRAJECTORY, topic):
+        times = []
+        for point in message.points:
+            times.append(point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec)
+        rows = ([point.positions for point in message.points],
+                [point.velocities for point in message.points],
+                [point.accelerations for point in message.points])
+        trajectories.append(Points(tuple(message.joint_names), times, rows, name, logged,
+                                   message))
+    if not trajectories:
         raise InputError(f'{path}: no trajectory; expected one or more messages of type '
                          f'{JOINT_TRAJECTORY}')
-    return found
+    return trajectories
 
 
 def write_yaml(stream: TextIO, filled: FilledTrajectory) -> None:
     """Write a trajectory like a trajectory_msgs/JointTrajectory, with all digits."""
     sec, nanosec = np.divmod(np.rint(filled.times * 1e9).astype(np.int64), 10**9)
-    points = [{'positions': q, 'velocities': u, 'accelerations': udot, 'effort': tau,
-               'time_from_start': {'sec': s, 'nanosec': ns}}
-              for q, u, udot, tau, s, ns in zip(*(table.tolist() for table in (
-                  filled.positions, filled.velocities, filled.accelerations, filled.efforts, sec,
-                  nanosec)))]
+    points = []
+    for k in range(len(filled.times)):
+        points.append({'positions': filled.positions[k].tolist(),
+                       'velocities': filled.velocities[k].tolist(),
+                       'accelerations': filled.accelerations[k].tolist(),
+                       'effort': filled.efforts[k].tolist(),
+                       'time_from_start': {'sec': int(sec[k]), 'nanosec': int(nanosec[k])}})
     yaml.safe_dump({'joint_names': list(filled.joint_names), 'points': points}, stream,
                    default_flow_style=None, sort_keys=False, width=1000)
 
 
-def write_bag(path: Path, given: Sequence[Points], filled: Sequence[FilledTrajectory]) -> None:
-    """Write a bag with filled trajectories, with topics and times as given."""
+def write_bag(path: Path, trajectories: Sequence[Points],
+              filled: Sequence[FilledTrajectory]) -> None:
+    """Write a bag with filled trajectories, with topics and times of the given ones."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     types = typestore()
     Message, Point, Duration = (types.types[name] for name in (
@@ -93,13 +100,15 @@ def write_bag(path: Path, given: Sequence[Points], filled: Sequence[FilledTrajec
     if path.exists():
         raise InputError(f"--out: '{path}' exists; expected the folder of a new bag")
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection(given[0].topic, JOINT_TRAJECTORY, typestore=types)
-        for points, each in zip(given, filled, strict=True):
+        connection = writer.add_connection(trajectories[0].topic, JOINT_TRAJECTORY,
+                                           typestore=types)
+        for points, result in zip(trajectories, filled, strict=True):
             tables = [np.ascontiguousarray(table) for table in (
-                each.positions, each.velocities, each.accelerations, each.efforts)]
-            rows = zip(*tables, np.rint(each.times * 1e9).astype(np.int64).tolist(), strict=True)
-            message = Message(points.message.header, list(each.joint_names), [
-                Point(*values, time_from_start=Duration(*divmod(time, 10**9)))
-                for *values, time in rows])
-            writer.write(connection, points.logged, types.serialize_cdr(message,
-                                                                        JOINT_TRAJECTORY))
+                result.positions, result.velocities, result.accelerations, result.efforts)]
+            nanoseconds = np.rint(result.times * 1e9).astype(np.int64).tolist()
+            rows = []
+            for *values, time in zip(*tables, nanoseconds, strict=True):
+                rows.append(Point(*values, time_from_start=Duration(*divmod(time, 10**9))))
+            message = Message(points.message.header, list(result.joint_names), rows)
+            writer.write(connection, points.logged,
+                         types.serialize_cdr(message, JOINT_TRAJECTORY))

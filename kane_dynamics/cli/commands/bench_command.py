@@ -6,7 +6,8 @@ from typing import Any
 
 from kane_dynamics.cli.commands.inspect_command import pinocchio_model, print_table
 from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing
-from kane_dynamics.cli.shared import load, print_json, source_of
+from kane_dynamics.cli.printing import print_json
+from kane_dynamics.cli.robot_options import load, source_of
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -30,32 +31,44 @@ IN_BATCH = f'inverse dynamics, each of {BATCH}'
 def bench(options: Namespace) -> None:
     """Time calls of this robot, alternating with Pinocchio's if it is installed."""
     model, robot = load(options)
-    peer = why = None
+    peer = reason = None
     try:
         peer = peer_of(source_of(options), robot)
     except InputError as error:
-        why = str(error)
+        reason = str(error)
     timings = call_timings(robot, peer)
     timings[IN_BATCH] = _batch_timing(robot)
     rows = {what: _figures(timing) for what, timing in timings.items()}
     if options.json:
         print_json({'name': model.name, 'joint_names': robot.joint_names, 'calls': rows,
-                    'no_peer': why})
-        return
-    if peer is None:
-        print(f'no comparison: {why}')
-    print_table(['call', 'ns', 'Pinocchio, ns', 'ratio'][:2 if peer is None else 4], [
-        (what, *('' if figure is None else f'{figure:.{digits}f}'
-                 for figure, digits in zip(row.values(), (0, 0, 1))
-                 if peer is not None or figure is not None)) for what, row in rows.items()])
+                    'no_peer': reason})
+    elif peer is None:
+        print(f'no comparison: {reason}')
+        print_table(['call', 'ns'], [[what, f'{row["ns"]:.0f}'] for what, row in rows.items()])
+    else:
+        _print_comparison(rows)
+
+
+def _print_comparison(rows: dict[str, dict[str, float | None]]) -> None:
+    """Print the times of both libraries and their ratios."""
+    table = []
+    for what, row in rows.items():
+        cells = [what, f'{row["ns"]:.0f}', '', '']
+        if row['ratio'] is not None:  # a batch has no counterpart
+            cells[2] = f'{row["pinocchio_ns"]:.0f}'
+            cells[3] = f'{row["ratio"]:.1f}'
+        table.append(cells)
+    print_table(['call', 'ns', 'Pinocchio, ns', 'ratio'], table)
 
 
 def _figures(timing: Timing) -> dict[str, float | None]:
     """Return ns per call, ours and Pinocchio's, and their ratio; None without Pinocchio."""
-    both = 'theirs' in timing.seconds
-    return {'ns': 1e9 * timing.median('ours'),
-            'pinocchio_ns': 1e9 * timing.median('theirs') if both else None,
-            'ratio': timing.ratio('theirs', 'ours')[0] if both else None}
+    figures: dict[str, float | None] = {'ns': 1e9 * timing.median('ours'),
+                                        'pinocchio_ns': None, 'ratio': None}
+    if 'theirs' in timing.seconds:
+        figures['pinocchio_ns'] = 1e9 * timing.median('theirs')
+        figures['ratio'], _, _ = timing.ratio('theirs', 'ours')
+    return figures
 
 
 def peer_of(source: str | bytes, robot: Robot) -> Any:
@@ -71,8 +84,8 @@ def peer_of(source: str | bytes, robot: Robot) -> Any:
     full = pinocchio_model(source, robot.model)
     import pinocchio as pin
     names = robot.joint_names
-    others = [full.getJointId(name) for name in full.names[1:] if name not in names]
-    peer = pin.buildReducedModel(full, others, pin.neutral(full)) if others else full
+    locked = [full.getJointId(name) for name in full.names[1:] if name not in names]
+    peer = pin.buildReducedModel(full, locked, pin.neutral(full)) if locked else full
     if tuple(peer.names[1:]) != names or peer.nq != robot.n:
         raise InputError(f'Pinocchio: coordinates {", ".join(peer.names[1:])}; expected '
                          f'{", ".join(names)}')
@@ -89,19 +102,29 @@ def call_timings(robot: Robot, peer: Any = None) -> dict[str, Timing]:
     """Time `CALLS` on one arm in turns; the contenders are 'ours' and 'theirs'."""
     q, u, x = np.random.default_rng(0).uniform(-1.0, 1.0, (3, robot.n))
     bound: Any = robot.bind()
-    bound.q[:], bound.u[:], bound.udot[:] = q, u, x
+    bound.q[:] = q
+    bound.u[:] = u
+    bound.udot[:] = x
     names: dict[str, Any] = {'robot': robot, 'bound': bound, 'q': q, 'u': u, 'x': x,
                              'bound_inverse_dynamics': bound.inverse_dynamics}
     if peer is not None:
         import pinocchio as pin
         names |= {'pin': pin, 'rnea': pin.rnea, 'peer': peer, 'data': peer.createData()}
-    contenders = [statement for pair in CALLS.values()
-                  for statement in pair[:1 if peer is None else 2]]
+    # Some calls share a statement, which is timed once.
+    statements = set()
+    for ours, theirs in CALLS.values():
+        statements.add(ours)
+        if peer is not None:
+            statements.add(theirs)
     timing = interleaved({statement: Timer(statement, globals=names)
-                          for statement in sorted(set(contenders))})
-    return {what: Timing({name: timing.seconds[statement]
-                          for name, statement in zip(('ours', 'theirs'), pair)
-                          if statement in timing.seconds}) for what, pair in CALLS.items()}
+                          for statement in sorted(statements)})
+    timings = {}
+    for what, (ours, theirs) in CALLS.items():
+        seconds = {'ours': timing.seconds[ours]}
+        if peer is not None:
+            seconds['theirs'] = timing.seconds[theirs]
+        timings[what] = Timing(seconds)
+    return timings
 
 
 def _batch_timing(robot: Robot) -> Timing:

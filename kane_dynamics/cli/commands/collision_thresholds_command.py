@@ -1,13 +1,12 @@
 """The command `collision-thresholds`: collision detection calibrated to a recording."""
 
 from argparse import Namespace
-import sys
 from typing import Any
 
 from kane_dynamics._util.whole_files import whole_file
-from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.commands.identify_command import recorded, stated_efforts
-from kane_dynamics.cli.shared import load, print_json
+from kane_dynamics.cli.printing import print_files, print_json, print_table, warn
+from kane_dynamics.cli.robot_options import load
 from kane_dynamics.identification.collision_calibration import (calibrate_collision,
                                                                 CollisionCalibration)
 from kane_dynamics.identification.payload.recorded_motion import recorded_joints
@@ -21,69 +20,75 @@ CURVES = ('coulomb', 'damping', 'offset')
 def collision_thresholds(options: Namespace) -> None:
     """Calibrate collision detection; print the parameters of the node, or write them."""
     model, robot = load(options)
-    names = recorded_joints(robot)
-    recording = stated_efforts(options).applied(
-        robot, recorded(options, model, names if robot.constraint_names else None))
-    found = calibrate_collision(robot, recording, gain=options.gain, margin=options.margin,
-                                drift=options.drift, held=options.commands)
-    parameters = node_parameters(found)
-    for remark in remarks(found):
-        print(f'kane-dynamics: warning: {remark}', file=sys.stderr)
+    joints = recorded_joints(robot) if robot.constraint_names else None
+    recording = stated_efforts(options).applied(robot, recorded(options, model, joints))
+    calibration = calibrate_collision(robot, recording, gain=options.gain,
+                                      margin=options.margin, drift=options.drift,
+                                      held=options.commands)
+    parameters = node_parameters(calibration)
+    for remark in remarks(calibration):
+        warn(remark)
     if options.out:
-        text = yaml.safe_dump({'/**': {'ros__parameters': {'observer': parameters}}},
-                              sort_keys=False, default_flow_style=None)
+        content = {'/**': {'ros__parameters': {'observer': parameters}}}
         with whole_file(options.out) as stream:
-            stream.write(text)
-    data = {'joint_names': list(found.joint_names), 'rows': len(recording),
-            'threshold': found.threshold, 'error': found.error,
-            'error_time': found.error_time, 'error_before': found.error_before,
-            'coulomb': found.coulomb, 'damping': found.damping, 'offset': found.offset,
-            'friction_speed': found.friction_speed, 'suspected': list(found.suspected),
-            'unmoved': list(found.unmoved), 'held_out_alarms': found.held_out_alarms,
-            'node_parameters': parameters, 'files': [options.out] if options.out else []}
-    (print_json if options.json else print_data)(data)
+            stream.write(yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
+    data = {'joint_names': list(calibration.joint_names), 'rows': len(recording),
+            'threshold': calibration.threshold, 'error': calibration.error,
+            'error_time': calibration.error_time, 'error_before': calibration.error_before,
+            'coulomb': calibration.coulomb, 'damping': calibration.damping,
+            'offset': calibration.offset, 'friction_speed': calibration.friction_speed,
+            'suspected': list(calibration.suspected), 'unmoved': list(calibration.unmoved),
+            'held_out_alarms': calibration.held_out_alarms, 'node_parameters': parameters,
+            'files': [options.out] if options.out else []}
+    if options.json:
+        print_json(data)
+    else:
+        _print_data(data)
 
 
-def node_parameters(found: CollisionCalibration) -> dict[str, Any]:
+def node_parameters(calibration: CollisionCalibration) -> dict[str, Any]:
     """Return the parameters `observer.*` of the node."""
-    friction = {name: _rounded(getattr(found, name)) for name in CURVES}
-    return {'gain': found.gain, 'threshold': _rounded(found.threshold),
-            'friction': {**friction, 'speed': _rounded(found.friction_speed)}}
+    friction: dict[str, Any] = {}
+    for name in CURVES:
+        friction[name] = _rounded(getattr(calibration, name))
+    friction['speed'] = _rounded(calibration.friction_speed)
+    return {'gain': calibration.gain, 'threshold': _rounded(calibration.threshold),
+            'friction': friction}
 
 
-def remarks(found: CollisionCalibration) -> list[str]:
+def remarks(calibration: CollisionCalibration) -> list[str]:
     """Return warnings about the recording."""
     lines = []
-    for name in found.suspected:
-        j = found.joint_names.index(name)
-        lines.append(f"recording: external torque {found.error[j]:.3g} at joint '{name}' at "
-                     f'{found.error_time[j]:.4g} s, far beyond all others; expected a recording '
-                     'without contact and outliers')
-    if found.unmoved:
-        lines.append(f'recording: {", ".join(found.unmoved)} rest; expected a motion of every '
-                     'joint, as thresholds hold for motions like the recorded one')
-    if found.held_out_alarms:
-        lines.append(f'recording: thresholds of its first half raise {found.held_out_alarms} '
-                     'alarms in the second; expected a longer recording of all motions')
+    for name in calibration.suspected:
+        j = calibration.joint_names.index(name)
+        lines.append(f'recording: external torque {calibration.error[j]:.3g} at joint '
+                     f"'{name}' at {calibration.error_time[j]:.4g} s, far beyond all others; "
+                     'expected a recording without contact and outliers')
+    if calibration.unmoved:
+        lines.append(f'recording: {", ".join(calibration.unmoved)} rest; expected a motion of '
+                     'every joint, as thresholds hold for motions like the recorded one')
+    if calibration.held_out_alarms:
+        lines.append('recording: thresholds of its first half raise '
+                     f'{calibration.held_out_alarms} alarms in the second; expected a longer '
+                     'recording of all motions')
     return lines
 
 
-def print_data(data: dict[str, Any]) -> None:
+def _print_data(data: dict[str, Any]) -> None:
     """Print thresholds, errors and the friction beyond the model."""
     print(f'{data["rows"]} rows; largest external torque without contact, with the friction of '
           'the model and with the fitted one; N m or N')
-    inspect_command.print_table(
-        ['joint', 'as modelled', 'error', 'threshold', *CURVES, 'friction speed'],
-        [[name, *(f'{data[key][j]:.3g}' for key in (
-            'error_before', 'error', 'threshold', *CURVES, 'friction_speed'))]
-         for j, name in enumerate(data['joint_names'])])
+    columns = ('error_before', 'error', 'threshold', *CURVES, 'friction_speed')
+    table = []
+    for j, name in enumerate(data['joint_names']):
+        table.append([name, *(f'{data[column][j]:.3g}' for column in columns)])
+    print_table(['joint', 'as modelled', 'error', 'threshold', *CURVES, 'friction speed'], table)
     print(f'\nalarms in the second half by thresholds of the first: {data["held_out_alarms"]}')
     if not data['files']:
         print('\nparameters of the node:')
-        print(yaml.safe_dump({'observer': data['node_parameters']}, sort_keys=False,
-                             default_flow_style=None).rstrip())
-    for path in data['files']:
-        print(f'wrote {path}')
+        content = {'observer': data['node_parameters']}
+        print(yaml.safe_dump(content, sort_keys=False, default_flow_style=None).rstrip())
+    print_files(data['files'])
 
 
 def _rounded(values: Any) -> list[float]:

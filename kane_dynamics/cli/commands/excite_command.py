@@ -6,8 +6,8 @@ from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics._util.whole_files import whole_file
-from kane_dynamics.cli.commands.inspect_command import print_table
-from kane_dynamics.cli.shared import load, model_warnings, print_json, source_of
+from kane_dynamics.cli.printing import model_warnings, print_json, print_table
+from kane_dynamics.cli.robot_options import load, source_of
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.excitation.optimal_excitation import Excitation, excite

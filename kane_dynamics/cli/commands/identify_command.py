@@ -12,9 +12,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.cli import pictures
-from kane_dynamics.cli.commands.inspect_command import print_table
-from kane_dynamics.cli.shared import (as_json, every_joint, load, print_json, source_of,
-                                      warn_degrees)
+from kane_dynamics.cli.printing import as_json, print_json, print_table
+from kane_dynamics.cli.robot_options import every_joint, load, source_of, warn_degrees
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import base_error, base_speeds, fit_base
 from kane_dynamics.identification.efforts import Efforts

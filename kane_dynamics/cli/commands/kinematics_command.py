@@ -2,8 +2,8 @@
 
 from argparse import Namespace
 
-from kane_dynamics.cli.commands.inspect_command import print_table
-from kane_dynamics.cli.shared import load, positions, print_json, without_rounding
+from kane_dynamics.cli.printing import print_json, print_table, without_rounding
+from kane_dynamics.cli.robot_options import load, positions
 from kane_dynamics.kinematics import (inverse_kinematics, pose_from, rotation_quaternion,
                                       rotation_rpy)
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
@@ -17,39 +17,47 @@ def jacobian(options: Namespace) -> None:
     q = positions(options, 'q', robot)
     pose = robot.frame_pose(options.frame, q)
     J = robot.jacobian(options.frame, q, axes=options.axes)
-    place, turn = pose[:3, 3], pose[:3, :3]
-    sizes = np.linalg.svd(J, compute_uv=False)
+    position, rotation = pose[:3, 3], pose[:3, :3]
+    rpy = rotation_rpy(rotation)
+    singular_values = np.linalg.svd(J, compute_uv=False)
     if options.json:
         print_json({'coordinate_names': robot.coordinate_names, 'q': q, 'pose': pose,
-                    'rpy': rotation_rpy(turn), 'quaternion': rotation_quaternion(turn),
-                    'speed_names': robot.speed_names, 'jacobian': J, 'singular_values': sizes})
+                    'rpy': rpy, 'quaternion': rotation_quaternion(rotation),
+                    'speed_names': robot.speed_names, 'jacobian': J,
+                    'singular_values': singular_values})
         return
-    words = [f'{value + 0.0:.6g}' for value in (*without_rounding(place), *rotation_rpy(turn))]
-    print(f'{options.frame}: at {", ".join(words[:3])} m, roll, pitch, yaw '
-          f'{", ".join(words[3:])} rad')
+    print(f'{options.frame}: at {_listed(without_rounding(position))} m, roll, pitch, yaw '
+          f'{_listed(rpy)} rad')
+    columns = without_rounding(J).T
     print_table([f'{options.axes} axes', *DIRECTIONS],
-                [[name, *column] for name, column in zip(robot.speed_names,
-                                                         without_rounding(J).T, strict=True)])
-    print(f'singular values: {", ".join(f"{size:.4g}" for size in sizes)}')
+                [[name, *column] for name, column in zip(robot.speed_names, columns,
+                                                         strict=True)])
+    print('singular values: ' + ', '.join(f'{value:.4g}' for value in singular_values))
 
 
 def inverse(options: Namespace) -> int:
     """Print joint positions at which a frame has a pose; return 1 if there are none."""
     _, robot = load(options)
     robot.model.frame(options.frame)
-    pose = pose_from(options.position, rpy=options.rpy, quaternion=options.quaternion)
-    oriented = options.rpy is not None or options.quaternion is not None
+    target = pose_from(options.position, rpy=options.rpy, quaternion=options.quaternion)
+    if options.rpy is None and options.quaternion is None:
+        target = target[:3, 3]  # any orientation will do
     start = positions(options, 'q0', robot)
-    result = inverse_kinematics(robot, options.frame, pose if oriented else pose[:3, 3], start)
+    result = inverse_kinematics(robot, options.frame, target, start)
     distance = float(np.linalg.norm(result.error[:3]))
     angle = float(np.linalg.norm(result.error[3:]))
     if options.json:
         print_json({'coordinate_names': robot.coordinate_names, 'q': result.q,
                     'converged': result.converged, 'distance': distance, 'angle': angle,
                     'iterations': result.iterations})
-        return int(not result.converged)
-    print_table(['coordinate', 'q'], zip(robot.coordinate_names, result.q, strict=True))
-    if not result.converged:
-        print(f'not reached: {distance:.4g} m and {angle:.4g} rad remain, at the closest '
-              'configuration within the limits that was found')
-    return int(not result.converged)
+    else:
+        print_table(['coordinate', 'q'], zip(robot.coordinate_names, result.q, strict=True))
+        if not result.converged:
+            print(f'not reached: {distance:.4g} m and {angle:.4g} rad remain, at the closest '
+                  'configuration within the limits that was found')
+    return 0 if result.converged else 1
+
+
+def _listed(numbers: np.ndarray) -> str:
+    """Return numbers as text."""
+    return ', '.join(f'{number + 0.0:.6g}' for number in numbers)

@@ -6,9 +6,9 @@ from typing import Any
 
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.cli import pictures
-from kane_dynamics.cli.commands import inspect_command
 from kane_dynamics.cli.commands.identify_command import recorded, stated_efforts
-from kane_dynamics.cli.shared import load, print_json, warn_degrees
+from kane_dynamics.cli.printing import print_files, print_json, print_table
+from kane_dynamics.cli.robot_options import load, warn_degrees
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.identification.recordings.diagnosis import refuse_faulty
 from kane_dynamics.identification.recordings.recording import Recording
@@ -27,16 +27,19 @@ def replay(options: Namespace) -> None:
     warn_degrees(robot, recording.q, options.recording)
     data = compared(robot, recording, gravity_added=not efforts.gravity)
     if options.out:
+        states = {'q': recording.q, 'u': recording.u, 'udot': recording.udot,
+                  'tau': data['computed']}
         with whole_file(options.out) as stream:
-            write_states(stream, recording.t, {
-                'q': recording.q, 'u': recording.u, 'udot': recording.udot,
-                'tau': data['computed']}, robot.joint_names)
+            write_states(stream, recording.t, states, robot.joint_names)
     if plot is not None:
         plot.plot_replay(data['t'], data['measured'], data['computed'], robot.joint_names,
                          options.plot, prismatic=model.sliding, limits=robot.limits.effort,
                          title=f'{model.name}: measured and computed torque')
     data['files'] = [path for path in (options.out, options.plot) if path]
-    (print_json if options.json else print_comparison)(data)
+    if options.json:
+        print_json(data)
+    else:
+        _print_comparison(data)
 
 
 def compared(robot: Robot, recording: Recording, *, gravity_added: bool = False
@@ -50,8 +53,7 @@ def compared(robot: Robot, recording: Recording, *, gravity_added: bool = False
         If positions, speeds and times contradict each other.
 
     """
-    remarks = [fault.words for fault in refuse_faulty(
-        robot.model, recording, ('impossible',), gravity_added=gravity_added)]
+    faults = refuse_faulty(robot.model, recording, ('impossible',), gravity_added=gravity_added)
     delays = torque_delays(robot.model, recording)
     tau = robot.inverse_dynamics(recording.q, recording.u, recording.udot)
     error = recording.tau - tau
@@ -63,23 +65,31 @@ def compared(robot: Robot, recording: Recording, *, gravity_added: bool = False
             'torque_delay_deviation': np.where(delays.judged, delays.deviation, np.nan).tolist(),
             'common_torque_delay': delays.common,
             'common_torque_delay_deviation': delays.common_deviation,
-            'remarks': remarks}
+            'remarks': [fault.words for fault in faults]}
 
 
-def print_comparison(data: dict[str, Any]) -> None:
+def _print_comparison(data: dict[str, Any]) -> None:
     """Print the result of `compared`, and the files."""
     print(f'{data["rows"]} rows over {data["t"][-1] - data["t"][0]:.6g} s; torques in N m or N')
-    inspect_command.print_table(
-        ['joint', 'RMS measured', 'RMS difference', 'mean difference', 'largest'],
-        zip(data['joint_names'], data['rms_measured'], data['rms_error'], data['mean_error'],
-            data['largest_error'], strict=True))
-    common, deviation = data['common_torque_delay'], data['common_torque_delay_deviation']
-    unknown = [name for name, delay in zip(data['joint_names'], data['torque_delay'], strict=True)
-               if math.isnan(delay)]
-    print('\ndelay of the torques after the motion: ' + (
-        'cannot be judged' if math.isnan(common) else f'{common:.4f} +- {deviation:.1g} s' + (
-            f'; cannot be judged: {", ".join(unknown)}' if unknown else '')))
+    columns = ('joint_names', 'rms_measured', 'rms_error', 'mean_error', 'largest_error')
+    print_table(['joint', 'RMS measured', 'RMS difference', 'mean difference', 'largest'],
+                zip(*(data[name] for name in columns), strict=True))
+    print(f'\ndelay of the torques after the motion: {_delay_in_words(data)}')
     for remark in data['remarks']:
         print(f'\nremark: {remark}')
-    for path in data['files']:
-        print(f'wrote {path}')
+    print_files(data['files'])
+
+
+def _delay_in_words(data: dict[str, Any]) -> str:
+    """Return the common delay, and the joints whose delay is unknown, as text."""
+    delay = data['common_torque_delay']
+    if math.isnan(delay):
+        return 'cannot be judged'
+    text = f'{delay:.4f} +- {data["common_torque_delay_deviation"]:.1g} s'
+    unknown = []
+    for name, of_joint in zip(data['joint_names'], data['torque_delay'], strict=True):
+        if math.isnan(of_joint):
+            unknown.append(name)
+    if unknown:
+        text += f'; cannot be judged: {", ".join(unknown)}'
+    return text

@@ -6,8 +6,8 @@ from typing import Any
 
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.typing import Array
-from kane_dynamics.cli.commands.inspect_command import print_table
-from kane_dynamics.cli.shared import load, print_json
+from kane_dynamics.cli.printing import print_json, print_table
+from kane_dynamics.cli.robot_options import load
 from kane_dynamics.cli.tables import read_motion
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion

@@ -3,95 +3,131 @@
 from argparse import Namespace
 import math
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics._util.typing import Array
 from kane_dynamics.cli import pictures
-from kane_dynamics.cli.commands.inspect_command import print_table
-from kane_dynamics.cli.shared import (load, model_warnings, positions, print_json, split, vector,
-                                      without_rounding)
+from kane_dynamics.cli.printing import (model_warnings, print_files, print_json, print_table,
+                                        without_rounding)
+from kane_dynamics.cli.robot_options import load, positions, split, vector
 from kane_dynamics.cli.tables import read_motion, read_states
 from kane_dynamics.control.computed_torque import ComputedTorque
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.simulate import simulate
+from kane_dynamics.simulation.trajectory import Trajectory
 import numpy as np
 
-_MOST_EVENTS = 10  # printed; --json has all
+PRINTED_EVENTS = 10  # --json has all
+
+
+class Plan(NamedTuple):
+    """Initial state, duration in s, and source of the torques of a simulation."""
+
+    q0: Array
+    u0: Array
+    duration: float
+    torque: Any
 
 
 def simulation(options: Namespace) -> None:
     """Simulate; save and plot on request; print a summary."""
     if options.out and not options.out.endswith(('.npz', '.csv')):
         raise InputError(f"--out: '{options.out}'; expected a name that ends in .npz or .csv")
-    plot = pictures.plotter(options)  # report errors early
+    plot = pictures.plotter(options)  # errors early
     _, robot = load(options)
     with model_warnings(verbose=options.verbose):
-        q0, u0, duration, source = _plan(options, robot)
+        plan = _plan(options, robot)
     start = time.perf_counter()
-    with progress_bar('simulating', duration) as progress, (
+    with progress_bar('simulating', plan.duration) as progress, (
             model_warnings(verbose=options.verbose)):
-        result = simulate(robot, q0, u0, duration, step=options.step, torque=source,
-                          progress=progress, integrator=options.integrator, stops=options.stops)
-    wall = time.perf_counter() - start
+        result = simulate(robot, plan.q0, plan.u0, plan.duration, step=options.step,
+                          torque=plan.torque, progress=progress,
+                          integrator=options.integrator, stops=options.stops)
+    wall_time = time.perf_counter() - start
     if options.out:
-        (result.save_npz if options.out.endswith('.npz') else result.save_csv)(options.out)
+        save = result.save_npz if options.out.endswith('.npz') else result.save_csv
+        save(options.out)
     if plot is not None:
-        pictures.draw(plot, options, robot, result, getattr(source, 'motion', None))
-    before, after = result.energy[[0, -1]].sum(axis=1).tolist()
-    events = [str(event) for event in (*result.limit_events, *result.stop_events)]
-    constrained = {'speed_names': robot.speed_names, 'drift': result.drift} if (
-        robot.constraint_names) else {}
+        pictures.draw(plot, options, robot, result, getattr(plan.torque, 'motion', None))
     if options.json:
-        print_json({'joint_names': robot.joint_names, **constrained,
-                    'duration': float(result.t[-1]), 'wall_time': wall, 'q': result.q[-1],
-                    'u': result.u[-1], 'tau': result.tau[-1], 'energy_before': before,
-                    'energy_after': after,
-                    'limit_events': [str(event) for event in result.limit_events],
-                    'stop_events': [str(event) for event in result.stop_events]})
+        print_json(_data(robot, result, wall_time))
         return
-    print(f'{result.t[-1]:g} s in steps of {options.step:g} s took {wall:.3g} s; energy went '
-          f'from {before:.6g} J to {after:.6g} J')
-    last = [without_rounding(rows[-1]) for rows in (result.q, result.u, result.tau)]
-    if constrained:
+    first_energy, last_energy = result.energy[[0, -1]].sum(axis=1)
+    print(f'{result.t[-1]:g} s in steps of {options.step:g} s took {wall_time:.3g} s; energy '
+          f'went from {first_energy:.6g} J to {last_energy:.6g} J')
+    _print_last_state(robot, result)
+    _print_events(result)
+    print_files(path for path in (options.out, options.plot) if path)
+
+
+def _data(robot: Robot, result: Trajectory, wall_time: float) -> dict[str, Any]:
+    """Return the end of a simulation as plain data."""
+    first_energy, last_energy = result.energy[[0, -1]].sum(axis=1).tolist()
+    data = {'joint_names': robot.joint_names, 'duration': float(result.t[-1]),
+            'wall_time': wall_time, 'q': result.q[-1], 'u': result.u[-1],
+            'tau': result.tau[-1], 'energy_before': first_energy, 'energy_after': last_energy,
+            'limit_events': [str(event) for event in result.limit_events],
+            'stop_events': [str(event) for event in result.stop_events]}
+    if robot.constraint_names:
+        data |= {'speed_names': robot.speed_names, 'drift': result.drift}
+    return data
+
+
+def _print_last_state(robot: Robot, result: Trajectory) -> None:
+    """Print positions, speeds and torques at the end."""
+    q, u, tau = (without_rounding(rows[-1]) for rows in (result.q, result.u, result.tau))
+    if robot.constraint_names:
         print(f'largest residual of the constraints: {result.drift:.3g} m or rad, or per s')
-        print_table(['joint', 'q'], zip(robot.joint_names, last[0], strict=True))
-        print_table(['independent joint', 'u', 'tau'], zip(robot.speed_names, *last[1:],
-                                                           strict=True))
+        print_table(['joint', 'q'], zip(robot.joint_names, q, strict=True))
+        print_table(['independent joint', 'u', 'tau'],
+                    zip(robot.speed_names, u, tau, strict=True))
     elif robot.n_q > robot.n:  # quaternions
-        print_table(['coordinate', 'q'], zip(robot.coordinate_names, last[0], strict=True))
-        print_table(['speed', 'u', 'tau'], zip(robot.speed_names, *last[1:], strict=True))
+        print_table(['coordinate', 'q'], zip(robot.coordinate_names, q, strict=True))
+        print_table(['speed', 'u', 'tau'], zip(robot.speed_names, u, tau, strict=True))
     else:
-        print_table(['joint', 'q', 'u', 'tau'], zip(robot.joint_names, *last, strict=True))
-    more = len(events) - _MOST_EVENTS
-    for line in [*events[:_MOST_EVENTS], *([f'... {more} more: see --json'] if more > 0 else []),
-                 *(f'wrote {path}' for path in (options.out, options.plot) if path)]:
-        print(line)
+        print_table(['joint', 'q', 'u', 'tau'], zip(robot.joint_names, q, u, tau, strict=True))
 
 
-def _plan(options: Namespace, robot: Robot) -> tuple[Array, Array, float, Any]:
-    """Return q0, u0, duration and torque source of a simulation."""
-    duration, step = options.duration, options.step
-    source: Any = None
-    q_d = u_d = None
+def _print_events(result: Trajectory) -> None:
+    """Print the first limits and stops that the motion passed."""
+    events = [*result.limit_events, *result.stop_events]
+    for event in events[:PRINTED_EVENTS]:
+        print(event)
+    left_out = len(events) - PRINTED_EVENTS
+    if left_out > 0:
+        print(f'... {left_out} more: see --json')
+
+
+def _plan(options: Namespace, robot: Robot) -> Plan:
+    """Return initial state, duration and torques that the options state."""
+    duration = options.duration
+    torque: Any = None
+    q_desired = u_desired = None
     if options.motion:
         motion = read_motion(options.motion, robot.speed_names)
-        q_d, u_d, _ = motion.sample(0.0)
-        gains = [gain[0] if len(gain) == 1 else gain for gain in (options.kp, options.kd)]
-        source = ComputedTorque(robot, motion, *gains)
-        if duration is None and motion.duration > 0.0 and step > 0.0:
-            duration = math.ceil(motion.duration / step - 1e-6) * step
-    duration = 1.0 if duration is None else duration
+        q_desired, u_desired, _ = motion.sample(0.0)
+        torque = ComputedTorque(robot, motion, _one_or_all(options.kp), _one_or_all(options.kd))
+        if duration is None and motion.duration > 0.0 and options.step > 0.0:
+            steps = math.ceil(motion.duration / options.step - 1e-6)
+            duration = steps * options.step
+    if duration is None:
+        duration = 1.0
     if options.torque:
-        tokens = split(options.torque)
         require_own_actuators(robot)
-        source = (_held(tokens[0], robot, duration, step)
-                  if len(tokens) == 1 and tokens[0].endswith('.csv')
-                  else vector(options, 'torque', robot))
-    u0 = u_d if options.u0 is None and u_d is not None else vector(options, 'u0', robot)
-    return positions(options, 'q0', robot, q_d), u0, duration, source
+        torque = _stated_torque(options, robot, duration)
+    if options.u0 is None and u_desired is not None:
+        u0 = u_desired
+    else:
+        u0 = vector(options, 'u0', robot)
+    return Plan(positions(options, 'q0', robot, q_desired), u0, duration, torque)
+
+
+def _one_or_all(gains: list[float]) -> float | list[float]:
+    """Return one gain for all joints, or one for each."""
+    return gains[0] if len(gains) == 1 else gains
 
 
 def require_own_actuators(robot: Robot) -> None:
@@ -102,15 +138,20 @@ def require_own_actuators(robot: Robot) -> None:
                          f'{", ".join(robot.speed_names)}')
 
 
-def _held(path: str, robot: Robot, duration: float, step: float) -> Array:
-    """Return the torques of a file as one row per step."""
+def _stated_torque(options: Namespace, robot: Robot, duration: float) -> Array:
+    """Return constant torques, (n,), or those of a file as one row per step."""
+    tokens = split(options.torque)
+    if len(tokens) != 1 or not tokens[0].endswith('.csv'):
+        return vector(options, 'torque', robot)
+    path = tokens[0]
     states = read_states(path, robot.speed_names)
     if states.tau is None:
         raise InputError(f"{path}: no columns 'tau.<joint>'; expected the torques of the joints "
                          f'{", ".join(robot.speed_names)}')
-    if states.t is None or not step > 0.0:
+    if states.t is None or not options.step > 0.0:
         return states.tau
     increasing(states.t, len(states.tau), f"{path}: column 't'")
-    now = np.arange(max(1, round(duration / step))) * step
-    rows = np.searchsorted(states.t, now + 1e-6 * step, side='right') - 1
+    # A row holds from its time until that of the next one.
+    times = np.arange(max(1, round(duration / options.step))) * options.step
+    rows = np.searchsorted(states.t, times + 1e-6 * options.step, side='right') - 1
     return states.tau[np.maximum(rows, 0)]

@@ -12,8 +12,8 @@ from typing import Any
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.yaml_io import read_yaml
-from kane_dynamics.cli.commands.inspect_command import print_table
-from kane_dynamics.cli.shared import load, model_warnings, print_json
+from kane_dynamics.cli.printing import model_warnings, print_json, print_table
+from kane_dynamics.cli.robot_options import load
 from kane_dynamics.cli.tables import read_motion
 from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.errors import InputError, KaneError

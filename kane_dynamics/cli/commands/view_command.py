@@ -4,7 +4,8 @@ from argparse import Namespace
 import webbrowser
 
 from kane_dynamics._util.optional_imports import extra
-from kane_dynamics.cli.shared import load, model_warnings, print_json, source_of
+from kane_dynamics.cli.printing import model_warnings, print_json
+from kane_dynamics.cli.robot_options import load, source_of
 from kane_dynamics.cli.tables import read_trajectory
 from kane_dynamics.errors import InputError
 from kane_dynamics.urdf.link_shapes import load_visuals

@@ -31,7 +31,7 @@ SETTLING = 0.2  # s after the end, in which the arm is still observed
 @dataclass(frozen=True, eq=False)
 class Tracking:
     """
-    How an arm followed a motion.
+    Tracking errors of an arm along a motion.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """Messages of the commands: lists are shortened, sentences and advice stay whole."""
 
 from kane_dynamics.cli import main
-from kane_dynamics.cli.shared import brief, LONGEST
+from kane_dynamics.cli.printing import brief, LONGEST
 import pytest
 
 LINK = """<link name="{0}"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>

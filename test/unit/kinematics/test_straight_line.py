@@ -44,7 +44,7 @@ def test_a_closed_loop_moves_by_its_driving_joints():
     robot = Robot(load_urdf(URDFS / 'palletizer.urdf'),
                   **load_constraints(URDFS / 'palletizer.constraints.yaml'))
     q = robot.feasible_configuration()
-    frame = 'tool0'
+    frame = 'tool'
     target = robot.frame_pose(frame, q)
     target[:3, 3] += [0.0, 0.0, -0.1]
     line = straight_line(robot, frame, q, target, 1.0)

@@ -1,0 +1,134 @@
+"""What the commands print: tables, JSON, and warnings with short lists of names."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+import json
+import math
+import re
+import sys
+from typing import Any
+import warnings
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.cli.wording import in_options
+from kane_dynamics.errors import ModelWarning, UnusedWarning
+import numpy as np
+
+LONGEST = 180  # characters of a warning
+LIST = 4  # entries of a list of names that is shortened
+# A name, with a number or a remark in brackets behind it: "joint_1 45.2 rad (limits -1 to 1)".
+_NAME = r'(?:joint |link )?[^\s,;()]+(?: -?\d[\d.e+-]*(?: rad| m)?)?(?: \([^()]*\))?'
+ENTRY = re.compile(_NAME)
+NAMES = re.compile(rf'(?<=: ){_NAME}(?:, {_NAME}){{{LIST - 1},}}')
+ROUNDING = 1e-13  # relative to the largest number of a table
+
+
+def warn(text: str) -> None:
+    """Print a warning."""
+    print(f'kane-dynamics: warning: {text}', file=sys.stderr)
+
+
+@contextmanager
+def model_warnings(collected: list[str] | None = None, *, verbose: bool = False
+                   ) -> Iterator[None]:
+    """
+    Collect model warnings in a list, or print them to stderr, also if an error follows.
+
+    Each is printed on one line with long lists of names shortened; warnings of unused URDF
+    elements are not printed. `verbose` prints everything.
+    """
+    with warnings.catch_warnings(record=True) as records:
+        warnings.simplefilter('always', ModelWarning)
+        try:
+            yield
+        finally:
+            for record in records:
+                text = in_options(str(record.message))
+                if collected is not None:
+                    collected.append(text)
+                elif verbose:
+                    warn(text)
+                elif not issubclass(record.category, UnusedWarning):
+                    warn(brief(text))
+
+
+def brief(text: str) -> str:
+    """
+    Return a message whose long lists of names are shortened; its sentences stay whole.
+
+    A list follows a colon and has at least `LIST` entries. The last list is shortened first,
+    until the message has at most `LONGEST` characters.
+    """
+    for names in reversed(list(NAMES.finditer(text))):
+        if len(text) <= LONGEST:
+            break
+        entries = ENTRY.findall(names[0])
+        room = len(names[0]) - (len(text) - LONGEST)
+        count = 1
+        while count < len(entries) and len(', '.join(entries[:count + 1])) <= room:
+            count += 1
+        left_out = len(entries) - count
+        if left_out < 2:
+            continue
+        shorter = f'{", ".join(entries[:count])} and {left_out} more (--verbose names all)'
+        text = text[:names.start()] + shorter + text[names.end():]
+    return text
+
+
+def print_table(header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Print a table: texts aligned left, numbers right, with six digits."""
+    lines = [list(header)]
+    for row in rows:
+        lines.append([cell if isinstance(cell, str) else f'{cell + 0.0:.6g}' for cell in row])
+    columns = list(zip(*lines, strict=True))
+    widths = [max(map(len, column)) for column in columns]
+    numeric = [all(map(_is_number, column[1:])) for column in columns]
+    for line in lines:
+        cells = []
+        for cell, width, is_numeric in zip(line, widths, numeric, strict=True):
+            cells.append(cell.rjust(width) if is_numeric else cell.ljust(width))
+        print('  '.join(cells).rstrip())
+
+
+def print_json(value: Any) -> None:
+    """Print JSON on one line."""
+    print(as_json(value))
+
+
+def as_json(value: Any) -> str:
+    """Return JSON on one line; infinite and missing numbers become null."""
+    return json.dumps(plain(value), allow_nan=False)
+
+
+def plain(value: Any) -> Any:
+    """Return plain data for arrays, and for lists and mappings of arrays."""
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def print_files(paths: Iterable[str]) -> None:
+    """Print the names of files that were written."""
+    for path in paths:
+        print(f'wrote {path}')
+
+
+def without_rounding(values: Array, size: float = 0.0) -> Array:
+    """Return numbers with 0 in place of rounding errors of the largest, or of a larger size."""
+    largest = max(size, float(np.abs(values).max(initial=0.0)))
+    return np.where(np.abs(values) < ROUNDING * largest, 0.0, values)
+
+
+def _is_number(text: str) -> bool:
+    """Return whether a cell of a table is a number, or says that there is none."""
+    try:
+        float(text)
+    except ValueError:
+        return text == 'none'
+    return True
