@@ -17,8 +17,9 @@ def _torque(sub: ArgumentParser) -> None:
                                 ('udot', 'accelerations', 'zeros')):
         sub.add_argument(f'--{name}', nargs='+', metavar='X', help=f'{text} (default: {default})')
     _add_motion(sub, 'CSV or YAML file; prints the torques of every row')
-    sub.add_argument('--step', type=float, metavar='S', help='time between samples of the motion '
-                     f'(default: {STEP:g} between points of a YAML file; rows of a CSV file)')
+    sub.add_argument('--step', type=float, metavar='S', help='time between samples of '
+                     f'the motion (default: {STEP:g} between points of a YAML file; '
+                     'rows of a CSV file)')
     sub.add_argument('-o', '--out', metavar='CSV',
                      help='write the torques of the motion to this file')
     add_plot(sub, 'torque-by-source', *(kind for kind in KINDS if kind != 'torque-by-source'))
@@ -37,8 +38,8 @@ def _simulate(sub: ArgumentParser) -> None:
     sub.add_argument('--step', type=float, default=1e-3, metavar='S',
                      help='integration step in s; default: 0.001')
     sub.add_argument('--integrator', choices=INTEGRATORS,
-                     help='implicit: for stiff friction, springs and beams (default: rk4 where '
-                     'the step is stable, else implicit)')
+                     help='implicit: for stiff friction, springs and beams (default: '
+                     'rk4 where the step is stable, else implicit)')
     sub.add_argument('--stops', action='store_true',
                      help='joints hit rigid, inelastic stops at their position limits')
     source = sub.add_mutually_exclusive_group()
@@ -68,8 +69,8 @@ def _inspect(sub: ArgumentParser) -> None:
     _add_constraints(sub)
     sub.add_argument('--against', choices=['pinocchio'],
                      help='compare inverse dynamics at random states')
-    sub.add_argument('--frames', action='store_true', help='also print the frames: the body that '
-                     'carries each, and its pose there')
+    sub.add_argument('--frames', action='store_true', help='also print the frames: the '
+                     'body that carries each, and its pose there')
     sub.add_argument('--operations', action='store_true',
                      help='also print the operation count of each compiled function')
 
@@ -139,8 +140,8 @@ def _add_efforts(sub: ArgumentParser) -> None:
     sub.add_argument('--efforts-without-gravity', action='store_true',
                      help='the weight of the arm is no part of the efforts')
     sub.add_argument('--torque-constants', type=float, nargs='+', metavar='C',
-                     help='torque on the joint per current, one or one per joint, N m/A, with '
-                     '--efforts motor_current')
+                     help='torque on the joint per current, one or one per joint, N '
+                     'm/A, with --efforts motor_current')
 
 
 def _identify(sub: ArgumentParser) -> None:
@@ -154,8 +155,8 @@ def _identify(sub: ArgumentParser) -> None:
     sub.add_argument('--friction-only', action='store_true',
                      help='identify friction and armature only')
     sub.add_argument('--unbounded', action='store_true',
-                     help='with --friction-only: plain least squares, whose friction may be '
-                          'negative where the inertial parameters are wrong')
+                     help='with --friction-only: plain least squares, whose friction '
+                          'may be negative where the inertial parameters are wrong')
     sub.add_argument('--standstill', type=float, default=STANDSTILL, metavar='SPEED',
                      help='ignore rows in which a joint is slower; rad/s or m/s; '
                      'default: %(default)g')
@@ -213,12 +214,12 @@ def _collision_thresholds(sub: ArgumentParser) -> None:
     from kane_dynamics.identification.collision_calibration import DRIFT, MARGIN
     _add_model(sub)
     _add_constraints(sub)
-    sub.add_argument('recording', metavar='RECORDING', help='CSV or npz file, or a ROS 2 bag, of '
-                     'motion without contact; unfiltered')
+    sub.add_argument('recording', metavar='RECORDING', help='CSV or npz file, or a ROS '
+                     '2 bag, of motion without contact; unfiltered')
     sub.add_argument('--topic', help='topic of joint states in a bag (default: the only one)')
     _add_efforts(sub)
-    sub.add_argument('--commands', action='store_true', help='the torques are commands that act '
-                     'until the next row (default: they are measured)')
+    sub.add_argument('--commands', action='store_true', help='the torques are commands '
+                     'that act until the next row (default: they are measured)')
     for name, default, text in (
             ('gain', 50.0, 'of the observer, 1/s'),
             ('margin', MARGIN, 'threshold over the largest error, at least 1.25'),
@@ -244,8 +245,8 @@ def _feasible(sub: ArgumentParser) -> None:
                              ('jerk', 'jerk', 'rad/s^3 or m/s^3'),
                              ('torque-rate', 'torque rate (without Coulomb friction)', 'N m/s')):
         sub.add_argument(f'--{name}', type=float, nargs='+', default=[math.inf], metavar='L',
-                         help=f'largest {what} with --time-optimal, one value or one per joint, '
-                         f'{unit} (default: none)')
+                         help=f'largest {what} with --time-optimal, one value or one '
+                         f'per joint, {unit} (default: none)')
     sub.add_argument('--payload-frame', metavar='LINK',
                      help='compute the largest payload of this link')
     sub.add_argument('--payload-com', type=float, nargs=3, default=(0.0, 0.0, 0.0),
@@ -253,8 +254,8 @@ def _feasible(sub: ArgumentParser) -> None:
     sub.add_argument('--step', type=float, default=FINE, metavar='S',
                      help='time between samples in s; default: %(default)g')
     sub.add_argument('-o', '--out', metavar='CSV',
-                     help='write the motion at the highest feasible speed, or with its fastest '
-                     'timing')
+                     help='write the motion at the highest feasible speed, or with its '
+                     'fastest timing')
     add_plot(sub, 'torque, speed and power')
 
 
@@ -264,8 +265,8 @@ def _fill(sub: ArgumentParser) -> None:
     _add_motion(sub, 'YAML, CSV or npz file, or a ROS 2 bag', required=True)
     sub.add_argument('--topic', help='topic of the trajectories in a bag (default: the only one)')
     sub.add_argument('--tolerance', type=float, nargs='+', metavar='X',
-                     help='insert points where the interpolated effort is wrong by more, one '
-                     'value or one per joint, N m or N (default: insert none)')
+                     help='insert points where the interpolated effort is wrong by '
+                     'more, one value or one per joint, N m or N (default: insert none)')
     sub.add_argument('--rest', dest='pose', type=float, nargs='+', metavar='X',
                      help='positions of all joints; joints that the trajectory lacks rest there')
     sub.add_argument('--without', nargs='+', default=(), metavar='TERM',
@@ -296,9 +297,9 @@ def _send(sub: ArgumentParser) -> None:
     _add_constraints(sub)
     _add_motion(sub, 'CSV or YAML file; it starts at the measured positions')
     sub.add_argument('--by', type=float, nargs='+', metavar='X',
-                     help='move by so much from the measured positions, and back, rad or m; one '
-                     'per joint, or one value, which is smaller or turned round for joints that '
-                     'would leave their limits')
+                     help='move by so much from the measured positions, and back, rad '
+                     'or m; one per joint, or one value, which is smaller or turned '
+                     'round for joints that would leave their limits')
     sub.add_argument('--duration', type=float, default=2.0, metavar='S',
                      help='duration of the motion of --by in s; default: %(default)g')
     sub.add_argument('--namespace', default='', help='namespace of the arm in the ROS graph')
@@ -310,8 +311,8 @@ def _view(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_constraints(sub)
     _add_motion(sub, '.npz, CSV or YAML file; shown with a time slider')
-    sub.add_argument('--host', default='127.0.0.1', help='address to serve at; the default '
-                     'is reachable from this machine only')
+    sub.add_argument('--host', default='127.0.0.1', help='address to serve at; the '
+                     'default is reachable from this machine only')
     sub.add_argument('--port', type=int, default=8080,
                      help='port, or the next free one; default: 8080')
     sub.add_argument('--no-open', action='store_true', help='do not open a browser')
@@ -358,8 +359,9 @@ def _add_model(sub: ArgumentParser) -> None:
     group.add_argument('--base', metavar='LINK', help='base link of the moving part')
     group.add_argument('--tip', metavar='LINK', help='last link of the moving part')
     group.add_argument('--root-joint', choices=('fixed', 'free', 'floating', 'planar'),
-                       default='fixed', help='joint between the world and the base; free: a '
-                       'floating base with a quaternion, floating: with three angles')
+                       default='fixed', help='joint between the world and the base; '
+                       'free: a floating base with a quaternion, floating: with three '
+                       'angles')
     group.add_argument('--gravity', nargs=3, type=float, default=GRAVITY, metavar=('X', 'Y', 'Z'),
                        help='m/s^2; default: 0 0 -9.81')
     group.add_argument('--supplement', metavar='YAML',
@@ -372,8 +374,9 @@ def _add_model(sub: ArgumentParser) -> None:
 
 def _add_constraints(sub: ArgumentParser) -> None:
     """Add --constraints."""
-    sub.add_argument('--constraints', metavar='YAML', help='loop closures and other constraints, '
-                     'which URDF lacks; states and motions are those of its independent joints')
+    sub.add_argument('--constraints', metavar='YAML', help='loop closures and other '
+                     'constraints, which URDF lacks; states and motions are those of '
+                     'its independent joints')
 
 
 def _add_output(sub: ArgumentParser) -> None:

@@ -103,7 +103,8 @@ def _options(parser: argparse.ArgumentParser, arguments: list[str]) -> argparse.
     """
     Return the options; `rest` has the arguments that the command does not know.
 
-    argparse reads a negative number like -1e-3 as an option, unless it begins with a blank.
+    argparse reads a negative number like -1e-3 as an option, unless it begins with a
+    blank.
     """
     marked: dict[str, str] = {}
     for argument in arguments:
@@ -128,8 +129,8 @@ def _options(parser: argparse.ArgumentParser, arguments: list[str]) -> argparse.
 def _text_of(error: KaneError | OSError) -> str:
     """Return the message of an error; that of the system is led by the file's name."""
     if isinstance(error, OSError) and error.filename is not None:
-        return (f"'{error.filename}': {str(error.strerror).lower()}; expected the path of a file "
-                'that can be read, or written in an existing folder')
+        return (f"'{error.filename}': {str(error.strerror).lower()}; expected the path "
+                'of a file that can be read, or written in an existing folder')
     return str(error)
 
 
@@ -215,8 +216,8 @@ def _is_number(text: str) -> bool:
 
 def _parser(chosen: str) -> argparse.ArgumentParser:
     """Return the parser of all commands, with the arguments of the chosen one."""
-    parser = _Parser('kane-dynamics', description="Manipulator dynamics by Kane's method, "
-                     'compiled for one robot at a time.')
+    parser = _Parser('kane-dynamics', description="Manipulator dynamics by Kane's "
+                     'method, compiled for one robot at a time.')
     parser.add_argument('--version', action='store_true', help='print the version')
     parsers = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for name, (text, function) in COMMANDS.items():

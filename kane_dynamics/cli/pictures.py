@@ -18,8 +18,8 @@ def plotter(options: Namespace) -> Any:
                              '--plot FILE')
         return None
     if options.plot_of == 'tracking' and options.motion is None:
-        raise InputError('--plot-of: tracking without --motion; expected --motion FILE, the '
-                         'desired motion')
+        raise InputError('--plot-of: tracking without --motion; expected --motion FILE, '
+                         'the desired motion')
     plot = extra('kane_dynamics.plot', 'plot', '--plot')
     plot.check_path(options.plot)
     return plot

@@ -16,7 +16,8 @@ import numpy as np
 
 LONGEST = 180  # characters of a warning
 LIST = 4  # entries of a list of names that is shortened
-# A name, with a number or a remark in brackets behind it: "joint_1 45.2 rad (limits -1 to 1)".
+# A name, with a number or a remark in brackets behind it: "joint_1 45.2 rad (limits -1
+# to 1)".
 _NAME = r'(?:joint |link )?[^\s,;()]+(?: -?\d[\d.e+-]*(?: rad| m)?)?(?: \([^()]*\))?'
 ENTRY = re.compile(_NAME)
 NAMES = re.compile(rf'(?<=: ){_NAME}(?:, {_NAME}){{{LIST - 1},}}')
@@ -34,8 +35,8 @@ def model_warnings(collected: list[str] | None = None, *, verbose: bool = False
     """
     Collect model warnings in a list, or print them to stderr, also if an error follows.
 
-    Each is printed on one line with long lists of names shortened; warnings of unused URDF
-    elements are not printed. `verbose` prints everything.
+    Each is printed on one line with long lists of names shortened; warnings of unused
+    URDF elements are not printed. `verbose` prints everything.
     """
     with warnings.catch_warnings(record=True) as records:
         warnings.simplefilter('always', ModelWarning)
@@ -56,8 +57,8 @@ def brief(text: str) -> str:
     """
     Return a message whose long lists of names are shortened; its sentences stay whole.
 
-    A list follows a colon and has at least `LIST` entries. The last list is shortened first,
-    until the message has at most `LONGEST` characters.
+    A list follows a colon and has at least `LIST` entries. The last list is shortened
+    first, until the message has at most `LONGEST` characters.
     """
     for names in reversed(list(NAMES.finditer(text))):
         if len(text) <= LONGEST:

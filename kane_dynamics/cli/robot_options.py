@@ -27,13 +27,13 @@ def source_of(options: Namespace) -> str | bytes:
     """Return the URDF for load_urdf: a path, or its text from standard input or from xacro."""
     if options.urdf == '-':
         if sys.stdin is None:
-            raise InputError("URDF: '-', and standard input is closed; expected a URDF on "
-                             'standard input, or the path of a file')
+            raise InputError("URDF: '-', and standard input is closed; expected a URDF "
+                             'on standard input, or the path of a file')
         options.urdf = sys.stdin.buffer.read()  # standard input can be read only once
     if options.xacro:
         if isinstance(options.urdf, str) and '.xacro' not in options.urdf:
-            raise InputError(f"--xacro: given with '{options.urdf}'; expected it with a file "
-                             'whose name has .xacro')
+            raise InputError(f"--xacro: given with '{options.urdf}'; expected it with a "
+                             'file whose name has .xacro')
         options.urdf = expand_xacro(options.urdf, arguments_of(options.xacro))
         options.xacro = None
     source: str | bytes = options.urdf
@@ -77,8 +77,8 @@ def _chosen_mjcf(options: Namespace) -> tuple[Model, dict[str, Any]]:
     for name in ('base', 'tip', 'joints', 'supplement', 'xacro', 'constraints', 'root_joint'):
         if getattr(options, name, None) not in (None, 'fixed'):
             option = name.replace('_', '-')
-            raise InputError(f"--{option}: given with the MJCF file '{options.urdf}'; expected it "
-                             'with a URDF only')
+            raise InputError(f"--{option}: given with the MJCF file '{options.urdf}'; "
+                             'expected it with a URDF only')
     mechanism = load_mjcf(options.urdf, strict=not options.no_strict)
     model = mechanism.model
     if tuple(options.gravity) != GRAVITY:
@@ -123,7 +123,7 @@ def warn_degrees(robot: Robot, q: Array, what: str) -> None:
         q = all_joints
     warning = suspected_degrees(robot, q)
     if warning:
-        warn(f'{what}: {brief(warning)}', file=sys.stderr)
+        warn(f'{what}: {brief(warning)}')
 
 
 def warn_outside(robot: Robot, q: Array, what: str) -> None:
@@ -132,7 +132,7 @@ def warn_outside(robot: Robot, q: Array, what: str) -> None:
         return
     outside = outside_limits(robot, q)
     if outside:
-        print(f'kane-dynamics: warning: {what}: outside the limits: {short(outside)}')
+        warn(f'{what}: outside the limits: {short(outside)}')
 
 
 def say_start(robot: Robot, q: Array, what: str) -> None:
@@ -140,8 +140,8 @@ def say_start(robot: Robot, q: Array, what: str) -> None:
     nonzero = np.flatnonzero(q != neutral(robot.model))
     if len(nonzero):
         values = [f'{robot.coordinate_names[k]} {q[k]:.4g}' for k in nonzero]
-        print(f'kane-dynamics: {what}: 0 is outside the limits of these joints; they start in '
-              f'the middle of their limits: {short(values)}', file=sys.stderr)
+        print(f'kane-dynamics: {what}: 0 is outside the limits of these joints; they '
+              f'start in the middle of their limits: {short(values)}', file=sys.stderr)
 
 
 def vector(options: Namespace, name: str, robot: Robot) -> Array:
@@ -155,9 +155,10 @@ def positions(options: Namespace, name: str, robot: Robot, default: Array | None
     """
     Return an argument as the positions of all joints, (n_q,).
 
-    With constraints, positions of the independent joints are enough: the loops are closed from the
-    configuration of the constraints file. `default` are positions of the independent joints; its
-    default is that configuration, and `Robot.feasible_configuration` for a tree.
+    With constraints, positions of the independent joints are enough: the loops are
+    closed from the configuration of the constraints file. `default` are positions of the
+    independent joints; its default is that configuration, and
+    `Robot.feasible_configuration` for a tree.
     """
     if robot.constraint_names:
         q = _closed_positions(options, name, robot, default)

@@ -1,11 +1,11 @@
 """
 Files of joint states over time: CSV in and out, and YAML trajectory points in.
 
-A CSV file has a header. Its columns are `t` and `<quantity>.<joint>` with a quantity of q, u,
-udot or tau; the name of a joint alone means q; other columns are ignored. A YAML file has the
-structure of a trajectory_msgs/JointTrajectory: `joint_names` and `points` with `time_from_start`
-and `positions`, optionally `velocities` and `accelerations`; `header` and `effort` are ignored,
-and other keys are errors.
+A CSV file has a header. Its columns are `t` and `<quantity>.<joint>` with a quantity of
+q, u, udot or tau; the name of a joint alone means q; other columns are ignored. A YAML
+file has the structure of a trajectory_msgs/JointTrajectory: `joint_names` and `points`
+with `time_from_start` and `positions`, optionally `velocities` and `accelerations`;
+`header` and `effort` are ignored, and other keys are errors.
 """
 
 from collections.abc import Mapping, Sequence
@@ -65,8 +65,8 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
     Raises
     ------
     InputError
-        If the content is invalid; the message names the file, and the row and column of a bad
-        number, the joints without a column, or a duplicate column.
+        If the content is invalid; the message names the file, and the row and column of
+        a bad number, the joints without a column, or a duplicate column.
 
     """
     lines = [line for line in csv.reader(_text(path).splitlines(), skipinitialspace=True) if line]
@@ -83,8 +83,9 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
             continue
         if lacking:
             raise InputError(f"{path}: no column '{quantity}.{lacking[0]}'"
-                             f'{further(lacking[1:])}, but {quantity} of other joints; expected '
-                             f'{quantity}.<joint> of every joint (found {", ".join(header)})')
+                             f'{further(lacking[1:])}, but {quantity} of other joints; '
+                             f'expected {quantity}.<joint> of every joint (found '
+                             f'{", ".join(header)})')
         tables[quantity] = _numbers(path, lines, list(columns.values()))
     if not tables:
         raise InputError(f'{path}: no column of any joint; expected names like '
@@ -100,8 +101,9 @@ def read_rows(path: str, joint_names: Sequence[str], step: float | None = None) 
     """
     Return t and (q, u, udot) of a CSV or YAML file; t may be missing.
 
-    The points of a YAML file are a motion, which is sampled; the rows of a CSV file are returned
-    unchanged. Missing speeds and accelerations are those of the smooth curve through the points.
+    The points of a YAML file are a motion, which is sampled; the rows of a CSV file are
+    returned unchanged. Missing speeds and accelerations are those of the smooth curve
+    through the points.
 
     Parameters
     ----------
@@ -110,7 +112,8 @@ def read_rows(path: str, joint_names: Sequence[str], step: float | None = None) 
     joint_names : sequence of str
         The chosen joints, in the order of the result.
     step : float, optional
-        Largest time between two samples, s, also of a CSV file. Default for YAML: `STEP`.
+        Largest time between two samples, s, also of a CSV file. Default for YAML:
+        `STEP`.
 
     Raises
     ------
@@ -170,8 +173,8 @@ def of_mechanism(path: str, robot: Robot, t: Array | None, state: State) -> Stat
     """
     Return q (K, n_q), u and udot (K, n) of a robot for the rows of its independent joints.
 
-    With constraints the other joints follow by loop closure, from the configuration of the
-    constraints file.
+    With constraints the other joints follow by loop closure, from the configuration of
+    the constraints file.
     """
     if not robot.constraint_names:
         return state
@@ -252,8 +255,8 @@ def read_yaml_points(path: str | Path) -> tuple[list[str], list[float], list[Any
     for key, what in (('joint_names', 'names'),
                       ('points', "points, each with 'time_from_start' and 'positions'")):
         if not isinstance(content.get(key), list):
-            raise InputError(f'{path}: {key}: {SHORT.repr(content.get(key))}; expected a list '
-                             f'of {what}')
+            raise InputError(f'{path}: {key}: {SHORT.repr(content.get(key))}; expected '
+                             f'a list of {what}')
     times = []
     rows: list[list[Any]] = [[], [], []]  # positions, velocities, accelerations
     for i, entry in enumerate(content['points']):
@@ -282,8 +285,8 @@ def _seconds(value: Any, what: str) -> float:
     try:
         return float(parts.get('sec', 0)) + 1e-9 * float(parts.get('nanosec', 0))
     except (TypeError, ValueError):
-        raise InputError(f'{what}: {SHORT.repr(value)}; expected seconds, or a mapping of sec '
-                         'and nanosec') from None
+        raise InputError(f'{what}: {SHORT.repr(value)}; expected seconds, or a mapping '
+                         'of sec and nanosec') from None
 
 
 def _text(path: str | Path) -> str:
@@ -291,8 +294,8 @@ def _text(path: str | Path) -> str:
     try:
         return Path(path).read_text(encoding='utf-8-sig')
     except FileNotFoundError:
-        raise InputError(f'no such file: {os.fspath(path)!r}; expected a CSV, YAML or npz '
-                         'file') from None
+        raise InputError(f'no such file: {os.fspath(path)!r}; expected a CSV, YAML or '
+                         'npz file') from None
     except OSError as error:
         raise InputError(f'{path}: {error.strerror}; expected a readable file') from None
     except UnicodeDecodeError:

@@ -1,9 +1,9 @@
 """
 Short expressions, by polynomials in sines, cosines, symbols and square roots.
 
-SymPy's `expand` expands a nested expression before terms cancel, which takes too long for
-mechanisms with oblique axes. Here each node of the expression is converted once to a polynomial
-of SymPy's sparse rings, and sin^2 = 1 - cos^2 is applied after every product.
+SymPy's `expand` expands a nested expression before terms cancel, which takes too long
+for mechanisms with oblique axes. Here each node of the expression is converted once to a
+polynomial of SymPy's sparse rings, and sin^2 = 1 - cos^2 is applied after every product.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -95,8 +95,9 @@ class Polynomials:
 
     def _bounded(self, polynomial: Any) -> Any:
         if len(polynomial) > MOST_TERMS:
-            raise InputError(f'closed form: more than {MOST_TERMS} terms; expected fewer '
-                             'joints (--joints), or numbers for symbols (--numbers)')
+            raise InputError(f'closed form: more than {MOST_TERMS} terms; expected '
+                             'fewer joints (--joints), or numbers for symbols '
+                             '(--numbers)')
         return polynomial
 
     def _lowered(self, polynomial: Any) -> Any:
@@ -160,8 +161,8 @@ def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = (
     expressions : sequence of SymPy expressions
         Expressions in sines and cosines of q, polynomial in u and tanh(u).
     q, u : symbols
-        Coordinates and speeds; the coefficient of each product of speeds is simplified by itself,
-        and left expanded if it has more than `MOST_SHORTENED` terms.
+        Coordinates and speeds; the coefficient of each product of speeds is simplified
+        by itself, and left expanded if it has more than `MOST_SHORTENED` terms.
     progress : callable
         Called with the finished fraction of the expressions.
 

@@ -160,10 +160,12 @@ def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
     Returns
     -------
     model : object
-        Object with the attributes of a Model; axes, rotations and multipliers stay numbers.
+        Object with the attributes of a Model; axes, rotations and multipliers stay
+        numbers.
     parameters : list of Parameter
-        m mass, r center of mass, I moment of inertia, l place of the joint, k stiffness, s rest
-        position, d damping, f friction and w its speed, J armature, with the body's number.
+        m mass, r center of mass, I moment of inertia, l place of the joint, k stiffness,
+        s rest position, d damping, f friction and w its speed, J armature, with the
+        body's number.
 
     Raises
     ------

@@ -57,8 +57,9 @@ class BaseFit:
     ----------
     base : BaseParameters
     values, deviations : (b,) arrays
-        Estimates and standard deviations for independent residuals; kg, m, s as the unknowns.
-        Residuals of oversampled or filtered rows are correlated: the deviations are too small.
+        Estimates and standard deviations for independent residuals; kg, m, s as the
+        unknowns. Residuals of oversampled or filtered rows are correlated: the
+        deviations are too small.
     condition : float
         Condition number of the equations with columns scaled to unit length.
     sigma : (n,) array
@@ -90,8 +91,8 @@ def base_parameters(model: Model, speeds: Sequence[float] | Array, *, states: in
     """
     Return the base parameters of a model.
 
-    The regressor at random states is factorized by QR with column pivoting; dependent columns
-    give the groupings (Gautier, J. Robotic Systems 8 (1991)).
+    The regressor at random states is factorized by QR with column pivoting; dependent
+    columns give the groupings (Gautier, J. Robotic Systems 8 (1991)).
 
     Parameters
     ----------
@@ -148,7 +149,8 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
     speeds : (n,) array
         Friction speed of each joint, rad/s or m/s.
     weighted : bool
-        Whether joints are weighted by the variances of their residuals, which are iterated.
+        Whether joints are weighted by the variances of their residuals, which are
+        iterated.
 
     Raises
     ------
@@ -169,8 +171,8 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
         _, singular, Vt = np.linalg.svd(A / scale, full_matrices=False)
         if singular[-1] < 1e-12 * singular[0]:
             worst = int(np.argmax(np.abs(Vt[-1])))
-            raise InputError(f"motion: does not excite '{base.names[worst]}'; expected an "
-                             'exciting motion')
+            raise InputError(f"motion: does not excite '{base.names[worst]}'; expected "
+                             'an exciting motion')
         values = np.linalg.lstsq(A / scale, b, rcond=None)[0] / scale
         residual = weights(equations, floor, counts, values)
         sigma = residual if weighted else sigma

@@ -41,8 +41,8 @@ class CollisionCalibration:
     threshold : (n,) array
         For `CollisionDetector`, N m or N.
     error : (n,) array
-        Largest external torque that the observer estimates without contact, friction beyond the
-        model removed, N m or N.
+        Largest external torque that the observer estimates without contact, friction
+        beyond the model removed, N m or N.
     error_before : (n,) array
         The same with the friction of the model.
     error_time : (n,) array
@@ -50,12 +50,13 @@ class CollisionCalibration:
     coulomb, damping, offset, friction_speed : (n,) arrays
         Friction beyond the model, as of `FrictionError`.
     suspected : tuple of str
-        Joints in which single estimates are far beyond all others: a contact or an outlier in the
-        recording would make the thresholds too large.
+        Joints in which single estimates are far beyond all others: a contact or an
+        outlier in the recording would make the thresholds too large.
     unmoved : tuple of str
         Joints that move too little for their friction to be fitted.
     held_out_alarms : int
-        Number of collisions that thresholds and friction of the first half raise in the second.
+        Number of collisions that thresholds and friction of the first half raise in the
+        second.
     gain : float
         Of the observer, 1/s.
 
@@ -107,12 +108,13 @@ def calibrate_collision(robot: Robot, recording: Recording, *, gain: float = 50.
     """
     Return thresholds of collision detection from a recording without contact.
 
-    `MomentumObserver` runs over the recording. What the model's friction lacks (Coulomb friction,
-    damping, offset of each joint) is fitted to its estimates. Thresholds are `margin` times the
-    sum of the largest estimates that remain and of `drift` times the friction.
+    `MomentumObserver` runs over the recording. What the model's friction lacks (Coulomb
+    friction, damping, offset of each joint) is fitted to its estimates. Thresholds are
+    `margin` times the sum of the largest estimates that remain and of `drift` times the
+    friction.
 
-    The recording should be of the task at its speeds, with the payload and at the temperature of
-    use, at the rate of the states that the observer will get.
+    The recording should be of the task at its speeds, with the payload and at the
+    temperature of use, at the rate of the states that the observer will get.
 
     Parameters
     ----------
@@ -123,12 +125,14 @@ def calibrate_collision(robot: Robot, recording: Recording, *, gain: float = 50.
     gain : float
         Of the observer, 1/s; thresholds are valid for it only.
     margin : float
-        At least 1.25, so that errors as in the recording are below the level of 0.8 times the
-        threshold at which `CollisionDetector` clears the flag.
+        At least 1.25, so that errors as in the recording are below the level of 0.8
+        times the threshold at which `CollisionDetector` clears the flag.
     drift : float
-        Relative change of friction that raises no alarm, for example by temperature; >= 0.
+        Relative change of friction that raises no alarm, for example by temperature; >=
+        0.
     held : bool
-        True if the torques are commands that act until the next row, False if they are measured.
+        True if the torques are commands that act until the next row, False if they are
+        measured.
 
     Raises
     ------
@@ -147,8 +151,8 @@ def calibrate_collision(robot: Robot, recording: Recording, *, gain: float = 50.
     motion = recorded_motion(robot, names, recording)
     estimates = _estimates(robot, motion, gain, held)
     if estimates.settled.sum() < LEAST_ROWS:
-        raise InputError(f'recording: {int(estimates.settled.sum())} rows after the observer has '
-                         f'settled; expected at least {LEAST_ROWS}')
+        raise InputError(f'recording: {int(estimates.settled.sum())} rows after the '
+                         f'observer has settled; expected at least {LEAST_ROWS}')
     largest_torque = np.abs(motion[3]).max(axis=0)
     friction, unmoved = _fitted_friction(estimates)
     left = np.abs(_remaining(estimates, friction))[estimates.settled]

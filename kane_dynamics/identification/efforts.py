@@ -24,25 +24,29 @@ class Efforts:
     motor_current
         Current of the motor, A; times `constants` it is a motor torque.
     motor_torque
-        Torque of the motor behind its gear: it overcomes friction and accelerates the rotor.
+        Torque of the motor behind its gear: it overcomes friction and accelerates the
+        rotor.
     joint_torque
         Measured at the joint, behind friction and rotor: these are added from the model.
     external_torque
-        Torque of the environment on the joints, as the arm estimates it with a model of its own.
+        Torque of the environment on the joints, as the arm estimates it with a model of
+        its own.
 
     Attributes
     ----------
     kind : EffortKind or str
     gravity : bool
-        Whether the weight of the arm and of its payload is part of the efforts; without effect on
-        external torques. If not, the gravity of the model is added.
+        Whether the weight of the arm and of its payload is part of the efforts; without
+        effect on external torques. If not, the gravity of the model is added.
     constants : (n,) array, optional
-        Torque on the joint per current, N m/A or N/A, gears included; needed for currents only.
+        Torque on the joint per current, N m/A or N/A, gears included; needed for
+        currents only.
 
     Raises
     ------
     InputError
-        The kind is unknown, `gravity` is no truth value, or constants are missing or not needed.
+        The kind is unknown, `gravity` is no truth value, or constants are missing or not
+        needed.
 
     """
 
@@ -59,8 +63,8 @@ class Efforts:
             raise InputError(f'gravity: {self.gravity!r}; expected True or False')
         currents = self.kind is EffortKind.MOTOR_CURRENT
         if currents and self.constants is None:
-            raise InputError('efforts: motor_current without constants; expected the torque '
-                             'constants of the joints, N m/A')
+            raise InputError('efforts: motor_current without constants; expected the '
+                             'torque constants of the joints, N m/A')
         if self.constants is not None and not currents:
             raise InputError(f'efforts: {self.kind} with constants; expected these with '
                              'motor_current only')
@@ -84,8 +88,8 @@ class Efforts:
         effort : (n,) or (N, n) array_like
             As reported: N m or N, or A.
         udot : (n,) or (N, n) array_like, optional
-            Accelerations; needed for external torques. Joint torques lack the inertia of the
-            rotors without it.
+            Accelerations; needed for external torques. Joint torques lack the inertia of
+            the rotors without it.
 
         Returns
         -------
@@ -102,20 +106,20 @@ class Efforts:
         if self.plain:
             return tau
         if robot.constraint_names:
-            raise InputError(f'efforts: {self}, of a robot with constraints; expected motor '
-                             'torques with gravity, since the others need the torques of single '
-                             'joints')
+            raise InputError(f'efforts: {self}, of a robot with constraints; expected '
+                             'motor torques with gravity, since the others need the '
+                             'torques of single joints')
         if self.constants is not None:
             constants = per_joint(self.constants, 'constants', robot.joint_names)
             if not constants.all():
                 joint = robot.joint_names[int(np.argmin(constants))]
-                raise InputError(f"constants of joint '{joint}': 0; expected a positive number, "
-                                 'N m/A or N/A')
+                raise InputError(f"constants of joint '{joint}': 0; expected a positive "
+                                 'number, N m/A or N/A')
             tau = tau * constants
         if self.kind is EffortKind.EXTERNAL_TORQUE:
             if udot is None:
-                raise InputError('udot: missing; expected the accelerations, which external '
-                                 'torques lack')
+                raise InputError('udot: missing; expected the accelerations, which '
+                                 'external torques lack')
             return np.asarray(robot.inverse_dynamics(q, u, udot) - tau)
         if self.kind is EffortKind.JOINT_TORQUE:
             tau = tau + robot.friction_force(u)
@@ -155,11 +159,11 @@ class Efforts:
         if share < -MOST:
             return f'{words}about 100% of {self}: their sign is reversed'
         if share < LITTLE:
-            return (f'{words}about 100% of {self}: do they lack gravity (efforts.gravity), or are '
-                    'they of another kind (efforts.kind)?')
+            return (f'{words}about 100% of {self}: do they lack gravity '
+                    '(efforts.gravity), or are they of another kind (efforts.kind)?')
         if share > 1.0 / LITTLE:
-            return (f'{words}about 100% of {self}: are they currents, or in another unit '
-                    '(efforts.kind, efforts.constants)?')
+            return (f'{words}about 100% of {self}: are they currents, or in another '
+                    'unit (efforts.kind, efforts.constants)?')
         return ''
 
     def share_of_weight(self, robot: Robot, q: ArrayLike, effort: ArrayLike) -> float | None:

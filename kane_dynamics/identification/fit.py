@@ -36,27 +36,30 @@ class Identification:
     given : Model
         The initial model.
     unknowns : (10 bodies + 4 n,) array
-        Identified values: inertial parameters, in the order of `regressor.PARAMETERS`, then
-        damping, friction, armature and offset of each joint.
+        Identified values: inertial parameters, in the order of `regressor.PARAMETERS`,
+        then damping, friction, armature and offset of each joint.
     friction_speed : (n,) array
         Friction speed of the Coulomb friction of each joint, rad/s or m/s.
     friction_only : bool
         Whether the inertials are the given ones.
     before, fitted, held_out : (n,) arrays
-        RMS of torque error, N m or N: of the given model on the second half; of the identified
-        model on the first half, to which it was fitted; and on the second half, held out.
+        RMS of torque error, N m or N: of the given model on the second half; of the
+        identified model on the first half, to which it was fitted; and on the second
+        half, held out.
     deviations : (n, 4) array
-        Standard deviations of damping, friction, armature and offset for independent residuals;
-        those of a smooth recording are correlated, which makes the deviations too small. They
-        include the bias of the prior, see `standard_deviations`, and take the friction speeds as
-        known.
+        Standard deviations of damping, friction, armature and offset for independent
+        residuals; those of a smooth recording are correlated, which makes the deviations
+        too small. They include the bias of the prior, see `standard_deviations`, and
+        take the friction speeds as known.
     inertial_deviations : (bodies, 10) array
-        Standard deviations of single inertial parameters about the body's origin, in the order of
-        `regressor.PARAMETERS`: those of the torques alone, or larger by the bias of the prior; NaN
-        for parameters that are not identifiable by themselves, and with `friction_only`.
+        Standard deviations of single inertial parameters about the body's origin, in the
+        order of `regressor.PARAMETERS`: those of the torques alone, or larger by the
+        bias of the prior; NaN for parameters that are not identifiable by themselves,
+        and with `friction_only`.
     fitted_moving, held_out_moving : (n,) arrays
-        `fitted` and `held_out` of the rows in which the joint moves, N m or N: rows at standstill
-        have static friction, which no parameter describes. NaN for a joint without such rows.
+        `fitted` and `held_out` of the rows in which the joint moves, N m or N: rows at
+        standstill have static friction, which no parameter describes. NaN for a joint
+        without such rows.
     condition : float
         Condition number of the equations with the prior, columns scaled to unit length.
     weight : float
@@ -86,8 +89,8 @@ class Identification:
         Raises
         ------
         ModelError
-            If damping, friction or armature of a joint is negative, which is possible without
-            bounds; the message names it.
+            If damping, friction or armature of a joint is negative, which is possible
+            without bounds; the message names it.
 
         """
         return identified(self.given, self.unknowns, self.friction_speed,
@@ -123,20 +126,21 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     Parameters
     ----------
     model : Model
-        Initial model; its inertials are the prior of parameters that are not identifiable.
+        Initial model; its inertials are the prior of parameters that are not
+        identifiable.
     recording : Recording
         Recording of the model's joints, in their order; filtered if necessary.
     friction_only : bool
         Keep the given inertials.
     bounded : bool
         Whether damping, friction and armature are bounded to values >= 0. False requires
-        `friction_only`: plain least squares, in which a negative value shows an error of the rigid
-        bodies; `model` then raises ModelError.
+        `friction_only`: plain least squares, in which a negative value shows an error of
+        the rigid bodies; `model` then raises ModelError.
     weight : float, optional
         Weight of the prior. Default: chosen by cross-validation on the first half.
     standstill : float
-        The fit of a joint ignores rows in which it is slower, rad/s or m/s; the reported errors
-        are those of all rows.
+        The fit of a joint ignores rows in which it is slower, rad/s or m/s; the reported
+        errors are those of all rows.
     diagnosed : bool
         Whether `diagnose` was called already; it is not called again then.
     progress : callable
@@ -145,13 +149,14 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     Warns
     -----
     ModelWarning
-        By what `diagnose` finds, the recording is not of the model: signs, units, gravity,
-        exchanged joints. It is fitted nevertheless.
+        By what `diagnose` finds, the recording is not of the model: signs, units,
+        gravity, exchanged joints. It is fitted nevertheless.
 
     Raises
     ------
     InputError
-        If the recording has other joints or moves too little, or an argument is out of range.
+        If the recording has other joints or moves too little, or an argument is out of
+        range.
 
     """
     if weight is not None and not 0.0 < weight < np.inf:
@@ -222,8 +227,8 @@ def _with_bodies(model: Model, data: RegressionRows, speeds: Array, x: Array, we
     """
     Return the unknowns, the friction speeds, and the weight of the prior.
 
-    A weight that is not given is chosen twice: with the friction speeds fitted to the given
-    bodies, then with those fitted to the identified bodies.
+    A weight that is not given is chosen twice: with the friction speeds fitted to the
+    given bodies, then with those fitted to the identified bodies.
     """
     prior = [body.inertial for body in model.bodies]
 
@@ -260,9 +265,9 @@ def _chosen_weight(model: Model, data: RegressionRows, speeds: Array, x: Array,
     """
     Return the weight of the prior, by cross-validation over blocks of consecutive rows.
 
-    It is the largest weight whose error is within one standard error of the smallest (Hastie,
-    Tibshirani & Friedman, The Elements of Statistical Learning, section 7.10). Errors are in units
-    of each joint's residual at x.
+    It is the largest weight whose error is within one standard error of the smallest
+    (Hastie, Tibshirani & Friedman, The Elements of Statistical Learning, section 7.10).
+    Errors are in units of each joint's residual at x.
     """
     sigma = _weighted(compressed(data, speeds), x)[2]
     stretches = [np.vstack([R / s for R, s in zip(factorized(part, speeds), sigma, strict=True)])

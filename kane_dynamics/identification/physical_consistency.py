@@ -1,12 +1,13 @@
 """
 Physically consistent inertial parameters by semidefinite programming.
 
-A body's parameters are physical if and only if its pseudo-inertia P is positive semidefinite
-(Wensing, Kim & Slotine, RA-L 3 (2018)). Parameters that are not identifiable are determined by
-the distance from the initial model: with P0 = L L^T and P = L (1 + Z) L^T the distance is |Z|^2,
-the second-order term of the Riemannian distance between P and P0, which is independent of frame
-and units (Lee, Wensing & Park, IEEE T-RO 36 (2020)). Z also scales the program: 1 + Z >= 0. If the
-unconstrained minimum satisfies this, least squares with bounds on friction are enough.
+A body's parameters are physical if and only if its pseudo-inertia P is positive
+semidefinite (Wensing, Kim & Slotine, RA-L 3 (2018)). Parameters that are not
+identifiable are determined by the distance from the initial model: with P0 = L L^T and P
+= L (1 + Z) L^T the distance is |Z|^2, the second-order term of the Riemannian distance
+between P and P0, which is independent of frame and units (Lee, Wensing & Park, IEEE T-RO
+36 (2020)). Z also scales the program: 1 + Z >= 0. If the unconstrained minimum satisfies
+this, least squares with bounds on friction are enough.
 """
 
 from collections.abc import Sequence
@@ -70,8 +71,8 @@ def physical(A: Array, b: Array, prior: Sequence[Inertial], joints: int, weight:
     prior : sequence of Inertial
         Inertials of the initial model.
     joints : int
-        Number of joints with friction and armature among the unknowns; all of these except
-        offsets are >= 0.
+        Number of joints with friction and armature among the unknowns; all of these
+        except offsets are >= 0.
     weight : float
         Positive weight of the distance from the prior.
 
@@ -101,10 +102,10 @@ def _unconstrained(R: Array, bodies: int, lowest: Array) -> Array | None:
     """
     Return the minimum without constraints on the bodies; None if a body is not physical.
 
-    The columns of R are those of Z, body by body, of the losses with bounds `lowest`, and the
-    right-hand side. The problem is convex: a physical minimum is the solution, and more accurate
-    than that of an interior point method, which stops early if data and prior differ much in
-    weight.
+    The columns of R are those of Z, body by body, of the losses with bounds `lowest`,
+    and the right-hand side. The problem is convex: a physical minimum is the solution,
+    and more accurate than that of an interior point method, which stops early if data
+    and prior differ much in weight.
     """
     lengths = np.linalg.norm(R[:, :-1], axis=0)
     lengths[lengths == 0.0] = 1.0
@@ -121,8 +122,8 @@ def _constrained(R: Array, bodies: int, lowest: Array) -> Array:
     """
     Return the minimum by semidefinite programming; arguments as in `_unconstrained`.
 
-    The variables are Z, the losses and the residual r = R x - z; s = b - A x lies in the cones.
-    The basis of Z is that of semidefinite matrices in Clarabel.
+    The variables are Z, the losses and the residual r = R x - z; s = b - A x lies in the
+    cones. The basis of Z is that of semidefinite matrices in Clarabel.
     """
     clarabel, sparse = scientific('clarabel'), scientific('scipy.sparse')
     rows, size, count = len(R), 10 * bodies, R.shape[1] - 1

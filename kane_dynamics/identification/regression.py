@@ -1,14 +1,16 @@
 """
 Linear equations of identification: torque = Y phi + friction and armature terms.
 
-The unknowns, in order: ten inertial parameters per body as in `mechanics.recursive.regressor`,
-then damping, Coulomb friction, armature and offset of each joint. The friction speed of Coulomb
-friction enters nonlinearly. It is given, or chosen for each joint: by `friction_speeds` for given
-bodies, by `settled_speeds` for unknown bodies.
+The unknowns, in order: ten inertial parameters per body as in
+`mechanics.recursive.regressor`, then damping, Coulomb friction, armature and offset of
+each joint. The friction speed of Coulomb friction enters nonlinearly. It is given, or
+chosen for each joint: by `friction_speeds` for given bodies, by `settled_speeds` for
+unknown bodies.
 
-The torque of a joint at rest is undetermined within the limits of stiction and contains no
-information on its parameters: its equations omit rows in which it is slower than a bound
-(Swevers, Verdonck & De Schutter, IEEE Control Systems 27 (2007), section on friction).
+The torque of a joint at rest is undetermined within the limits of stiction and contains
+no information on its parameters: its equations omit rows in which it is slower than a
+bound (Swevers, Verdonck & De Schutter, IEEE Control Systems 27 (2007), section on
+friction).
 """
 
 from collections.abc import Callable
@@ -143,8 +145,8 @@ def _friction_factor(data: RegressionRows, joint: int) -> Factor:
     """Return the factorized friction equations of a joint for given bodies."""
     moves = data.moving[:, joint]
     if moves.sum() < 10:
-        raise InputError(f"joint '{data.joint_names[joint]}': moves in {moves.sum()} rows of the "
-                         'fit; expected at least 10')
+        raise InputError(f"joint '{data.joint_names[joint]}': moves in {moves.sum()} "
+                         'rows of the fit; expected at least 10')
     left = data.recording.tau[:, joint] - data.rigid[:, joint] - data.rest[:, joint]
     u, udot = data.recording.u[moves, joint], data.recording.udot[moves, joint]
     return Factor(np.array([0, 2, 3, 4]), 1, u, *np.linalg.qr(np.column_stack(
@@ -191,8 +193,9 @@ def settled_speeds(data: RegressionRows, speeds: Array, rigid: Callable[[Array],
     """
     Return the friction speeds that fit best for unknown inertial parameters.
 
-    Bodies and speeds are fitted alternately until the speeds converge; each fit reduces the same
-    sum of squares. Speeds fitted to wrong bodies compensate part of their error, and vice versa.
+    Bodies and speeds are fitted alternately until the speeds converge; each fit reduces
+    the same sum of squares. Speeds fitted to wrong bodies compensate part of their
+    error, and vice versa.
 
     Parameters
     ----------
@@ -243,8 +246,9 @@ def compressed(data: RegressionRows,
     counts = data.moving.sum(axis=0)
     for j, count in enumerate(counts):
         if count <= columns + 1:
-            raise InputError(f"joint '{data.joint_names[j]}': moves in {count} rows of the fit; "
-                             f'expected more than {columns + 1} for {columns} unknowns')
+            raise InputError(f"joint '{data.joint_names[j]}': moves in {count} rows of "
+                             f'the fit; expected more than {columns + 1} for {columns} '
+                             'unknowns')
     parts = [factorized(part, speeds) for part in data.stretches]
     whole = [triangle(np.vstack(of_joint)) for of_joint in zip(*parts, strict=True)]
     # With few columns in use the last row may be missing.

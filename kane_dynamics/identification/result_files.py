@@ -21,11 +21,12 @@ def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, 
     """
     Return the texts of a URDF and of its supplement that describe a model.
 
-    `load_urdf(urdf, supplement=supplement, ...)` with the arguments of the first load returns a
-    model with the same dynamics. The first link of a moving body gets its whole inertial; links
-    fixed to it, and a payload of the former supplement, get none. Links behind locked joints keep
-    theirs, so that these joints can still move, and the first link gets the rest. If the rest is
-    no possible inertia, they keep half of the largest possible fraction.
+    `load_urdf(urdf, supplement=supplement, ...)` with the arguments of the first load
+    returns a model with the same dynamics. The first link of a moving body gets its
+    whole inertial; links fixed to it, and a payload of the former supplement, get none.
+    Links behind locked joints keep theirs, so that these joints can still move, and the
+    first link gets the rest. If the rest is no possible inertia, they keep half of the
+    largest possible fraction.
 
     Warns
     -----
@@ -51,8 +52,8 @@ def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, 
     bodies = {body.name: body for body in model.bodies}
     strange = sorted(set(bodies) - links)
     if strange:
-        raise InputError(f'bodies {strange}: no links of the URDF; expected a model without '
-                         'floating or planar joints')
+        raise InputError(f'bodies {strange}: no links of the URDF; expected a model '
+                         'without floating or planar joints')
     inertials = _link_inertials(source, model)
     riders = [frame.name for frame in model.frames
               if frame.body != WORLD and frame.name not in inertials]
@@ -85,9 +86,10 @@ def _link_inertials(source: str | bytes | os.PathLike[str], model: Model) -> dic
         most = 1.0 / float(np.linalg.eigvalsh(root @ theirs @ root.T)[-1])
         share = 1.0 if most > 1.0 else 0.5 * most
         if share < 1.0:
-            warnings.warn(f'links {heavy} behind locked joints: heavier than their identified '
-                          f"body '{body.name}'; they keep {share:.1%} of their inertials; "
-                          'expected at most the inertia of the body', ModelWarning, stacklevel=3)
+            warnings.warn(f'links {heavy} behind locked joints: heavier than their '
+                          f"identified body '{body.name}'; they keep {share:.1%} of "
+                          'their inertials; expected at most the inertia of the body',
+                          ModelWarning, stacklevel=3)
         found[body.name] = Inertial.from_pseudo_inertia(total - share * theirs)
         for name in heavy:
             found[name] = Inertial.from_pseudo_inertia(share * given[name].pseudo_inertia)
@@ -115,8 +117,8 @@ def written_payload(supplement: str | os.PathLike[str] | None, link: str, payloa
 
     """
     if read_supplement(supplement).payload is not None:
-        raise InputError(f"supplement '{supplement}': has a payload already; expected none, "
-                         'since the identified payload would be added to it')
+        raise InputError(f"supplement '{supplement}': has a payload already; expected "
+                         'none, since the identified payload would be added to it')
     known: Any = {} if supplement is None else yaml.safe_load(Path(supplement).read_bytes())
     moments = dict(zip(INERTIA_KEYS, six(payload), strict=True))
     return yaml.safe_dump({**(known or {}), 'payload': {

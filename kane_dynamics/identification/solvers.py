@@ -15,7 +15,8 @@ def on_one_processor(function: Callable[P, R]) -> Callable[P, R]:
     """
     Return the function with BLAS limited to one thread.
 
-    The matrices are small: threads of a BLAS would mostly wait for each other in busy loops.
+    The matrices are small: threads of a BLAS would mostly wait for each other in busy
+    loops.
     """
     @wraps(function)
     def limited(*args: P.args, **kwargs: P.kwargs) -> R:

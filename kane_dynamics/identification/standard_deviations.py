@@ -1,13 +1,13 @@
 """
 Standard deviations of identified values, including the bias of the prior.
 
-With P = (A^T A + w G)^-1 and the error of the prior, d = truth - prior, the error of the estimate
-is P (A^T e - w G d): noise e, and bias towards the prior. If the weight w is that of the true
-distribution, d has the covariance (w G)^-1, and the error has the covariance P. But w is chosen by
-cross-validation and may be too large. By the evidence (MacKay, Neural Computation 4 (1992),
-"Bayesian interpolation") the weight supported by the data is the effective number of parameters,
-`told`, divided by the squared distance from the prior. If w is larger, the covariance of d is
-increased by the ratio:
+With P = (A^T A + w G)^-1 and the error of the prior, d = truth - prior, the error of the
+estimate is P (A^T e - w G d): noise e, and bias towards the prior. If the weight w is
+that of the true distribution, d has the covariance (w G)^-1, and the error has the
+covariance P. But w is chosen by cross-validation and may be too large. By the evidence
+(MacKay, Neural Computation 4 (1992), "Bayesian interpolation") the weight supported by
+the data is the effective number of parameters, `told`, divided by the squared distance
+from the prior. If w is larger, the covariance of d is increased by the ratio:
 
     covariance = P (A^T A + w max(1, w distance / told) G) P.
 """
@@ -51,7 +51,8 @@ def statistics(A: Array, model: Model, x: Array, speeds: Array, weight: float
     (n, 4) array
         Standard deviations of damping, friction, armature and offset.
     (bodies, 10) array
-        Standard deviations of inertial parameters; NaN if not identifiable by themselves.
+        Standard deviations of inertial parameters; NaN if not identifiable by
+        themselves.
     float
         Condition number of the equations with the prior, columns scaled to unit length.
 

@@ -2,10 +2,11 @@
 Distances between convex shapes by the algorithm of Gilbert, Johnson and Keerthi, many at a time.
 
 The distance of two convex shapes is that of the origin from the set of their differences
-(Gilbert, Johnson & Keerthi, IEEE J. Robotics and Automation 4 (1988); van den Bergen, J. Graphics
-Tools 4 (1999)). A simplex of at most four points of that set moves towards the origin: its point
-nearest to the origin is v, and the point of the set farthest along -v joins it, until none is
-farther than v. All pairs of shapes iterate together; those that have ended are left out.
+(Gilbert, Johnson & Keerthi, IEEE J. Robotics and Automation 4 (1988); van den Bergen, J.
+Graphics Tools 4 (1999)). A simplex of at most four points of that set moves towards the
+origin: its point nearest to the origin is v, and the point of the set farthest along -v
+joins it, until none is farther than v. All pairs of shapes iterate together; those that
+have ended are left out.
 """
 
 from collections.abc import Sequence
@@ -107,8 +108,8 @@ def convex_distances(first: ConvexShapes, first_poses: Array, second: ConvexShap
         active = active[going]
         if not len(active):
             break
-        # A corner without weight is free: the nearest point of a simplex lies in a facet, or the
-        # origin is inside, which has ended.
+        # A corner without weight is free: the nearest point of a simplex lies in a
+        # facet, or the origin is inside, which has ended.
         free = np.argmin(weights[active], axis=1)
         corners[active, free] = corner[going]
         parts[active, free] = part[going]
@@ -156,8 +157,8 @@ def _nearest_weights(corners: Array, used: Array) -> Array:
     """
     Return the weights of simplexes' corners, (k, 4), at their points nearest to the origin.
 
-    Of every subset of the corners the point of its plane nearest to the origin counts if it lies
-    within the subset; the nearest of these points is that of the simplex.
+    Of every subset of the corners the point of its plane nearest to the origin counts if
+    it lies within the subset; the nearest of these points is that of the simplex.
     """
     count = len(corners)
     best = np.full(count, np.inf)

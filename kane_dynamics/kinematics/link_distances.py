@@ -48,12 +48,14 @@ class LinkDistances:
     """
     Distances between the links of a robot, and between links and obstacles.
 
-    Links have simple shapes: boxes, cylinders, spheres, as `load_collision_shapes` returns them,
-    with boxes around meshes. The distances of these shapes are exact; those of what they contain
-    are not smaller. A link without a shape is a rod between its joints.
+    Links have simple shapes: boxes, cylinders, spheres, as `load_collision_shapes`
+    returns them, with boxes around meshes. The distances of these shapes are exact;
+    those of what they contain are not smaller. A link without a shape is a rod between
+    its joints.
 
     Links that a joint connects are not compared, nor are shapes that overlap in the rest
-    configuration, such as boxes around the meshes of neighbors: `left_out` names these pairs.
+    configuration, such as boxes around the meshes of neighbors: `left_out` names these
+    pairs.
 
     Parameters
     ----------
@@ -138,8 +140,8 @@ class LinkDistances:
 
         """
         if not self.pairs:
-            raise InputError('pairs: none to compare; expected shapes of links that are not '
-                             'neighbors, or obstacles')
+            raise InputError('pairs: none to compare; expected shapes of links that are '
+                             'not neighbors, or obstacles')
         states, _ = self._states(q)
         distances, first, second = self._shape_distances(states)
         state, pair = np.unravel_index(int(distances.argmin()), distances.shape)
@@ -167,8 +169,8 @@ class LinkDistances:
         self._links = len(self._shapes)
         for shape in obstacles:
             if shape.link in self._names[:self._links]:
-                raise InputError(f"obstacles: '{shape.link}' is a link of the robot; expected "
-                                 'another name')
+                raise InputError(f"obstacles: '{shape.link}' is a link of the robot; "
+                                 'expected another name')
             self._shapes.append(shape)
             self._names.append(shape.link)
             self._bodies.append(WORLD)
@@ -180,8 +182,8 @@ class LinkDistances:
         for first, second in ignored:
             for name in (first, second):
                 if name not in self._names:
-                    raise InputError(f"ignored: '{name}' has no shape; expected names of "
-                                     f'{listing(dict.fromkeys(self._names))}')
+                    raise InputError(f"ignored: '{name}' has no shape; expected names "
+                                     f'of {listing(dict.fromkeys(self._names))}')
             without |= {(first, second), (second, first)}
         carriers = {body: _carrier(model, body, set(self._bodies)) for body in self._bodies}
         pairs = []
@@ -192,7 +194,8 @@ class LinkDistances:
                 if body == other:
                     continue
                 neighbors = carriers[body] == other or carriers[other] == body
-                # The base and what it carries are neighbors; an obstacle is a neighbor of none.
+                # The base and what it carries are neighbors; an obstacle is a neighbor
+                # of none.
                 if neighbors and not is_obstacle:
                     continue
                 if (self._names[i], self._names[j]) not in without:
@@ -263,19 +266,20 @@ def _size(robot: Robot, q: Array) -> float:
 def _check_shapes(shapes: Sequence[LinkShape], what: str) -> None:
     """Raise InputError unless these are boxes, cylinders and spheres."""
     if isinstance(shapes, LinkShape) or not isinstance(shapes, Sequence):
-        raise InputError(f'{what}: a {type(shapes).__name__}; expected a sequence of LinkShape, '
-                         'such as of load_collision_shapes')
+        raise InputError(f'{what}: a {type(shapes).__name__}; expected a sequence of '
+                         'LinkShape, such as of load_collision_shapes')
     for shape in shapes:
         instance(shape, LinkShape, what)
         sizes = np.asarray(shape.size, dtype=np.float64)
         if shape.kind not in KINDS:
-            raise InputError(f"{what}: '{shape.link}': kind '{shape.kind}'; expected one of "
-                             f'{", ".join(KINDS)}: load_collision_shapes makes boxes of meshes')
+            raise InputError(f"{what}: '{shape.link}': kind '{shape.kind}'; expected "
+                             f'one of {", ".join(KINDS)}: load_collision_shapes makes '
+                             'boxes of meshes')
         number = KINDS[shape.kind]
         if sizes.shape != (number,) or not (np.isfinite(sizes) & (sizes >= 0.0)).all():
             raise InputError(f"{what}: '{shape.link}': size {sizes.tolist()} of a {shape.kind}; "
                              f'expected {number} finite numbers >= 0, m')
         pose = np.asarray(shape.pose, dtype=np.float64)
         if pose.shape != (4, 4) or not np.isfinite(pose).all():
-            raise InputError(f"{what}: '{shape.link}': pose of shape {pose.shape}; expected a "
-                             'finite (4, 4) array, such as of pose_from')
+            raise InputError(f"{what}: '{shape.link}': pose of shape {pose.shape}; "
+                             'expected a finite (4, 4) array, such as of pose_from')

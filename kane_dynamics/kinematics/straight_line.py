@@ -20,10 +20,10 @@ def straight_line(robot: Robot, frame: str, q: ArrayLike, target: ArrayLike, dur
     """
     Return a motion of the joints in which a frame moves on a straight line, from rest to rest.
 
-    The origin of the frame moves on the line, while the frame turns about a fixed axis; both
-    follow the same quintic polynomial of time. Joint positions are those of
-    `inverse_kinematics`, each near the one before, and are interpolated by a cubic spline: more
-    points keep the frame closer to the line.
+    The origin of the frame moves on the line, while the frame turns about a fixed axis;
+    both follow the same quintic polynomial of time. Joint positions are those of
+    `inverse_kinematics`, each near the one before, and are interpolated by a cubic
+    spline: more points keep the frame closer to the line.
 
     Parameters
     ----------
@@ -72,14 +72,16 @@ def straight_line(robot: Robot, frame: str, q: ArrayLike, target: ArrayLike, dur
         # One start: another configuration than the nearest one is no continuation.
         solution = inverse_kinematics(robot, frame, pose, configurations[-1], starts=1)
         if not solution.converged:
-            raise InputError(f"target: '{frame}' does not reach {100.0 * done:.3g} % of the line "
-                             'within the joint limits; expected a line within reach')
+            raise InputError(f"target: '{frame}' does not reach {100.0 * done:.3g} % of "
+                             'the line within the joint limits; expected a line within '
+                             'reach')
         jump = np.abs(solution.q - configurations[-1])
         if jump.max() > JUMP:
             name = robot.coordinate_names[int(jump.argmax())]
-            raise InputError(f"target: joint '{name}' jumps by {jump.max():.3g} rad or m at "
-                             f'{100.0 * done:.3g} % of the line, next to a singular '
-                             'configuration; expected another line, or more points')
+            raise InputError(f"target: joint '{name}' jumps by {jump.max():.3g} rad or "
+                             f'm at {100.0 * done:.3g} % of the line, next to a '
+                             'singular configuration; expected another line, or more '
+                             'points')
         configurations.append(solution.q)
     names = robot.speed_names if robot.constraint_names else robot.coordinate_names
     columns = [robot.coordinate_names.index(name) for name in names]

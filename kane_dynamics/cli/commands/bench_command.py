@@ -93,8 +93,9 @@ def peer_of(source: str | bytes, robot: Robot) -> Any:
     ours = Robot(robot.model, friction=False).inverse_dynamics(q, u, udot)
     theirs = pin.rnea(peer, peer.createData(), q, u, udot)
     if np.abs(ours - theirs).max() > 1e-9 * max(np.abs(ours).max(), 1.0):
-        raise InputError('Pinocchio: other torques; expected a model without armature, springs '
-                         'and mimic joints, which Pinocchio does not read from a URDF')
+        raise InputError('Pinocchio: other torques; expected a model without armature, '
+                         'springs and mimic joints, which Pinocchio does not read from '
+                         'a URDF')
     return peer
 
 

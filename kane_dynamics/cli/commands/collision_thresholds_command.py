@@ -62,22 +62,23 @@ def remarks(calibration: CollisionCalibration) -> list[str]:
     for name in calibration.suspected:
         j = calibration.joint_names.index(name)
         lines.append(f'recording: external torque {calibration.error[j]:.3g} at joint '
-                     f"'{name}' at {calibration.error_time[j]:.4g} s, far beyond all others; "
-                     'expected a recording without contact and outliers')
+                     f"'{name}' at {calibration.error_time[j]:.4g} s, far beyond all "
+                     'others; expected a recording without contact and outliers')
     if calibration.unmoved:
-        lines.append(f'recording: {", ".join(calibration.unmoved)} rest; expected a motion of '
-                     'every joint, as thresholds hold for motions like the recorded one')
+        lines.append(f'recording: {", ".join(calibration.unmoved)} rest; expected a '
+                     'motion of every joint, as thresholds hold for motions like the '
+                     'recorded one')
     if calibration.held_out_alarms:
         lines.append('recording: thresholds of its first half raise '
-                     f'{calibration.held_out_alarms} alarms in the second; expected a longer '
-                     'recording of all motions')
+                     f'{calibration.held_out_alarms} alarms in the second; expected a '
+                     'longer recording of all motions')
     return lines
 
 
 def _print_data(data: dict[str, Any]) -> None:
     """Print thresholds, errors and the friction beyond the model."""
-    print(f'{data["rows"]} rows; largest external torque without contact, with the friction of '
-          'the model and with the fitted one; N m or N')
+    print(f'{data["rows"]} rows; largest external torque without contact, with the '
+          'friction of the model and with the fitted one; N m or N')
     columns = ('error_before', 'error', 'threshold', *CURVES, 'friction_speed')
     table = []
     for j, name in enumerate(data['joint_names']):

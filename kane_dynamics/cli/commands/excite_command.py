@@ -1,12 +1,11 @@
 """The command `excite`: a motion to record for `identify`."""
 
 from argparse import Namespace
-import sys
 from typing import Any
 
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics._util.whole_files import whole_file
-from kane_dynamics.cli.printing import model_warnings, print_json, print_table
+from kane_dynamics.cli.printing import model_warnings, print_json, print_table, warn
 from kane_dynamics.cli.robot_options import load, source_of
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.errors import InputError
@@ -35,7 +34,7 @@ def excitation(options: Namespace) -> int:
     too_near = missed_distance(motion, options.distance)
     for warning in (too_near, bad_condition(motion)):
         if warning is not None:
-            print(f'kane-dynamics: warning: {warning}', file=sys.stderr)
+            warn(warning)
     start, _, _ = motion.sample(np.zeros(1))
     data = {'joint_names': list(motion.joint_names), 'condition': motion.condition,
             'start': start[0], 'uses': motion.uses, 'lowest': motion.lowest,
@@ -55,8 +54,9 @@ def missed_distance(motion: Excitation, distance: float | None) -> str | None:
     if nearest >= distance:
         return None
     return (f"--distance: {distance:g} m is missed, exit code 1: '{first}' and '{second}' come "
-            f'to {nearest:.3f} m, because they are near each other at rest and keep half of that '
-            f'distance; expected --distance {nearest:.3f} or less, which these links keep')
+            f'to {nearest:.3f} m, because they are near each other at rest and keep '
+            f'half of that distance; expected --distance {nearest:.3f} or less, which '
+            'these links keep')
 
 
 def bad_condition(motion: Excitation) -> str | None:
@@ -64,8 +64,8 @@ def bad_condition(motion: Excitation) -> str | None:
     if motion.condition <= BAD_CONDITION:
         return None
     return (f'condition number: {motion.condition:.3g}; expected at most {BAD_CONDITION:g} for '
-            'accurate inertial parameters: a longer motion, more harmonics or starts, higher '
-            'limits')
+            'accurate inertial parameters: a longer motion, more harmonics or starts, '
+            'higher limits')
 
 
 def _one_or_all(values: list[float]) -> float | list[float]:
@@ -83,8 +83,8 @@ def _write(motion: Excitation, path: str, rate: float) -> None:
 
 def _print_data(data: dict[str, Any]) -> None:
     """Print the properties of the motion."""
-    print(f'condition number of the base parameters {data["condition"]:.3g}; at rest at the start '
-          'and the end; shares of limits:')
+    print(f'condition number of the base parameters {data["condition"]:.3g}; at rest at '
+          'the start and the end; shares of limits:')
     table = []
     for j, name in enumerate(data['joint_names']):
         row = [name, data['start'][j]]

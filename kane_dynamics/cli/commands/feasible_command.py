@@ -30,9 +30,9 @@ def feasible(options: Namespace) -> int:
     power = _one_or_all(options.power)
     if options.time_optimal:
         if bending is not None:
-            raise InputError('--time-optimal: given for an arm with beams, whose deflection a '
-                             'path does not state; expected rigid links, or the highest speed '
-                             'without --time-optimal')
+            raise InputError('--time-optimal: given for an arm with beams, whose '
+                             'deflection a path does not state; expected rigid links, '
+                             'or the highest speed without --time-optimal')
         return _time_path(options, robot, motion, plot, power)
     conditions: dict[str, Any] = {'bending': bending, 'step': options.step, 'power': power}
     needed = demand(robot, motion, speed=options.speed, **conditions)
@@ -75,17 +75,18 @@ def _write_fitting(path: str, robot: Robot, motion: Motion, scale: TimeScale | N
                    conditions: dict[str, Any]) -> None:
     """Write the motion at the highest feasible speed as a table of states."""
     if scale is None:
-        raise InputError('--out: no feasible speed; expected a motion with a highest feasible '
-                         'speed')
+        raise InputError('--out: no feasible speed; expected a motion with a highest '
+                         'feasible speed')
     if math.isinf(scale.speed):
-        raise InputError('--out: no limit of the speed; expected a motion with a highest feasible '
-                         'speed')
+        raise InputError('--out: no limit of the speed; expected a motion with a '
+                         'highest feasible speed')
     needed = demand_at(robot, motion, scale.speed, conditions['step'], conditions['power'], NONE,
                        conditions['bending'])
-    # Of two samples at one time keep the later; at both ends those of the motion, not of rest.
+    # Of two samples at one time keep the later; at both ends those of the motion, not of
+    # rest.
     single = np.append(np.diff(needed.t[:-1]) > 1e-9 * needed.t[-1], [True, False])
-    # A jump of udot has two values at its time. Without the column a reader interpolates by
-    # cubics, which restores the motion, since motions with jumps consist of cubics.
+    # A jump of udot has two values at its time. Without the column a reader interpolates
+    # by cubics, which restores the motion, since motions with jumps consist of cubics.
     twice = np.flatnonzero(~single[1:-2]) + 1
     jump = np.abs(needed.udot[twice + 1] - needed.udot[twice]).max(initial=0.0)
     states = {'q': needed.q[single], 'u': needed.u[single]}

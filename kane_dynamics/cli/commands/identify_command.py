@@ -12,7 +12,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics._util.whole_files import whole_file
 from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.cli import pictures
-from kane_dynamics.cli.printing import as_json, print_json, print_table
+from kane_dynamics.cli.printing import as_json, print_json, print_table, warn
 from kane_dynamics.cli.robot_options import every_joint, load, source_of, warn_degrees
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import base_error, base_speeds, fit_base
@@ -74,11 +74,11 @@ def identification(options: Namespace) -> None:
 def _require_tree_torques(options: Namespace) -> None:
     """Raise InputError for options that only the fit of a payload takes."""
     if options.constraints:
-        raise InputError('--constraints: given without --payload; expected both, as the other '
-                         'fits take recordings of trees')
+        raise InputError('--constraints: given without --payload; expected both, as the '
+                         'other fits take recordings of trees')
     if stated_efforts(options).kind is EffortKind.EXTERNAL_TORQUE:
-        raise InputError('--efforts external_torque: the torques of the arm itself are no part of '
-                         'it; expected other efforts, or --payload')
+        raise InputError('--efforts external_torque: the torques of the arm itself are '
+                         'no part of it; expected other efforts, or --payload')
 
 
 def _effort_limits(robot: Robot, names: Sequence[str]) -> Array:
@@ -100,8 +100,8 @@ def recorded(options: Namespace, model: Model, joints: Sequence[str] | None = No
         recording = recording.resampled(options.resample)
     elif options.cutoff is not None and recording.uneven:
         step = np.diff(recording.t)
-        print(f'kane-dynamics: note: rows are {step.min():g} to {step.max():g} s apart; resampled '
-              f'at {1.0 / step.mean():.4g} Hz (--resample)', file=sys.stderr)
+        print(f'kane-dynamics: note: rows are {step.min():g} to {step.max():g} s apart; '
+              f'resampled at {1.0 / step.mean():.4g} Hz (--resample)', file=sys.stderr)
     return recording if options.cutoff is None else recording.filtered(options.cutoff)
 
 
@@ -125,7 +125,7 @@ def examined_recording(options: Namespace, model: Model) -> Recording:
     except InputError as error:
         raise InputError(f'{error} (--as-recorded fits it unchanged)') from None
     for fault in faults:
-        print(f'kane-dynamics: warning: {fault.words}', file=sys.stderr)
+        warn(fault.words)
     return recording
 
 
@@ -133,8 +133,8 @@ def _without_doubtful_gravity(options: Namespace, model: Model) -> tuple[Model, 
     """
     Return model and recording for a fit of the model.
 
-    Efforts without gravity are fitted without gravity: that of the given model, by which the
-    recording is checked, is not to be believed.
+    Efforts without gravity are fitted without gravity: that of the given model, by which
+    the recording is checked, is not to be believed.
     """
     recording = examined_recording(options, model)
     if stated_efforts(options).gravity:
@@ -197,8 +197,8 @@ def _identifiable(result: Identification) -> dict[str, dict[str, dict[str, float
 
 def print_model(data: dict[str, Any]) -> None:
     """Print the result of `model_data`."""
-    print(f'{data["rows"]} rows: fitted to the first half, validated on the second; RMS of '
-          'torque error, of all rows and of those in motion')
+    print(f'{data["rows"]} rows: fitted to the first half, validated on the second; RMS '
+          'of torque error, of all rows and of those in motion')
     errors = ('rms_before', 'rms_fitted', 'rms_held_out', 'rms_fitted_moving',
               'rms_held_out_moving')
     print_table(['joint', 'before', 'fitted', 'held out', 'fitted, moving', 'held out, moving'],
@@ -257,8 +257,8 @@ def _fit_base(options: Namespace, model: Model) -> Outcome:
     """Estimate base parameters by weighted least squares."""
     _refuse_unused(options, '--base-parameters')
     if options.out or options.payload:
-        raise InputError('--base-parameters: given with --out or --payload; expected neither, '
-                         'since base parameters are no model')
+        raise InputError('--base-parameters: given with --out or --payload; expected '
+                         'neither, since base parameters are no model')
     model, recording = _without_doubtful_gravity(options, model)
     data = rows(model, recording, options.standstill)
     first, second = data.half(second=False), data.half(second=True)
@@ -332,8 +332,8 @@ def _payload_recording(options: Namespace, robot: Robot, names: Sequence[str]) -
 def _write_payload(options: Namespace, payload: Payload) -> None:
     """Write the supplement with the payload."""
     if not options.out.endswith(('.yaml', '.yml')):
-        raise InputError(f"--out: '{options.out}'; expected a name that ends in .yaml, since "
-                         'with --payload it is a supplement')
+        raise InputError(f"--out: '{options.out}'; expected a name that ends in .yaml, "
+                         'since with --payload it is a supplement')
     text = written_payload(options.supplement, options.payload, payload.inertial)
     with whole_file(options.out) as stream:
         stream.write(text)

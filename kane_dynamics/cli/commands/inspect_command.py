@@ -46,8 +46,8 @@ def inspect(options: Namespace) -> int:
 def _comparison(options: Namespace) -> dict[str, Any]:
     """Return the comparison of the chosen robot with Pinocchio."""
     if options.constraints:
-        raise InputError('--against: given with --constraints; expected one of them, because '
-                         'Pinocchio reads no constraints from these files')
+        raise InputError('--against: given with --constraints; expected one of them, '
+                         'because Pinocchio reads no constraints from these files')
     # Pinocchio reads no supplement; friction is compared for neither.
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', ModelWarning)
@@ -60,8 +60,8 @@ def describe(model: Model, robot: Robot, model_texts: Sequence[str] = (), *,
     """
     Return bodies, joints, limits and masses as plain data.
 
-    The problems are defects that make the dynamics impossible. Operation counts of the kernels are
-    added on request; kernels that a problem makes impossible are left out.
+    The problems are defects that make the dynamics impossible. Operation counts of the
+    kernels are added on request; kernels that a problem makes impossible are left out.
     """
     facts = {'name': model.name, 'joint_names': list(model.joint_names), 'base': model.base_name,
              'base_mass': model.base_inertial.mass,
@@ -234,8 +234,9 @@ def compare_pinocchio(source: str | bytes, model: Model) -> dict[str, Any]:
     """
     Compare inverse dynamics without friction with Pinocchio's at random states.
 
-    Joints that do not move here are held at zero there; torques of mimic joints are added to those
-    of the joints that they follow. So parts of a robot and mimic joints are compared too.
+    Joints that do not move here are held at zero there; torques of mimic joints are
+    added to those of the joints that they follow. So parts of a robot and mimic joints
+    are compared too.
 
     Raises
     ------
@@ -250,8 +251,9 @@ def compare_pinocchio(source: str | bytes, model: Model) -> dict[str, Any]:
     joints = [body.joint for body in model.bodies]
     for joint in joints:
         if not peer.existJointName(joint.name):
-            raise InputError(f"joint '{joint.name}': part of a floating or planar joint, whose "
-                             'coordinates differ in Pinocchio; expected single joints')
+            raise InputError(f"joint '{joint.name}': part of a floating or planar "
+                             'joint, whose coordinates differ in Pinocchio; expected '
+                             'single joints')
     rng = np.random.default_rng(0)
     worst = largest = 0.0
     for _ in range(STATES):

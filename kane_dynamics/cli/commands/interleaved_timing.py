@@ -38,8 +38,8 @@ def interleaved(contenders: Mapping[str, Contender], turns: int = TURNS,
     """
     Time contenders alternately in shuffled order, each for about `TURN_SECONDS` per turn.
 
-    `clock` returns s; `time.process_time` excludes other processes, for single-threaded contenders
-    whose small difference matters.
+    `clock` returns s; `time.process_time` excludes other processes, for single-threaded
+    contenders whose small difference matters.
     """
     counts = {name: _calls_a_turn(call, clock) for name, call in contenders.items()}
     seconds: dict[str, list[float]] = {name: [] for name in contenders}

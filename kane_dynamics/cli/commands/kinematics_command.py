@@ -26,8 +26,8 @@ def jacobian(options: Namespace) -> None:
                     'speed_names': robot.speed_names, 'jacobian': J,
                     'singular_values': singular_values})
         return
-    print(f'{options.frame}: at {_listed(without_rounding(position))} m, roll, pitch, yaw '
-          f'{_listed(rpy)} rad')
+    print(f'{options.frame}: at {_listed(without_rounding(position))} m, roll, pitch, '
+          f'yaw {_listed(rpy)} rad')
     columns = without_rounding(J).T
     print_table([f'{options.axes} axes', *DIRECTIONS],
                 [[name, *column] for name, column in zip(robot.speed_names, columns,
@@ -53,8 +53,8 @@ def inverse(options: Namespace) -> int:
     else:
         print_table(['coordinate', 'q'], zip(robot.coordinate_names, result.q, strict=True))
         if not result.converged:
-            print(f'not reached: {distance:.4g} m and {angle:.4g} rad remain, at the closest '
-                  'configuration within the limits that was found')
+            print(f'not reached: {distance:.4g} m and {angle:.4g} rad remain, at the '
+                  'closest configuration within the limits that was found')
     return 0 if result.converged else 1
 
 

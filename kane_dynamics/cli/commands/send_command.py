@@ -1,12 +1,11 @@
 """The command `send`: a motion for the dynamics node, and how well the arm follows it."""
 
 from argparse import Namespace
-import sys
 from typing import Any
 
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics._util.typing import Array
-from kane_dynamics.cli.printing import print_json, print_table
+from kane_dynamics.cli.printing import print_json, print_table, warn
 from kane_dynamics.cli.robot_options import load
 from kane_dynamics.cli.tables import read_motion
 from kane_dynamics.errors import InputError
@@ -26,15 +25,15 @@ def send(options: Namespace) -> int:
         raise InputError(f'--duration: {options.duration}; expected a positive, finite time in s')
     _, robot = load(options)
     names = robot.actuated_names or robot.joint_names
+    motion = None
     if options.motion is not None:
         motion = read_motion(options.motion, names)
 
-        def make(q: Array) -> Motion:
+    def make(q: Array) -> Motion:
+        if motion is not None:
             return motion
-    else:
-        def make(q: Array) -> Motion:
-            travel = _travel(options.by, robot, names, q)
-            return there_and_back(q, travel, options.duration, names)
+        travel = _travel(options.by, robot, names, q)
+        return there_and_back(q, travel, options.duration, names)
     tracking = sender.send_motion(make, names, node_name=options.node,
                                   namespace=options.namespace)
     if options.json:
@@ -48,8 +47,8 @@ def send(options: Namespace) -> int:
         return 0
     names_lost = ', '.join(name for name, is_lost in zip(names, lost, strict=True) if is_lost)
     reasons = '; '.join(tracking.warnings) or 'none'
-    print(f'kane-dynamics: warning: the motion was not followed by {names_lost}; warnings of the '
-          f'node meanwhile: {reasons}', file=sys.stderr)
+    warn(f'the motion was not followed by {names_lost}; warnings of the node '
+         f'meanwhile: {reasons}')
     return 1
 
 
@@ -72,13 +71,13 @@ def _travel(by: list[float], robot: Robot, names: tuple[str, ...], q: Array) -> 
     """
     Return the travel of each joint from the measured positions, rad or m.
 
-    One value for all joints is reduced to a quarter of a joint's range, and turned round where it
-    would leave the limits.
+    One value for all joints is reduced to a quarter of a joint's range, and turned round
+    where it would leave the limits.
     """
     sizes = np.array(by)
     if len(by) not in (1, len(names)) or not np.isfinite(sizes).all():
-        raise InputError(f'--by: {by}; expected one finite number, or {len(names)} in the order '
-                         f'{", ".join(names)}')
+        raise InputError(f'--by: {by}; expected one finite number, or {len(names)} in '
+                         f'the order {", ".join(names)}')
     if len(by) == len(names) > 1:
         return sizes
     places = [robot.joint_names.index(name) for name in names]

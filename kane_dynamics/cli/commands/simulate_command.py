@@ -56,8 +56,8 @@ def simulation(options: Namespace) -> None:
         print_json(_data(robot, result, wall_time))
         return
     first_energy, last_energy = result.energy[[0, -1]].sum(axis=1)
-    print(f'{result.t[-1]:g} s in steps of {options.step:g} s took {wall_time:.3g} s; energy '
-          f'went from {first_energy:.6g} J to {last_energy:.6g} J')
+    print(f'{result.t[-1]:g} s in steps of {options.step:g} s took {wall_time:.3g} s; '
+          f'energy went from {first_energy:.6g} J to {last_energy:.6g} J')
     _print_last_state(robot, result)
     _print_events(result)
     print_files(path for path in (options.out, options.plot) if path)
@@ -134,8 +134,8 @@ def require_own_actuators(robot: Robot) -> None:
     """Raise InputError unless each independent joint has the actuator whose torque is given."""
     if set(robot.actuated_names) != set(robot.speed_names):
         raise InputError(f'--torque: given for actuators at {", ".join(robot.actuated_names)}; '
-                         'expected constraints whose actuated joints are the independent ones, '
-                         f'{", ".join(robot.speed_names)}')
+                         'expected constraints whose actuated joints are the '
+                         f'independent ones, {", ".join(robot.speed_names)}')
 
 
 def _stated_torque(options: Namespace, robot: Robot, duration: float) -> Array:
@@ -146,8 +146,8 @@ def _stated_torque(options: Namespace, robot: Robot, duration: float) -> Array:
     path = tokens[0]
     states = read_states(path, robot.speed_names)
     if states.tau is None:
-        raise InputError(f"{path}: no columns 'tau.<joint>'; expected the torques of the joints "
-                         f'{", ".join(robot.speed_names)}')
+        raise InputError(f"{path}: no columns 'tau.<joint>'; expected the torques of "
+                         f'the joints {", ".join(robot.speed_names)}')
     if states.t is None or not options.step > 0.0:
         return states.tau
     increasing(states.t, len(states.tau), f"{path}: column 't'")

@@ -34,9 +34,9 @@ def read_sweep(path: str | os.PathLike[str], verbose: bool = False) -> Sweep:
     """
     Return the sweep described by a YAML or JSON file.
 
-    Its entries are those of `Sweep`, where `motion` is the path of a CSV or YAML file, and those
-    of the robot: `urdf`, `xacro` (a mapping of arguments), `supplement`, `constraints`, `base`,
-    `tip`, `joints`, `root_joint`, `gravity`.
+    Its entries are those of `Sweep`, where `motion` is the path of a CSV or YAML file,
+    and those of the robot: `urdf`, `xacro` (a mapping of arguments), `supplement`,
+    `constraints`, `base`, `tip`, `joints`, `root_joint`, `gravity`.
 
     Raises
     ------
@@ -107,8 +107,8 @@ def _entries(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Return the entries of a file, those that name files relative to this process."""
     entries = read_yaml(path, 'sweep', InputError)
     if not isinstance(entries, dict):
-        raise InputError(f'{path}: {SHORT.repr(entries)}; expected entries such as urdf and '
-                         'samples')
+        raise InputError(f'{path}: {SHORT.repr(entries)}; expected entries such as urdf '
+                         'and samples')
     for key in entries:
         if key not in (*ROBOT, *SWEEP):
             raise InputError(f'{path}: unknown entry {key!r}; expected one of '
@@ -157,8 +157,8 @@ def _assignments(arguments: Any) -> list[str] | None:
     if arguments is None:
         return None
     if not isinstance(arguments, dict):
-        raise InputError(f'xacro: {SHORT.repr(arguments)}; expected a mapping of the arguments, '
-                         'such as {prefix: left_}')
+        raise InputError(f'xacro: {SHORT.repr(arguments)}; expected a mapping of the '
+                         'arguments, such as {prefix: left_}')
     return [f'{name}:={argument_text(name, value)}' for name, value in arguments.items()]
 
 

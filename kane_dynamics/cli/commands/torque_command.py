@@ -28,8 +28,8 @@ def torque(options: Namespace) -> None:
         return
     for name in ('q', 'u', 'udot'):
         if getattr(options, name) is not None:
-            raise InputError('--motion: given with a state; expected no --q, --u and --udot with '
-                             'it')
+            raise InputError('--motion: given with a state; expected no --q, --u and '
+                             '--udot with it')
     _along_motion(options, robot, plot)
 
 

@@ -1,14 +1,14 @@
 """
 Collision avoidance for exciting motions: heights above a floor, distances between links.
 
-Links have the simple shapes of the URDF: boxes, cylinders and spheres. Above the floor these
-count as they are; between links as the capsules around them: the points within a radius of the
-segment along the longest side. Pairs of bodies that a joint connects are left out, and pairs of
-shapes whose capsules touch at rest.
+Links have the simple shapes of the URDF: boxes, cylinders and spheres. Above the floor
+these count as they are; between links as the capsules around them: the points within a
+radius of the segment along the longest side. Pairs of bodies that a joint connects are
+left out, and pairs of shapes whose capsules touch at rest.
 
 The distance of two capsules is that of their segments less the radii (Ericson, Real-Time
-Collision Detection (2005), section 5.1.9). Its slope is that of the two closest points, by the
-Jacobians (partial velocities) of their bodies.
+Collision Detection (2005), section 5.1.9). Its slope is that of the two closest points,
+by the Jacobians (partial velocities) of their bodies.
 """
 
 from collections.abc import Iterator, Sequence
@@ -81,8 +81,8 @@ class Clearance:
         kept = np.flatnonzero(at_rest > (0.0 if distance is not None else np.inf))
         self.pairs = self.pairs[kept]
         self.needed = np.minimum(distance or 0.0, NEAR * at_rest[kept])
-        # What no joint changes does not count: a link that turns about the vertical stays as high
-        # as it is, a hub that turns about its own axis as far away.
+        # What no joint changes does not count: a link that turns about the vertical
+        # stays as high as it is, a hub that turns about its own axis as far away.
         spread = np.random.default_rng(0).uniform(-1.0, 1.0, (20, model.n))
         some = np.vstack([rest, rest + spread])
         varying = np.ptp(self.distances(some), axis=0) > CHANGES
@@ -239,8 +239,9 @@ def between(values: Array) -> Array:
     """
     Return lower bounds of periodic functions, (k,), at and between their samples, (N, k).
 
-    Between samples h apart a function falls below both by h^2 max|f''| / 8, and a change of slope
-    from one side to the other by no more than a quarter of the second difference.
+    Between samples h apart a function falls below both by h^2 max|f''| / 8, and a change
+    of slope from one side to the other by no more than a quarter of the second
+    difference.
     """
     second = np.roll(values, 1, axis=0) - 2.0 * values + np.roll(values, -1, axis=0)
     return np.asarray(values.min(axis=0) - 0.25 * np.abs(second).max(axis=0))

@@ -1,17 +1,18 @@
 """
 Cost of a rest-to-rest motion for identification: condition number and exceeded limits.
 
-With W the weighted equations of the base parameters, S = W^T W, and Z the same of W's columns
-scaled to unit length, b of them, the worth of a motion is judged by
+With W the weighted equations of the base parameters, S = W^T W, and Z the same of W's
+columns scaled to unit length, b of them, the worth of a motion is judged by
 
     - 1/(2 b) log det S + 1/2 log(b trace Z^-1).
 
-The first term is the mean logarithm of the parameters' standard deviations, the second the
-logarithm of the condition number of the scaled equations in the Frobenius norm, which is smooth
-and not below the usual one. (Swevers et al., IEEE T-RA 13 (1997), for the determinant; Gautier &
-Khalil, IJRR 11 (1992), for the condition number.) Its gradient with respect to the entries of W
-has a closed form. The derivatives of W with respect to the states of a sample are differences of
-the compiled regressor, and the states are linear in the coefficients.
+The first term is the mean logarithm of the parameters' standard deviations, the second
+the logarithm of the condition number of the scaled equations in the Frobenius norm,
+which is smooth and not below the usual one. (Swevers et al., IEEE T-RA 13 (1997), for
+the determinant; Gautier & Khalil, IJRR 11 (1992), for the condition number.) Its
+gradient with respect to the entries of W has a closed form. The derivatives of W with
+respect to the states of a sample are differences of the compiled regressor, and the
+states are linear in the coefficients.
 """
 
 from collections.abc import Sequence
@@ -34,8 +35,8 @@ from numpy.typing import ArrayLike
 SAMPLES = 16  # of a period, times its harmonics, while searching
 FINER = 40  # likewise, of the distances between links, which narrow for short times
 DENSE = 200  # likewise, when limits are checked
-# Between samples a sum of sines rises above the largest by no more (Ehlich & Zeller, Math. Z. 86
-# (1964)).
+# Between samples a sum of sines rises above the largest by no more (Ehlich & Zeller,
+# Math. Z. 86 (1964)).
 BETWEEN = 1.0 / math.cos(math.pi / DENSE)
 STEP = 1e-6  # of the differences
 GUARD = 0.98  # of the share of limits that the search aims at
@@ -70,9 +71,9 @@ class DesignCriterion:
         self.acceleration = per_joint(acceleration, 'acceleration', names, finite=False)
         for name, speed, most in zip(names, self.velocity, self.acceleration, strict=True):
             if not 0.0 < speed < math.inf or most == 0.0:
-                raise InputError(f"joint '{name}': limits {speed} of speed and {most} of "
-                                 'acceleration; expected positive ones, and a finite speed '
-                                 '(velocity=)')
+                raise InputError(f"joint '{name}': limits {speed} of speed and {most} "
+                                 'of acceleration; expected positive ones, and a finite '
+                                 'speed (velocity=)')
         self.effort = limits.effort
         # A joint that is bounded on one side gets a turn from there.
         lower = np.where(np.isfinite(limits.lower), limits.lower, limits.upper - 2.0 * math.pi)
@@ -191,8 +192,8 @@ def worth(W: Array) -> tuple[float, Array]:
     norms = np.linalg.norm(W, axis=(0, 1))
     if not norms.all():
         return math.inf, np.zeros_like(W)
-    # Products sample by sample: a BLAS would share large ones among threads that wait longer for
-    # each other on a busy machine than they work.
+    # Products sample by sample: a BLAS would share large ones among threads that wait
+    # longer for each other on a busy machine than they work.
     scaled, size = W / norms, len(norms)
     try:
         L = np.linalg.cholesky(np.matmul(scaled.transpose(0, 2, 1), scaled).sum(axis=0))

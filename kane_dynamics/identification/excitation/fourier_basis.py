@@ -5,9 +5,10 @@ With w = 2 pi / period and k = 1 ... H harmonics a joint moves as
 
     u(t) = sum a_k cos(k w t) + b_k sin(k w t),
 
-q its integral and udot its derivative (Swevers et al., IEEE T-RA 13 (1997)). Rest at the start,
-and so at the end of each period, takes sum a_k = 0 for the speed and sum k b_k = 0 for the
-acceleration: a_1 and b_1 follow from the others, which are free, as is the center of q.
+q its integral and udot its derivative (Swevers et al., IEEE T-RA 13 (1997)). Rest at the
+start, and so at the end of each period, takes sum a_k = 0 for the speed and sum k b_k =
+0 for the acceleration: a_1 and b_1 follow from the others, which are free, as is the
+center of q.
 """
 
 from dataclasses import dataclass
@@ -43,7 +44,8 @@ class FourierBasis:
         k = np.arange(1.0, self.harmonics + 1.0)
         w = 2.0 * np.pi / self.period * k
         s, c = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
-        # Of a_k and of b_k, which counts by k for even sizes: integral, value, derivative.
+        # Of a_k and of b_k, which counts by k for even sizes: integral, value,
+        # derivative.
         parts = [(s / w, -c / (w * k)), (c, s / k), (-s * w, c * (w / k))]
         ones = np.ones((len(t), 1))
         Q, U, A = (np.hstack([0.0 * ones, *(x[:, 1:] - x[:, :1] for x in pair)])

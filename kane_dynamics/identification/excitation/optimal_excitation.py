@@ -40,15 +40,16 @@ class Excitation:
     periods : int
         How often the series runs through.
     condition : float
-        Condition number of the weighted equations of the base parameters, columns scaled to unit
-        length.
+        Condition number of the weighted equations of the base parameters, columns scaled
+        to unit length.
     uses : dict of str to (n,) array
         Largest share of each limit: 'position', 'velocity', 'acceleration', 'effort'.
     lowest : (str, float) or None
-        The lowest link that the joints raise, and its least height at any time, m; None without
-        shapes.
+        The lowest link that the joints raise, and its least height at any time, m; None
+        without shapes.
     nearest : (str, str, float) or None
-        The links that come nearest to each other, and their least distance, m, as capsules.
+        The links that come nearest to each other, and their least distance, m, as
+        capsules.
 
     """
 
@@ -91,18 +92,20 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
     """
     Return a rest-to-rest motion that excites the base parameters of a model well.
 
-    The same arguments give the same motion. Each joint's equations count by its effort limit, as
-    if noise were in proportion to the size of the motor; alike if there are none.
+    The same arguments give the same motion. Each joint's equations count by its effort
+    limit, as if noise were in proportion to the size of the motor; alike if there are
+    none.
 
     Parameters
     ----------
     model : Model
-        The arm, with limits of position, speed and effort; its masses count for torque limits.
+        The arm, with limits of position, speed and effort; its masses count for torque
+        limits.
     duration : float
         s; of all periods together.
     harmonics : int
-        Sines and cosines of each joint, 2 or more; the fastest has harmonics * periods / duration
-        Hz.
+        Sines and cosines of each joint, 2 or more; the fastest has harmonics * periods /
+        duration Hz.
     periods : int
         How often the same motion repeats, which averages noise.
     seed : int
@@ -116,24 +119,24 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
     floor : float, optional
         Height in the world above which links stay, m.
     floor_frames : sequence of str, optional
-        Frames whose origins stay above it; by default the shapes do, and without these the frame
-        of every moving body.
+        Frames whose origins stay above it; by default the shapes do, and without these
+        the frame of every moving body.
     shapes : sequence of LinkShape, optional
-        Boxes, cylinders and spheres of the links, see `shapes.load_collision_shapes`; a model
-        has none. Without them links are not kept apart.
+        Boxes, cylinders and spheres of the links, see `shapes.load_collision_shapes`; a
+        model has none. Without them links are not kept apart.
     distance : float or None
-        Least distance between links, m, as capsules around their shapes; None for none. Links
-        that a joint connects and shapes that touch at rest (all coordinates 0, or at the nearest
-        limit) are left out; shapes that are near each other at rest keep half that distance.
-        None without shapes omits the warning.
+        Least distance between links, m, as capsules around their shapes; None for none.
+        Links that a joint connects and shapes that touch at rest (all coordinates 0, or
+        at the nearest limit) are left out; shapes that are near each other at rest keep
+        half that distance. None without shapes omits the warning.
     progress : callable
         Called with the share of the work that is done.
 
     Raises
     ------
     InputError
-        An argument is out of range, a joint has no limit of speed, a frame is not known, or no
-        motion within the limits was found: names it.
+        An argument is out of range, a joint has no limit of speed, a frame is not known,
+        or no motion within the limits was found: names it.
 
     Warns
     -----
@@ -154,8 +157,9 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
         distance = number(distance, 'distance', 'a finite number >= 0, m',
                           lambda x: 0.0 <= x < math.inf)
     if shapes is None and distance is not None:
-        warnings.warn('shapes: None, so links are not kept apart, nor their surfaces above a '
-                      "floor; expected shapes=load_collision_shapes('arm.urdf'), or "
+        warnings.warn('shapes: None, so links are not kept apart, nor their surfaces '
+                      "above a floor; expected "
+                      "shapes=load_collision_shapes('arm.urdf'), or "
                       'distance=None', ModelWarning, stacklevel=3)  # beyond the decorator
     clearance = None
     if shapes is not None:
@@ -170,8 +174,8 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
             found.append(kept)
         progress((k + 1) / starts)
     if not found:
-        raise InputError(f'motion: none satisfies {broken}; expected more starts, a lower share, '
-                         'or other limits')
+        raise InputError(f'motion: none satisfies {broken}; expected more starts, a '
+                         'lower share, or other limits')
     best = min(found, key=lambda p: design.cost(p, 0.0)[0])
     q = design.dense[0] @ best
     return Excitation(model.joint_names, design.basis, best, periods, design.condition(best),

@@ -5,22 +5,23 @@ The torque that a model of the arm leaves at joint j is
 
     left_j = Y_j x + offset_j + coulomb_j tanh(u_j / u_s) + damping_j u_j + e_j,
 
-x the payload's ten parameters. The three further unknowns of a joint are what the model's
-friction and the torque's zero may be wrong by; they have a standard deviation each, and are
-eliminated joint by joint (Schur complement). Where the motion cannot separate them from the
-payload, they widen its covariance.
+x the payload's ten parameters. The three further unknowns of a joint are what the
+model's friction and the torque's zero may be wrong by; they have a standard deviation
+each, and are eliminated joint by joint (Schur complement). Where the motion cannot
+separate them from the payload, they widen its covariance.
 
-More actuators than independent speeds may work against each other: only T_a^T times their torques
-is known, with the rates T_a of the actuators per unit of each speed. The rows are then L^-1 T_a^T
-times those above, as many as speeds, with L L^T = T_a^T Sigma T_a, the covariance of their noise:
-white noise of the actuators is white in the rows. Each row depends on the unknowns of all
-actuators, which are eliminated together.
+More actuators than independent speeds may work against each other: only T_a^T times
+their torques is known, with the rates T_a of the actuators per unit of each speed. The
+rows are then L^-1 T_a^T times those above, as many as speeds, with L L^T = T_a^T Sigma
+T_a, the covariance of their noise: white noise of the actuators is white in the rows.
+Each row depends on the unknowns of all actuators, which are eliminated together.
 
-The residual e_j is not white: friction, filters and elasticity correlate it. Its variance counts
-as that of sums over blocks of 1, 2, 4, ... rows, divided by their length: constant for white
-residuals, growing up to the correlation time for others (Flyvbjerg & Petersen, J. Chem. Phys. 91
-(1989)). Where it grows, the largest counts, with an allowance for the few blocks it is of, and no
-joint's grows less than the joints' do on average.
+The residual e_j is not white: friction, filters and elasticity correlate it. Its
+variance counts as that of sums over blocks of 1, 2, 4, ... rows, divided by their
+length: constant for white residuals, growing up to the correlation time for others
+(Flyvbjerg & Petersen, J. Chem. Phys. 91 (1989)). Where it grows, the largest counts,
+with an allowance for the few blocks it is of, and no joint's grows less than the joints'
+do on average.
 """
 
 from kane_dynamics._util.typing import Array
@@ -40,26 +41,26 @@ class PayloadEquations:
     """
     Least-squares equations of a payload, accumulated row by row.
 
-    The unknowns of the actuators are in groups of rows that depend on the same ones: one row for
-    each actuator, or one group of all rows.
+    The unknowns of the actuators are in groups of rows that depend on the same ones: one
+    row for each actuator, or one group of all rows.
 
     Parameters
     ----------
     speeds : (m,) array
         Speed at which the friction of each actuator sets in, rad/s or m/s.
     uncertainty : (m,) array
-        Standard deviation of what the model's friction and the torque's zero are wrong by, N m or
-        N; of viscous friction, per rad/s or m/s.
+        Standard deviation of what the model's friction and the torque's zero are wrong
+        by, N m or N; of viscous friction, per rad/s or m/s.
     belief : (10, 10) array
         Inverse covariance of the payload's parameters before any row.
     least : float
-        Least variance of a row that is divided by its own deviation; 1 where that one is the
-        measurement's, 0 where it is not known.
+        Least variance of a row that is divided by its own deviation; 1 where that one is
+        the measurement's, 0 where it is not known.
     kept : float
         Factor by which each further row makes those before it count less.
     shared : int
-        Number of independent speeds that the actuators, more than these, move together; 0 for one
-        row for each actuator.
+        Number of independent speeds that the actuators, more than these, move together;
+        0 for one row for each actuator.
 
     """
 
@@ -156,11 +157,13 @@ class PayloadEquations:
         variance = np.maximum(variance, rounding)  # exact samples leave rounding, of any growth
         if len(variance) > 1:
             unsure = np.sqrt(2.0 / free[enough, None])[1:]
-            # What blocks beyond the correlation time miss of the limit goes by 1 / length.
+            # What blocks beyond the correlation time miss of the limit goes by 1 /
+            # length.
             limit = np.maximum(variance[1:], 2.0 * variance[1:] - variance[:-1])
             limit *= 1.0 + WIDER * unsure
             correlated = variance[1:] > (1.0 + SURE * unsure) * variance[0]
-            # The few blocks of one joint may happen to be small: all joints' mean counts too.
+            # The few blocks of one joint may happen to be small: all joints' mean counts
+            # too.
             growth = np.where(correlated, limit, variance[0]).max(axis=0) / variance[0]
             variance = variance[:1] * np.maximum(growth, growth.mean())
         return np.asarray(np.maximum(variance.max(axis=0, initial=0.0), least).reshape(shape))

@@ -22,24 +22,24 @@ class PayloadEstimator:
     """
     Mass and center of mass of a payload while the arm moves, by recursive least squares.
 
-    It holds the normal equations of all samples, each forgotten with a time constant, so that a
-    payload that is put down is noticed. The model error of each joint may include an offset,
-    Coulomb friction and viscous friction of ten times `sigma`. The standard deviations include
-    these, and the size and correlation of the residuals if they are larger than `sigma` (see
-    `payload_equations`).
+    It holds the normal equations of all samples, each forgotten with a time constant, so
+    that a payload that is put down is noticed. The model error of each joint may include
+    an offset, Coulomb friction and viscous friction of ten times `sigma`. The standard
+    deviations include these, and the size and correlation of the residuals if they are
+    larger than `sigma` (see `payload_equations`).
 
     Parameters
     ----------
     model : Model or Robot
-        Of the arm alone, friction included. A robot has its own speeds and constraints; its
-        payload is left out.
+        Of the arm alone, friction included. A robot has its own speeds and constraints;
+        its payload is left out.
     frame : str
         In whose axes the payload is described.
     sigma : (m,) sequence of float
-        Standard deviations of measured torque, N m or N; larger residuals count as they are. Of
-        the joints; with chosen speeds or constraints of the joints of `Robot(actuated=)`, in the
-        order of `Robot.actuated_names`, which may be more than the independent speeds, or else of
-        the generalized forces of the speeds.
+        Standard deviations of measured torque, N m or N; larger residuals count as they
+        are. Of the joints; with chosen speeds or constraints of the joints of
+        `Robot(actuated=)`, in the order of `Robot.actuated_names`, which may be more
+        than the independent speeds, or else of the generalized forces of the speeds.
     memory : float
         Time constant of forgetting, in samples.
 
@@ -102,35 +102,37 @@ class PayloadEstimator:
         q, u, udot : (n_q,), (n,), (n,) array_like
             Measured positions, (independent) speeds and their rates; rad or m, s.
         tau : (n,) array_like
-            Measured torques, N m or N. With chosen speeds or constraints they are dual to u, as
-            `Robot.generalized_force` of joint torques.
+            Measured torques, N m or N. With chosen speeds or constraints they are dual
+            to u, as `Robot.generalized_force` of joint torques.
         t : float
             Time, s, for functions of time.
 
         Raises
         ------
         InputError
-            A shape is another, or a number not finite or too large; the estimate is as before.
+            A shape is another, or a number not finite or too large; the estimate is as
+            before.
         ConstraintError
-            The constraints are not met, or the actuated joints do not determine the motion there;
-            the estimate is as before.
+            The constraints are not met, or the actuated joints do not determine the
+            motion there; the estimate is as before.
 
         """
         state = [checked(argument, value) for argument, value in zip(
             self._arguments, (q, u, udot, tau), strict=True)]
         for argument, value in zip(self._arguments, state, strict=True):
             if value.ndim != 1:
-                raise InputError(f'{argument.name}: shape {value.shape}; expected one sample, '
-                                 f'{argument.shape}')
+                raise InputError(f'{argument.name}: shape {value.shape}; expected one '
+                                 f'sample, {argument.shape}')
         time = constant(t, (), 't (s)', InputError)
         with np.errstate(over='ignore', invalid='ignore'):  # asked for below
             Y, rates, left, held, acting = self._rows(state[0], state[1], state[2], state[3],
                                                       time)
-            # A joint at rest may hold by friction what the model says it must hold by torque.
+            # A joint at rest may hold by friction what the model says it must hold by
+            # torque.
             row = self._equations.row(Y, rates, left, self._sigma + held, acting)
         if not (np.abs(row) < LARGEST).all():
-            raise InputError(f'tau: {state[3].tolist()}; expected torques and a motion in a '
-                             'physical range')
+            raise InputError(f'tau: {state[3].tolist()}; expected torques and a motion '
+                             'in a physical range')
         self._equations.add(row)
         self._solved = None
 

@@ -22,7 +22,8 @@ import numpy as np
 START = Inertial(1.0, np.zeros(3), 0.01 * np.eye(3))
 BELIEF = 1e-3
 TOLD = 0.5  # of the belief's deviation of the mass: more is no finding but the belief
-# Deviation of friction and offset that the model does not know, fraction of the effort limit.
+# Deviation of friction and offset that the model does not know, fraction of the effort
+# limit.
 DOUBT = 0.1
 ROWS = 20  # each half has as many as there are parameters, or more
 
@@ -37,8 +38,9 @@ class Payload:
     inertial : Inertial
         In the axes of the payload's frame; physical.
     mass_deviation : float
-        Standard deviation of the mass, kg. All deviations count the correlation of residuals, and
-        what the model's friction and the torque's zero may be wrong by: `payload_equations`.
+        Standard deviation of the mass, kg. All deviations count the correlation of
+        residuals, and what the model's friction and the torque's zero may be wrong by:
+        `payload_equations`.
     com_deviation : (3,) array
         Standard deviation of the center of mass, m.
     inertia_deviation : (3, 3) array
@@ -46,10 +48,11 @@ class Payload:
     residual : (n,) array
         RMS of the torque that it leaves unexplained, N m or N.
     held_out : (n,) array
-        RMS of what a payload fitted to the first half of the rows leaves of the second half.
+        RMS of what a payload fitted to the first half of the rows leaves of the second
+        half.
     condition : float
-        Condition number of the weighted equations, columns scaled to unit length; infinite if the
-        motion does not tell all ten parameters.
+        Condition number of the weighted equations, columns scaled to unit length;
+        infinite if the motion does not tell all ten parameters.
 
     """
 
@@ -72,19 +75,20 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
     model : Model or Robot
         Of the arm alone, friction included. A robot has its own speeds and constraints.
     recording : Recording
-        Of the arm with the payload. With constraints, of the joints of `Robot(actuated=)` in the
-        order of `Robot.actuated_names`, or else of those whose rates are the independent speeds,
-        in the order of `Robot.speed_names`: the others follow from the constraints. Noise of more
-        actuators than independent speeds counts as proportional to their effort limits.
+        Of the arm with the payload. With constraints, of the joints of
+        `Robot(actuated=)` in the order of `Robot.actuated_names`, or else of those whose
+        rates are the independent speeds, in the order of `Robot.speed_names`: the others
+        follow from the constraints. Noise of more actuators than independent speeds
+        counts as proportional to their effort limits.
     frame : str
         In whose axes the payload is described.
 
     Raises
     ------
     InputError
-        No such frame, the recording is not of the model's joints, it has too few rows, or its
-        motion does not identify the mass. The constraints are not those of positions, or the
-        actuators are not joints.
+        No such frame, the recording is not of the model's joints, it has too few rows,
+        or its motion does not identify the mass. The constraints are not those of
+        positions, or the actuators are not joints.
     ConstraintError
         The recorded positions do not close the loops.
 
@@ -118,9 +122,9 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
     covariance = covariance_of(information + belief)
     mass, com = load_deviations(x, covariance)
     if mass > TOLD * np.sqrt(covariance_of(belief)[0, 0]):
-        raise InputError(f"recording: the mass at '{frame}' is not identifiable, its standard "
-                         f'deviation is {mass:.3g} kg; expected configurations or motions in '
-                         'which that mass causes joint torques')
+        raise InputError(f"recording: the mass at '{frame}' is not identifiable, its "
+                         f'standard deviation is {mass:.3g} kg; expected configurations '
+                         'or motions in which that mass causes joint torques')
     lengths = np.linalg.norm(A, axis=0)
     condition = float(np.linalg.cond(A / lengths)) if lengths.all() else np.inf
     return Payload(Inertial.from_pseudo_inertia(pseudo_inertia_of(x)), mass, com,

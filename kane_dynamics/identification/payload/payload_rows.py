@@ -1,14 +1,14 @@
 """
 The rows of a payload's estimate: one for each actuator, linear in the payload's parameters.
 
-Inverse dynamics is linear in the ten parameters of a payload, so its derivative by them is the
-regressor of the payload, for every kind of mechanism: generalized forces F_r of the independent
-speeds. Torques are measured at actuators. With `Robot(actuated=)` these are joints: with
-q' = T u + X and the rows a of the actuated joints, the generalized force is T_a^T times their
-torques, and the rows are those of T_a^-T. With more actuated joints than speeds, which may work
-against each other, they are the torques of least norm with that force, by the pseudoinverse, and
-the estimate combines them to as many rows as speeds. Without `actuated` each independent speed has
-its own actuator.
+Inverse dynamics is linear in the ten parameters of a payload, so its derivative by them
+is the regressor of the payload, for every kind of mechanism: generalized forces F_r of
+the independent speeds. Torques are measured at actuators. With `Robot(actuated=)` these
+are joints: with q' = T u + X and the rows a of the actuated joints, the generalized
+force is T_a^T times their torques, and the rows are those of T_a^-T. With more actuated
+joints than speeds, which may work against each other, they are the torques of least norm
+with that force, by the pseudoinverse, and the estimate combines them to as many rows as
+speeds. Without `actuated` each independent speed has its own actuator.
 """
 
 from typing import Any, NamedTuple
@@ -39,9 +39,11 @@ class ActuatorRows(NamedTuple):
     left : (m,) or (N, m) array
         Measured torque minus that of the robot alone, N m or N.
     held : (m,) or (N, m) array
-        Torque that friction may hold at these rates beyond the smoothed friction, N m or N.
+        Torque that friction may hold at these rates beyond the smoothed friction, N m or
+        N.
     acting : (m, n) or (N, m, n) array or None
-        Rates of the actuators per unit of each speed, if there are more actuators than speeds.
+        Rates of the actuators per unit of each speed, if there are more actuators than
+        speeds.
 
     """
 
@@ -75,8 +77,8 @@ class PayloadRegressor:
         """Prepare a robot with a payload at the frame."""
         given = model if isinstance(model, Robot) else Robot(model)
         if given.model.frame(frame).body == WORLD:
-            raise InputError(f"frame '{frame}': fixed in the world; expected a frame that joints "
-                             'move')
+            raise InputError(f"frame '{frame}': fixed in the world; expected a frame "
+                             'that joints move')
         self.robot = Robot(given.model, **{**given.options, 'payload_frame': frame,
                                            'wrench_frames': ()})
         self.robot.parameters.gravity = given.parameters.gravity
@@ -105,8 +107,8 @@ class PayloadRows:
     shared : int
         The number of independent speeds if there are more actuators; else 0.
     friction, friction_speed : (m,) arrays
-        Coulomb friction that may hold an actuator at rest, N m or N, and the speed at which it
-        sets in, rad/s or m/s.
+        Coulomb friction that may hold an actuator at rest, N m or N, and the speed at
+        which it sets in, rad/s or m/s.
 
     Raises
     ------
@@ -151,7 +153,8 @@ class PayloadRows:
         Raises
         ------
         ConstraintError
-            The constraints are not met, or the actuators do not determine the motion there.
+            The constraints are not met, or the actuators do not determine the motion
+            there.
 
         """
         robot = self.robot
@@ -164,7 +167,8 @@ class PayloadRows:
         T, rates = found[..., :-1], found[..., -1]
         slack, acting = self._slack(rates), None
         if self._places is not None:
-            # This refuses configurations where the actuators do not determine the motion.
+            # This refuses configurations where the actuators do not determine the
+            # motion.
             torques = robot.joint_torques(left, q, t=t)
             at_actuators = T[..., self._places, :]
             if self.shared:

@@ -28,14 +28,16 @@ def recorded_joints(robot: Robot) -> tuple[str, ...]:
         return robot.joint_names
     rows = velocity_rows(robot)
     if rows:
-        raise InputError(f"recording: constraint '{rows[0]}' is one of velocities, and the "
-                         'positions of joints do not determine those of the others; expected '
-                         'constraints of positions, or PayloadEstimator.update with all positions')
+        raise InputError(f"recording: constraint '{rows[0]}' is one of velocities, and "
+                         'the positions of joints do not determine those of the others; '
+                         'expected constraints of positions, or PayloadEstimator.update '
+                         'with all positions')
     names = actuators(robot)
     unknown = [name for name in names if name not in robot.joint_names]
     if unknown:
-        raise InputError(f"recording: the independent speed '{unknown[0]}' is no joint rate; "
-                         'expected Robot(actuated=...) with the joints of the recording')
+        raise InputError(f"recording: the independent speed '{unknown[0]}' is no joint "
+                         'rate; expected Robot(actuated=...) with the joints of the '
+                         'recording')
     return names
 
 
@@ -47,8 +49,8 @@ def recorded_motion(robot: Robot, names: Sequence[str], recording: Recording
     Raises
     ------
     InputError, ConstraintError
-        As `mechanism_motion`; or, of more actuators than independent speeds, one contradicts the
-        loops that the others close.
+        As `mechanism_motion`; or, of more actuators than independent speeds, one
+        contradicts the loops that the others close.
 
     """
     state = recording.q, recording.u, recording.udot
@@ -63,8 +65,9 @@ def recorded_motion(robot: Robot, names: Sequence[str], recording: Recording
     apart = np.abs(motion.q[:, places] - recording.q)
     k, j = divmod(int(apart.argmax()), len(names))
     if apart[k, j] > LOOP_TOLERANCE:
-        raise InputError(f"recording: '{names[j]}' at {recording.q[k, j]:.4g} rad or m at "
-                         f'{recording.t[k]:.4g} s; expected {motion.q[k, places[j]]:.4g}, which '
+        raise InputError(f"recording: '{names[j]}' at {recording.q[k, j]:.4g} rad or m "
+                         f'at {recording.t[k]:.4g} s; expected '
+                         f'{motion.q[k, places[j]]:.4g}, which '
                          f'follows from the other joints, within {LOOP_TOLERANCE:g}')
     torques = np.zeros((len(recording), robot.model.n))
     torques[:, places] = recording.tau
@@ -75,7 +78,7 @@ def _driving(robot: Robot, names: Sequence[str]) -> list[int]:
     """Return which of more actuators than independent speeds drive the others."""
     wanted = driving_joints(robot)
     if not set(wanted) <= set(names):
-        raise InputError(f'recording: of {", ".join(names)}; expected the joints that drive the '
-                         f'others, {", ".join(wanted)}, among the actuators '
+        raise InputError(f'recording: of {", ".join(names)}; expected the joints that '
+                         f'drive the others, {", ".join(wanted)}, among the actuators '
                          '(Robot(independent=...))')
     return [names.index(name) for name in wanted]

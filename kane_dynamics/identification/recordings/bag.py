@@ -40,7 +40,8 @@ def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
     Raises
     ------
     InputError
-        If the bag, the topic, a joint or the efforts are missing, or messages are out of order.
+        If the bag, the topic, a joint or the efforts are missing, or messages are out of
+        order.
 
     """
     rows = list(_messages(path, joint_names, topic))
@@ -48,8 +49,9 @@ def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
     before = np.concatenate([[-np.inf], np.maximum.accumulate(stamps)[:-1]])[:len(stamps)]
     kept = np.flatnonzero(stamps > before)
     if len(rows) - len(kept) > MOST_OUT_OF_ORDER * len(rows):
-        raise InputError(f'{path}: {len(rows) - len(kept)} of {len(rows)} joint states repeat a '
-                         'stamp or come out of order; expected a single publisher on the topic')
+        raise InputError(f'{path}: {len(rows) - len(kept)} of {len(rows)} joint states '
+                         'repeat a stamp or come out of order; expected a single '
+                         'publisher on the topic')
     columns = {'t': (stamps[kept] - stamps[0]) * 1e-9 if len(kept) else np.zeros(0)}
     for name, part in (('q', 0), ('u', 1), ('tau', 2)):
         values = [rows[k][1][part] for k in kept]
@@ -104,8 +106,8 @@ def bag_messages(path: Path, kind: str, topic: str | None) -> Iterator[tuple[str
     from rosbags.highlevel import AnyReader, AnyReaderError
     folder = path if path.is_dir() else path.parent
     if not path.exists():
-        raise InputError(f'no such file: {os.fspath(path)!r}; expected the folder of a ROS 2 bag, '
-                         'or its .mcap or .db3 file')
+        raise InputError(f'no such file: {os.fspath(path)!r}; expected the folder of a '
+                         'ROS 2 bag, or its .mcap or .db3 file')
     if not (folder / 'metadata.yaml').exists():
         raise InputError(f'{path}: no metadata.yaml beside it; expected the folder of a ROS 2 bag')
     try:
@@ -141,7 +143,7 @@ def _of_joints(message: Any, joint_names: Sequence[str], path: Path) -> list[Any
     parts: list[Any] = []
     for values in (message.position, message.velocity, message.effort):
         if len(values) not in (0, len(message.name)):
-            raise InputError(f'{path}: a joint state with {len(values)} values; expected '
-                             f'{len(message.name)}, one per name')
+            raise InputError(f'{path}: a joint state with {len(values)} values; '
+                             f'expected {len(message.name)}, one per name')
         parts.append(np.asarray(values, dtype=np.float64)[index] if len(values) else None)
     return parts

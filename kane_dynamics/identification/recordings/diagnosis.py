@@ -1,10 +1,11 @@
 """
 Check that a recording matches the model: units, signs, exchanged joints, gravity, delay.
 
-Positions, speeds and times are compared with each other. Torques are compared with those of the
-model, plus fitted friction and armature of each joint. A correction of the recording is a finding
-if it at least halves the residuals of its joints. Corrections are applied one after the other,
-the most effective first. Errors of URDF masses are much smaller.
+Positions, speeds and times are compared with each other. Torques are compared with those
+of the model, plus fitted friction and armature of each joint. A correction of the
+recording is a finding if it at least halves the residuals of its joints. Corrections are
+applied one after the other, the most effective first. Errors of URDF masses are much
+smaller.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -103,8 +104,8 @@ def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
     check_recording(model, recording)
     found = [RecordingFault('impossible', words) for words in _motion(model, recording)]
     if not recording.tau.any():
-        found.append(RecordingFault('wrong', 'the measured efforts are all 0: the recording has '
-                                    'none'))
+        found.append(RecordingFault('wrong', 'the measured efforts are all 0: the '
+                                    'recording has none'))
     elif not found:
         sound, signals = _signals(model, recording)
         found += signals
@@ -147,14 +148,15 @@ def _motion(model: Model, recording: Recording) -> Iterator[str]:
                      np.maximum(np.abs(limits.lower), np.abs(limits.upper)), 4.0 * math.pi)
     beyond = np.flatnonzero(turning & (most > 2.0 * reach))
     if len(beyond) and (np.radians(most) <= 1.1 * reach)[turning].all():
-        yield (f'positions of {_named(model, beyond)} reach {most[beyond].max():.4g} rad, limits '
-               f'{reach[beyond].max():.4g} rad; expected rad: are these degrees?')
+        yield (f'positions of {_named(model, beyond)} reach {most[beyond].max():.4g} '
+               f'rad, limits {reach[beyond].max():.4g} rad; expected rad: are these '
+               'degrees?')
         return
     step = float(np.median(np.diff(recording.t)))
     if 'u' in recording.derived:
         if step >= 0.5:
-            yield (f'times: rows are {step:g} s apart; expected seconds: are the times in '
-                   'milliseconds?')
+            yield (f'times: rows are {step:g} s apart; expected seconds: are the times '
+                   'in milliseconds?')
         return
     width = max(1, len(recording) // WINDOWS)
     # Speeds are integrated over windows of rows; no window spans an interruption.
@@ -177,7 +179,8 @@ def _motion(model: Model, recording: Recording) -> Iterator[str]:
         if own > 0.8:
             words = next((f'{value:.4g} times the derivative of the positions; {EXPECTED}: {unit}'
                           for value, unit in UNITS if 0.8 < factor[j] / value < 1.25),
-                         f'{factor[j]:.2g} times the derivative of the positions; {EXPECTED}')
+                         f'{factor[j]:.2g} times the derivative of the positions; '
+                         f'{EXPECTED}')
         elif own < -0.8:
             words = f'the negative derivative of the positions; {EXPECTED}'
         elif likeness[j, other] > 0.8:
@@ -205,8 +208,9 @@ def _interruptions(recording: Recording) -> Iterator[RecordingFault]:
         where = ', '.join(f'{length:.3g} s after {recording.t[row]:.4g} s'
                           for row, length in zip(after[:MOST_PAUSES], lengths, strict=False))
         more = f' and {len(after) - MOST_PAUSES} more' if len(after) > MOST_PAUSES else ''
-        yield RecordingFault('remark', f'times: interruption of {where}{more}; expected a '
-                             'recording without interruptions, as filters and differences need it')
+        yield RecordingFault('remark', f'times: interruption of {where}{more}; expected '
+                             'a recording without interruptions, as filters and '
+                             'differences need it')
 
 
 def _signals(model: Model, recording: Recording) -> tuple[Recording, list[RecordingFault]]:
@@ -222,10 +226,11 @@ def _signals(model: Model, recording: Recording) -> tuple[Recording, list[Record
     for j in np.flatnonzero(frozen.any(axis=0)):
         stretch = np.flatnonzero(frozen[:, j])
         first, last = sound.t[stretch[0]], sound.t[stretch[-1]]
-        kind = (f'efforts of {{}} are constant from {first:.4g} s to {last:.4g} s while the joint '
-                'moves')
+        kind = (f'efforts of {{}} are constant from {first:.4g} s to {last:.4g} s while '
+                'the joint moves')
         found.setdefault(kind, []).append(int(j))
-    # A joint without any sound row gets the model's torque, in which nothing is to be corrected.
+    # A joint without any sound row gets the model's torque, in which nothing is to be
+    # corrected.
     dead = frozen.all(axis=0)
     sound_rows: Flags = ~np.asarray((frozen & ~dead).any(axis=1))
     sound = kept(sound, sound_rows)
@@ -331,25 +336,26 @@ def _repairs(robot: Robot, r: Recording, errors: Array, gravity_added: bool
         return replace(r, tau=new)
     for joints in sets:
         heavy = [j for j in joints if j in weighty]
-        yield _Repair('efforts of {} have the opposite sign of torques on the joints: multiply '
-                      'them by -1', joints, with_tau(lambda tau: -tau, joints),
+        yield _Repair('efforts of {} have the opposite sign of torques on the joints: '
+                      'multiply them by -1', joints, with_tau(lambda tau: -tau, joints),
                       once * len(joints))
         if heavy:
-            yield _Repair('efforts of {} fit the torques without gravity: the arm holds its '
-                          'weight by itself, or reports efforts without it; expected efforts '
-                          'with gravity, or a statement that they lack it '
-                          '(--efforts-without-gravity)', joints,
+            yield _Repair('efforts of {} fit the torques without gravity: the arm holds '
+                          'its weight by itself, or reports efforts without it; '
+                          'expected efforts with gravity, or a statement that they lack '
+                          'it (--efforts-without-gravity)', joints,
                           with_tau(lambda tau: tau + gravity, joints), once * len(heavy))
-            yield _Repair('efforts of {} have the opposite sign of torques on the joints, and fit '
-                          'these without gravity', joints,
+            yield _Repair('efforts of {} have the opposite sign of torques on the '
+                          'joints, and fit these without gravity', joints,
                           with_tau(lambda tau: gravity - tau, joints), once * len(joints))
         if heavy and gravity_added:  # else it is a payload that makes gravity larger
-            yield _Repair('efforts of {} fit the torques with gravity twice: they hold the weight '
-                          'already; expected no --efforts-without-gravity', joints,
+            yield _Repair('efforts of {} fit the torques with gravity twice: they hold '
+                          'the weight already; expected no --efforts-without-gravity', joints,
                           with_tau(lambda tau: tau - gravity, joints), once * len(heavy))
     scaled = [_fitted(r, j, tau[:, j], rigid[:, j]) for j in range(n)]
     factors = np.array([factor for _, factor in scaled])
-    # The factor is known where rigid bodies cause most of the torque, or where it matters.
+    # The factor is known where rigid bodies cause most of the torque, or where it
+    # matters.
     clear = factors * np.abs(rigid).max(axis=0) > 0.5 * np.abs(tau).max(axis=0)
     clear |= (np.array([left for left, _ in scaled]) < CLEARLY * errors) & (factors > 0.0)
     for joints in sets:
@@ -385,8 +391,8 @@ def _torque_offsets(robot: Robot, r: Recording, left: Array) -> Iterator[_Repair
     """
     Yield recordings without the constant offset of one joint's torques.
 
-    Wrong masses cause a mean error too. The offset is therefore fitted together with all inertial
-    parameters, and only then compared with the given ones.
+    Wrong masses cause a mean error too. The offset is therefore fitted together with all
+    inertial parameters, and only then compared with the given ones.
     """
     if robot.model.flexible:  # beams have no regressor
         return
@@ -415,8 +421,9 @@ def _encoder_offsets(robot: Robot, r: Recording, errors: Array) -> Iterator[_Rep
     """
     Yield recordings without an offset of one joint's positions.
 
-    The offset is that of a Gauss-Newton step: residuals of all joints, without what their
-    friction explains, are fitted by the derivative of the torques with respect to the position.
+    The offset is that of a Gauss-Newton step: residuals of all joints, without what
+    their friction explains, are fitted by the derivative of the torques with respect to
+    the position.
     """
     for j in range(robot.n):
         shifted, total = r, 0.0
@@ -463,5 +470,5 @@ def _delays(model: Model, delays: TorqueDelays) -> Iterator[RecordingFault]:
     for joints, delay, deviation in found:
         side = 'after' if delay > 0.0 else 'before'
         yield RecordingFault('remark', f'efforts of {_named(model, joints)} come '
-                             f'{abs(delay):.3g} s (+- {deviation:.1g} s) {side} the motion that '
-                             f'they belong to{more}')
+                             f'{abs(delay):.3g} s (+- {deviation:.1g} s) {side} the '
+                             f'motion that they belong to{more}')

@@ -28,11 +28,12 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
     """
     Return the recording of a CSV file with a header, an npz file, or a ROS 2 bag.
 
-    Columns (in npz: arrays) are `t` or `time`, and for each joint `q`, `u` or `v`, `udot` or `a`,
-    and `tau`, either as `q.<joint>` or numbered from the base as `q1`. An npz may also hold (N, n)
-    arrays `q` and so on, with an array `joint_names` or in the order of numbers; it may be one of
-    `Trajectory.save_npz`. Speeds and accelerations that are missing are central differences. Of a
-    bag (MCAP or SQLite) the joint states are read, on `topic` if it has them on several.
+    Columns (in npz: arrays) are `t` or `time`, and for each joint `q`, `u` or `v`,
+    `udot` or `a`, and `tau`, either as `q.<joint>` or numbered from the base as `q1`. An
+    npz may also hold (N, n) arrays `q` and so on, with an array `joint_names` or in the
+    order of numbers; it may be one of `Trajectory.save_npz`. Speeds and accelerations
+    that are missing are central differences. Of a bag (MCAP or SQLite) the joint states
+    are read, on `topic` if it has them on several.
 
     Parameters
     ----------
@@ -43,15 +44,15 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
     topic : str, optional
         Topic of a bag.
     numbered : sequence of str, optional
-        All joints of the robot from the base, if `joint_names` are a part of them or in another
-        order. Numbered columns are those of all joints of the robot, or of `joint_names` only,
-        depending on their count.
+        All joints of the robot from the base, if `joint_names` are a part of them or in
+        another order. Numbered columns are those of all joints of the robot, or of
+        `joint_names` only, depending on their count.
 
     Raises
     ------
     InputError
-        If a column is missing, not numeric, duplicate, or its number is ambiguous; the message
-        names the file and the column.
+        If a column is missing, not numeric, duplicate, or its number is ambiguous; the
+        message names the file and the column.
 
     """
     file = Path(path)
@@ -70,8 +71,8 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
                              f"'{name}.{joint_names[0]}' or '{name}1', and so on")
     for name, value in found.items():
         if value is not None and len(value) != len(t):
-            raise InputError(f"{path}: '{name}': {len(value)} rows; expected {len(t)}, as many as "
-                             'times')
+            raise InputError(f"{path}: '{name}': {len(value)} rows; expected {len(t)}, "
+                             'as many as times')
     derived = tuple(name for name in ('u', 'udot') if found[name] is None)
     for name, source in (('u', 'q'), ('udot', 'u')):
         if name in derived:
@@ -107,8 +108,8 @@ def _read(path: Path) -> dict[str, Any]:
             return _csv(path)
         arrays = npz_arrays(path, lambda name: name in LABELS or bool(OURS.fullmatch(name)))
     except FileNotFoundError:
-        raise InputError(f'no such file: {os.fspath(path)!r}; expected a CSV or npz file, or a '
-                         'ROS 2 bag') from None
+        raise InputError(f'no such file: {os.fspath(path)!r}; expected a CSV or npz '
+                         'file, or a ROS 2 bag') from None
     except OSError as error:
         raise InputError(f'{path}: {error.strerror or error}; expected a readable file') from None
     distinct(path, list(arrays))
@@ -128,8 +129,8 @@ def _csv(path: Path) -> dict[str, Any]:
     except ValueError as error:
         raise InputError(f'{path}: {error}; expected named columns of numbers') from None
     if rows.shape[1] != len(header):
-        raise InputError(f'{path}: {len(header)} names for {rows.shape[1]} columns; expected one '
-                         'name per column')
+        raise InputError(f'{path}: {len(header)} names for {rows.shape[1]} columns; '
+                         'expected one name per column')
     distinct(path, header)
     return dict(zip(header, rows.T, strict=True))
 
@@ -166,8 +167,8 @@ def _quantity(columns: Mapping[str, Any], name: str, joint_names: Sequence[str],
         if lacking:
             raise InputError(f'{path}: no columns {lacking}; expected one per joint')
         if any(columns[column].ndim != 1 for column in wanted):
-            raise InputError(f"{path}: '{wanted[0]}' or the same of another joint has several "
-                             'columns; expected arrays of shape (N,)')
+            raise InputError(f"{path}: '{wanted[0]}' or the same of another joint has "
+                             'several columns; expected arrays of shape (N,)')
         return np.column_stack([columns[column] for column in wanted])
     return None
 
@@ -182,8 +183,8 @@ def _of_array(columns: Mapping[str, Any], word: str, joint_names: Sequence[str],
     if labels is None:
         return values[:, _places(values.shape[1], word, joint_names, numbered, path)]
     if columns.get('speed_names', labels) != labels:
-        raise InputError(f"{path}: speeds {columns['speed_names']}; expected those of the "
-                         'joints')
+        raise InputError(f"{path}: speeds {columns['speed_names']}; expected those of "
+                         'the joints')
     distinct(path, labels)
     lacking = [joint for joint in joint_names if joint not in labels]
     if lacking:

@@ -64,8 +64,8 @@ class Recording:
                                  f'({len(self.t)}, {self.tau.shape[1]})')
             if not np.isfinite(value).all():
                 row = int(np.argwhere(~np.isfinite(value))[0, 0])
-                raise InputError(f'recording: {name}: not finite in row {row + 1}; expected '
-                                 'finite numbers')
+                raise InputError(f'recording: {name}: not finite in row {row + 1}; '
+                                 'expected finite numbers')
         increasing(self.t, len(self.t), 'recording: t')
 
     def __len__(self) -> int:
@@ -112,14 +112,16 @@ class Recording:
         """
         Return the recording low-pass filtered without delay.
 
-        A Butterworth filter of order 4 is applied forward and backward to q, tau and measured u.
-        Speeds that are not measured are central differences of the filtered q, and udot those of
-        u: one differentiation amplifies noise less than two. Uneven rows are resampled first.
+        A Butterworth filter of order 4 is applied forward and backward to q, tau and
+        measured u. Speeds that are not measured are central differences of the filtered
+        q, and udot those of u: one differentiation amplifies noise less than two. Uneven
+        rows are resampled first.
 
         Parameters
         ----------
         cutoff : float
-            Hz, below half the sampling rate and several times the highest frequency of the motion.
+            Hz, below half the sampling rate and several times the highest frequency of
+            the motion.
 
         Raises
         ------
@@ -131,8 +133,8 @@ class Recording:
             return self.resampled().filtered(cutoff)
         mean = float(np.diff(self.t).mean())
         if not 0.0 < cutoff < 0.5 / mean:
-            raise InputError(f'cutoff: {cutoff:g} Hz; expected above 0, below half the sampling '
-                             f'rate, {0.5 / mean:g} Hz')
+            raise InputError(f'cutoff: {cutoff:g} Hz; expected above 0, below half the '
+                             f'sampling rate, {0.5 / mean:g} Hz')
         signal = scientific('scipy.signal')
         sections = signal.butter(ORDER, cutoff, output='sos', fs=1.0 / mean)
         if len(self) <= 6 * ORDER:
@@ -147,8 +149,9 @@ class Recording:
         """
         Return the noise of each joint's accelerations relative to their RMS, (n,), 0 to about 1.
 
-        A smooth signal is near the least-squares parabola through five rows. The residual is
-        noise; its variance is 18/35 of that of the noise. NaN for a joint without acceleration.
+        A smooth signal is near the least-squares parabola through five rows. The
+        residual is noise; its variance is 18/35 of that of the noise. NaN for a joint
+        without acceleration.
         """
         if len(self) < 5:
             return np.full(self.tau.shape[1], np.nan)

@@ -40,8 +40,9 @@ def outliers(values: Array) -> tuple[Flags, Array]:
     """
     Return where single rows are far from their neighbors, (N, n), and the neighbors' medians.
 
-    The median of a signal over a few rows follows every motion; its difference is noise, or an
-    outlier if it is large relative to the range of the whole signal and to the noise.
+    The median of a signal over a few rows follows every motion; its difference is noise,
+    or an outlier if it is large relative to the range of the whole signal and to the
+    noise.
     """
     if len(values) < 4 * NEIGHBORS:
         return np.zeros(values.shape, dtype=bool), values
@@ -67,8 +68,8 @@ def frozen_rows(recording: Recording) -> Flags:
     """
     Return where efforts stay the same while the joint moves, (N, n).
 
-    Efforts of a coarse resolution are equal over some rows everywhere; the stretch must be much
-    longer than the others.
+    Efforts of a coarse resolution are equal over some rows everywhere; the stretch must
+    be much longer than the others.
     """
     flags = np.zeros(recording.tau.shape, dtype=bool)
     for j, tau in enumerate(recording.tau.T):

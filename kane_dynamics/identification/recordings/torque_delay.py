@@ -1,14 +1,16 @@
 """
 Delays between measured torques and the motion of a recording.
 
-The torque of each joint, shifted by a number of rows, is fitted by all terms of the equations of
-motion: base parameters, friction, armature, offset. Masses of the model do not matter. The sum of
-squares is a parabola in the shift near its minimum, at the delay. Torque that the equations lack
-(play, elasticity, friction with a memory) shifts the minimum too. It is correlated in time, which
-noise is not, so its part of the residual is known, and widens the standard deviation.
+The torque of each joint, shifted by a number of rows, is fitted by all terms of the
+equations of motion: base parameters, friction, armature, offset. Masses of the model do
+not matter. The sum of squares is a parabola in the shift near its minimum, at the delay.
+Torque that the equations lack (play, elasticity, friction with a memory) shifts the
+minimum too. It is correlated in time, which noise is not, so its part of the residual is
+known, and widens the standard deviation.
 
-Friction with a memory lags the speed as if the torque came late. A joint's own delay is therefore
-none if Dahl friction (P. Dahl, "A solid friction model", 1968) fits as well without a delay.
+Friction with a memory lags the speed as if the torque came late. A joint's own delay is
+therefore none if Dahl friction (P. Dahl, "A solid friction model", 1968) fits as well
+without a delay.
 """
 
 from dataclasses import dataclass
@@ -45,9 +47,11 @@ class TorqueDelays:
     Attributes
     ----------
     delay, deviation : (n,) arrays
-        Of each joint, s. The deviation is infinite where there is no minimum within 0.2 s.
+        Of each joint, s. The deviation is infinite where there is no minimum within 0.2
+        s.
     common, common_deviation : float
-        Of the joints that agree with each other, s; NaN and infinite if none can be judged.
+        Of the joints that agree with each other, s; NaN and infinite if none can be
+        judged.
     friction_memory : (n,) array of bool
         Whether friction with a memory explains the torque as well as the delay does.
 
@@ -111,8 +115,8 @@ def _dahl_friction(q: Array, length: float) -> Array:
     """
     Return the friction of coefficient 1 by Dahl's law along positions, (N, n).
 
-    z' = (u - |u| z) / length, exact between rows: z approaches the sign of the motion over the
-    length, whatever the speed.
+    z' = (u - |u| z) / length, exact between rows: z approaches the sign of the motion
+    over the length, whatever the speed.
     """
     friction = np.zeros_like(q)
     for k, step in enumerate(np.diff(q, axis=0), start=1):
@@ -153,7 +157,8 @@ def _outlying(delay: Array, deviation: Array, from_delay: float) -> Flags:
 def _residuals(A: Array, torques: Array) -> Array:
     """Return what the columns of A miss of each column of torques."""
     size = np.linalg.norm(A, axis=0)
-    # numpy's driver, gesdd, does not converge for some of these matrices, though they are finite.
+    # numpy's driver, gesdd, does not converge for some of these matrices, though they
+    # are finite.
     U, s, _ = scientific('scipy.linalg').svd(A[:, size > 0.0] / size[size > 0.0],
                                              full_matrices=False, lapack_driver='gesvd')
     U = U[:, s > RANK * s[0]]

@@ -39,7 +39,8 @@ class Tracking:
     travel : (n,) array
         How far the motion moves each joint, rad or m.
     largest_error : (n,) array
-        Largest difference between measured and desired position during the motion, rad or m.
+        Largest difference between measured and desired position during the motion, rad
+        or m.
     states : int
         Number of joint states that were compared.
     warnings : tuple of str
@@ -117,10 +118,12 @@ class _Sender:
             self._spin(WAIT, lambda: self._now() > 0)
         if not self._states:
             raise InputError(f"joint states: none on '{self._topic}' with {listing(self._names)} "
-                             f'within {WAIT:g} s; expected those of a driver or of plant_node')
+                             f'within {WAIT:g} s; expected those of a driver or of '
+                             'plant_node')
         if not self._is_commanding():
-            raise InputError(f"node '{self._node_name}': no torques and no trajectory topic "
-                             f'within {WAIT:g} s; expected a dynamics node that is active')
+            raise InputError(f"node '{self._node_name}': no torques and no trajectory "
+                             f'topic within {WAIT:g} s; expected a dynamics node that '
+                             'is active')
         motion = make(self._states[-1][1])
         start = self._now() + round(1e9 * LEAD)
         self._states.clear()
@@ -138,14 +141,14 @@ class _Sender:
         stamps = np.array([stamp for stamp, _ in self._states])
         during = (stamps >= start) & (stamps <= start + round(1e9 * motion.duration))
         if not during.any():
-            raise InputError(f"joint states: none on '{self._topic}' during the motion; expected "
-                             'stamps of the clock of this machine')
+            raise InputError(f"joint states: none on '{self._topic}' during the motion; "
+                             'expected stamps of the clock of this machine')
         measured = np.array([q for _, q in self._states])[during]
         desired, _, _ = motion.sample(1e-9 * (stamps[during] - start))
         travel = np.ptp(desired, axis=0)
         if (np.ptp(measured, axis=0) < 0.1 * travel).all():
-            raise InputError('motion: the arm did not move; expected a motion that the node '
-                             'accepts: its log has the reason')
+            raise InputError('motion: the arm did not move; expected a motion that the '
+                             'node accepts: its log has the reason')
         return Tracking(self._names, travel, np.abs(measured - desired).max(axis=0),
                         len(measured), tuple(dict.fromkeys(self._warnings)))
 
