@@ -181,11 +181,13 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     else:
         x, speeds, weight = _with_bodies(model, first, speeds, x, weight, progress)
     progress(1.0)
-    A = _weighted(compressed(first, speeds), x)[0]
-    deviations, inertial_deviations, condition = (
-        friction_statistics(A, model) if friction_only
-        else statistics(A, model, x, speeds, weight))
-    fitted, held_out = _error(first, speeds, x), _error(second, speeds, x)
+    A, _, _ = _weighted(compressed(first, speeds), x)
+    if friction_only:
+        deviations, inertial_deviations, condition = friction_statistics(A, model)
+    else:
+        deviations, inertial_deviations, condition = statistics(A, model, x, speeds, weight)
+    fitted = _error(first, speeds, x)
+    held_out = _error(second, speeds, x)
     return Identification(
         model, x, speeds, friction_only, rms(recording_error(model, second.recording)),
         rms(fitted), rms(held_out), _moving_rms(fitted, first.moving),
@@ -195,15 +197,19 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
 
 def identified(model: Model, x: Array, speeds: Array, *, inertials: bool = True) -> Model:
     """Return the model with the values of the unknowns."""
-    losses = {name: dict(zip(FRICTION, row.tolist(), strict=True), friction_speed=float(speed))
-              for name, row, speed in zip(model.joint_names, x[-4 * model.n:].reshape(-1, 4),
-                                          speeds, strict=True)}
+    losses = {}
+    for name, row, speed in zip(model.joint_names, x[-4 * model.n:].reshape(-1, 4), speeds,
+                                strict=True):
+        losses[name] = dict(zip(FRICTION, row.tolist(), strict=True),
+                            friction_speed=float(speed))
     bodies = []
     for k, body in enumerate(model.bodies):
-        inertial = (Inertial.from_pseudo_inertia(pseudo_inertia_of(x[10 * k:10 * k + 10]))
-                    if inertials else body.inertial)
-        bodies.append(replace(body, inertial=inertial, joint=replace(
-            body.joint, **losses.get(body.joint.name, {}))))
+        inertial = body.inertial
+        if inertials:
+            P = pseudo_inertia_of(x[10 * k:10 * k + 10])
+            inertial = Inertial.from_pseudo_inertia(P)
+        joint = replace(body.joint, **losses.get(body.joint.name, {}))
+        bodies.append(replace(body, inertial=inertial, joint=joint))
     return replace(model, bodies=tuple(bodies))
 
 
@@ -231,6 +237,7 @@ def _with_bodies(model: Model, data: RegressionRows, speeds: Array, x: Array, we
     given bodies, then with those fitted to the identified bodies.
     """
     prior = [body.inertial for body in model.bodies]
+    used_weight = 0.0
 
     def rigid(speeds: Array) -> Array:
         """Fit at given friction speeds; return the rigid-body torque."""
@@ -238,18 +245,18 @@ def _with_bodies(model: Model, data: RegressionRows, speeds: Array, x: Array, we
         equations = compressed(data, speeds)
         for _ in range(ROUNDS):
             A, b, _ = _weighted(equations, x)
-            x = physical(A, b, prior, model.n, used)
+            x = physical(A, b, prior, model.n, used_weight)
         return np.asarray(data.Y @ x[:10 * len(prior)])
 
-    for begun in (0.0, 0.5):
-        def half_done(done: float, begun: float = begun) -> None:
-            progress(begun + 0.5 * done)
-        used = weight or _chosen_weight(model, data, speeds, x, half_done)
+    for done_before in (0.0, 0.5):
+        def report(done: float, done_before: float = done_before) -> None:
+            progress(done_before + 0.5 * done)
+        used_weight = weight or _chosen_weight(model, data, speeds, x, report)
         speeds = settled_speeds(data, speeds, rigid)
         if weight:
             break
     rigid(speeds)
-    return x, speeds, used
+    return x, speeds, used_weight
 
 
 def _weighted(compressed_rows: tuple[list[tuple[Array, Array]], Array, Array], x: Array
@@ -269,24 +276,28 @@ def _chosen_weight(model: Model, data: RegressionRows, speeds: Array, x: Array,
     (Hastie, Tibshirani & Friedman, The Elements of Statistical Learning, section 7.10).
     Errors are in units of each joint's residual at x.
     """
-    sigma = _weighted(compressed(data, speeds), x)[2]
-    stretches = [np.vstack([R / s for R, s in zip(factorized(part, speeds), sigma, strict=True)])
-                 for part in data.stretches]
-    counts = [max(int(part.moving.sum()), 1) for part in data.stretches]
+    _, _, sigma = _weighted(compressed(data, speeds), x)
     prior = [body.inertial for body in model.bodies]
-    missed = np.zeros((len(stretches), len(WEIGHTS)))
+    stretches = []
+    for part in data.stretches:
+        triangles = factorized(part, speeds)
+        weighted = [R / deviation for R, deviation in zip(triangles, sigma, strict=True)]
+        stretches.append(np.vstack(weighted))
+    # The prior counts as much for a fit to all stretches but one as for a fit to all.
+    share = 1.0 - 1.0 / len(stretches)
+    errors = np.zeros((len(stretches), len(WEIGHTS)))
     for k, held_out in enumerate(stretches):
         R = triangle(np.vstack(stretches[:k] + stretches[k + 1:]))
+        count = max(int(data.stretches[k].moving.sum()), 1)
         for i, weight in enumerate(WEIGHTS):
-            found = physical(R[:, :-1], R[:, -1], prior, model.n,
-                             float(weight) * (1.0 - 1.0 / len(stretches)))
-            error = held_out[:, -1] - held_out[:, :-1] @ found
-            missed[k, i] = error @ error / counts[k]
-            progress((k * len(WEIGHTS) + i + 1) / (missed.size + ROUNDS))
-    mean = missed.mean(axis=0)
+            fitted = physical(R[:, :-1], R[:, -1], prior, model.n, float(weight) * share)
+            residual = held_out[:, -1] - held_out[:, :-1] @ fitted
+            errors[k, i] = residual @ residual / count
+            progress((k * len(WEIGHTS) + i + 1) / (errors.size + ROUNDS))
+    mean = errors.mean(axis=0)
     best = int(np.argmin(mean))
-    spread = missed[:, best].std(ddof=1) / np.sqrt(len(stretches))
-    return float(WEIGHTS[mean <= mean[best] + spread][-1])
+    standard_error = errors[:, best].std(ddof=1) / np.sqrt(len(stretches))
+    return float(WEIGHTS[mean <= mean[best] + standard_error][-1])
 
 
 def _moving_rms(error: Array, moving: Flags) -> Array:

@@ -25,8 +25,10 @@ FLOOR = 1e-6  # lower bound of P0's eigenvalues, relative to the largest, for th
 REGULARIZATION = 1e-12  # of Clarabel's linear systems; its 1e-8 hides a prior of small weight
 MASSLESS = 1e-3  # kg m^2 and kg, eigenvalues for P0 = 0
 # An orthonormal basis of symmetric matrices: |Z|^2 is that of the coefficients.
-SYMMETRIC = np.array([(np.outer(e, f) + np.outer(f, e)) / (2.0 if r == s else np.sqrt(2.0))
-                      for r, e in enumerate(np.eye(4)) for s, f in enumerate(np.eye(4)[:r + 1])])
+# Its order is that of semidefinite matrices in Clarabel: the lower triangle, row by row.
+SYMMETRIC = np.zeros((10, 4, 4))
+for _k, (_r, _s) in enumerate(zip(*np.tril_indices(4), strict=True)):
+    SYMMETRIC[_k, _r, _s] = SYMMETRIC[_k, _s, _r] = 1.0 if _r == _s else 1.0 / np.sqrt(2.0)
 
 
 def parameters_of(P: Array) -> Array:
@@ -82,20 +84,26 @@ def physical(A: Array, b: Array, prior: Sequence[Inertial], joints: int, weight:
         If the solver finds no optimum; the message contains its status.
 
     """
-    roots = [_root(inertial.pseudo_inertia) for inertial in prior]
-    size, lowest = 10 * len(prior), np.tile(LOWEST, joints)
-    changes = [np.column_stack([parameters_of(L @ unit @ L.T) for unit in SYMMETRIC])
-               for L in roots]
-    start = np.concatenate([parameters_of(L @ L.T) for L in roots])
-    by_Z = [A[:, 10 * k:10 * k + 10] @ change for k, change in enumerate(changes)]
+    size = 10 * len(prior)
+    lowest = np.tile(LOWEST, joints)
+    # By Z of each body: P = L (1 + Z) L^T, so its parameters are linear in Z.
+    starts, changes, columns = [], [], []
+    for k, inertial in enumerate(prior):
+        L = _root(inertial.pseudo_inertia)
+        change = np.column_stack([parameters_of(L @ unit @ L.T) for unit in SYMMETRIC])
+        starts.append(parameters_of(L @ L.T))
+        changes.append(change)
+        columns.append(A[:, 10 * k:10 * k + 10] @ change)
+    start = np.concatenate(starts)
+    data = np.column_stack([*columns, A[:, size:], b - A[:, :size] @ start])
     nearness = np.hstack([np.sqrt(weight) * np.eye(size), np.zeros((size, 4 * joints + 1))])
-    R = triangle(np.vstack([
-        np.column_stack([*by_Z, A[:, size:], b - A[:, :size] @ start]), nearness]))
+    R = triangle(np.vstack([data, nearness]))
     x = _unconstrained(R, len(prior), lowest)
     if x is None:
         x = _constrained(R, len(prior), lowest)
-    moved = [change @ z for change, z in zip(changes, x[:size].reshape(-1, 10), strict=True)]
-    return np.concatenate([start + np.concatenate(moved), np.maximum(x[size:], lowest)])
+    for k, change in enumerate(changes):
+        start[10 * k:10 * k + 10] += change @ x[10 * k:10 * k + 10]
+    return np.concatenate([start, np.maximum(x[size:], lowest)])
 
 
 def _unconstrained(R: Array, bodies: int, lowest: Array) -> Array | None:
@@ -110,12 +118,12 @@ def _unconstrained(R: Array, bodies: int, lowest: Array) -> Array | None:
     lengths = np.linalg.norm(R[:, :-1], axis=0)
     lengths[lengths == 0.0] = 1.0
     bounds = np.concatenate([np.full(10 * bodies, -np.inf), lowest])
-    found = scientific('scipy.optimize').lsq_linear(R[:, :-1] / lengths, R[:, -1], method='bvls',
-                                                    bounds=(bounds, np.inf))
-    x = found.x / lengths
-    Z = x[:10 * bodies].reshape(-1, 10)
-    least = np.linalg.eigvalsh(np.eye(4) + np.tensordot(Z, SYMMETRIC, axes=1)).min()
-    return x if found.success and least >= SMALLEST else None
+    solution = scientific('scipy.optimize').lsq_linear(
+        R[:, :-1] / lengths, R[:, -1], method='bvls', bounds=(bounds, np.inf))
+    x = solution.x / lengths
+    Z = np.tensordot(x[:10 * bodies].reshape(-1, 10), SYMMETRIC, axes=1)
+    smallest = np.linalg.eigvalsh(np.eye(4) + Z).min()
+    return x if solution.success and smallest >= SMALLEST else None
 
 
 def _constrained(R: Array, bodies: int, lowest: Array) -> Array:
@@ -125,8 +133,11 @@ def _constrained(R: Array, bodies: int, lowest: Array) -> Array:
     The variables are Z, the losses and the residual r = R x - z; s = b - A x lies in the
     cones. The basis of Z is that of semidefinite matrices in Clarabel.
     """
-    clarabel, sparse = scientific('clarabel'), scientific('scipy.sparse')
-    rows, size, count = len(R), 10 * bodies, R.shape[1] - 1
+    clarabel = scientific('clarabel')
+    sparse = scientific('scipy.sparse')
+    rows = len(R)
+    count = R.shape[1] - 1
+    size = 10 * bodies
     R = R / max(float(np.linalg.norm(R[:, -1])), 1e-12)
     scale = np.ones(count)
     scale[size:] = np.maximum(np.linalg.norm(R[:, size:-1], axis=0), 1e-12)
@@ -143,15 +154,17 @@ def _constrained(R: Array, bodies: int, lowest: Array) -> Array:
     settings.verbose = False
     settings.static_regularization_constant = REGULARIZATION
     P = sparse.block_diag([sparse.csc_matrix((count, count)), sparse.eye(rows)], format='csc')
-    found = clarabel.DefaultSolver(P, np.zeros(count + rows), A, above, cones, settings).solve()
-    if str(found.status) != 'Solved':
-        raise InputError(f'physical parameters: solver status {found.status}; expected Solved')
-    return np.asarray(found.x[:count]) / scale
+    solver = clarabel.DefaultSolver(P, np.zeros(count + rows), A, above, cones, settings)
+    solution = solver.solve()
+    if str(solution.status) != 'Solved':
+        raise InputError(f'physical parameters: solver status {solution.status}; expected '
+                         'Solved')
+    return np.asarray(solution.x[:count]) / scale
 
 
 def _root(P: Array) -> Array:
     """Return L with L L^T = P, with eigenvalues of at least `FLOOR`."""
     values, vectors = np.linalg.eigh(P)
-    top = float(values[-1])
-    return np.asarray(vectors * np.sqrt(np.maximum(values, FLOOR * top if top > 0.0
-                                                   else MASSLESS)))
+    largest = float(values[-1])
+    floor = FLOOR * largest if largest > 0.0 else MASSLESS
+    return np.asarray(vectors * np.sqrt(np.maximum(values, floor)))

@@ -57,11 +57,13 @@ def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, 
     inertials = _link_inertials(source, model)
     riders = [frame.name for frame in model.frames
               if frame.body != WORLD and frame.name not in inertials]
-    urdf = rewritten(source, inertials, riders, {
-        body.joint.name: (body.joint.damping, body.joint.friction) for body in model.bodies})
-    joints: dict[str, dict[str, Any]] = {
-        body.joint.name: {key: getattr(body.joint, key) for key in PASSIVE}
-        for body in model.bodies}
+    losses = {}
+    joints: dict[str, dict[str, Any]] = {}
+    for body in model.bodies:
+        joint = body.joint
+        losses[joint.name] = joint.damping, joint.friction
+        joints[joint.name] = {key: getattr(joint, key) for key in PASSIVE}
+    urdf = rewritten(source, inertials, riders, losses)
     return urdf, yaml.safe_dump({'joints': joints}, sort_keys=False)
 
 
@@ -70,30 +72,36 @@ def _link_inertials(source: str | bytes | os.PathLike[str], model: Model) -> dic
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', ModelWarning)
         whole = load_urdf(source, strict=False)  # merges fixed joints only
-    given = {body.name: body.inertial for body in whole.bodies}
-    found = {body.name: body.inertial for body in model.bodies}
+    stated = {body.name: body.inertial for body in whole.bodies}
+    inertials = {body.name: body.inertial for body in model.bodies}
     for number, body in enumerate(model.bodies):
-        locked = {frame.name: frame for frame in model.frames
-                  if frame.body == number and frame.name in given and frame.name != body.name}
-        heavy = [name for name in locked if given[name].mass > 0.0]
+        # Links behind locked joints are parts of the body: they keep their stated inertials, and
+        # the link of the body gets the rest.
+        heavy = []
+        of_locked = np.zeros((4, 4))
+        for frame in model.frames:
+            is_locked = (frame.body == number and frame.name in stated
+                         and frame.name != body.name)
+            if is_locked and stated[frame.name].mass > 0.0:
+                heavy.append(frame.name)
+                on_body = stated[frame.name].moved(frame.rotation, frame.translation)
+                of_locked += on_body.pseudo_inertia
         if not heavy:
             continue
         total = body.inertial.pseudo_inertia
-        theirs = sum(given[name].moved(locked[name].rotation,
-                                       locked[name].translation).pseudo_inertia for name in heavy)
-        # The largest share s for which total - s theirs is positive semidefinite.
+        # The largest share s for which total - s of_locked is positive semidefinite.
         root = np.linalg.inv(np.linalg.cholesky(total))
-        most = 1.0 / float(np.linalg.eigvalsh(root @ theirs @ root.T)[-1])
-        share = 1.0 if most > 1.0 else 0.5 * most
+        largest_share = 1.0 / float(np.linalg.eigvalsh(root @ of_locked @ root.T)[-1])
+        share = 1.0 if largest_share > 1.0 else 0.5 * largest_share
         if share < 1.0:
             warnings.warn(f'links {heavy} behind locked joints: heavier than their '
                           f"identified body '{body.name}'; they keep {share:.1%} of "
                           'their inertials; expected at most the inertia of the body',
                           ModelWarning, stacklevel=3)
-        found[body.name] = Inertial.from_pseudo_inertia(total - share * theirs)
+        inertials[body.name] = Inertial.from_pseudo_inertia(total - share * of_locked)
         for name in heavy:
-            found[name] = Inertial.from_pseudo_inertia(share * given[name].pseudo_inertia)
-    return found
+            inertials[name] = Inertial.from_pseudo_inertia(share * stated[name].pseudo_inertia)
+    return inertials
 
 
 def written_payload(supplement: str | os.PathLike[str] | None, link: str, payload: Inertial
@@ -119,11 +127,13 @@ def written_payload(supplement: str | os.PathLike[str] | None, link: str, payloa
     if read_supplement(supplement).payload is not None:
         raise InputError(f"supplement '{supplement}': has a payload already; expected "
                          'none, since the identified payload would be added to it')
-    known: Any = {} if supplement is None else yaml.safe_load(Path(supplement).read_bytes())
+    content: Any = None
+    if supplement is not None:
+        content = yaml.safe_load(Path(supplement).read_bytes())
     moments = dict(zip(INERTIA_KEYS, six(payload), strict=True))
-    return yaml.safe_dump({**(known or {}), 'payload': {
-        'link': link, 'mass': payload.mass, 'com': payload.com.tolist(), 'inertia': moments}},
-        sort_keys=False)
+    load = {'link': link, 'mass': payload.mass, 'com': payload.com.tolist(),
+            'inertia': moments}
+    return yaml.safe_dump({**(content or {}), 'payload': load}, sort_keys=False)
 
 
 def six(payload: Inertial) -> list[float]:

@@ -13,14 +13,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.model.link_shapes import LinkShape
 import numpy as np
+from numpy.typing import NDArray
 
 ITERATIONS = 200  # round shapes need tens of them
 CLOSE = 1e-10  # relative error of the squared distance
 TOUCHING = 1e-24  # m^2: squared distance of shapes that touch
 FLAT = 1e-14  # relative determinant of a simplex without area or volume
+Rows = NDArray[np.intp]  # numbers of rows
 SUBSETS = tuple(subset for size in range(1, 5) for subset in combinations(range(4), size))
 
 
@@ -56,7 +58,7 @@ class ConvexShapes:
                 ball[k] = shape.size[0]
         return cls(half, disc, ball)
 
-    def __getitem__(self, chosen: Array) -> 'ConvexShapes':
+    def __getitem__(self, chosen: Rows) -> 'ConvexShapes':
         """Return some of the shapes."""
         return ConvexShapes(self.half[chosen], self.disc[chosen], self.ball[chosen])
 
@@ -139,7 +141,7 @@ class _Differences:
     second: ConvexShapes
     second_poses: Array
 
-    def farthest(self, pairs: Array, direction: Array) -> tuple[Array, Array]:
+    def farthest(self, pairs: Rows, direction: Array) -> tuple[Array, Array]:
         """Return the farthest differences of pairs along (k, 3), and their first points."""
         on_first = _farthest(self.first[pairs], self.first_poses[pairs], direction)
         on_second = _farthest(self.second[pairs], self.second_poses[pairs], -direction)
@@ -150,10 +152,11 @@ def _farthest(shapes: ConvexShapes, poses: Array, direction: Array) -> Array:
     """Return the points of placed shapes that are farthest along directions, (k, 3)."""
     R = poses[:, :3, :3]
     own_axes = np.einsum('kij,ki->kj', R, direction)
-    return np.einsum('kij,kj->ki', R, shapes.farthest(own_axes)) + poses[:, :3, 3]
+    points = np.einsum('kij,kj->ki', R, shapes.farthest(own_axes))
+    return np.asarray(points + poses[:, :3, 3])
 
 
-def _nearest_weights(corners: Array, used: Array) -> Array:
+def _nearest_weights(corners: Array, used: Flags) -> Array:
     """
     Return the weights of simplexes' corners, (k, 4), at their points nearest to the origin.
 
@@ -165,18 +168,18 @@ def _nearest_weights(corners: Array, used: Array) -> Array:
     weights = np.zeros((count, 4))
     for subset in SUBSETS:
         chosen = corners[:, subset]
-        inside, of_subset = _plane_weights(chosen)
-        inside &= used[:, subset].all(axis=1)
+        between, of_subset = _plane_weights(chosen)
+        inside = between & used[:, subset].all(axis=1)
         point = np.einsum('ki,kij->kj', of_subset, chosen)
         square = np.sum(point**2, axis=1)
         nearer = np.flatnonzero(inside & (square < best))
         best[nearer] = square[nearer]
         weights[nearer] = 0.0
-        weights[np.ix_(nearer, subset)] = of_subset[nearer]
+        weights[nearer[:, None], np.array(subset)] = of_subset[nearer]
     return weights
 
 
-def _plane_weights(corners: Array) -> tuple[Array, Array]:
+def _plane_weights(corners: Array) -> tuple[Flags, Array]:
     """Return whether the nearest point of the corners' plane is between them, and its weights."""
     count, size, _ = corners.shape
     weights = np.ones((count, size))

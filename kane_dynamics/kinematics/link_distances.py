@@ -14,7 +14,7 @@ from kane_dynamics.model.link_shapes import LinkShape, shapes_of_bodies
 from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.robot.robot import Robot
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 KINDS = {'box': 3, 'cylinder': 2, 'sphere': 1}  # and the number of their sizes
 CHUNK = 20_000  # pairs of shapes that are computed at a time
@@ -96,7 +96,7 @@ class LinkDistances:
         model = robot.model
         q_rest = robot.feasible_configuration() if rest is None else np.asarray(rest, dtype=float)
         self._place(model, shapes, obstacles, q_rest)
-        self._choose_pairs(model, ignored)
+        self._shape_pairs = self._pairs_to_compare(model, ignored)
 
         # Shapes that overlap at rest are neighbors, of which no distance says anything.
         distances, _, _ = self._shape_distances(q_rest[None])
@@ -105,8 +105,7 @@ class LinkDistances:
         self._shape_pairs = self._shape_pairs[~overlapping]
         self.pairs = self._named(self._shape_pairs)
         numbers = {pair: k for k, pair in enumerate(self.pairs)}
-        self._pair_numbers = np.array([numbers[self._name_pair(i, j)]
-                                       for i, j in self._shape_pairs], dtype=int)
+        self._pair_numbers = [numbers[self._name_pair(i, j)] for i, j in self._shape_pairs]
 
     def __call__(self, q: ArrayLike) -> Array:
         """
@@ -122,7 +121,8 @@ class LinkDistances:
         distances, _, _ = self._shape_distances(states)
         by_pair = np.full((len(states), len(self.pairs)), np.inf)
         # A link may have several shapes: the nearest ones count.
-        np.minimum.at(by_pair, (slice(None), self._pair_numbers), distances)
+        for column, pair in enumerate(self._pair_numbers):
+            by_pair[:, pair] = np.minimum(by_pair[:, pair], distances[:, column])
         return by_pair[0] if single else by_pair
 
     def smallest(self, q: ArrayLike) -> Array:
@@ -176,8 +176,9 @@ class LinkDistances:
             self._bodies.append(WORLD)
         self._convex = ConvexShapes.of(self._shapes)
 
-    def _choose_pairs(self, model: Model, ignored: Collection[tuple[str, str]]) -> None:
-        """Choose the pairs of shapes whose bodies are no neighbors."""
+    def _pairs_to_compare(self, model: Model, ignored: Collection[tuple[str, str]]
+                          ) -> NDArray[np.intp]:
+        """Return the pairs of shapes whose bodies are no neighbors, (p, 2)."""
         without = set()
         for first, second in ignored:
             for name in (first, second):
@@ -200,7 +201,7 @@ class LinkDistances:
                     continue
                 if (self._names[i], self._names[j]) not in without:
                     pairs.append((i, j))
-        self._shape_pairs = np.array(pairs, dtype=int).reshape(-1, 2)
+        return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
     def _states(self, q: ArrayLike) -> tuple[Array, bool]:
         """Return q as (N, n_q), and whether it was one state; frames check the numbers."""
@@ -243,7 +244,7 @@ class LinkDistances:
         """Return the names of two shapes."""
         return self._names[i], self._names[j]
 
-    def _named(self, shape_pairs: Array) -> tuple[tuple[str, str], ...]:
+    def _named(self, shape_pairs: NDArray[np.intp]) -> tuple[tuple[str, str], ...]:
         """Return the names of pairs of shapes, each pair once."""
         return tuple(dict.fromkeys(self._name_pair(i, j) for i, j in shape_pairs))
 

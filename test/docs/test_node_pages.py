@@ -7,6 +7,7 @@ pytest.importorskip('rclpy')
 
 
 @pytest.mark.timeout(900)  # a page may start two dozen processes
-@pytest.mark.parametrize('page', [page for page in PAGES if starts_nodes(page)], ids=named)
-def test_what_a_page_shows_is_what_comes_out(page, tmp_path):
+@pytest.mark.parametrize('page', [page for page in PAGES if starts_nodes(page)],
+                         ids=path_in_checkout)
+def test_code_on_a_page_prints_the_output_that_the_page_shows(page, tmp_path):
     work_through(page, tmp_path)

@@ -4,9 +4,9 @@ from argparse import Namespace
 from timeit import Timer
 from typing import Any
 
-from kane_dynamics.cli.commands.inspect_command import pinocchio_model, print_table
+from kane_dynamics.cli.commands.inspect_command import pinocchio_model
 from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing
-from kane_dynamics.cli.printing import print_json
+from kane_dynamics.cli.printing import print_json, print_table
 from kane_dynamics.cli.robot_options import load, source_of
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot

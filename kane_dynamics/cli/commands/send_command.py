@@ -84,4 +84,4 @@ def _travel(by: list[float], robot: Robot, names: tuple[str, ...], q: Array) -> 
     lower, upper = robot.limits.lower[places], robot.limits.upper[places]
     travel = np.clip(sizes[0], -0.25 * (upper - lower), 0.25 * (upper - lower))
     leaves = (q + travel > upper) | (q + travel < lower)
-    return np.where(leaves, -travel, travel)
+    return np.asarray(np.where(leaves, -travel, travel))

@@ -154,4 +154,4 @@ def _stated_torque(options: Namespace, robot: Robot, duration: float) -> Array:
     # A row holds from its time until that of the next one.
     times = np.arange(max(1, round(duration / options.step))) * options.step
     rows = np.searchsorted(states.t, times + 1e-6 * options.step, side='right') - 1
-    return states.tau[np.maximum(rows, 0)]
+    return np.asarray(states.tau[np.maximum(rows, 0)])

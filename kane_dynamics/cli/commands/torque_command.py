@@ -89,7 +89,7 @@ def _print_state(options: Namespace, robot: Robot) -> None:
     tau = robot.joint_torques(robot.inverse_dynamics(q, u, udot), q)
     terms = [robot.joint_torques(term, q) for term in robot.torque_terms(q, u, udot)]
     if options.json:
-        data = {'joint_names': robot.joint_names}
+        data: dict[str, Any] = {'joint_names': robot.joint_names}
         if robot.constraint_names:
             data |= {'q': q, 'speed_names': robot.speed_names}
         print_json({**data, 'tau': tau, 'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})

@@ -63,33 +63,38 @@ class Clearance:
     def __init__(self, model: Model, shapes: Sequence[LinkShape], floor: float | None,
                  distance: float | None) -> None:
         """Select the shapes that may reach the floor, and the pairs of shapes that may collide."""
-        self.robot, self.floor = Robot(model), floor
+        self.robot = Robot(model)
+        self.floor = floor
         limits = self.robot.limits
         rest = np.clip(np.zeros(model.n), limits.lower, limits.upper)[None]
         self._frames = {frame.body: frame for frame in reversed(model.frames)}
         self.shapes = [self._shape(model, body, visual) for body, visual in shapes_of_bodies(
             model, shapes, model_size(model, rest[0])) if body in self._frames]
         self._bodies = sorted({shape.body for shape in self.shapes})
+        # Pairs of bodies that no joint connects. A parent comes before its children.
         parents = [body.parent for body in model.bodies]
-
-        def apart(a: int, b: int) -> bool:
-            return a != b and parents[a] != b and (b == WORLD or parents[b] != a)
-        found = [(i, j) for i, a in enumerate(self.shapes) for j, b in enumerate(self.shapes)
-                 if a.body > b.body and apart(a.body, b.body)]
-        self.pairs, self.needed = np.array(found, dtype=int).reshape(-1, 2), np.zeros(0)
+        pairs = []
+        for i, first in enumerate(self.shapes):
+            for j, second in enumerate(self.shapes):
+                if first.body > second.body and parents[first.body] != second.body:
+                    pairs.append((i, j))
+        self.pairs = np.array(pairs, dtype=int).reshape(-1, 2)
+        self.needed = np.zeros(0)
+        # Shapes that touch at rest are left out, and all of them without a distance.
         at_rest = self.distances(rest)[0]
-        kept = np.flatnonzero(at_rest > (0.0 if distance is not None else np.inf))
-        self.pairs = self.pairs[kept]
-        self.needed = np.minimum(distance or 0.0, NEAR * at_rest[kept])
+        apart = at_rest > (0.0 if distance is not None else np.inf)
+        self.pairs = self.pairs[apart]
+        self.needed = np.minimum(distance or 0.0, NEAR * at_rest[apart])
         # What no joint changes does not count: a link that turns about the vertical
         # stays as high as it is, a hub that turns about its own axis as far away.
         spread = np.random.default_rng(0).uniform(-1.0, 1.0, (20, model.n))
         some = np.vstack([rest, rest + spread])
         varying = np.ptp(self.distances(some), axis=0) > CHANGES
-        self.pairs, self.needed = self.pairs[varying], self.needed[varying]
+        self.pairs = self.pairs[varying]
+        self.needed = self.needed[varying]
         self.moving = [k for k, shape in enumerate(self.shapes) if shape.body != WORLD]
-        heights = np.ptp(self.heights(some), axis=0)
-        self.moving = [k for k, change in zip(self.moving, heights, strict=True)
+        changes = np.ptp(self.heights(some), axis=0)
+        self.moving = [k for k, change in zip(self.moving, changes, strict=True)
                        if change > CHANGES]
 
     def _shape(self, model: Model, body: int, visual: LinkShape) -> Shape:
@@ -111,16 +116,17 @@ class Clearance:
 
     def _poses(self, q: Array) -> dict[int, Array]:
         """Return the poses of the bodies' frames, (N, 4, 4) each."""
-        fixed = np.eye(4)
-        found = {}
+        poses = {}
         for body in self._bodies:
             frame = self._frames[body]
             if body == WORLD:
-                fixed[:3, :3], fixed[:3, 3] = frame.rotation, frame.translation
-                found[body] = np.broadcast_to(fixed, (len(q), 4, 4))
+                fixed = np.eye(4)
+                fixed[:3, :3] = frame.rotation
+                fixed[:3, 3] = frame.translation
+                poses[body] = np.broadcast_to(fixed, (len(q), 4, 4))
             else:
-                found[body] = self.robot.frame_pose(frame.name, q)
-        return found
+                poses[body] = self.robot.frame_pose(frame.name, q)
+        return poses
 
     def _segments(self, poses: dict[int, Array]) -> tuple[Array, Array]:
         """Return centers of the shapes and halves of their segments, (N, shapes, 3) each."""
@@ -133,7 +139,7 @@ class Clearance:
 
     def _lowest_points(self, poses: dict[int, Array]) -> Array:
         """Return the lowest point of each shape that may reach the floor, (N, k, 3)."""
-        found = [np.zeros((len(poses[self._bodies[0]]), 0, 3))]
+        points = [np.zeros((len(poses[self._bodies[0]]), 0, 3))]
         for shape in (self.shapes[k] for k in self.moving):
             pose = poses[shape.body]
             R = pose[:, :3, :3] @ shape.rotation
@@ -147,8 +153,8 @@ class Clearance:
             else:
                 point = shape.size[0] * down
             center = pose[:, :3, :3] @ shape.center + pose[:, :3, 3]
-            found.append((center + (R @ point[:, :, None])[:, :, 0])[:, None])
-        return np.concatenate(found, axis=1)
+            points.append((center + (R @ point[:, :, None])[:, :, 0])[:, None])
+        return np.concatenate(points, axis=1)
 
     def heights(self, q: Array) -> Array:
         """Return the heights of the k movable shapes above the floor, (N, k), m, for q (N, n)."""
@@ -168,18 +174,21 @@ class Clearance:
 
     def missing(self, q: Array) -> tuple[float, Array]:
         """Return the mean squared shortfall for q (N, n), in units of `UNIT`, and its gradient."""
-        total, slope, poses = 0.0, np.zeros_like(q), self._poses(q)
+        total = 0.0
+        slope = np.zeros_like(q)
+        poses = self._poses(q)
         for shortfall, pulls in (*self._low(poses), *self._near(poses)):
             short = np.flatnonzero(shortfall > 0.0)
             if not len(short):
                 continue
             total += float(np.sum(shortfall[short]**2)) / (UNIT**2 * len(q))
-            for body, point, way in pulls:
+            for body, point, direction in pulls:
                 if body == WORLD:
                     continue
                 J = self.robot.partial_velocities(self._frames[body].name, q[short])
                 arm = point[short] - poses[body][short, :3, 3]
-                wrench = np.concatenate([way[short], np.cross(arm, way[short])], axis=1)
+                force = direction[short]
+                wrench = np.concatenate([force, np.cross(arm, force)], axis=1)
                 slope[short] -= 2.0 / (UNIT**2 * len(q)) * shortfall[short, None] * np.einsum(
                     'si,sij->sj', wrench, J)
         return total, slope
@@ -200,9 +209,10 @@ class Clearance:
         first, second, distances = self._closest(poses)
         for k, (i, j) in enumerate(self.pairs):
             a, b = first[:, k], second[:, k]
-            way = (a - b) / np.maximum(np.linalg.norm(a - b, axis=1, keepdims=True), SMALL)
+            gap = np.linalg.norm(a - b, axis=1, keepdims=True)
+            direction = (a - b) / np.maximum(gap, SMALL)
             yield (self.needed[k] + AIM - distances[:, k],
-                   [(self.shapes[i].body, a, way), (self.shapes[j].body, b, -way)])
+                   [(self.shapes[i].body, a, direction), (self.shapes[j].body, b, -direction)])
 
     def lowest(self, q: Array) -> tuple[str, float] | None:
         """Return the lowest link along a periodic motion's samples, and its height, m."""
@@ -226,9 +236,9 @@ class Clearance:
         if self.floor is not None and lowest is not None and lowest[1] < self.floor:
             return f"link '{lowest[0]}' above {self.floor:g} m"
         if len(self.pairs):
-            left = between(self.distances(q)) - self.needed
-            k = int(left.argmin())
-            if left[k] < 0.0:
+            surplus = between(self.distances(q)) - self.needed
+            k = int(surplus.argmin())
+            if surplus[k] < 0.0:
                 i, j = self.pairs[k]
                 return (f"links '{self.shapes[j].name}' and '{self.shapes[i].name}' "
                         f'{self.needed[k]:.3g} m apart')

@@ -63,17 +63,22 @@ class DesignCriterion:
                  clearance: Clearance | None = None) -> None:
         """Store the limits, and sample the Fourier basis."""
         require_angles(model, 'excitation')
-        self.model, self.basis, self.share, names = model, basis, share, model.joint_names
-        self.robot, self.rigid = Robot(model), Robot(without_losses(model))
+        self.model = model
+        self.basis = basis
+        self.share = share
+        self.robot = Robot(model)
+        self.rigid = Robot(without_losses(model))
+        names = model.joint_names
         limits = self.robot.limits
-        self.velocity = np.minimum(limits.velocity, per_joint(velocity, 'velocity', names,
-                                                              finite=False))
+        stated = per_joint(velocity, 'velocity', names, finite=False)
+        self.velocity = np.minimum(limits.velocity, stated)
         self.acceleration = per_joint(acceleration, 'acceleration', names, finite=False)
-        for name, speed, most in zip(names, self.velocity, self.acceleration, strict=True):
-            if not 0.0 < speed < math.inf or most == 0.0:
-                raise InputError(f"joint '{name}': limits {speed} of speed and {most} "
-                                 'of acceleration; expected positive ones, and a finite '
-                                 'speed (velocity=)')
+        for name, speed, acceleration_limit in zip(names, self.velocity, self.acceleration,
+                                                   strict=True):
+            if not 0.0 < speed < math.inf or acceleration_limit == 0.0:
+                raise InputError(f"joint '{name}': limits {speed} of speed and "
+                                 f'{acceleration_limit} of acceleration; expected positive '
+                                 'ones, and a finite speed (velocity=)')
         self.effort = limits.effort
         # A joint that is bounded on one side gets a turn from there.
         lower = np.where(np.isfinite(limits.lower), limits.lower, limits.upper - 2.0 * math.pi)
@@ -84,10 +89,14 @@ class DesignCriterion:
         self.speeds = np.array([joint.friction_speed for joint in model.coordinate_joints])
         self.columns = base_parameters(model, self.speeds).columns
         self.sigma = np.where(np.isfinite(self.effort), self.effort, 1.0)
-        self.floor = -math.inf if floor is None else floor
-        known = {frame.name for frame in model.frames}
-        self.frames = () if floor is None else tuple(
-            floor_frames or (body.name for body in model.bodies if body.name in known))
+        # Frames whose heights are bounded: the stated ones, or those of all bodies.
+        self.floor = -math.inf
+        self.frames: tuple[str, ...] = ()
+        if floor is not None:
+            self.floor = floor
+            frame_names = {frame.name for frame in model.frames}
+            of_bodies = [body.name for body in model.bodies if body.name in frame_names]
+            self.frames = tuple(floor_frames or of_bodies)
         self.clearance = clearance
         self.grid = self._matrices(SAMPLES)
         self.dense = self._matrices(DENSE)
@@ -99,7 +108,8 @@ class DesignCriterion:
 
     def regressor(self, q: Array, u: Array, udot: Array) -> Array:
         """Return W of states (N, n): the weighted equations of the base parameters, (N, n, b)."""
-        n, inertial = self.model.n, 10 * len(self.model.bodies)
+        n = self.model.n
+        inertial = 10 * len(self.model.bodies)
         whole = self.columns[self.columns < inertial]
         W = np.zeros((len(q), n, len(self.columns)))
         W[:, :, :len(whole)] = self.rigid.regressor(q, u, udot)[:, :, whole]
@@ -117,22 +127,27 @@ class DesignCriterion:
 
     def cost(self, p: Array, weight: float) -> tuple[float, Array]:
         """Return `worth` plus weighted squared excesses, and the gradient."""
-        q, u, udot = states = [matrix @ p for matrix in self.grid]
-        W = self.regressor(q, u, udot)
+        states = [matrix @ p for matrix in self.grid]  # q, u, udot
+        W = self.regressor(*states)
         value, G = worth(W)
-        slopes = [np.zeros_like(q) for _ in states]
         if math.isinf(value):
             return value, np.zeros_like(p)
+        # Differences of the regressor along every component of q, u and udot: the regressor of
+        # all 3 n displaced motions is computed at once.
         n = self.model.n
-        moved = [[x + STEP * np.eye(n)[i] if part == k else x for k, x in enumerate(states)]
-                 for part in range(3) for i in range(n)]
-        ahead = self.regressor(*(np.concatenate(column) for column in zip(*moved, strict=True)))
+        displaced: list[list[Array]] = [[], [], []]
+        for component in range(3 * n):
+            displaced_part, i = divmod(component, n)
+            for part, state in enumerate(states):
+                step = STEP * np.eye(n)[i] if part == displaced_part else 0.0
+                displaced[part].append(state + step)
+        ahead = self.regressor(*(np.concatenate(rows) for rows in displaced))
         change = np.einsum('msjc,sjc->ms', ahead.reshape(3 * n, *W.shape) - W, G) / STEP
-        for part in range(3):
-            slopes[part] += change[part * n:(part + 1) * n].T
-        penalty, by_state = self._penalty(q, u, udot)
-        gradient = np.sum([matrix.T @ (slope + weight * extra) for matrix, slope, extra in zip(
-            self.grid, slopes, by_state, strict=True)], axis=0)
+        slopes = [change[part * n:(part + 1) * n].T for part in range(3)]
+        penalty, by_state = self._penalty(*states)
+        gradient = np.zeros_like(p)
+        for matrix, slope, of_penalty in zip(self.grid, slopes, by_state, strict=True):
+            gradient += matrix.T @ (slope + weight * of_penalty)
         if self.clearance is not None:
             missing, by_q = self.clearance.missing(self.finer @ p)
             penalty += missing
@@ -141,7 +156,8 @@ class DesignCriterion:
 
     def _penalty(self, q: Array, u: Array, udot: Array) -> tuple[float, list[Array]]:
         """Return the mean squared excess beyond the share of limits, and its gradients."""
-        total, slopes = 0.0, [np.zeros_like(q) for _ in range(3)]
+        total = 0.0
+        slopes = [np.zeros_like(q) for _ in range(3)]
 
         def excess(use: Array) -> Array:
             nonlocal total

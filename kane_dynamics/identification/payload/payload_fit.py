@@ -1,7 +1,6 @@
 """Estimate the payload of an arm from a recording."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -94,30 +93,34 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
 
     """
     if isinstance(model, Robot):
-        given = model
+        robot = model
     else:
         check_recording(model, recording, ROWS)
-        given = Robot(model)
-    names = recorded_joints(given)
-    check_recording(given.model, recording, ROWS, names)
-    rows = PayloadRows(given, frame)
-    Y, rates, left, _, acting = rows(*recorded_motion(given, names, recording))
+        robot = Robot(model)
+    names = recorded_joints(robot)
+    check_recording(robot.model, recording, ROWS, names)
+    rows = PayloadRows(robot, frame)
+    Y, rates, torque, _, acting = rows(*recorded_motion(robot, names, recording))
     # The belief keeps what the motion does not tell from looking certain.
     belief = BELIEF * prior_metric(START)
-    effort = np.asarray(given.limits.effort)[[given.joint_names.index(name) for name in names]]
-    uncertainty = np.maximum(DOUBT * np.where(np.isfinite(effort), effort,
-                                              np.abs(recording.tau).max(axis=0)), 1e-6)
+    effort = np.asarray(robot.limits.effort)[[robot.joint_names.index(name) for name in names]]
+    largest = np.where(np.isfinite(effort), effort, np.abs(recording.tau).max(axis=0))
+    uncertainty = np.maximum(DOUBT * largest, 1e-6)
     equations = PayloadEquations(rows.friction_speed, uncertainty, belief, shared=rows.shared)
-    samples: Any = (Y, rates, left)
+    samples: list[Array] = [Y, rates, torque]
     if acting is not None:  # the noise of actuators that share a load: as their effort limits
-        samples = (*samples, np.broadcast_to(uncertainty, left.shape), acting)
-    middle, found = len(left) // 2, []
-    for part in (slice(0, middle), slice(middle, None)):
-        for row in zip(*(each[part] for each in samples), strict=True):
-            equations.add(equations.row(*row))
-        found.append(equations.solve())
-    (early, _), (x, information) = ((_physical(*each), each[0]) for each in found)
-    sigma = np.maximum(rms(left - Y @ x), 1e-9)
+        samples += [np.broadcast_to(uncertainty, torque.shape), acting]
+
+    # After the first half of the rows the estimate is that which predicts the second half.
+    middle = len(torque) // 2
+    for row in zip(*(sample[:middle] for sample in samples), strict=True):
+        equations.add(equations.row(*row))
+    of_first_half = _physical(*equations.solve())
+    for row in zip(*(sample[middle:] for sample in samples), strict=True):
+        equations.add(equations.row(*row))
+    information, weighted = equations.solve()
+    x = _physical(information, weighted)
+    sigma = np.maximum(rms(torque - Y @ x), 1e-9)
     A = (Y / sigma[:, None]).reshape(-1, 10)
     covariance = covariance_of(information + belief)
     mass, com = load_deviations(x, covariance)
@@ -129,7 +132,7 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
     condition = float(np.linalg.cond(A / lengths)) if lengths.all() else np.inf
     return Payload(Inertial.from_pseudo_inertia(pseudo_inertia_of(x)), mass, com,
                    _inertia_deviation(x, covariance), sigma,
-                   rms(left[middle:] - Y[middle:] @ early), condition)
+                   rms(torque[middle:] - Y[middle:] @ of_first_half), condition)
 
 
 def _physical(information: Array, weighted: Array) -> Array:
@@ -155,9 +158,14 @@ def load_deviations(x: Array, covariance: Array) -> tuple[float, Array]:
 
 def _inertia_deviation(x: Array, covariance: Array) -> Array:
     """Return standard deviations of the inertia about the center of mass, (3, 3), linearized."""
-    mass, h, one = x[0], x[1:4], np.eye(3)
+    # The inertia about the center of mass is I - (h.h 1 - h h^T) / m: its slopes by the mass, the
+    # first moment h = m c, and the entries of I.
+    mass = x[0]
+    h = x[1:4]
+    one = np.eye(3)
     slopes = [(h @ h * one - np.outer(h, h)) / mass**2]
-    slopes += [(np.outer(e, h) + np.outer(h, e) - 2.0 * (e @ h) * one) / mass for e in one]
+    for axis in one:
+        slopes.append((np.outer(axis, h) + np.outer(h, axis) - 2.0 * (axis @ h) * one) / mass)
     for r, s in ENTRIES:
         unit = np.zeros((3, 3))
         unit[r, s] = unit[s, r] = 1.0

@@ -44,23 +44,30 @@ def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
         order.
 
     """
-    rows = list(_messages(path, joint_names, topic))
-    stamps = np.array([stamp for stamp, _ in rows], dtype=np.float64)
-    before = np.concatenate([[-np.inf], np.maximum.accumulate(stamps)[:-1]])[:len(stamps)]
-    kept = np.flatnonzero(stamps > before)
-    if len(rows) - len(kept) > MOST_OUT_OF_ORDER * len(rows):
-        raise InputError(f'{path}: {len(rows) - len(kept)} of {len(rows)} joint states '
-                         'repeat a stamp or come out of order; expected a single '
-                         'publisher on the topic')
-    columns = {'t': (stamps[kept] - stamps[0]) * 1e-9 if len(kept) else np.zeros(0)}
-    for name, part in (('q', 0), ('u', 1), ('tau', 2)):
-        values = [rows[k][1][part] for k in kept]
-        if any(value is None for value in values):
-            if name == 'u':
-                continue
-            raise InputError(f"{path}: joint states without {'effort' if part else 'position'}; "
-                             'expected both')
-        columns[name] = np.array(values).reshape(len(kept), len(joint_names))
+    stamps: list[int] = []
+    states: list[list[Any]] = []
+    dropped = 0
+    for stamp, state in _messages(path, joint_names, topic):
+        if stamps and stamp <= stamps[-1]:
+            dropped += 1
+            continue
+        stamps.append(stamp)
+        states.append(state)
+    total = len(states) + dropped
+    if dropped > MOST_OUT_OF_ORDER * total:
+        raise InputError(f'{path}: {dropped} of {total} joint states repeat a stamp or come '
+                         'out of order; expected a single publisher on the topic')
+    t = np.array(stamps, dtype=np.float64)
+    columns = {'t': (t - t[:1]) * 1e-9}
+    for part, (name, what) in enumerate((('q', 'position'), ('u', 'velocity'),
+                                         ('tau', 'effort'))):
+        values = [state[part] for state in states]
+        is_complete = all(value is not None for value in values)
+        if is_complete:
+            columns[name] = np.array(values).reshape(len(states), len(joint_names))
+        elif name != 'u':
+            raise InputError(f'{path}: joint states without {what}; expected positions and '
+                             'efforts')
     return columns
 
 

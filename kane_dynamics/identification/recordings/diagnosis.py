@@ -8,7 +8,7 @@ applied one after the other, the most effective first. Errors of URDF masses are
 smaller.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 import math
@@ -18,8 +18,8 @@ from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.recordings.signal_faults import (beyond_limits, frozen_rows,
-                                                                   interruptions, kept,
-                                                                   longest_stretch,
+                                                                   interruptions,
+                                                                   longest_stretch, rows_of,
                                                                    without_outliers)
 from kane_dynamics.identification.recordings.torque_delay import (NOISE, smoothed,
                                                                   torque_delays, TorqueDelays)
@@ -30,10 +30,12 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import NDArray
 
-CLEARLY = 0.5  # largest ratio of errors, with and without a correction, of a finding
+CLEARLY = 0.5  # largest ratio of errors, with and without a correction, of a fault
+ONCE = math.log(1.0 / CLEARLY)  # the fall of one joint's logarithm of errors that is needed
 MOST_ROWS = 1500  # used rows, evenly distributed
 MOST_FAULTS = 8
 MOST_PAUSES = 3  # of which the times are named
+EFFORT_UNITS = ((1e3, 'mN m'), (1e2, 'N cm'), (1e-3, 'kN m'))
 LARGE_UNITS = 1e3, 1e2, 10.0  # of efforts beyond limits
 OFFSET = math.log(1.0 / 0.6)  # needed fall of the logarithm of errors, of a torque offset
 ENCODER_OFFSET = 1.0  # needed fall, of all joints; wrong masses cause up to 0.7
@@ -44,6 +46,9 @@ RANK = 1e-3  # relative size of what is regarded as zero in the fit of inertial 
 DIFFERENCE = 1e-4  # rad or m, of a derivative by differences
 SLIP = 0.05  # assumed friction speed, rad/s or m/s
 FLOOR = 0.03  # of the measured torque: smaller errors need no correction
+LONG_STEP = 0.5  # s between rows: seconds would be milliseconds
+MOVES = 0.02  # rad or m: a joint that moves less is at rest
+LIKE = 0.8  # smallest cosine between speeds and derivatives of positions that are alike
 WINDOWS = 200  # number of windows in which positions and speeds are compared
 EXPECTED = 'expected it, in rad/s or m/s'
 UNITS = ((math.degrees(1.0), 'are they in degrees a second?'),
@@ -102,33 +107,33 @@ def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
 
     """
     check_recording(model, recording)
-    found = [RecordingFault('impossible', words) for words in _motion(model, recording)]
+    faults = [RecordingFault('impossible', words) for words in _motion(model, recording)]
     if not recording.tau.any():
-        found.append(RecordingFault('wrong', 'the measured efforts are all 0: the '
+        faults.append(RecordingFault('wrong', 'the measured efforts are all 0: the '
                                     'recording has none'))
-    elif not found:
+    elif not faults:
         sound, signals = _signals(model, recording)
-        found += signals
-        found += _torques(model, sound, gravity_added, silent=bool(signals))
-    found += _interruptions(recording)
+        faults += signals
+        faults += _torques(model, sound, gravity_added, has_signal_faults=bool(signals))
+    faults += _interruptions(recording)
     noise = recording.acceleration_noise()
     noisy = np.flatnonzero(noise > NOISE)
     if len(noisy):
-        found.append(RecordingFault(
+        faults.append(RecordingFault(
             'remark', f'accelerations of {_named(model, noisy)} are noise to '
             f'{100.0 * noise[noisy].max():.0f} %; expected filtered ones: --cutoff HZ'))
-    return found
+    return faults
 
 
 def refuse_faulty(model: Model, recording: Recording,
                   levels: tuple[str, ...] = ('impossible', 'wrong'), *,
                   gravity_added: bool = False) -> list[RecordingFault]:
     """Return the faults of a recording; raise InputError if one is of these levels."""
-    found = diagnose(model, recording, gravity_added=gravity_added)
-    worst = [finding.words for finding in found if finding.level in levels]
-    if worst:
-        raise InputError(f'recording: {"; ".join(worst)}')
-    return found
+    faults = diagnose(model, recording, gravity_added=gravity_added)
+    refused = [fault.words for fault in faults if fault.level in levels]
+    if refused:
+        raise InputError(f'recording: {"; ".join(refused)}')
+    return faults
 
 
 def _named(model: Model, joints: Sequence[int] | NDArray[np.intp]) -> str:
@@ -141,56 +146,82 @@ def _named(model: Model, joints: Sequence[int] | NDArray[np.intp]) -> str:
 
 def _motion(model: Model, recording: Recording) -> Iterator[str]:
     """Yield contradictions of positions, speeds and times."""
-    limits = Robot(model).limits
-    turning = np.array([name not in model.sliding for name in model.joint_names])
-    most = np.abs(recording.q).max(axis=0)
-    reach = np.where(np.isfinite(limits.upper - limits.lower),
-                     np.maximum(np.abs(limits.lower), np.abs(limits.upper)), 4.0 * math.pi)
-    beyond = np.flatnonzero(turning & (most > 2.0 * reach))
-    if len(beyond) and (np.radians(most) <= 1.1 * reach)[turning].all():
-        yield (f'positions of {_named(model, beyond)} reach {most[beyond].max():.4g} '
-               f'rad, limits {reach[beyond].max():.4g} rad; expected rad: are these '
-               'degrees?')
+    degrees = _suspected_degrees(model, recording)
+    if degrees is not None:
+        yield degrees
         return
     step = float(np.median(np.diff(recording.t)))
-    if 'u' in recording.derived:
-        if step >= 0.5:
-            yield (f'times: rows are {step:g} s apart; expected seconds: are the times '
-                   'in milliseconds?')
+    if 'u' in recording.derived:  # differences of the positions contradict them nowhere
+        if step >= LONG_STEP:
+            yield (f'times: rows are {step:g} s apart; expected seconds: are the times in '
+                   'milliseconds?')
         return
-    width = max(1, len(recording) // WINDOWS)
-    # Speeds are integrated over windows of rows; no window spans an interruption.
-    missing = np.concatenate([[0.0], np.cumsum(_is_interruption(recording))])
-    whole = missing[width:] == missing[:-width]
-    mean = 0.5 * (recording.u[1:] + recording.u[:-1]) * np.diff(recording.t)[:, None]
-    way = np.vstack([np.zeros(mean.shape[1]), np.cumsum(mean, axis=0)])
-    D, W = ((x[width:] - x[:-width])[whole] for x in (recording.q, way))
-    size = np.linalg.norm(D, axis=0)
-    moves = np.flatnonzero(np.abs(recording.q - recording.q[0]).max(axis=0) > 0.02)
+    displacement, integral = _displacements(recording)
+    size = np.linalg.norm(displacement, axis=0)
     with np.errstate(invalid='ignore', divide='ignore'):
-        likeness = (W.T @ D) / np.outer(np.linalg.norm(W, axis=0), size)
-        factor = np.sum(W * D, axis=0) / size**2
-    reports: dict[str, list[int]] = {}
+        # The cosine of the angle between the integrated speeds of joint k and the displacements
+        # of joint j, and the factor of the speeds over the derivatives of the positions.
+        cosines = (integral.T @ displacement) / np.outer(np.linalg.norm(integral, axis=0), size)
+        factors = np.sum(integral * displacement, axis=0) / size**2
+    moves = np.flatnonzero(np.abs(recording.q - recording.q[0]).max(axis=0) > MOVES)
+    joints_by_fault: dict[str, list[int]] = {}
     for j in moves:
-        own = likeness[j, j]
-        other = int(np.nanargmax(np.where(np.arange(len(size)) == j, -1.0, likeness[j])))
-        if own > 0.8 and 0.6 < factor[j] < 1.6:
-            continue
-        if own > 0.8:
-            words = next((f'{value:.4g} times the derivative of the positions; {EXPECTED}: {unit}'
-                          for value, unit in UNITS if 0.8 < factor[j] / value < 1.25),
-                         f'{factor[j]:.2g} times the derivative of the positions; '
-                         f'{EXPECTED}')
-        elif own < -0.8:
-            words = f'the negative derivative of the positions; {EXPECTED}'
-        elif likeness[j, other] > 0.8:
-            words = (f"the derivative of the positions of joint '{model.joint_names[other]}'; "
-                     'expected those of their own joint')
-        else:
-            words = f'not the derivative of the positions; {EXPECTED}'
-        reports.setdefault(words, []).append(int(j))
-    for words, joints in reports.items():
-        yield f'speeds of {_named(model, joints)} are {words}'
+        fault = _speed_fault(model, int(j), cosines[j], float(factors[j]))
+        if fault is not None:
+            joints_by_fault.setdefault(fault, []).append(int(j))
+    for fault, joints in joints_by_fault.items():
+        yield f'speeds of {_named(model, joints)} are {fault}'
+
+
+def _suspected_degrees(model: Model, recording: Recording) -> str | None:
+    """Return a contradiction if positions far beyond the limits would fit them in degrees."""
+    limits = Robot(model).limits
+    turning = np.array([name not in model.sliding for name in model.joint_names])
+    largest = np.abs(recording.q).max(axis=0)
+    # Joints without limits turn twice at most.
+    reach = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
+    reach = np.where(np.isfinite(reach), reach, 4.0 * math.pi)
+    beyond = np.flatnonzero(turning & (largest > 2.0 * reach))
+    fits_in_degrees = (np.radians(largest) <= 1.1 * reach)[turning].all()
+    if not len(beyond) or not fits_in_degrees:
+        return None
+    return (f'positions of {_named(model, beyond)} reach {largest[beyond].max():.4g} rad, '
+            f'limits {reach[beyond].max():.4g} rad; expected rad: are these degrees?')
+
+
+def _displacements(recording: Recording) -> tuple[Array, Array]:
+    """
+    Return the displacements over windows of rows, and the integrals of the speeds over them.
+
+    No window spans an interruption.
+    """
+    width = max(1, len(recording) // WINDOWS)
+    interruptions_until = np.concatenate([[0.0], np.cumsum(_is_interruption(recording))])
+    whole = interruptions_until[width:] == interruptions_until[:-width]
+    mean_speed = 0.5 * (recording.u[1:] + recording.u[:-1])
+    steps = mean_speed * np.diff(recording.t)[:, None]
+    integral = np.vstack([np.zeros(steps.shape[1]), np.cumsum(steps, axis=0)])
+    return ((recording.q[width:] - recording.q[:-width])[whole],
+            (integral[width:] - integral[:-width])[whole])
+
+
+def _speed_fault(model: Model, j: int, cosines: Array, factor: float) -> str | None:
+    """Return what the speeds of a joint are, instead of derivatives of its positions."""
+    if cosines[j] > LIKE and 0.6 < factor < 1.6:
+        return None
+    if cosines[j] > LIKE:
+        for value, unit in UNITS:
+            if 0.8 < factor / value < 1.25:
+                return f'{value:.4g} times the derivative of the positions; {EXPECTED}: {unit}'
+        return f'{factor:.2g} times the derivative of the positions; {EXPECTED}'
+    if cosines[j] < -LIKE:
+        return f'the negative derivative of the positions; {EXPECTED}'
+    of_other_joints = np.where(np.arange(len(cosines)) == j, -1.0, cosines)
+    nearest = int(np.nanargmax(of_other_joints))
+    if cosines[nearest] > LIKE:
+        return (f"the derivative of the positions of joint '{model.joint_names[nearest]}'; "
+                'expected those of their own joint')
+    return f'not the derivative of the positions; {EXPECTED}'
 
 
 def _is_interruption(recording: Recording) -> Array:
@@ -202,192 +233,247 @@ def _is_interruption(recording: Recording) -> Array:
 
 def _interruptions(recording: Recording) -> Iterator[RecordingFault]:
     """Yield the interruptions of the times."""
-    after = interruptions(recording)
-    if len(after):
-        lengths = np.diff(recording.t)[after]
-        where = ', '.join(f'{length:.3g} s after {recording.t[row]:.4g} s'
-                          for row, length in zip(after[:MOST_PAUSES], lengths, strict=False))
-        more = f' and {len(after) - MOST_PAUSES} more' if len(after) > MOST_PAUSES else ''
-        yield RecordingFault('remark', f'times: interruption of {where}{more}; expected '
-                             'a recording without interruptions, as filters and '
-                             'differences need it')
+    rows = interruptions(recording)
+    if not len(rows):
+        return
+    lengths = np.diff(recording.t)[rows]
+    places = []
+    for row, length in zip(rows[:MOST_PAUSES], lengths, strict=False):
+        places.append(f'{length:.3g} s after {recording.t[row]:.4g} s')
+    text = ', '.join(places)
+    if len(rows) > MOST_PAUSES:
+        text += f' and {len(rows) - MOST_PAUSES} more'
+    yield RecordingFault('remark', f'times: interruption of {text}; expected a recording '
+                         'without interruptions, as filters and differences need it')
 
 
 def _signals(model: Model, recording: Recording) -> tuple[Recording, list[RecordingFault]]:
     """Return a recording without faults of single effort signals, and these faults."""
-    found: dict[str, list[int]] = {}
-    sound, flags = without_outliers(longest_stretch(recording))
-    for j in np.flatnonzero(flags.any(axis=0)):
-        row = int(np.flatnonzero(flags[:, j])[0])
-        kind = (f'efforts of {{}} have {flags[:, j].sum()} outliers, the first at '
-                f'{sound.t[row]:.4g} s: a spike or a lost message')
-        found.setdefault(kind, []).append(int(j))
+    joints_by_fault: dict[str, list[int]] = {}
+    sound, outliers = without_outliers(longest_stretch(recording))
+    for j in np.flatnonzero(outliers.any(axis=0)):
+        first_row = int(np.flatnonzero(outliers[:, j])[0])
+        fault = (f'efforts of {{}} have {outliers[:, j].sum()} outliers, the first at '
+                 f'{sound.t[first_row]:.4g} s: a spike or a lost message')
+        joints_by_fault.setdefault(fault, []).append(int(j))
     frozen = frozen_rows(sound)
     for j in np.flatnonzero(frozen.any(axis=0)):
-        stretch = np.flatnonzero(frozen[:, j])
-        first, last = sound.t[stretch[0]], sound.t[stretch[-1]]
-        kind = (f'efforts of {{}} are constant from {first:.4g} s to {last:.4g} s while '
-                'the joint moves')
-        found.setdefault(kind, []).append(int(j))
+        frozen_times = sound.t[frozen[:, j]]
+        fault = (f'efforts of {{}} are constant from {frozen_times[0]:.4g} s to '
+                 f'{frozen_times[-1]:.4g} s while the joint moves')
+        joints_by_fault.setdefault(fault, []).append(int(j))
+
     # A joint without any sound row gets the model's torque, in which nothing is to be
     # corrected.
     dead = frozen.all(axis=0)
     sound_rows: Flags = ~np.asarray((frozen & ~dead).any(axis=1))
-    sound = kept(sound, sound_rows)
+    sound = rows_of(sound, sound_rows)
     if dead.any():
         rigid = Robot(model, friction=False).inverse_dynamics(sound.q, sound.u, sound.udot)
         sound = replace(sound, tau=np.where(dead, rigid, sound.tau))
-    return sound, [RecordingFault('wrong', kind.format(_named(model, joints)))
-                   for kind, joints in found.items()]
+    faults = []
+    for fault, joints in joints_by_fault.items():
+        faults.append(RecordingFault('wrong', fault.format(_named(model, joints))))
+    return sound, faults
 
 
-def _torques(model: Model, recording: Recording, gravity_added: bool, *, silent: bool
-             ) -> Iterator[RecordingFault]:
+def _torques(model: Model, recording: Recording, gravity_added: bool, *,
+             has_signal_faults: bool) -> Iterator[RecordingFault]:
     """
     Yield errors of torques, found by the corrections that reduce the residual.
 
-    Delays are judged only if there is no other error, `silent` says of a former one.
+    Delays are judged only if there is no other error.
     """
-    given = smoothed(recording)
     robot = Robot(model, friction=False)
-    now = given.rows(slice(None, None, max(1, len(given) // MOST_ROWS)))
-    found: dict[str, list[int]] = {}
-    now, scaled = _within_limits(robot, now)
-    for kind, joint in scaled:
-        found.setdefault(kind, []).append(joint)
-    errors = _errors(robot, now)
+    smooth = smoothed(recording)
+    step = max(1, len(smooth) // MOST_ROWS)
+    corrected, scaled = _within_limits(robot, smooth.rows(slice(None, None, step)))
+    joints_by_fault: dict[str, list[int]] = {}
+    for fault, joint in scaled:
+        joints_by_fault.setdefault(fault, []).append(joint)
+
+    # The most effective correction is applied, and the search starts again from there.
+    errors = _errors(robot, corrected)
     for _ in range(MOST_FAULTS):
-        best: tuple[float, _Repair, Array] | None = None
-        for repair in _repairs(robot, now, errors, gravity_added):
-            left = _errors(robot, repair.recording)
-            own = list(repair.joints)
-            as_measured = left.copy()
-            as_measured[own] *= repair.factor
-            fall = float(np.log(errors / as_measured).sum())
-            if (fall > repair.needed and (as_measured[own] <= 1.01 * errors[own]).all()
-                    and (best is None or fall > best[0] + 1e-3)):
-                best = fall, repair, left
+        best = _best_repair(robot, corrected, errors, gravity_added)
         if best is None:
             break
-        _, repair, errors = best
-        now = repair.recording
-        found.setdefault(repair.kind, []).extend(repair.joints)
-    for kind, joints in found.items():
-        which = sorted(set(joints))
-        yield RecordingFault('wrong', kind.format(_named(model, which)))
-    if not found and not silent:
-        yield from _delays(model, torque_delays(model, given))
+        repair, errors = best
+        corrected = repair.recording
+        joints_by_fault.setdefault(repair.kind, []).extend(repair.joints)
+    for fault, joints in joints_by_fault.items():
+        yield RecordingFault('wrong', fault.format(_named(model, sorted(set(joints)))))
+    if not joints_by_fault and not has_signal_faults:
+        yield from _delays(model, torque_delays(model, smooth))
+
+
+def _best_repair(robot: Robot, recording: Recording, errors: Array, gravity_added: bool
+                 ) -> tuple[_Repair, Array] | None:
+    """Return the correction that reduces the residuals most, and what it leaves of them."""
+    best: tuple[_Repair, Array] | None = None
+    largest_fall = -math.inf
+    for repair in _repairs(robot, recording, errors, gravity_added):
+        joints = list(repair.joints)
+        remaining = _errors(robot, repair.recording)
+        # Torques in another unit would shrink the error by that unit alone.
+        comparable = remaining.copy()
+        comparable[joints] *= repair.factor
+        fall = float(np.log(errors / comparable).sum())
+        reduces_all = (comparable[joints] <= 1.01 * errors[joints]).all()
+        if fall > repair.needed and reduces_all and fall > largest_fall + 1e-3:
+            best = repair, remaining
+            largest_fall = fall
+    return best
 
 
 def _within_limits(robot: Robot, r: Recording) -> tuple[Recording, list[tuple[str, int]]]:
-    """Return the efforts in N m where they exceed the limits by far, with kind and joint."""
+    """Return the efforts in N m where they exceed the limits by far, with fault and joint."""
     rigid = robot.inverse_dynamics(r.q, r.u, r.udot)
-    tau, found = r.tau.copy(), []
+    tau = r.tau.copy()
+    faults = []
     for j in np.flatnonzero(beyond_limits(r, np.asarray(robot.limits.effort))):
-        measured, computed = (float(np.linalg.norm(x[:, j])) for x in (tau, rigid))
-        ratio = measured / max(computed, 1e-12)
-        distances = np.abs(np.log(ratio / np.array(LARGE_UNITS)))
-        value = LARGE_UNITS[int(np.argmin(distances))]
-        tau[:, j] /= value
-        found.append((_scale_words(value), int(j)))
-    return replace(r, tau=tau), found
+        measured = float(np.linalg.norm(tau[:, j]))
+        computed = max(float(np.linalg.norm(rigid[:, j])), 1e-12)
+        distances = np.abs(np.log(measured / computed / np.array(LARGE_UNITS)))
+        unit = LARGE_UNITS[int(np.argmin(distances))]
+        tau[:, j] /= unit
+        faults.append((_scale_words(unit), int(j)))
+    return replace(r, tau=tau), faults
 
 
 def _scale_words(factor: float) -> str:
     """Return the description of efforts of another unit."""
-    unit = next((f': {name}?' for value, name in (
-        (1e3, 'mN m'), (1e2, 'N cm'), (1e-3, 'kN m')) if 0.6 < factor / value < 1.6),
-        ': another unit, a current, or torque before the gearbox?')
-    return f'efforts of {{}} are about {factor:.3g} times the torques{unit}'
+    unit = 'another unit, a current, or torque before the gearbox?'
+    for value, name in EFFORT_UNITS:
+        if 0.6 < factor / value < 1.6:
+            unit = f'{name}?'
+    return f'efforts of {{}} are about {factor:.3g} times the torques: {unit}'
 
 
 def _errors(robot: Robot, recording: Recording) -> Array:
     """Return the RMS of each joint's torque residual with fitted friction, (n,)."""
     rigid = robot.inverse_dynamics(recording.q, recording.u, recording.udot)
-    return np.array([_fitted(recording, j, recording.tau[:, j] - rigid[:, j])[0]
-                     for j in range(robot.n)])
+    errors = np.zeros(robot.n)
+    for j in range(robot.n):
+        errors[j], _ = _fitted(recording, j, recording.tau[:, j] - rigid[:, j])
+    return errors
 
 
-def _fitted(recording: Recording, j: int, left: Array, model: Array | None = None
+def _fitted(recording: Recording, j: int, torque: Array, model: Array | None = None
             ) -> tuple[float, float]:
-    """Return the residual of a torque with fitted friction, and the factor of a model torque."""
-    tau = recording.tau[:, j]
-    torques = [] if model is None else [model]
-    columns = np.column_stack([_friction_columns(recording, j), *torques, left])
-    R: Array = np.asarray(np.linalg.qr(columns, mode='r'))
-    x, missed = scientific('scipy.optimize').nnls(R[:, :-1], R[:, -1])
-    root = math.sqrt(len(tau))
-    return (max(float(missed), FLOOR * float(np.linalg.norm(tau)), 1e-9 * root) / root,
-            float(x[-1]))
+    """
+    Return the RMS residual of a joint's torque with fitted friction.
+
+    With a model torque, that torque is scaled too: the second result is its factor.
+    """
+    columns = [_friction_columns(recording, j)]
+    if model is not None:
+        columns.append(model[:, None])
+    equations = np.column_stack([*columns, torque])
+    R: Array = np.asarray(np.linalg.qr(equations, mode='r'))
+    x, residual = scientific('scipy.optimize').nnls(R[:, :-1], R[:, -1])
+    root = math.sqrt(len(torque))
+    smallest = max(FLOOR * float(np.linalg.norm(recording.tau[:, j])), 1e-9 * root)
+    return max(float(residual), smallest) / root, float(x[-1])
 
 
 def _repairs(robot: Robot, r: Recording, errors: Array, gravity_added: bool
              ) -> Iterator[_Repair]:
     """Yield recordings with one correction each."""
-    n, once = robot.n, math.log(1.0 / CLEARLY)
-    q, tau, gravity = r.q, r.tau, robot.gravity_force(r.q)
-    rigid = robot.inverse_dynamics(q, r.u, r.udot)
-    weighty = np.flatnonzero(np.abs(gravity).max(axis=0) > 1e-6)
-    sets = [tuple(range(n)), *((j,) for j in range(n))] if n > 1 else [(0,)]
+    rigid = robot.inverse_dynamics(r.q, r.u, r.udot)
+    all_joints = tuple(range(robot.n))
+    joint_sets = [all_joints]
+    if robot.n > 1:
+        joint_sets += [(j,) for j in all_joints]
+    yield from _sign_and_gravity_repairs(robot, r, joint_sets, gravity_added)
+    yield from _scale_repairs(robot, r, rigid, errors, joint_sets)
+    yield from _reversed_encoders(robot, r)
+    yield from _torque_offsets(robot, r, r.tau - rigid)
+    yield from _encoder_offsets(robot, r, errors)
+    yield from _exchanged_joints(robot, r)
 
-    def with_tau(change: Callable[[Array], Array], joints: tuple[int, ...]) -> Recording:
-        new = tau.copy()
-        new[:, joints] = change(tau)[:, joints]
-        return replace(r, tau=new)
-    for joints in sets:
-        heavy = [j for j in joints if j in weighty]
+
+def _with_torque(r: Recording, joints: tuple[int, ...], tau: Array) -> Recording:
+    """Return a recording with other torques of some joints, which are columns of `tau`."""
+    corrected = r.tau.copy()
+    corrected[:, joints] = tau[:, joints]
+    return replace(r, tau=corrected)
+
+
+def _sign_and_gravity_repairs(robot: Robot, r: Recording, joint_sets: Sequence[tuple[int, ...]],
+                              gravity_added: bool) -> Iterator[_Repair]:
+    """Yield recordings with torques of the other sign, with gravity, or without it."""
+    gravity = robot.gravity_force(r.q)
+    is_loaded = np.abs(gravity).max(axis=0) > 1e-6
+    for joints in joint_sets:
         yield _Repair('efforts of {} have the opposite sign of torques on the joints: '
-                      'multiply them by -1', joints, with_tau(lambda tau: -tau, joints),
-                      once * len(joints))
-        if heavy:
-            yield _Repair('efforts of {} fit the torques without gravity: the arm holds '
-                          'its weight by itself, or reports efforts without it; '
-                          'expected efforts with gravity, or a statement that they lack '
-                          'it (--efforts-without-gravity)', joints,
-                          with_tau(lambda tau: tau + gravity, joints), once * len(heavy))
-            yield _Repair('efforts of {} have the opposite sign of torques on the '
-                          'joints, and fit these without gravity', joints,
-                          with_tau(lambda tau: gravity - tau, joints), once * len(joints))
-        if heavy and gravity_added:  # else it is a payload that makes gravity larger
-            yield _Repair('efforts of {} fit the torques with gravity twice: they hold '
-                          'the weight already; expected no --efforts-without-gravity', joints,
-                          with_tau(lambda tau: tau - gravity, joints), once * len(heavy))
-    scaled = [_fitted(r, j, tau[:, j], rigid[:, j]) for j in range(n)]
-    factors = np.array([factor for _, factor in scaled])
-    # The factor is known where rigid bodies cause most of the torque, or where it
-    # matters.
-    clear = factors * np.abs(rigid).max(axis=0) > 0.5 * np.abs(tau).max(axis=0)
-    clear |= (np.array([left for left, _ in scaled]) < CLEARLY * errors) & (factors > 0.0)
-    for joints in sets:
-        known = [j for j in joints if clear[j]]
+                      'multiply them by -1', joints, _with_torque(r, joints, -r.tau),
+                      ONCE * len(joints))
+        loaded = int(is_loaded[list(joints)].sum())
+        if not loaded:
+            continue
+        yield _Repair('efforts of {} fit the torques without gravity: the arm holds its '
+                      'weight by itself, or reports efforts without it; expected efforts '
+                      'with gravity, or a statement that they lack it '
+                      '(--efforts-without-gravity)', joints,
+                      _with_torque(r, joints, r.tau + gravity), ONCE * loaded)
+        yield _Repair('efforts of {} have the opposite sign of torques on the joints, and '
+                      'fit these without gravity', joints,
+                      _with_torque(r, joints, gravity - r.tau), ONCE * len(joints))
+        if gravity_added:  # else it is a payload that makes gravity larger
+            yield _Repair('efforts of {} fit the torques with gravity twice: they hold the '
+                          'weight already; expected no --efforts-without-gravity', joints,
+                          _with_torque(r, joints, r.tau - gravity), ONCE * loaded)
+
+
+def _scale_repairs(robot: Robot, r: Recording, rigid: Array, errors: Array,
+                   joint_sets: Sequence[tuple[int, ...]]) -> Iterator[_Repair]:
+    """Yield recordings with torques in another unit."""
+    residuals = np.zeros(robot.n)
+    factors = np.zeros(robot.n)
+    for j in range(robot.n):
+        residuals[j], factors[j] = _fitted(r, j, r.tau[:, j], rigid[:, j])
+    # The factor is known where rigid bodies cause most of the torque, or where it matters.
+    from_bodies = factors * np.abs(rigid).max(axis=0) > 0.5 * np.abs(r.tau).max(axis=0)
+    matters = (residuals < CLEARLY * errors) & (factors > 0.0)
+    is_known = from_bodies | matters
+    for joints in joint_sets:
+        known = [j for j in joints if is_known[j]]
         if not known:
             continue
         factor = float(np.median(factors[known]))
-        if 0.4 < factor < 2.5:
-            continue
-        yield _Repair(_scale_words(factor), joints,
-                      with_tau(lambda tau, factor=factor: tau / factor,  # type: ignore[misc]
-                               joints), once * len(known), factor)
-    for j in range(n):
-        sign = np.ones(n)
+        if not 0.4 < factor < 2.5:
+            yield _Repair(_scale_words(factor), joints, _with_torque(r, joints, r.tau / factor),
+                          ONCE * len(known), factor)
+
+
+def _reversed_encoders(robot: Robot, r: Recording) -> Iterator[_Repair]:
+    """Yield recordings with the positions of one joint in the other direction."""
+    for j in range(robot.n):
+        sign = np.ones(robot.n)
         sign[j] = -1.0
-        turned = replace(r, q=q * sign, u=r.u * sign, udot=r.udot * sign)
-        yield _Repair('positions of {} have the opposite sign', (j,), turned, 2.0 * once)
+        turned = replace(r, q=r.q * sign, u=r.u * sign, udot=r.udot * sign)
+        yield _Repair('positions of {} have the opposite sign', (j,), turned, 2.0 * ONCE)
         yield _Repair('positions and efforts of {} have the opposite sign', (j,),
-                      replace(turned, tau=tau * sign), 2.0 * once)
-    yield from _torque_offsets(robot, r, tau - rigid)
-    yield from _encoder_offsets(robot, r, errors)
-    for pair in combinations(range(n), 2):
-        order = np.arange(n)
-        order[list(pair)] = pair[::-1]
-        moved = {name: getattr(r, name)[:, order] for name in ('q', 'u', 'udot')}
-        exchanged = tau[:, order]
-        yield _Repair('efforts of {} are exchanged', pair, replace(r, tau=exchanged), 2.0 * once)
-        yield _Repair('positions of {} are exchanged', pair, replace(r, **moved), 3.0 * once)
-        yield _Repair('{} are exchanged', pair, replace(r, **moved, tau=exchanged), 3.0 * once)
+                      replace(turned, tau=r.tau * sign), 2.0 * ONCE)
 
 
-def _torque_offsets(robot: Robot, r: Recording, left: Array) -> Iterator[_Repair]:
+def _exchanged_joints(robot: Robot, r: Recording) -> Iterator[_Repair]:
+    """Yield recordings in which two joints are exchanged: efforts, positions, or both."""
+    for first, second in combinations(range(robot.n), 2):
+        order = np.arange(robot.n)
+        order[[first, second]] = second, first
+        pair = first, second
+        positions = {name: getattr(r, name)[:, order] for name in ('q', 'u', 'udot')}
+        efforts = r.tau[:, order]
+        yield _Repair('efforts of {} are exchanged', pair, replace(r, tau=efforts), 2.0 * ONCE)
+        yield _Repair('positions of {} are exchanged', pair, replace(r, **positions),
+                      3.0 * ONCE)
+        yield _Repair('{} are exchanged', pair, replace(r, **positions, tau=efforts),
+                      3.0 * ONCE)
+
+
+def _torque_offsets(robot: Robot, r: Recording, torque: Array) -> Iterator[_Repair]:
     """
     Yield recordings without the constant offset of one joint's torques.
 
@@ -402,14 +488,16 @@ def _torque_offsets(robot: Robot, r: Recording, left: Array) -> Iterator[_Repair
         columns = np.column_stack([Y[:, j], _friction_columns(r, j), np.ones(len(r))])
         columns = columns[:, columns.any(axis=0)]
         size = np.linalg.norm(columns, axis=0)
-        x = scientific('scipy.linalg').lstsq(columns / size, left[:, j], cond=RANK,
-                                             lapack_driver='gelsy')[0] / size
-        offset, coulomb_friction = float(x[-1]), abs(float(x[-3]))
+        solution = scientific('scipy.linalg').lstsq(columns / size, torque[:, j], cond=RANK,
+                                                    lapack_driver='gelsy')
+        x = solution[0] / size
+        offset = float(x[-1])
+        coulomb_friction = abs(float(x[-3]))
         # Friction differs with the direction: a smaller offset is part of it.
-        least = ASYMMETRY * coulomb_friction
+        smallest = ASYMMETRY * coulomb_friction
         if np.isfinite(limits[j]):
-            least = max(least, LEAST_TORQUE_OFFSET * float(limits[j]))
-        if abs(offset) <= least:
+            smallest = max(smallest, LEAST_TORQUE_OFFSET * float(limits[j]))
+        if abs(offset) <= smallest:
             continue
         tau = r.tau.copy()
         tau[:, j] -= offset
@@ -426,12 +514,14 @@ def _encoder_offsets(robot: Robot, r: Recording, errors: Array) -> Iterator[_Rep
     the position.
     """
     for j in range(robot.n):
-        shifted, total = r, 0.0
+        shifted = r
+        total = 0.0
         for _ in range(2):  # steps
             step = _encoder_step(robot, shifted, errors, j)
+            total += step
             q = shifted.q.copy()
             q[:, j] += step
-            shifted, total = replace(shifted, q=q), total + step
+            shifted = replace(shifted, q=q)
         if LEAST_OFFSET < abs(total) < 1.0:
             yield _Repair(f'positions of {{}} have an offset of about {-total:.2g} rad or m', (j,),
                           shifted, ENCODER_OFFSET)
@@ -441,14 +531,15 @@ def _encoder_step(robot: Robot, r: Recording, errors: Array, j: int) -> float:
     """Return the change of a joint's position that reduces the residuals most, rad or m."""
     change = np.zeros(robot.n)
     change[j] = DIFFERENCE
-    high, low = (robot.inverse_dynamics(r.q + sign * change, r.u, r.udot) for sign in (1.0, -1.0))
+    high = robot.inverse_dynamics(r.q + change, r.u, r.udot)
+    low = robot.inverse_dynamics(r.q - change, r.u, r.udot)
     slope = (high - low) / (2.0 * DIFFERENCE)
-    left = r.tau - 0.5 * (high + low)
+    residual = r.tau - 0.5 * (high + low)
     product = square = 0.0
     for k in range(robot.n):
         basis = np.linalg.qr(_friction_columns(r, k))[0]
         of_slope = slope[:, k] - basis @ (basis.T @ slope[:, k])
-        product += float(of_slope @ left[:, k]) / errors[k]**2
+        product += float(of_slope @ residual[:, k]) / errors[k]**2
         square += float(of_slope @ of_slope) / errors[k]**2
     return product / square if square > 0.0 else 0.0
 
@@ -461,14 +552,22 @@ def _friction_columns(r: Recording, j: int) -> Array:
 
 def _delays(model: Model, delays: TorqueDelays) -> Iterator[RecordingFault]:
     """Yield delays of torques: the common one, and those of joints that differ from it."""
-    late = {int(j): float(delays.delay[j]) for j in np.flatnonzero(delays.different)}
-    same = [int(j) for j in np.flatnonzero(delays.judged) if int(j) not in late]
     unknown = np.flatnonzero(~delays.judged)
-    more = f' ({_named(model, unknown)} cannot be judged)' if len(unknown) else ''
-    found = [(same, delays.common, delays.common_deviation)] if delays.delayed else []
-    found += [([j], delay, float(delays.deviation[j])) for j, delay in late.items()]
-    for joints, delay, deviation in found:
-        side = 'after' if delay > 0.0 else 'before'
-        yield RecordingFault('remark', f'efforts of {_named(model, joints)} come '
-                             f'{abs(delay):.3g} s (+- {deviation:.1g} s) {side} the '
-                             f'motion that they belong to{more}')
+    remark = ''
+    if len(unknown):
+        remark = f' ({_named(model, unknown)} cannot be judged)'
+    different = [int(j) for j in np.flatnonzero(delays.different)]
+    if delays.delayed:
+        common = [int(j) for j in np.flatnonzero(delays.judged) if int(j) not in different]
+        yield _delay(model, common, delays.common, delays.common_deviation, remark)
+    for j in different:
+        yield _delay(model, [j], float(delays.delay[j]), float(delays.deviation[j]), remark)
+
+
+def _delay(model: Model, joints: list[int], delay: float, deviation: float, remark: str
+           ) -> RecordingFault:
+    """Return the delay of the torques of some joints."""
+    side = 'after' if delay > 0.0 else 'before'
+    return RecordingFault('remark', f'efforts of {_named(model, joints)} come '
+                          f'{abs(delay):.3g} s (+- {deviation:.1g} s) {side} the motion that '
+                          f'they belong to{remark}')

@@ -93,6 +93,6 @@ def beyond_limits(recording: Recording, limits: Array) -> Flags:
     return beyond
 
 
-def kept(recording: Recording, rows: Flags) -> Recording:
+def rows_of(recording: Recording, rows: Flags) -> Recording:
     """Return the rows of a mask, (N,)."""
     return replace(recording, **{name: getattr(recording, name)[rows] for name in ('t', *NAMES)})

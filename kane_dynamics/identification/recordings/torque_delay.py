@@ -87,27 +87,34 @@ def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
     if recording.uneven:
         recording = recording.resampled()
     n = recording.tau.shape[1]
-    delay, deviation = np.zeros(n), np.full(n, np.inf)
+    delay = np.zeros(n)
+    deviation = np.full(n, np.inf)
     friction_memory = np.zeros(n, dtype=bool)
     step = float(np.median(np.diff(recording.t)))
-    most = min(int(np.ceil(LONGEST / step)), len(recording) // 4)
-    lags = np.unique(np.linspace(-most, most, min(2 * most + 1, MOST_LAGS)).round().astype(int))
-    inner = np.arange(most, len(recording) - most, max(1, len(recording) // MOST_ROWS))
+    longest = min(int(np.ceil(LONGEST / step)), len(recording) // 4)
+    count = min(2 * longest + 1, MOST_LAGS)
+    lags = np.unique(np.linspace(-longest, longest, count).round().astype(int))
     if len(lags) >= 3 and not model.flexible:  # beams have no regressor
+        # Rows whose torques exist for every lag.
+        inner = np.arange(longest, len(recording) - longest,
+                          max(1, len(recording) // MOST_ROWS))
         robot = Robot(model, friction=False)
-        q, u, udot = (x[inner] for x in (recording.q, recording.u, recording.udot))
-        Y, rigid = robot.regressor(q, u, udot), robot.inverse_dynamics(q, u, udot)
+        q, u, udot = recording.q[inner], recording.u[inner], recording.udot[inner]
+        Y = robot.regressor(q, u, udot)
+        rigid = robot.inverse_dynamics(q, u, udot)
         memory = [_dahl_friction(recording.q, length)[inner] for length in DAHL_LENGTHS]
         for j in np.flatnonzero(np.ptp(u, axis=0) > 0.0):
-            A = np.column_stack([Y[:, j], u[:, j], *(coulomb(u[:, j], v)
-                                                     for v in FRICTION_SPEEDS),
-                                 udot[:, j], np.ones(len(u))])
+            coulomb_friction = [coulomb(u[:, j], speed) for speed in FRICTION_SPEEDS]
+            A = np.column_stack([Y[:, j], u[:, j], *coulomb_friction, udot[:, j],
+                                 np.ones(len(u))])
             torques = recording.tau[inner[:, None] + lags, j] - rigid[:, j, None]
-            missed = _residuals(A, torques)
-            delay[j], deviation[j] = _vertex(step * lags, missed)
+            residuals = _residuals(A, torques)
+            delay[j], deviation[j] = _vertex(step * lags, residuals)
+            # Does friction with a memory explain the torque without any delay?
             with_memory = np.column_stack([A, *(friction[:, j] for friction in memory)])
             undelayed = _residuals(with_memory, torques[:, lags == 0])
-            friction_memory[j] = np.sum(undelayed**2) <= np.sum(missed**2, axis=0).min()
+            smallest = np.sum(residuals**2, axis=0).min()
+            friction_memory[j] = np.sum(undelayed**2) <= smallest
     return TorqueDelays(delay, deviation, *_common(delay, deviation), friction_memory)
 
 
@@ -121,8 +128,8 @@ def _dahl_friction(q: Array, length: float) -> Array:
     friction = np.zeros_like(q)
     for k, step in enumerate(np.diff(q, axis=0), start=1):
         direction = np.sign(step)
-        kept = np.exp(-np.abs(step) / length)
-        friction[k] = direction + (friction[k - 1] - direction) * kept
+        decay = np.exp(-np.abs(step) / length)
+        friction[k] = direction + (friction[k - 1] - direction) * decay
     return friction
 
 
@@ -149,9 +156,8 @@ def _common(delay: Array, deviation: Array) -> tuple[float, float]:
 
 def _outlying(delay: Array, deviation: Array, from_delay: float) -> Flags:
     """Return where a delay clearly differs from another."""
-    found: Flags = np.abs(delay - from_delay) > np.maximum(
-        DIFFERENT * deviation, SHORTEST)
-    return found
+    differs: Flags = np.abs(delay - from_delay) > np.maximum(DIFFERENT * deviation, SHORTEST)
+    return differs
 
 
 def _residuals(A: Array, torques: Array) -> Array:
@@ -162,13 +168,13 @@ def _residuals(A: Array, torques: Array) -> Array:
     U, s, _ = scientific('scipy.linalg').svd(A[:, size > 0.0] / size[size > 0.0],
                                              full_matrices=False, lapack_driver='gesvd')
     U = U[:, s > RANK * s[0]]
-    missed: Array = torques - U @ (U.T @ torques)
-    return missed
+    residuals: Array = torques - U @ (U.T @ torques)
+    return residuals
 
 
-def _vertex(lags: Array, missed: Array) -> tuple[float, float]:
+def _vertex(lags: Array, residuals: Array) -> tuple[float, float]:
     """Return the lag of the least residual, and its standard deviation, s."""
-    squares = missed**2
+    squares = residuals**2
     sums = squares.sum(axis=0)
     best = int(np.argmin(sums))
     if best in (0, len(lags) - 1):
@@ -182,6 +188,6 @@ def _vertex(lags: Array, missed: Array) -> tuple[float, float]:
         return 0.0, np.inf
     at = -0.5 * slope / steep
     spread = (BLOCKS - 1) / BLOCKS * float(np.sum((at[1:] - at[1:].mean())**2))
-    error = missed[:, best]
+    error = residuals[:, best]
     missing = max(float(error[1:] @ error[:-1]), 0.0)
     return float(lags[best] + at[0]), float(np.sqrt(spread + LIKENESS**2 * missing / steep[0]))
