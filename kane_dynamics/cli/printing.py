@@ -1,4 +1,4 @@
-"""What the commands print: tables, JSON, and warnings with short lists of names."""
+"""Print tables, JSON, and warnings with short lists of names."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager

@@ -158,8 +158,8 @@ def load_deviations(x: Array, covariance: Array) -> tuple[float, Array]:
 
 def _inertia_deviation(x: Array, covariance: Array) -> Array:
     """Return standard deviations of the inertia about the center of mass, (3, 3), linearized."""
-    # The inertia about the center of mass is I - (h.h 1 - h h^T) / m: its slopes by the mass, the
-    # first moment h = m c, and the entries of I.
+    # The inertia about the center of mass is I - (h.h 1 - h h^T) / m: its derivatives with
+    # respect to the mass, the first moment h = m c, and the entries of I.
     mass = x[0]
     h = x[1:4]
     one = np.eye(3)
