@@ -2,8 +2,9 @@
 Delays between measured torques and the motion of a recording.
 
 The torque of each joint, shifted by a number of rows, is fitted by all terms of the
-equations of motion: base parameters, friction, armature, offset. The masses of
-the model have no influence. The sum of squares is a parabola in the shift near its minimum, at the delay.
+equations of motion: base parameters, friction, armature, offset. The masses of the model
+have no influence. The sum of squares is a parabola in the shift near its minimum, at the
+delay.
 Torque that the equations lack (play, elasticity, friction with a memory) shifts the
 minimum too. It is correlated in time, which noise is not, so its part of the residual is
 known, and widens the standard deviation.
