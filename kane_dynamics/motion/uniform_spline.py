@@ -41,7 +41,8 @@ def kernels(n: int) -> tuple[Kernel, Kernel]:
     forward = batch_kernel('spline_eliminated', spline_eliminated,
                            [('previous', (n,)), ('q', (3, n)), *scalars], (n,))
     rows = [('row', (n,)), ('following', (n,)), ('q', (2, n))]
-    back = batch_kernel('spline_substituted', spline_substituted, [*rows, *scalars], (2, n))
+    back = batch_kernel('spline_substituted', spline_substituted, [*rows, *scalars],
+                        (2, n))
     return forward, back
 
 

@@ -24,7 +24,7 @@ FLOATING = """<robot name="drone"><link name="world"/>
 </robot>"""
 
 
-def same(model, other):
+def assert_same_dynamics(model, other):
     """Check that two models have the same dynamics."""
     assert model.coordinate_names == other.coordinate_names
     one, two = Definition(model), Definition(other)
@@ -42,7 +42,7 @@ def test_expanded_joints_match_those_of_a_urdf():
     b.body('arm', 'hull', 'planar', joint='slide', at=(0, 0.3, 0), rpy=(1.1, 0, 0.4),
            axis=(0, 1, 1), inertial=Inertial(1, inertia=0.05 * np.eye(3)))
     with pytest.warns(ModelWarning):
-        same(b.model(), load_urdf(FLOATING))
+        assert_same_dynamics(b.model(), load_urdf(FLOATING))
 
 
 def test_the_spring_mass_pendulum_is_the_shipped_urdf():
@@ -52,7 +52,8 @@ def test_the_spring_mass_pendulum_is_the_shipped_urdf():
     b.body('pendulum', 'block', joint='pivot', axis=-Y, inertial=point_mass(1, (0, 0, -0.5)))
     path = resource_path('urdf', 'spring_mass_pendulum.urdf')
     with pytest.warns(ModelWarning, match='pendulum'):
-        same(b.model(), load_urdf(path, supplement=str(path).replace('.urdf', '.supplement.yaml')))
+        supplement = str(path).replace('.urdf', '.supplement.yaml')
+        assert_same_dynamics(b.model(), load_urdf(path, supplement=supplement))
 
 
 @pytest.mark.parametrize('turns', ['zxy', 'zxz'])
@@ -105,7 +106,7 @@ def test_inertia_on_a_frame_is_added_to_its_body():
     b.load('tool', inertial)
     turned = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
     direct.load('link', inertial.moved(turned, (0.3, 0, 0.1)))
-    same(b.model(), direct.model())
+    assert_same_dynamics(b.model(), direct.model())
 
 
 def test_a_mounted_arm_moves_with_its_carrier_and_has_its_own_dynamics():
@@ -125,7 +126,7 @@ def test_a_mounted_arm_moves_with_its_carrier_and_has_its_own_dynamics():
                    inertial=rod(2, (0, 0, 0), 1.2 * Z))
         plain.body(f'{side}_rod_b', f'{side}_rod_a', joint=f'{side}_rod_b_joint', axis=Z,
                    at=1.2 * Z, inertial=rod(1, (0, 0, 0), -0.6 * Y))
-    same(model, plain.model())
+    assert_same_dynamics(model, plain.model())
     q = random_state(model, 1)[0]
     for frame in ('left_rod_b', 'right_rod_b'):
         np.testing.assert_allclose(kane.partial_velocities(model, q, frame),
@@ -140,7 +141,7 @@ def test_expanded_joint_properties_are_set_by_joint_name():
     assert (joint.name, joint.stiffness, joint.damping) == ('table/y', 7.0, 2.0)
 
 
-def built(*steps):
+def built_model(*steps):
     """Return a builder with a first body and some further steps."""
     b = ModelBuilder('rig')
     b.body('a')
@@ -175,18 +176,18 @@ def built(*steps):
     ('frame', ('f', 'c'), {}, "frame 'f': no body or frame 'c'"),
     ('load', ('a', None), {}, "'a': inertial properties: a NoneType"),
     ('load', ('c', point_mass(1)), {}, "no body or frame 'c'"),
-    ('mount', (built().model(), 'a'), {}, "'a': exists already")])
+    ('mount', (built_model().model(), 'a'), {}, "'a': exists already")])
 def test_builder_error_names_the_fault(name, arguments, options, words):
     with pytest.raises(ModelError, match=words):
-        built((name, arguments, options))
+        built_model((name, arguments, options))
 
 
 def test_a_refused_body_leaves_the_builder_as_it_was():
-    b = built()
+    b = built_model()
     with pytest.raises(ModelError):
         b.body('b', 'a', inertial=Inertial(1, inertia=np.diag([1, 1, 3])))
     with pytest.raises(ModelError):
-        b.mount(built().model(), 'a')
+        b.mount(built_model().model(), 'a')
     assert [body.name for body in b.model().bodies] == ['a']
 
 

@@ -25,26 +25,30 @@ def motion(kind, times=TIMES, **options):
 def test_passes_through_every_given_number(kind):
     m = motion(kind)
     for i, t in enumerate(TIMES[:-1]):
-        for got, given in zip(m.sample(t)[:kind], points()[:kind], strict=True):
-            np.testing.assert_allclose(got, given[i], rtol=0, atol=1e-13)
+        for sampled, stated in zip(m.sample(t)[:kind], points()[:kind], strict=True):
+            np.testing.assert_allclose(sampled, stated[i], rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize('kind', [1, 2, 3])
 def test_reaches_the_end_of_every_segment_with_the_given_derivatives(kind):
     m = motion(kind)
     for i, t in enumerate(TIMES[1:], 1):
-        for got, given in zip(m.sample(np.nextafter(t, 0.0))[:kind], points(), strict=False):
-            np.testing.assert_allclose(got, given[i], rtol=0, atol=1e-11)
+        end = m.sample(np.nextafter(t, 0.0))
+        for sampled, stated in zip(end[:kind], points(), strict=False):
+            np.testing.assert_allclose(sampled, stated[i], rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize('kind', [1, 2, 3])
 def test_derivatives_match_finite_differences(kind):
-    m, e = motion(kind), 1e-6
+    m = motion(kind)
+    e = 1e-6
     t = np.random.default_rng(0).uniform(0.01, 1.99, 50)
     t = t[np.abs(t[:, None] - TIMES).min(axis=1) > 2 * e]
-    before, here, after = m.sample(t - e), m.sample(t), m.sample(t + e)
-    np.testing.assert_allclose((after[0] - before[0]) / (2 * e), here[1], atol=1e-6)
-    np.testing.assert_allclose((after[1] - before[1]) / (2 * e), here[2], atol=1e-5)
+    q_left, u_left, _ = m.sample(t - e)
+    q_right, u_right, _ = m.sample(t + e)
+    _, u, udot = m.sample(t)
+    np.testing.assert_allclose((q_right - q_left) / (2 * e), u, atol=1e-6)
+    np.testing.assert_allclose((u_right - u_left) / (2 * e), udot, atol=1e-5)
 
 
 @pytest.mark.parametrize(('kind', 'continuous'), [(1, 3), (2, 2), (3, 3)])
@@ -52,7 +56,8 @@ def test_is_as_smooth_at_inner_points_as_promised(kind, continuous):
     m = motion(kind)
     for t in TIMES[1:-1]:
         for k in range(continuous):
-            left, right = m.sample(np.nextafter(t, 0.0))[k], m.sample(t)[k]
+            left = m.sample(np.nextafter(t, 0.0))[k]
+            right = m.sample(t)[k]
             np.testing.assert_allclose(left, right, rtol=0, atol=1e-10)
 
 
@@ -203,12 +208,13 @@ def test_coefficients_that_another_thread_has_just_stored_are_not_called():
 
         @property
         def _coefficients(self):
-            given, self.given = self.given, table
-            return given
+            coefficients = self.stored
+            self.stored = table
+            return coefficients
 
         @_coefficients.setter
-        def _coefficients(self, given):
-            self.given = given
+        def _coefficients(self, coefficients):
+            self.stored = coefficients
 
     motion = Interrupted(('a',), np.array([0.0, 1.0]), np.ones((2, 1)), table.copy)
     assert np.array_equal(motion.coefficients, table)

@@ -34,7 +34,7 @@ def arm():
 
 
 @cache
-def push():
+def pushed_arm():
     """Return a motion of the robot under smooth torques."""
     def torque(t, q, u):
         return np.array([3.0, 5.0, -1.0]) * np.cos(4.0 * t)
@@ -56,10 +56,10 @@ DRAWINGS = {
     'tracking': lambda path=None: plot_tracking(RUNS, NAMES, path, prismatic={'slide'},
                                                 sources=(T, TERMS)),
     'replay': lambda path=None: plot_replay(T, Q, 0.9 * Q, NAMES, path, prismatic={'slide'}),
-    'sources': lambda path=None: plot_torque_by_source(arm(), push(), path),
-    'energy': lambda path=None: plot_energy(arm(), push(), path),
-    'reactions': lambda path=None: plot_reactions(arm(), push(), path),
-    'phase': lambda path=None: plot_phase(arm(), push(), path),
+    'sources': lambda path=None: plot_torque_by_source(arm(), pushed_arm(), path),
+    'energy': lambda path=None: plot_energy(arm(), pushed_arm(), path),
+    'reactions': lambda path=None: plot_reactions(arm(), pushed_arm(), path),
+    'phase': lambda path=None: plot_phase(arm(), pushed_arm(), path),
 }
 
 
@@ -99,7 +99,7 @@ def test_tracking_states_the_rms_of_each_run():
 
 
 def test_sources_are_stacked_away_from_zero_and_add_up_to_the_torque():
-    motion = push()
+    motion = pushed_arm()
     terms = arm().torque_terms(motion.q, motion.u, motion.udot)
     for i, axes in enumerate(DRAWINGS['sources']().axes):
         total = axes.lines[0].get_ydata()
@@ -117,9 +117,9 @@ def test_sources_that_a_robot_lacks_are_not_in_the_legend():
 
 
 def test_energies_add_up_and_the_power_balances_to_rounding():
-    motion, (energies, power, residual, _) = push(), DRAWINGS['energy']().axes
-    lines = {line.get_label(): line.get_ydata() for axes in (energies, power)
-             for line in axes.lines}
+    motion = pushed_arm()
+    energies, power, residual, _ = DRAWINGS['energy']().axes
+    lines = {line.get_label(): line.get_ydata() for line in (*energies.lines, *power.lines)}
     np.testing.assert_allclose(lines['kinetic'] + lines['gravity'] + lines['springs'],
                                lines['total'], atol=1e-12)
     springs = sum(0.5 * joint.stiffness * (motion.q[:, i] - joint.rest) ** 2
@@ -133,7 +133,7 @@ def test_energies_add_up_and_the_power_balances_to_rounding():
 
 
 def test_a_balance_of_many_states_is_that_of_each():
-    motion = push()
+    motion = pushed_arm()
     many = power_balance(arm(), motion.q, motion.u, motion.udot)
     for k in (0, 40):
         one = power_balance(arm(), motion.q[k], motion.u[k], motion.udot[k])
@@ -141,7 +141,7 @@ def test_a_balance_of_many_states_is_that_of_each():
 
 
 def test_a_motion_that_was_not_simulated_has_the_torques_and_energies_of_one_that_was():
-    motion = push()
+    motion = pushed_arm()
     along = Trajectory.along(arm(), motion.t, motion.q, motion.u, motion.udot)
     np.testing.assert_allclose(along.tau, motion.tau, atol=1e-10)
     np.testing.assert_allclose(along.energy, motion.energy, rtol=1e-13)
@@ -170,7 +170,7 @@ def test_unaccounted_energy_is_the_error_of_integration_of_fourth_order():
 
 def test_a_reactions_magnitude_is_that_of_its_components():
     first = DRAWINGS['reactions']().axes[:2]
-    motion = push()
+    motion = pushed_arm()
     expected = arm().joint_reactions(motion.q, motion.u, motion.udot)[:, 0]
     for axes, vector in zip(first, (expected[:, :3], expected[:, 3:]), strict=True):
         lines = {line.get_label(): line.get_ydata() for line in axes.lines}
@@ -185,7 +185,8 @@ def test_phase_portraits_show_motion_and_limits():
         ends = np.concatenate([np.unique(line.get_xydata()) for line in drawn])
         assert {limits.lower[i], limits.upper[i], limits.velocity[i]} <= set(ends)
         np.testing.assert_array_equal(axes.lines[0].get_xydata(),
-                                      np.stack([push().q[:, i], push().u[:, i]], axis=1))
+                                      np.stack([pushed_arm().q[:, i], pushed_arm().u[:, i]],
+                                               axis=1))
 
 
 def test_a_motion_of_other_joints_is_refused():
@@ -194,7 +195,7 @@ def test_a_motion_of_other_joints_is_refused():
     other = Robot(b.model())
     for function in (plot_torque_by_source, plot_energy, plot_reactions, plot_phase):
         with pytest.raises(InputError, match=r"joint0.*; expected \['only'\]"):
-            function(other, push())
+            function(other, pushed_arm())
 
 
 def test_a_picture_of_an_unknown_format_is_refused():
@@ -211,7 +212,7 @@ def test_titles_name_the_robot_unless_another_is_given():
     name = arm().model.name
     for what in ('sources', 'energy', 'reactions', 'phase'):
         assert DRAWINGS[what]().get_suptitle().startswith(f'{name}: ')
-    assert plot_torque_by_source(arm(), push(), title='x').get_suptitle() == 'x'
+    assert plot_torque_by_source(arm(), pushed_arm(), title='x').get_suptitle() == 'x'
 
 
 def test_limits_of_torque_and_speed_are_drawn_where_a_joint_comes_near_and_else_written():
@@ -225,12 +226,13 @@ def test_limits_of_torque_and_speed_are_drawn_where_a_joint_comes_near_and_else_
         low, high = axes.get_ylim()
         assert low <= drawn[0] <= high and words in axes.get_title(loc='right')
     robot = copy.copy(arm())
-    most = np.abs(push().tau).max(axis=0)
-    robot.limits = JointLimits(*[np.full(3, np.inf)] * 3, most * [1.5, 30.0, np.inf])
-    panels = plot_torque_by_source(robot, push()).axes
+    largest = np.abs(pushed_arm().tau).max(axis=0)
+    unlimited = np.full(3, np.inf)
+    robot.limits = JointLimits(unlimited, unlimited, unlimited, largest * [1.5, 30.0, np.inf])
+    panels = plot_torque_by_source(robot, pushed_arm()).axes
     near = [line.get_ydata()[0] for line in panels[0].lines if line.get_label() == 'limit']
-    assert np.abs(near).tolist() == pytest.approx([1.5 * most[0]] * len(near)) and near
-    assert panels[1].get_title(loc='right') == f'limit ±{30.0 * most[1]:g}'
+    assert np.abs(near).tolist() == pytest.approx([1.5 * largest[0]] * len(near)) and near
+    assert panels[1].get_title(loc='right') == f'limit ±{30.0 * largest[1]:g}'
     assert not panels[1].texts and not panels[2].get_title(loc='right')
 
 
@@ -253,8 +255,14 @@ def test_joints_that_move_alike_are_all_seen():
     assert len(set(widths)) == 3 and widths == sorted(widths, reverse=True)
 
 
+def lines_by_label(axes, labels):
+    """Return the lines of a panel that have one of some labels."""
+    return {line.get_label(): line for line in axes.lines if line.get_label() in labels}
+
+
 def test_many_joints_have_panels_side_by_side_each_line_in_one_of_them():
-    n, t = 17, np.linspace(0.0, 1.0, 50)
+    n = 17
+    t = np.linspace(0.0, 1.0, 50)
     names = tuple(f'joint_{k}' for k in range(n))
     rows = np.sin(t[:, None] * np.arange(1.0, n + 1.0))
     run = SimpleNamespace(t=t, q=rows, u=2.0 * rows, tau=3.0 * rows, joint_names=names,
@@ -263,14 +271,21 @@ def test_many_joints_have_panels_side_by_side_each_line_in_one_of_them():
     figure = plot_trajectory(run, limits=limits)
     panels = figure.axes
     assert len(panels) == 10  # three quantities in three columns, and the energy
-    for scale, of in zip((1.0, 2.0, 3.0), (panels[:3], panels[3:6], panels[6:9])):
-        drawn = [line for axes in of for line in axes.lines if line.get_label() in names]
-        assert [line.get_label() for line in drawn] == list(names)
-        np.testing.assert_allclose([line.get_ydata() for line in drawn], scale * rows.T)
-        assert max(len({line.get_color() for line in axes.lines if line.get_label() in names})
-                   for axes in of) == 7
-        assert len({axes.get_ylim() for axes in of}) == 1
-    legends = [text.get_text() for axes in panels[:3] for text in axes.get_legend().get_texts()]
+    for scale, row in zip((1.0, 2.0, 3.0), (panels[:3], panels[3:6], panels[6:9])):
+        drawn = {}
+        for axes in row:
+            lines = lines_by_label(axes, names)
+            colors = {line.get_color() for line in lines.values()}
+            assert len(colors) == len(lines) <= 7
+            drawn |= lines
+        assert len(lines_by_label(row[0], names)) == 7
+        assert tuple(drawn) == names
+        values = [line.get_ydata() for line in drawn.values()]
+        np.testing.assert_allclose(values, scale * rows.T)
+        assert len({axes.get_ylim() for axes in row}) == 1
+    legends = []
+    for axes in panels[:3]:
+        legends += [text.get_text() for text in axes.get_legend().get_texts()]
     assert legends == list(names)
     assert panels[6].get_title(loc='right').startswith('at most 30 times a limit')
 
