@@ -51,8 +51,8 @@ def test_the_spring_mass_pendulum_is_the_shipped_urdf():
            stiffness=50)
     b.body('pendulum', 'block', joint='pivot', axis=-Y, inertial=point_mass(1, (0, 0, -0.5)))
     path = resource_path('urdf', 'spring_mass_pendulum.urdf')
+    supplement = str(path).replace('.urdf', '.supplement.yaml')
     with pytest.warns(ModelWarning, match='pendulum'):
-        supplement = str(path).replace('.urdf', '.supplement.yaml')
         assert_same_dynamics(b.model(), load_urdf(path, supplement=supplement))
 
 
