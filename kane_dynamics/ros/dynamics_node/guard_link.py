@@ -137,9 +137,11 @@ class GuardLink:
         """Return whether this node may command zeros; ask as before a command."""
         if self._asked:
             return self._answered(now)
+        # The guard may command after its lease and after two states without a command. A
+        # guard that was lost before the last command does not.
         gap = now - self._last
-        if gap > self._shortest and gap > PERIODS * self._period and (
-                self._last - self._seen < LOST):
+        lease_is_over = gap > self._shortest and gap > PERIODS * self._period
+        if lease_is_over and self._last - self._seen < LOST:
             self._ask(now)
             return False
         return True
@@ -158,7 +160,10 @@ class GuardLink:
 
     def _answered(self, now: float) -> bool:
         """Return whether the wait for an answer is over; repeat the request."""
-        if now > self._opened + DISCOVERY if not self._seen else self._waited > ANSWER:
+        # Discovery takes seconds; a guard that was heard answers at once.
+        silent_for_long = self._waited > ANSWER
+        not_discovered = now > self._opened + DISCOVERY
+        if silent_for_long if self._seen else not_discovered:
             self._log.warning('torque_guard does not answer; commanding without it')
             self._asked = False
             self._last = now
@@ -178,6 +183,7 @@ class GuardLink:
         """Send the request, at most once every REPEAT, to a guard that can answer."""
         if not self._seen or now - self._repeated < REPEAT:
             return
+        # A stall of this process is no silence of the guard.
         self._waited += min(now - self._repeated, STALL)
         self._sent = self._sent or now
         self._repeated = now
@@ -201,20 +207,29 @@ class GuardLink:
             if first:  # only now an answer is sure to arrive
                 self._ask(now)
             return
+        # The answer: the topic is handed over.
         silent = now - self._last
         # The guard counts its lease from the request on.
         self._asked = False
         self._last = self._sent
         if commanded:
+            # The last torques are the guard's; the limit of the rate counts from them.
             dropped = self._path.resume(self._state.numbers[FIELDS:].copy())
             if acting:
-                self._log.warning(
-                    'torque_guard held the arm'
-                    + f' while this node was silent for {silent:.3f} s'
-                    * (self._path.last_update > 0.0) + '; continuing from its torques'
-                    + ', desired motion dropped' * dropped)
+                self._report_return(silent, dropped)
         if not acting:
+            # Answer the state for which this node asked, if no later one came.
             period = self._period
             self._path.retry()
             self._period = period  # no state arrived
         self._path.check_timeout()
+
+    def _report_return(self, silent: float, dropped: bool) -> None:
+        """Log that the guard held the arm, after a silence of this node, s."""
+        text = 'torque_guard held the arm'
+        if self._path.last_update > 0.0:
+            text += f' while this node was silent for {silent:.3f} s'
+        text += '; continuing from its torques'
+        if dropped:
+            text += ', desired motion dropped'
+        self._log.warning(text)

@@ -189,10 +189,11 @@ class ContactMonitor:
         if applied is None:
             self._observer.reset()
             return
-        # The source has changed
+        # The source of the torque has changed, and with it what the observer integrates.
         if self._applied_torque.measured == self._observer.held:
             self._observer.reset()
             self._observer.held = not self._applied_torque.measured
+        # Times since the first cycle, because stamps in seconds have too few digits.
         self._origin = self._origin or cycle.stamp
         t = (cycle.stamp - self._origin) / NANO
         try:

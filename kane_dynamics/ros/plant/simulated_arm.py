@@ -209,9 +209,12 @@ class SimulatedArm:
             configuration; the state is unchanged.
 
         """
+        # 1. The efforts of the motors, within their limits.
         np.clip(torque, -self.limit, self.limit, out=self.effort)
         if (self.effort != torque).any():
             self.clamped += 1
+        # 2. The generalized force: motors, terms that the arm adds itself, wrenches.
+        # Modes of beams come behind the joints and have no motors.
         if self._constrained:
             self._joint_torques[:len(self.effort)] = self.effort
             self._total[0] = self.robot.generalized_force(self._joint_torques, self._q)
@@ -223,11 +226,15 @@ class SimulatedArm:
             self._total[0] += np.where(self._driven, self._added @ terms, 0.0)
         if self.wrenches:
             self._total[0] += self._external()
+        # 3. One integration step; its last number is positive where the loops were
+        # closed.
         self._advance()
         if self._constrained and not self._next[-1] > 0.0:
             raise InputError('closed loops: near a singular configuration at '
                              f'{described(self.robot.mechanism, self._q)}; expected a '
                              'motion away from it')
+        # 4. A joint beyond its limits: the step is repeated with the forces of the
+        # stops.
         n = len(self.q)
         if (self._next[:n] < self.lower).any() or (self._next[:n] > self.upper).any():
             self._apply_stops()
@@ -239,9 +246,9 @@ class SimulatedArm:
 
     def _external(self) -> Array:
         """Return the generalized force of the wrenches at the present configuration."""
-        world = self.frames.in_world(self._q, ((self.frames.row(frame), wrench)
-                                               for frame,
-                                               wrench in self.wrenches.items()))
+        rows = [(self.frames.row(frame), wrench)
+                for frame, wrench in self.wrenches.items()]
+        world = self.frames.in_world(self._q, rows)
         return self.robot.external_force(self._q, wrench=world)
 
     def _apply_stops(self) -> None:
