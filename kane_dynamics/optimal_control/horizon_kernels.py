@@ -78,6 +78,8 @@ class HorizonKernels:
             'slopes': Input('slopes', 0, 0, sizes.slopes),
             'policy': Input('policy', 0, 0, sizes.policy),
             'later': Input('policy', 1, 0, sizes.policy)}
+        self._rows = self._views(self.path, self.trial)
+        self._swapped_rows = self._views(self.trial, self.path)
         self._kernels: dict[str, tuple[Kernel, list[str]]] = {}
         linearization = self._horizon.linearization
         policy = self._horizon.policy
@@ -153,7 +155,7 @@ class HorizonKernels:
     def linearize(self) -> None:
         """Write `slopes` of `path`."""
         kernel, inputs = self._kernels['horizon_slopes']
-        rows = [self._rows(name) for name in inputs]
+        rows = [self._rows[name] for name in inputs]
         kernel.run(rows, self.slopes, self.nodes, constants=self.constants)
 
     def backward(self, regularization: float) -> None:
@@ -164,21 +166,24 @@ class HorizonKernels:
         """
         self.constants[2] = regularization
         kernel, inputs = self._kernels['horizon_policy']
-        rows = [self._rows(name) for name in inputs]
+        rows = [self._rows[name] for name in inputs]
         kernel.scan(rows, self.policy[:-1], constants=self.constants, reverse=True)
 
     def forward(self, scale: float) -> None:
         """Write `trial`, from its first row on, by `policy` with this scale of k."""
         self.constants[1] = scale
         kernel, inputs = self._kernels['horizon_step']
-        rows = [self._rows(name) for name in inputs]
+        rows = [self._rows[name] for name in inputs]
         kernel.scan(rows, self.trial[1:], constants=self.constants)
 
-    def _rows(self, name: str) -> Array:
-        """Return the rows of an input of a kernel, one for each interval: a view."""
-        array, row, column, size = self._inputs[name]
-        rows: Array = getattr(self, array)
-        return rows[row:row + self.nodes, column:column + size]
+    def _views(self, path: Array, trial: Array) -> dict[str, Array]:
+        """Return the rows of the inputs of kernels, one for each interval."""
+        arrays = {'path': path, 'trial': trial, 'targets': self.targets,
+                  'weights': self.weights, 'slopes': self.slopes, 'policy': self.policy}
+        views = {}
+        for name, (array, row, column, size) in self._inputs.items():
+            views[name] = arrays[array][row:row + self.nodes, column:column + size]
+        return views
 
     def expected(self) -> tuple[float, float]:
         """Return a, b: the policy at a scale s changes the cost by about s a + s^2 b."""
@@ -210,6 +215,7 @@ class HorizonKernels:
     def swap(self) -> None:
         """Exchange `path` and `trial`, which keep the same first row."""
         self.path, self.trial = self.trial, self.path
+        self._rows, self._swapped_rows = self._swapped_rows, self._rows
 
 
 def _interpolate(rows: Array, place: Array) -> None:
