@@ -3,12 +3,15 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import moving, rates, values
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.equations import Equations
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Shape
+from kane_dynamics.robot.kernel_set import KernelSet
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.stops.contact_forces import with_stop_forces
 import numpy as np
@@ -16,6 +19,10 @@ import numpy as np
 # For each simulation, the numbers of steps after which its choices of speeds begin, and
 # the robots in these choices.
 History = Sequence[Sequence[tuple[int, Robot]]]
+
+# Kernels of `UserSpeeds` by their quantity and the user's speeds, for each robot.
+_KERNELS: WeakKeyDictionary[KernelSet, dict[tuple[str, tuple[str, ...]], Kernel]] = (
+    WeakKeyDictionary())
 
 
 class _Part(NamedTuple):
@@ -65,8 +72,14 @@ class UserSpeeds:
     def _called(self, robot: Robot, name: str, shapes: Mapping[str, Shape], shape: Shape,
                 function: Any, inputs: tuple[Array, ...], t: Any) -> Array:
         """Call the kernel of a function of arrays and of what the robot supplies."""
-        places = '_'.join(map(str, self._user_robot.mechanism.free))
-        kernel = robot.compiled(function, name=f'{name}_{places}', **shapes, shape=shape)
+        # Every simulation asks for these kernels; to ask `robot.compiled` takes a while.
+        kernels = _KERNELS.setdefault(robot.kernels, {})
+        key = name, self._user_robot.speed_names
+        if key not in kernels:
+            places = '_'.join(map(str, self._user_robot.mechanism.free))
+            kernels[key] = robot.compiled(function, name=f'{name}_{places}', **shapes,
+                                          shape=shape)
+        kernel = kernels[key]
         if robot.equations.timed:
             inputs = (*inputs, t)
         result: Array = kernel(*inputs)

@@ -41,7 +41,7 @@ def suspected_degrees(robot: Configurations, q: Array) -> str | None:
         value = float(values[np.argmax(np.abs(values))]) if len(values) else 0.0
         outside = max(lower[j] - values.min(initial=0.0), values.max(initial=0.0) - upper[j], 0.0)
         beyond = abs(value) > 2.0 * TURN and (free or outside > 0.0)
-        if name not in model.sliding and (beyond or outside > TURN):
+        if (beyond or outside > TURN) and name not in model.sliding:
             limits = '' if free else f' (limits {lower[j]:.4g} to {upper[j]:.4g})'
             words.append(f'{name} {value:.4g} rad{limits}')
     return f'far outside: {", ".join(words)}; expected rad: are these degrees?' if words else None
