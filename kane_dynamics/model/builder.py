@@ -558,8 +558,8 @@ def _check_properties(joint: str, properties: dict[str, Any],
                          f'{", ".join(PROPERTIES)}')
     limits = properties.get('limits')
     if limits is not None and not isinstance(limits, Limits):
-        raise ModelError(f"joint '{joint}': limits: {limits!r}; expected Limits(lower, upper, "
-                         'velocity, effort)')
+        raise ModelError(f"joint '{joint}': limits: {limits!r}; expected Limits(lower, "
+                         'upper, velocity, effort)')
 
 
 def _check_inertial(on: str, inertial: Inertial) -> None:

@@ -17,7 +17,7 @@ def reach(model: Model) -> float:
 
 
 def is_far(distance: float, links: float) -> bool:
-    """Return whether a distance, m, is longer than all links in one line, and than `NEAR`."""
+    """Return whether a distance, m, exceeds all links in one line, and `NEAR`."""
     return distance > max(links, NEAR)
 
 

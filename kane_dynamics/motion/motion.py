@@ -253,7 +253,8 @@ class Motion:
             try:
                 array = np.asarray(t, dtype=np.float64)
             except (TypeError, ValueError):
-                raise InputError(f't: {t!r}; expected a time in s, or (K,) times') from None
+                raise InputError(f't: {t!r}; expected a time in s, or (K,) '
+                                 'times') from None
             if array.ndim:
                 return self._sample_many(array)
             t = float(array)

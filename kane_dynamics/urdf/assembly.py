@@ -13,7 +13,8 @@ from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model.ball_coordinates import quaternion_names
 from kane_dynamics.model.inertial import principal_moments
 from kane_dynamics.model.joint_expansion import Mimic, StatedJoint, StatedLimits
-from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model, ROUNDING, WORLD
+from kane_dynamics.model.model import (Body, Frame, Inertial, Joint, Limits, Model,
+                                       ROUNDING, WORLD)
 from kane_dynamics.model.placement import EYE, Placement, rotation_about, snapped
 from kane_dynamics.model.plausible_sizes import is_far
 from kane_dynamics.urdf.notices import Notices
@@ -75,7 +76,8 @@ def _note_locked(selection: Selection, notices: Notices) -> None:
         if limits is None or limits.lower is None or limits.upper is None:
             continue
         is_stated = limits.lower < limits.upper
-        if is_stated and not limits.lower - ROUNDING <= position <= limits.upper + ROUNDING:
+        inside = limits.lower - ROUNDING <= position <= limits.upper + ROUNDING
+        if is_stated and not inside:
             notices.locked_outside.append(
                 f'{name} at {position:g} ({limits.lower:g} to {limits.upper:g})')
 
@@ -91,7 +93,7 @@ def _note_payload(supplement: Supplement, moving: Moving, notices: Notices) -> N
         notices.far_payload.append(f'{link} ({distance:.4g} m, {links:.4g} m)')
 
 
-# ---------------------------------------------------------------------- placements of links
+# ---------------------------------------------------------------- placements of links
 
 def _placements(selection: Selection) -> tuple[dict[str, Placement], Moving]:
     """
@@ -135,7 +137,7 @@ def _displacement(single: StatedJoint, position: float) -> tuple[Array, Array]:
     return snapped(rotation_about(axis, position)), np.zeros(3)
 
 
-# ---------------------------------------------------------------------- inertias
+# ---------------------------------------------------------------- inertias
 
 def _riders(tree: UrdfTree, selection: Selection, supplement: Supplement,
             placements: dict[str, Placement], moving: int, notices: Notices,
@@ -201,7 +203,7 @@ def _sum(inertials: list[Inertial]) -> Inertial:
     return total
 
 
-# ---------------------------------------------------------------------- joints and
+# ---------------------------------------------------------------- joints and
 # limits
 
 def _joint(single: StatedJoint, placement: Placement, selection: Selection,

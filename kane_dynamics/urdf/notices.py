@@ -37,8 +37,8 @@ class Notices:
     locked_outside: Names = _kind('locked positions outside the limits; expected rad or '
                                   'm: degrees?')
     far_payload: Names = _kind('payload of the supplement whose center of mass is '
-                               'farther from its frame than all links reach in one line; '
-                               'expected m')
+                               'farther from its frame than all links reach in one '
+                               'line; expected m')
     indefinite: Names = _kind('links whose inertia has a negative principal moment; '
                               'used unchanged because of strict=False')
     triangle: Names = _kind('links whose inertia is impossible: a principal moment '
