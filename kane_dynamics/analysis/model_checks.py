@@ -7,6 +7,7 @@ from typing import Literal
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.model.model import Model
+from kane_dynamics.robot.methods.configuration_methods import sampling_range
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf.notices import DEGREES, NO_INERTIAL
 import numpy as np
@@ -256,7 +257,7 @@ def largest_gravity_forces(robot: Robot) -> Array:
         The robot with its joint limits.
 
     """
-    lower, upper = robot.sampling_range()
+    lower, upper = sampling_range(robot)
     q = np.random.default_rng(0).uniform(lower, upper, (SAMPLES, robot.n))
     forces = np.abs(robot.gravity_force(q))
     # Every joint has its own starts, the samples with its largest forces.
@@ -283,7 +284,7 @@ def _uphill(robot: Robot,
     A neighbour is a step away along one coordinate, or along all coordinates that
     increase it.
     """
-    lower, upper = robot.sampling_range()
+    lower, upper = sampling_range(robot)
     rows = np.arange(len(q))
 
     def forces(q: Array) -> Array:

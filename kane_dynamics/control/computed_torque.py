@@ -38,7 +38,7 @@ from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
-from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.robot import in_choice, Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -241,7 +241,7 @@ def law_kernel(robot: Robot, followed: Sequence[int] | None = None,
         if regular is None or regular.equations.in_joint_rates:
             return None
         choice = regular.equations.mechanism
-        return law_kernel(robot.in_choice(choice.free, choice.kept), followed, commanded)
+        return law_kernel(in_choice(robot, choice.free, choice.kept), followed, commanded)
     law = _law(robot, followed, commanded)
     return robot.kernels.compiled(law, name, _inputs(robot), (size,), reason=reason)
 

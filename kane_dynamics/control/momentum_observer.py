@@ -23,7 +23,7 @@ from kane_dynamics.control.friction_error import FrictionError
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.robot import in_choice, Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -243,7 +243,7 @@ def _momentum_kernel(robot: Robot) -> Kernel:
         if regular is None or regular.equations.in_joint_rates:
             return None
         choice = regular.equations.mechanism
-        return _momentum_kernel(robot.in_choice(choice.free, choice.kept))
+        return _momentum_kernel(in_choice(robot, choice.free, choice.kept))
     return robot.kernels.compiled(terms, 'momentum_terms',
                                   {'q': (robot.n_q,), 'u': (robot.n,)}, (2, robot.n),
                                   reason=reason)

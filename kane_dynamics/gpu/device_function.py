@@ -9,7 +9,7 @@ from kane_dynamics.gpu.kernel_call import KernelCall, ptx_text, REALS, require_d
 from kane_dynamics.native.backends.gpu_kernel import kernel_text
 from kane_dynamics.robot.derivative_kernels import Derivative
 from kane_dynamics.robot.frameworks.quantity_function import QuantityFunction, require_shape
-from kane_dynamics.robot.methods.derivative_methods import place_of
+from kane_dynamics.robot.methods.dynamics_methods import place_of
 from kane_dynamics.robot.robot import Robot
 
 

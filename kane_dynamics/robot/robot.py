@@ -7,7 +7,7 @@ from functools import partial
 from inspect import isfunction
 import os
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any, Self, TYPE_CHECKING
 
 from kane_dynamics._util.attribute_hints import HintingClass, missing, refused
 from kane_dynamics._util.notebook import html_table
@@ -26,8 +26,6 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS, write_c
 from kane_dynamics.robot.methods.configuration_methods import Configurations
-from kane_dynamics.robot.methods.dynamics_methods import DynamicsMethods
-from kane_dynamics.robot.methods.frame_methods import FrameMethods
 from kane_dynamics.robot.methods.framework_methods import FrameworkMethods
 from kane_dynamics.robot.parameters import JointLimits, Parameters
 from kane_dynamics.robot.speed_sets import limits_of, SpeedSets
@@ -39,8 +37,7 @@ __all__ = ['Robot', 'TORQUE_TERMS']
 CLOSURE_TOLERANCE = 1e-4  # lengths of the mechanism, and rad
 
 
-class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
-            metaclass=HintingClass):
+class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
     """
     The compiled dynamics of one manipulator or mechanism.
 
@@ -154,7 +151,7 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
                                                        redundant=redundant), key, self.parameters)
         self.kernels = self.speed_sets.kernels(mechanism.free, mechanism.kept)
         self.equations = self.kernels.equations
-        self._others: dict[tuple[str, ...], Robot] = {}  # with other wrench frames
+        self._others: dict[tuple[str, ...], Self] = {}  # with other wrench frames
         self._entries = {}  # from here on, attributes cannot be assigned
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -198,25 +195,6 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
         """Return the keyword arguments of `Robot` that describe this robot beside its model."""
         return {**self._choices, **self._options,
                 'closure_tolerance': self.parameters.closure_tolerance}
-
-    def in_choice(self, free: Sequence[int], kept: Sequence[int]) -> Robot:
-        """
-        Return this robot with other independent speeds and constraint rows, given by index.
-
-        The result shares the parameters; its u and tau are in the other speeds.
-        """
-        kernels = self.speed_sets.kernels(free, kept)
-        if kernels is self.kernels:
-            return self
-        other = object.__new__(type(self))
-        for name in ('_options', 'model', 'friction', '_bare', '_carried', 'speed_sets',
-                     'parameters'):
-            setattr(other, name, getattr(self, name))
-        other._choices = {**self._choices, 'independent': kernels.equations.speed_names}
-        other.kernels, other.equations = kernels, kernels.equations
-        other._others = {}
-        other.limits, other._entries = self.limits, {}
-        return other
 
     def copy(self) -> Robot:
         """
@@ -274,11 +252,11 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
         robot.parameters.payload = payload
         return robot
 
-    def _declaring(self, frames: tuple[str, ...]) -> Robot:
+    def _declaring(self, frames: tuple[str, ...]) -> Self:
         """Return this robot with other wrench frames, which shares the parameters."""
         other = self._others.get(frames)
         if other is None:
-            other = Robot(self.model, **{**self.options, 'wrench_frames': frames})
+            other = type(self)(self.model, **{**self.options, 'wrench_frames': frames})
             kernels = other.speed_sets.with_parameters(self.parameters).kernels(
                 other.mechanism.free, other.mechanism.kept)
             # The robot is not in use yet, so that its attributes may still change.
@@ -398,6 +376,26 @@ class Robot(DynamicsMethods, FrameworkMethods, FrameMethods, Configurations,
 
         """
         return write_c(self, path, kernels, scalar, self_test)
+
+
+def in_choice(robot: Robot, free: Sequence[int], kept: Sequence[int]) -> Robot:
+    """
+    Return a robot with other independent speeds and constraint rows, given by index.
+
+    The result shares the parameters; its u and tau are in the other speeds.
+    """
+    kernels = robot.speed_sets.kernels(free, kept)
+    if kernels is robot.kernels:
+        return robot
+    other = object.__new__(type(robot))
+    for name in ('_options', 'model', 'friction', '_bare', '_carried', 'speed_sets',
+                 'parameters'):
+        setattr(other, name, getattr(robot, name))
+    other._choices = {**robot._choices, 'independent': kernels.equations.speed_names}
+    other.kernels, other.equations = kernels, kernels.equations
+    other._others = {}
+    other.limits, other._entries = robot.limits, {}
+    return other
 
 
 # Errors of Python name a method by its class: the one that users know.

@@ -131,11 +131,6 @@ class Workspace(entry.NativeMethods):
                              f'{", ".join(FRAME_QUANTITIES)}')
         return self._bound_at(self._kernels.at_frame(name, frame), frame)
 
-    def constraint_gap(self) -> Array:
-        """Compute `constraint_residual`; the former name of that quantity."""
-        result: Array = self.constraint_residual()  # type: ignore[attr-defined]
-        return result
-
     def reaction(self, joint: str) -> Callable[[], Any]:
         """Return `Robot.joint_reaction` at a joint as a function without arguments."""
         return self._bound_at(self._kernels.reaction(joint), joint)

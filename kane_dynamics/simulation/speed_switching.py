@@ -27,7 +27,7 @@ from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.mechanics.integrators.rosenbrock import ImplicitStep
 from kane_dynamics.native.backends.real_types import size_limit
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.robot import in_choice, Robot
 from kane_dynamics.robot.speed_sets import left_out_error, limits_of
 from kane_dynamics.simulation.observers import diverged_error, Extremes
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice, watches_stages
@@ -265,7 +265,7 @@ class SwitchingSteps(Steps):
         """Change simulation i to another choice; return the state in its speeds."""
         old, t = self._phases[i].robot, self._time(done)
         q, u = self._parts(state)
-        new = self.robot.in_choice(choice.free, choice.kept)
+        new = in_choice(self.robot, choice.free, choice.kept)
         at: dict[str, Any] = {'t': t} if old.equations.timed else {}
         Y, Z = (np.array(x, dtype=np.float64) for x in new.mechanism.state(
             q, t).speed_rows(new.speed_names))
@@ -401,7 +401,8 @@ class SingularityWatch:
 
         """
         mechanism, of_user = robot.mechanism, self._user_robot.mechanism
-        fixed = self._user_robot.speeds_are_given and mechanism.free != of_user.free
+        chosen_by_user = self._user_robot.options['independent'] is not None
+        fixed = chosen_by_user and mechanism.free != of_user.free
         if len(q) < 2 or not (near or fixed):
             return
         time = [times] if self._user_robot.equations.timed else []

@@ -69,7 +69,7 @@ class Definition:
         """Return (6, n)."""
         return kane.partial_velocities(self.model, q, frame)
 
-    def partial_velocity_rates(self, frame, q, u):
+    def jacobian_rate(self, frame, q, u):
         """Return (6, n), by exact differentiation."""
         moving = kane.partial_velocities(self.model, seeded(q, u, 0, self.n), frame)
         return np.vectorize(lambda x: getattr(x, 'rate', 0.0), otypes=[float])(moving)

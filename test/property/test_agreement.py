@@ -52,7 +52,7 @@ def test_compiled_frames_are_the_definitions(drawn):
     by_definition = reference(robot)
     frame = robot.model.frames[-1].name
     for name, state in (('frame_pose', (q,)), ('partial_velocities', (q,)),
-                        ('partial_velocity_rates', (q, u)),
+                        ('jacobian_rate', (q, u)),
                         ('frame_velocity', (q, u)), ('frame_acceleration', (q, u, udot))):
         expected = getattr(by_definition, name)(frame, *state)
         close(getattr(robot, name)(frame, *state), expected, 1.0 + np.abs(expected).max())

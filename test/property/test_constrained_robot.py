@@ -83,7 +83,7 @@ def test_frames_move_as_their_partial_velocities_say(kind):
     rate = robot.joint_rates(q, u, t=T)
     after, before = ({'q': q + s * h * rate, 't': T + s * h} for s in (1.0, -1.0))
     np.testing.assert_allclose(
-        robot.partial_velocity_rates(tip, q, u, t=T),
+        robot.jacobian_rate(tip, q, u, t=T),
         (robot.partial_velocities(tip, **after) - robot.partial_velocities(tip, **before))
         / (2 * h), atol=1e-6 * (1.0 + np.abs(J).max()))
     np.testing.assert_allclose(
@@ -232,7 +232,7 @@ def test_a_trajectory_of_a_mechanism_is_saved_whole(tmp_path):
     run = simulate(four_bar('crank'), at_angle(0.8), [5.0], 0.01)
     run.save_npz(tmp_path / 'run.npz')
     again = Trajectory.load_npz(tmp_path / 'run.npz')
-    for name in ('q', 'u', 'constraint_forces', 'constraint_gap'):
+    for name in ('q', 'u', 'constraint_forces', 'constraint_residual'):
         np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
     assert (again.speed_names, again.constraint_names) == (('crank',), run.constraint_names)
     run.save_csv(tmp_path / 'run.csv')

@@ -104,7 +104,7 @@ def test_frames_on_a_beam_move_as_finite_differences_of_their_poses():
         moved = [(robot.partial_velocities(frame, q + s * h * u),
                   robot.frame_velocity(frame, q + s * h * u, u + s * h * udot))
                  for s in (1.0, -1.0)]
-        np.testing.assert_allclose(robot.partial_velocity_rates(frame, q, u),
+        np.testing.assert_allclose(robot.jacobian_rate(frame, q, u),
                                    (moved[0][0] - moved[1][0]) / (2 * h), atol=1e-7)
         np.testing.assert_allclose(robot.frame_acceleration(frame, q, u, udot),
                                    (moved[0][1] - moved[1][1]) / (2 * h), atol=1e-7)

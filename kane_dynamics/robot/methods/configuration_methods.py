@@ -1,10 +1,12 @@
-"""Neutral and random configurations of a robot, and its joint limits."""
+"""The methods of `Robot` for its coordinates, speeds and constraints, and for configurations."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
 import warnings
 
-from kane_dynamics._util.checks import constant, integer
+from kane_dynamics._util.checks import constant, finite_row, integer
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array
@@ -12,8 +14,13 @@ from kane_dynamics.errors import ConstraintError, InputError, ModelWarning
 from kane_dynamics.mechanics.ball_joints import (angle_places, angles, balls, difference,
                                                  joint_speeds, moved, neutral,
                                                  on_unit_quaternions, require_unit)
+from kane_dynamics.mechanics.constraints.loop_closure import (closed_posture, defined_rows,
+                                                              followed_posture, Rows)
+from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.argument import Argument, checked
-from kane_dynamics.robot.methods.constraint_methods import ConstraintMethods
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.methods.dispatch import Dispatch
 from kane_dynamics.robot.parameters import JointLimits
 import numpy as np
@@ -38,7 +45,9 @@ def suspected_degrees(robot: Configurations, q: Array) -> str | None:
     for j, name in enumerate(model.coordinate_names):
         free = np.isinf(lower[j]) and np.isinf(upper[j])
         values = rows[:1, j] if free else rows[:, j]
-        value = float(values[np.argmax(np.abs(values))]) if len(values) else 0.0
+        if not len(values):
+            continue
+        value = float(values[np.argmax(np.abs(values))])
         outside = max(lower[j] - values.min(initial=0.0), values.max(initial=0.0) - upper[j], 0.0)
         beyond = abs(value) > 2.0 * TURN and (free or outside > 0.0)
         if (beyond or outside > TURN) and name not in model.sliding:
@@ -71,22 +80,253 @@ def random_generator(seed: int | np.random.Generator | None) -> np.random.Genera
                          'numpy.random.Generator') from None
 
 
-class Configurations(ConstraintMethods, Dispatch):
-    """The methods of `Robot` that return configurations."""
+def sampling_range(robot: Configurations) -> tuple[Array, Array]:
+    """Return the bounds of random configurations, (n_q,) each, rad or m."""
+    model = robot.equations.model
+    span = np.array([1.0 if name in model.sliding else np.pi for name in model.coordinate_names])
+    for k in model.modal_coordinates:
+        span[model.places[k]] = 0.0
+    for ball in balls(model):
+        ball.quaternion(span)[...] = 1.0
+    lower, upper = robot.limits.lower, robot.limits.upper
+    # Without a limit, a span from the other limit, or from 0 without both.
+    unlimited_below, unlimited_above = np.isinf(lower), np.isinf(upper)
+    highest = np.where(unlimited_above, 0.0, upper)
+    lowest = np.where(unlimited_below, 0.0, lower)
+    return (np.where(unlimited_below, highest - span, lower),
+            np.where(unlimited_above, lowest + span, upper))
+
+
+def _of_coordinates(model: Model, by_joint: Array, none: float) -> Array:
+    """Return values, (n_q,), of coordinates from those of joints; `none` in quaternions."""
+    result = np.full(len(model.coordinate_names), none)
+    result[angle_places(model)] = by_joint[angles(model)]
+    return result
+
+
+class Configurations(Dispatch):
+    """
+    The methods of `Robot` for coordinates, speeds, constraints and configurations.
+
+    In joint rates without constraints, u = q' and the joint torques equal tau. Arguments are those
+    of one state, or (N, ...) arrays of a batch: q (n_q,), the independent speeds u, udot and the
+    generalized forces tau (n,), rad or m, s, N m or N; the time `t`, s, a float or (N,) array; and
+    `out`, which is written to and returned.
+    """
+
+    model: Model
+    _choices: dict[str, Any]
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """Speeds and constraints; by default joint rates and no constraints."""
+        return self.equations.mechanism
+
+    @property
+    def speed_names(self) -> tuple[str, ...]:
+        """Names of the entries of u, udot and tau: the independent speeds."""
+        return tuple(self.equations.speed_names)
+
+    @property
+    def constraint_names(self) -> tuple[str, ...]:
+        """Names of the rows of the constraints, as in `constraint_forces`."""
+        return self.mechanism.labels
+
+    @property
+    def configuration(self) -> Any:
+        """Return the configuration at which speeds and rows were chosen; None without one."""
+        return self._choices['configuration']
+
+    @property
+    def actuated_names(self) -> tuple[str, ...]:
+        """
+        Names of the joints with actuators.
+
+        Those of `Robot(actuated=)`; by default the joints whose rates are the independent speeds,
+        and all joints where the speeds are no joint rates.
+        """
+        equations, names = self.equations, self.joint_names
+        if equations.actuated is not None:
+            return tuple(names[k] for k in equations.actuated)
+        return tuple(name for name in names if name in self.speed_names) or names
+
+    def joint_rates(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
+                    out: Array | None = None) -> Array:
+        """Return q', (n_q,), of the independent speeds."""
+        if self.equations.in_joint_rates:
+            return self._same('u', u, out)
+        return self._special('joint_rates', (q, u), t, out)
+
+    def joint_torques(self, tau: ArrayLike, q: ArrayLike | None = None, *, t: ArrayLike = 0.0,
+                      out: Array | None = None) -> Array:
+        """
+        Return joint torques, (n_q,), with the generalized force tau.
+
+        Of ball joints the moments about the axes of the body, so that the order is `joint_names`.
+
+        By default each entry of tau acts on its own independent speed without constraint forces;
+        with `Robot(actuated=)`, the actuators have the torques of minimum norm, or of the least
+        sum of weight times torque squared. ConstraintError where the actuators cannot produce
+        every motion: the mechanism moves a thousand times as fast as they do, or faster.
+
+        Robots in joint rates without constraints ignore q.
+        """
+        if self.equations.in_joint_rates:
+            return self._same('tau', tau, out)
+        if q is None:
+            raise InputError('q: missing; expected the configuration, on which the joint torques '
+                             'of a robot with chosen speeds or constraints depend')
+        return self._special('joint_torques', (tau, q), t, out)
+
+    def generalized_force(self, joint_torques: ArrayLike, q: ArrayLike, *,
+                          t: ArrayLike = 0.0) -> Array:
+        """
+        Return the generalized force tau, (n,), of joint torques, (n_q,): reverse `joint_torques`.
+
+        For torques measured at all joints, zero at those without actuators, N m or N.
+        """
+        equations = self.equations
+        if equations.in_joint_rates:
+            return self._same('joint_torques', joint_torques, None)
+        model = equations.model
+        torques = Argument('joint_torques', (model.n,), model.joint_names)
+        kernel = self._kernel('generalized_force', {'q': (equations.n_q,),
+                                                    'joint_torques': torques}, (equations.n,))
+        result: Array = kernel(*self._at_time((q, joint_torques), t))
+        return result
+
+    def constraint_forces(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike, *,
+                          wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
+                          out: Array | None = None) -> Array:
+        """
+        Return the force of every constraint row, (m,), in the order of `constraint_names`.
+
+        These are the equations of auxiliary speeds (Kane & Levinson, chapter 4): a row's force
+        acts along the velocity that the row constrains, N or N m. With the tau of inverse dynamics
+        they are the forces in that motion. The forces of redundant rows are not unique: the result
+        has minimum norm, with moments divided by `mechanism.length` (or as `Robot(redundant=)`).
+        `wrench` is as in `inverse_dynamics`.
+        """
+        self._require('constraint_forces')
+        return self._loaded('constraint_forces', (q, u, tau), wrench, out, t)
+
+    def constraint_residual(self, q: ArrayLike, *, t: ArrayLike = 0.0,
+                            out: Array | None = None) -> Array:
+        """Return the residual of every row, (m,), m or rad; 0 for velocity constraints."""
+        return self._special('constraint_residual', (q,), t, out)
+
+    def constraint_velocity_residual(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
+                                     out: Array | None = None) -> Array:
+        """Return the velocity residual J q' - b of every row, (m,), m/s or rad/s."""
+        return self._special('constraint_velocity_residual', (q, u), t, out)
+
+    def joint_accelerations(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
+                            t: ArrayLike = 0.0, out: Array | None = None) -> Array:
+        """
+        Return q'', (n_q,), of all joints, dependent ones included.
+
+        Of ball joints the angular accelerations about the axes of the body, so that the order is
+        `joint_names`.
+        """
+        if self.equations.in_joint_rates:
+            return self._same('udot', udot, out)
+        return self._special('joint_accelerations', (q, u, udot), t, out)
+
+    def closed_posture(self, q: ArrayLike, *, t: float = 0.0, fixed: Sequence[str] = (),
+                       start: ArrayLike | None = None) -> Array:
+        """
+        Return the configuration near q, (n_q,), that satisfies all position constraints.
+
+        With fixed coordinates and a start, it is on the branch of the start: the fixed
+        coordinates move from there to their values in small steps, and other entries of q are
+        ignored.
+
+        Parameters
+        ----------
+        q : (n_q,) array_like
+            Initial guess, rad or m.
+        t : float
+            Time, s.
+        fixed : sequence of str
+            Names of coordinates that keep their values.
+        start : (n_q,) array_like, optional
+            A nearly closed configuration; q itself, to stay on its branch. Default: the
+            `configuration` of the robot, if one was given.
+
+        Raises
+        ------
+        InputError
+            A number is missing or not finite, or a start comes without fixed coordinates.
+        ConstraintError
+            None is found; names the constraint with the largest residual.
+
+        """
+        rows, first = self._compiled_rows(), self.configuration
+        if start is not None:
+            first = finite_row(start, 'start', self.coordinate_names)
+        if first is not None and len(fixed):
+            return followed_posture(self.mechanism, first, q, t=t, fixed=fixed, rows=rows)
+        if start is not None:
+            raise InputError(f'start: {first.tolist()}, without fixed; expected the coordinates '
+                             'that move from there to their values in q')
+        return closed_posture(self.mechanism, q, t=t, fixed=fixed, rows=rows)
+
+    def _compiled_rows(self) -> Rows | None:
+        """Return the rows of the constraints in native code, with arrays of their own, if any."""
+        if not self.constraint_names:
+            return None
+        result = np.empty((len(self.constraint_names), self.equations.model.n + 2))
+        kernel = self._kernel('closure_rows', {'q': (self.equations.n_q,)}, result.shape)
+        arguments = [np.empty(argument.shape) for argument in kernel.arguments]
+        compute = kernel.bind(arguments, result, 'Compute the rows.')
+
+        def rows(q: Array, t: Any) -> tuple[Array, Array, Array]:
+            for array, value in zip(arguments, (q, t)):  # without t where nothing depends on it
+                array[...] = value
+            try:
+                compute()
+            except InputError:  # not finite: those of the definition say which row
+                return defined_rows(self.mechanism)(q, float(t))
+            return result[:, :-2], result[:, -2], result[:, -1]
+        return rows
+
+    def _kernel(self, name: str, inputs: dict[str, Shape | Argument], shape: Shape) -> Kernel:
+        """Return the kernel of a method of the equations that is none of their quantities."""
+        return self.kernels.compiled(getattr(self.equations, name), name, inputs, shape)
+
+    def _same(self, name: str, value: Any, out: Array | None) -> Array:
+        """Return a checked copy, for a robot in joint rates without constraints."""
+        same = checked(Argument(name, (self.equations.n,), self.speed_names), value)
+        result: Array = np.empty_like(same) if out is None else out
+        result[...] = same
+        return result
+
+    def _special(self, name: str, arguments: tuple[Any, ...], t: ArrayLike,
+                 out: Array | None) -> Array:
+        self._require(name)
+        if self.equations.timed:
+            return self._call(name, arguments, out, t)
+        entry = self._entry(name, '', lambda _: self.kernels.quantity(name))
+        result: Array = entry(*arguments) if out is None else entry(*arguments, out=out)
+        return result
+
+    def _require(self, name: str) -> None:
+        if self.equations.in_joint_rates:
+            raise InputError(f'{name}: a robot in joint rates without constraints; expected '
+                             'Robot(..., speeds=...) or Robot(..., constraints=...)')
 
     @lazy_property
     def limits(self) -> JointLimits:
         """Joint limits, initially those of the model."""
         model = self.equations.model
         limits = [joint.limits for joint in model.coordinate_joints]
-        found = {name: np.array([getattr(limit, name) for limit in limits])
-                 for name in ('lower', 'upper', 'velocity', 'effort')}
+        lower = np.array([limit.lower for limit in limits])
+        upper = np.array([limit.upper for limit in limits])
         if model.balls:  # no position of a quaternion is outside
-            for name, none in (('lower', -np.inf), ('upper', np.inf)):
-                of_q = np.full(len(model.coordinate_names), none)
-                of_q[angle_places(model)] = found[name][angles(model)]
-                found[name] = of_q
-        return JointLimits(**found)
+            lower = _of_coordinates(model, lower, -np.inf)
+            upper = _of_coordinates(model, upper, np.inf)
+        return JointLimits(lower, upper, np.array([limit.velocity for limit in limits]),
+                           np.array([limit.effort for limit in limits]))
 
     def neutral(self) -> Array:
         """
@@ -174,9 +414,10 @@ class Configurations(ConstraintMethods, Dispatch):
         if count is not None:
             count = integer(count, 'count', 0)
         rng = random_generator(seed)
-        lower, upper = self.sampling_range()
+        lower, upper = sampling_range(self)
         if self.equations.in_joint_rates:
-            return rng.uniform(lower, upper, (*(() if count is None else (count,)), len(lower)))
+            shape = lower.shape if count is None else (count, len(lower))
+            return rng.uniform(lower, upper, shape)
         if count is None:
             return self._closed(rng, lower, upper)
         return np.array([self._closed(rng, lower, upper) for _ in range(count)]).reshape(
@@ -213,8 +454,7 @@ class Configurations(ConstraintMethods, Dispatch):
 
         """
         model, dt = self.equations.model, float(constant(dt, (), 'dt (s)', InputError))
-        start = checked(Argument('q', (self.n_q,), self.coordinate_names), q)
-        start = require_unit(model, start, 'q')
+        start = self._configuration('q', q)
         rates = joint_speeds(model, start, self.joint_rates(start, u, t=t))
         end = moved(model, start, dt * rates)
         return self._closed_all(end, np.asarray(t) + dt)
@@ -241,17 +481,21 @@ class Configurations(ConstraintMethods, Dispatch):
 
         """
         model = self.equations.model
-        first, last = (require_unit(model, checked(
-            Argument(name, (self.n_q,), self.coordinate_names), q), name)
-            for name, q in (('q0', q0), ('q1', q1)))
-        step = difference(model, first, last)
+        start, end = self._configuration('q0', q0), self._configuration('q1', q1)
+        step = difference(model, start, end)
         if self.equations.in_joint_rates:
             return step
-        times = np.broadcast_to(t, step.shape[:-1]).ravel()
-        starts = np.broadcast_to(first, (*step.shape[:-1], self.n_q))
-        rows = [self._speeds_of(*each) for each in zip(
-            starts.reshape(-1, self.n_q), step.reshape(-1, model.n), times)]
-        return np.array(rows).reshape(*step.shape[:-1], self.n)
+        batch = step.shape[:-1]
+        times = np.broadcast_to(t, batch).ravel()
+        starts = np.broadcast_to(start, (*batch, self.n_q)).reshape(-1, self.n_q)
+        steps = step.reshape(-1, model.n)
+        speeds = [self._speeds_of(q, v, s) for q, v, s in zip(starts, steps, times)]
+        return np.array(speeds).reshape(*batch, self.n)
+
+    def _configuration(self, name: str, q: ArrayLike) -> Array:
+        """Return a checked configuration, (n_q,) or (N, n_q), with unit quaternions."""
+        argument = Argument(name, (self.n_q,), self.coordinate_names)
+        return require_unit(self.model, checked(argument, q), name)
 
     def _speeds_of(self, q: Array, v: Array, t: float) -> Array:
         """Return the independent speeds of joint rates, (n_j,), at one configuration."""
@@ -263,23 +507,9 @@ class Configurations(ConstraintMethods, Dispatch):
         if not self.constraint_names:
             return q
         times = np.broadcast_to(t, q.shape[:-1]).ravel()
-        return np.array([self.closed_posture(row, t=float(s)) for row, s in zip(
-            q.reshape(-1, self.n_q), times)]).reshape(q.shape)
-
-    def sampling_range(self) -> tuple[Array, Array]:
-        """Return the bounds of random configurations, (n_q,) each, rad or m."""
-        model = self.equations.model
-        span = np.array([1.0 if name in model.sliding else np.pi
-                         for name in model.coordinate_names])
-        modes = set(model.modal_coordinates)
-        span[[place for k, place in enumerate(model.places)
-              if k in modes and place is not None]] = 0.0
-        for ball in balls(model):
-            ball.quaternion(span)[...] = 1.0
-        lower, upper = self.limits.lower, self.limits.upper
-        left, right = np.isinf(lower), np.isinf(upper)
-        return (np.where(left, np.where(right, 0.0, upper) - span, lower),
-                np.where(right, np.where(left, 0.0, lower) + span, upper))
+        rows = q.reshape(-1, self.n_q)
+        closed = [self.closed_posture(row, t=float(s)) for row, s in zip(rows, times)]
+        return np.array(closed).reshape(q.shape)
 
     def _closed(self, rng: np.random.Generator, lower: Array, upper: Array) -> Array:
         """Return one random configuration that meets constraints and limits."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
@@ -86,7 +86,7 @@ class Dispatch:
         result = self.kernels.kernel(name, at)(*self._at_time(given, t), out=out)
         return result
 
-    def _under(self, wrenches: Mapping[str, Any]) -> tuple[Dispatch, Array | None]:
+    def _under(self, wrenches: Mapping[str, Any]) -> tuple[Self, Array | None]:
         """Return a robot that declares the frames of wrenches, and the rows of its argument."""
         if not wrenches:
             return self, None
@@ -106,7 +106,7 @@ class Dispatch:
         robot = self if frames == declared else self._declaring(frames)
         return robot, stacked
 
-    def _declaring(self, frames: tuple[str, ...]) -> Dispatch:
+    def _declaring(self, frames: tuple[str, ...]) -> Self:
         """Return this robot with other wrench frames, which shares the parameters."""
         raise NotImplementedError
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.robot.methods.dispatch import Dispatch
+from kane_dynamics.robot.methods.dynamics_methods import DynamicsMethods
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -23,7 +22,7 @@ def _listed(frames: Sequence[str]) -> list[str]:
     return list(frames)
 
 
-class FrameMethods(Dispatch):
+class FrameMethods(DynamicsMethods):
     """The methods of `Robot` for poses and motion of frames, in world axes."""
 
     def frame_pose(self, frame: str, q: ArrayLike, *, out: Array | None = None) -> Array:
@@ -117,11 +116,6 @@ class FrameMethods(Dispatch):
         """Return the partial velocities of a frame, (6, n): the columns of `jacobian`."""
         return self._at_frame('partial_velocities', frame, (q,), out, t)
 
-    def partial_velocity_rates(self, frame: str, q: ArrayLike, u: ArrayLike, *,
-                               t: ArrayLike = 0.0, out: Array | None = None) -> Array:
-        """Return the time derivative of `partial_velocities`, (6, n), as `jacobian_rate`."""
-        return self._at_frame('partial_velocity_rates', frame, (q, u), out, t)
-
     def operational_space_inertia(self, frame: str, q: ArrayLike, *,
                                   directions: Sequence[str] = DIRECTIONS,
                                   t: ArrayLike = 0.0) -> Array:
@@ -159,12 +153,11 @@ class FrameMethods(Dispatch):
         It includes gravity, friction and springs, as `bias_force` does.
         """
         mobility, J, inverse, rows = self._mobility(frame, q, directions, t)
-        robot: Any = self
         rest = np.zeros_like(np.asarray(u, dtype=np.float64))
-        bias = robot.bias_force(q, u, t=t)[..., None]
-        drift = robot.frame_acceleration(frame, q, u, rest, t=t)[..., rows, None]
-        result: Array = np.linalg.solve(mobility, J @ (inverse @ bias) - drift)[..., 0]
-        return result
+        bias = self.bias_force(q, u, t=t)[..., None]
+        drift = self.frame_acceleration(frame, q, u, rest, t=t)[..., rows, None]
+        force = np.linalg.solve(mobility, J @ (inverse @ bias) - drift)
+        return np.asarray(force[..., 0], np.float64)
 
     def _mobility(self, frame: str, q: ArrayLike, directions: Sequence[str],
                   t: ArrayLike) -> tuple[Array, Array, Array, list[int]]:
@@ -174,10 +167,9 @@ class FrameMethods(Dispatch):
             raise InputError(f'directions: {list(directions)}; expected some of '
                              f'{", ".join(DIRECTIONS)}, each once')
         rows = [DIRECTIONS.index(name) for name in directions]
-        robot: Any = self
-        J = robot.jacobian(frame, q, t=t)[..., rows, :]
-        inverse = robot.inverse_mass_matrix(q, t=t)
-        mobility = J @ inverse @ np.swapaxes(J, -1, -2)
+        J = self.jacobian(frame, q, t=t)[..., rows, :]
+        inverse = self.inverse_mass_matrix(q, t=t)
+        mobility = np.asarray(J @ inverse @ np.swapaxes(J, -1, -2), np.float64)
         size = np.linalg.svd(mobility, compute_uv=False)
         lost = (size < size[..., :1] / SINGULAR) | (size == 0.0)
         if lost.any():

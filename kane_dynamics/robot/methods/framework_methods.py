@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from kane_dynamics._util.optional_imports import extra
-from kane_dynamics.robot.methods.derivative_methods import DerivativeMethods, place_of
+from kane_dynamics.robot.methods.dynamics_methods import place_of
+from kane_dynamics.robot.methods.frame_methods import FrameMethods
 
 
-class FrameworkMethods(DerivativeMethods):
+class FrameworkMethods(FrameMethods):
     """The methods of `Robot` for CasADi, PyTorch and JAX, which are optional."""
 
     def casadi(self, name: str, *, parameters: Sequence[str] = (),

@@ -156,7 +156,7 @@ def test_inverse_kinematics_closes_the_loop_too():
     place = robot.frame_pose('middle', q)[:3, 3]
     found = inverse_kinematics(robot, 'middle', place)
     assert found.converged
-    assert np.abs(robot.constraint_gap(found.q)).max() < 1e-9
+    assert np.abs(robot.constraint_residual(found.q)).max() < 1e-9
     np.testing.assert_allclose(robot.frame_pose('middle', found.q)[:3, 3], place, atol=1e-8)
 
 
@@ -340,7 +340,7 @@ def test_random_configurations_are_within_the_limits_and_repeatable():
 def test_random_and_neutral_configurations_of_a_loop_close_it():
     robot = LOOP
     for q in (*robot.random_configuration(0, 10), robot.neutral()):
-        assert np.abs(robot.constraint_gap(q)).max() < 1e-9
+        assert np.abs(robot.constraint_residual(q)).max() < 1e-9
     assert robot.random_configuration(0).shape == (3,)
 
 

@@ -127,10 +127,8 @@ def test_frame_and_q_in_the_wrong_order_are_named(call):
 
 
 def test_new_names_are_the_same_numbers_as_the_old_ones():
-    arm, u = robot(), Q[::-1].copy()
+    arm = robot()
     np.testing.assert_array_equal(arm.jacobian('frame3', Q), arm.partial_velocities('frame3', Q))
-    np.testing.assert_array_equal(arm.jacobian_rate('frame3', Q, u),
-                                  arm.partial_velocity_rates('frame3', Q, u))
     np.testing.assert_array_equal(arm.forward_kinematics('frame3', Q), arm.frame_pose('frame3', Q))
     assert arm.frame_names == tuple(frame.name for frame in MODEL.frames)
 
