@@ -36,20 +36,12 @@ def command_fault(controller: Controller) -> str:
         return ''
     rows = LoopTracker(robot, controller.followed).path_rows
     if rows:
-<<<<<<< HEAD
         return (f"parameter 'constraints': {', '.join(rows)} on velocities; expected "
                 'constraints on positions, because joint states do not determine the '
                 'configuration otherwise')
     return '' if robot.options['independent'] is not None else (
         "parameter 'constraints': no key `independent` in the file; expected it to name "
         'the joints that are measured and follow motions')
-=======
-        return (f"parameter 'constraints': {', '.join(rows)} on velocities; expected constraints "
-                'on positions, because joint states do not determine the configuration otherwise')
-    return '' if robot.options['independent'] is not None else (
-        "parameter 'constraints': no key `independent` in the file; expected it to name the "
-        'joints that are measured and follow motions')
->>>>>>> 324af523 (Methods of Robot in five modules by subject; names that nobody would miss are gone)
 
 
 def closed_loop_reader(controller: Controller, values: Mapping[str, Any]
