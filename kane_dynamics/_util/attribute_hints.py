@@ -26,7 +26,8 @@ COUNTERPARTS = {
                           'computejointjacobians computejointjacobian mjjac j '
                           'calcjacobianspatialvelocity geometricjacobian calcbodyjacobian',
     'jacobian_rate(frame, q, u)': 'jacobiandot jdot jacobiantimederivative djacobian '
-                                  'computejointjacobianstimevariation jacobianderivative',
+                                  'computejointjacobianstimevariation jacobianderivative '
+                                  'partialvelocityrates',
     'forward_kinematics(frame, q)': 'fk fkine framesforwardkinematics updateframeplacements pose '
                                     'omf framepose calcrelativetransform transform placement',
     'center_of_mass(q)': 'com centerofmass calccenterofmasspositioninworld subtreecom',
