@@ -1,4 +1,4 @@
-"""Feasibility of motions: torque demand, largest speed, time-optimal timing, largest payload."""
+"""Feasibility of motions: torques, largest speed and payload, time-optimal timing."""
 
 from kane_dynamics.feasibility.payload_bound import largest_payload, PayloadBound
 from kane_dynamics.feasibility.time_optimal import time_optimal
@@ -6,5 +6,5 @@ from kane_dynamics.feasibility.time_scale import fastest, TimeScale
 from kane_dynamics.feasibility.timing_result import ActiveLimit, TimeOptimal
 from kane_dynamics.feasibility.torque_demand import Demand, demand, Excess
 
-__all__ = ['ActiveLimit', 'Demand', 'Excess', 'PayloadBound', 'TimeOptimal', 'TimeScale', 'demand',
-           'fastest', 'largest_payload', 'time_optimal']
+__all__ = ['ActiveLimit', 'Demand', 'Excess', 'PayloadBound', 'TimeOptimal', 'TimeScale',
+           'demand', 'fastest', 'largest_payload', 'time_optimal']

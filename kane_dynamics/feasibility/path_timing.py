@@ -1,31 +1,28 @@
-"""The motion along a path with given squared path velocities, and its use of the limits."""
+"""The motion along a path with squared path velocities, and its use of the limits."""
 
 from collections.abc import Callable, Sequence
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from kane_dynamics._util.typing import Array, Flags
-from kane_dynamics.feasibility.path_geometry import kernels as path_kernels, Section
-from kane_dynamics.feasibility.path_limits import Bounds, bounds_kernel, torque_kernel
-from kane_dynamics.feasibility.reachability import compile_passes
-from kane_dynamics.feasibility.segment_peaks import (MotionStates, peaks_kernel, QUANTITIES,
+from kane_dynamics._util.typing import Array, Flags, Scalar, Vector
+from kane_dynamics.feasibility.path_geometry import Section
+from kane_dynamics.feasibility.segment_peaks import (MotionStates, QUANTITIES,
                                                      SegmentPeaks)
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.model.model import Joint
 from kane_dynamics.motion.controller_points import ControllerPoints, Segments
-from kane_dynamics.motion.uniform_spline import kernels as compile_spline
 from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 PAUSE = 1e-6  # s of rest between two sections
-# Places in a segment: as many where friction changes, and times the root of the range elsewhere,
-# so that a smooth share is found to 3e-4 of the limit.
+# Places in a segment: as many where friction changes, and times the root of the range
+# elsewhere, so that a smooth share is found to 3e-4 of the limit.
 DENSE, SMOOTH = 200, 60.0
 STEP = 0.5  # of s between vertices
 FLAT, TERMS = 0.1, 8  # largest argument of the series, exact to rounding, and its terms
-SPARSE = 0.5  # share of the vertices with a new x from which all points are computed again
+SPARSE = 0.5  # share of changed vertices from which all points are computed again
 TURNING = 4.0  # speeds of friction, below which friction changes
 
 
@@ -53,12 +50,13 @@ class SectionMotion:
     """
     The motion along a section with squared path velocities x at its vertices.
 
-    Its points are both ends and the middles between vertices. There x and its slope are those of
-    the polygon through the vertices, so x(s) is a quadratic spline, which rounds the corners of
-    the polygon, and the acceleration is continuous. Between the points the motion is a quintic.
+    Its points are both ends and the middles between vertices. There x and its slope are
+    those of the polygon through the vertices, so x(s) is a quadratic spline, which
+    rounds the corners of the polygon, and the acceleration is continuous. Between the
+    points the motion is a quintic.
 
-    A new profile often differs from the one before at a few vertices only. Just the points and
-    segments that this concerns are computed again.
+    A new profile often differs from the one before at a few vertices only. Just the
+    points and segments that this concerns are computed again.
 
     Parameters
     ----------
@@ -86,7 +84,8 @@ class SectionMotion:
         self._n = n
         # The samples at the points: the first one, those between vertices, and the last.
         self._places = np.arange(-1, samples + 1, 2)
-        self._places[0], self._places[-1] = 0, samples - 1
+        self._places[0] = 0
+        self._places[-1] = samples - 1
         # x, s'' and the step to the next point; one row in addition.
         self._profile = np.empty((count + 1, 3))
         self._profile[:, 2] = STEP
@@ -106,19 +105,22 @@ class SectionMotion:
     @property
     def states(self) -> MotionStates:
         """Return the states at the points."""
-        q, u, udot = (self._rows[:, k * self._n:(k + 1) * self._n] for k in range(3))
-        return MotionStates(q, u, udot, self._tau, self._rows[:-1, -1])
+        rows, n = self._rows, self._n
+        return MotionStates(rows[:, :n], rows[:, n:2 * n], rows[:, 2 * n:3 * n],
+                            self._tau, rows[:-1, -1])
 
     def checked(self) -> Checked:
         """Return the points with the shares of the limits between them."""
-        states = self.states
-        t = np.zeros(len(states.q))
-        np.cumsum(states.h, out=t[1:])
-        return Checked(ControllerPoints(t, *states[:3]), self.shares.swapaxes(0, 1), states.tau)
+        q, u, udot, tau, h = self.states
+        t = np.zeros(len(q))
+        np.cumsum(h, out=t[1:])
+        return Checked(ControllerPoints(t, q, u, udot), self.shares.swapaxes(0, 1), tau)
 
     def follow(self, x: Array) -> None:
-        """Compute the motion with a profile x, (N + 1,), and its shares of the limits."""
+        """Compute the motion with a profile x, (N + 1,), and its shares of limits."""
         points, segments = self._changed(x)
+        if points is not None and not points.size:
+            return
         self._x = x
         profile = self._profile
         profile[1:-2, 0] = 0.5 * (x[1:] + x[:-1])
@@ -128,24 +130,29 @@ class SectionMotion:
         if points is None:
             self._compute(self._rows, self._tau, np.arange(len(self._rows)))
         else:
-            rows, tau = np.empty((len(points), 3 * self._n + 1)), np.empty((len(points), self._n))
+            rows = np.empty((len(points), 3 * self._n + 1))
+            tau = np.empty((len(points), self._n))
             self._compute(rows, tau, points)
-            self._rows[points], self._tau[points] = rows, tau
-        shares, largest = largest_shares(self._coulomb, self._peaks, self.states, segments)
+            self._rows[points] = rows
+            self._tau[points] = tau
+        shares, largest = largest_shares(self._coulomb, self._peaks, self.states,
+                                         segments)
         if segments is None:
-            self.shares, self.largest = shares, largest
+            self.shares = shares
+            self.largest = largest
         else:
-            self.shares[segments], self.largest[segments] = shares, largest
+            self.shares[segments] = shares
+            self.largest[segments] = largest
 
     def _changed(self, x: Array) -> tuple[Segments | None, Segments | None]:
-        """Return the points and segments that a new profile changes; None for all of them."""
+        """Return the points and segments that a profile changes; None for all."""
         if self._x is None:
             return None, None
         changed = x != self._x
         if np.count_nonzero(changed) > SPARSE * len(x):
             return None, None
-        # Point k lies between the vertices k - 1 and k. The time to the next point depends on the
-        # vertex k + 1 too, and the last point on the last two vertices.
+        # Point k lies between the vertices k - 1 and k. The time to the next point
+        # depends on the vertex k + 1 too, and the last point on the last two vertices.
         points = np.zeros(len(x) + 1, dtype=bool)
         points[:-1] = changed
         points[1:] |= changed
@@ -154,39 +161,46 @@ class SectionMotion:
         return np.flatnonzero(points), np.flatnonzero(points[1:] | points[:-1])
 
     def _compute(self, rows: Array, tau: Array, points: Segments) -> None:
-        """Write the states at some points and the times to the next ones, and the torques."""
+        """Write the states at points, the times to the next ones, and the torques."""
         n, path = self._n, self._section[:3]
         numbers = dict.fromkeys(Section._fields[:3], self._places[points])
-        numbers |= {'here': points, 'following': points}
-        point_kernel(n).run([*path, self._profile, self._profile[1:]], rows, len(rows), numbers)
-        tau[:] = self._peaks.torques(*(rows[:, k * n:(k + 1) * n] for k in range(3)))
+        numbers |= {'profile': points, 'following': points}
+        inputs = [*path, self._profile, self._profile[1:]]
+        point_kernel(n).run(inputs, rows, len(rows), numbers)
+        q, u, udot = (rows[:, k * n:(k + 1) * n] for k in range(3))
+        tau[:] = self._peaks.torques(q, u, udot)
 
 
 @cache
 def point_kernel(n: int) -> Kernel:
     """Return the kernel of the state at a point and the time to the next, (3 n + 1,)."""
-    def values(q: Any, first: Any, second: Any, here: Any, following: Any) -> Any:
-        x, slope, step = here
+    def values(q: Vector, first: Vector, second: Vector, profile: Vector,
+               following: Vector) -> Vector:
+        x, slope, step = profile
         root = np.sqrt(x)
         total = root + np.sqrt(following[0])
-        time = 2.0 * step / total * _lengthening(step * (following[1] - slope) / (total * total))
+        curvature = step * (following[1] - slope) / (total * total)
+        time = 2.0 * step / total * _lengthening(curvature)
         return np.array([*q, *(root * first), *(x * second + slope * first), time])
     return batch_kernel('path_point', values, [
-        *((name, (n,)) for name in Section._fields[:3]), ('here', (3,)), ('following', (3,))],
-        (3 * n + 1,))
+        *((name, (n,)) for name in Section._fields[:3]), ('profile', (3,)),
+        ('following', (3,))], (3 * n + 1,))
 
 
-def _lengthening(z: Any) -> Any:
+def _lengthening(z: Scalar) -> Scalar:
     """
-    Return artanh(r) / r for z = r^2, and arctan(r) / r for z = -r^2, without cancellation.
+    Return artanh(r) / r for z = r^2, and arctan(r) / r for z = -r^2.
 
-    For a quadratic x(s) with the coefficient c of s^2, the integral of ds / sqrt(x) over a step h
-    is 2 h / t times this with z = c h^2 / t^2, where t is the sum of sqrt(x) at both ends.
+    For a quadratic x(s) with the coefficient c of s^2, the integral of ds / sqrt(x) over
+    a step h is 2 h / t times this with z = c h^2 / t^2, where t is the sum of sqrt(x) at
+    both ends. A series avoids cancellation.
     """
-    root, series = np.sqrt(select(z < 0.0, -z, z)), 0.0
+    root = np.sqrt(select(z < 0.0, -z, z))
+    series = 0.0
     for k in reversed(range(TERMS)):
         series = 1.0 / (2 * k + 1) + z * series
-    curved = select(z < 0.0, np.arctan(root), 0.5 * np.log((1.0 + root) / (1.0 - root))) / root
+    hyperbolic = 0.5 * np.log((1.0 + root) / (1.0 - root))
+    curved = select(z < 0.0, np.arctan(root), hyperbolic) / root
     return select(root < FLAT, series, curved)
 
 
@@ -196,9 +210,9 @@ def duration(x: Array) -> float:
     return float((2.0 / (root[1:] + root[:-1])).sum())
 
 
-def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
-    """Return the uses of the limits along the quintics between points."""
-    peaks = SegmentPeaks(robot, np.array(bounds))
+def checked(robot: Robot, points: ControllerPoints, limits: Array) -> Checked:
+    """Return the uses of limits, (4, n), along the quintics between points of a tree."""
+    peaks = SegmentPeaks(robot, limits)
     t, q, u, udot = points
     states = MotionStates(q, u, udot, peaks.torques(q, u, udot), t[1:] - t[:-1])
     shares, _ = largest_shares(coulomb_joints(robot), peaks, states)
@@ -208,11 +222,11 @@ def checked(robot: Robot, points: ControllerPoints, bounds: Bounds) -> Checked:
 def largest_shares(coulomb: Sequence[Joint], peaks: SegmentPeaks, states: MotionStates,
                    segments: Segments | None = None) -> tuple[Array, Array]:
     """
-    Return the largest shares of the limits in all segments, or in some, and the largest of each.
+    Return the largest shares of limits in all segments, or in some, and their largest.
 
-    They are (S, 4, n) and (S,) arrays. Each segment is examined at its ends and its middle, and at
-    more places where a share may exceed its limit between these, or the Coulomb friction of a
-    joint changes.
+    They are (S, 4, n) and (S,) arrays. Each segment is examined at its ends and its
+    middle, and at more places where a share may exceed its limit between these, or the
+    Coulomb friction of a joint changes.
     """
     shares, largest, change, estimate = peaks.middles(states, segments)
     examined = estimate > 1.0
@@ -225,20 +239,26 @@ def largest_shares(coulomb: Sequence[Joint], peaks: SegmentPeaks, states: Motion
     places = np.minimum(1.0 + SMOOTH * np.sqrt(change[closer]), DENSE).astype(np.intp)
     if turning is not None:
         places[turning[closer]] = DENSE
-    inside = peaks.inside(states, closer if segments is None else segments[closer], places)
+    numbers = closer if segments is None else segments[closer]
+    inside = peaks.inside(states, numbers, places)
     shares[closer] = np.maximum(shares[closer], inside)
-    largest[closer] = np.maximum(largest[closer], inside.reshape(len(closer), -1).max(axis=1))
+    worst = inside.reshape(len(closer), -1).max(axis=1)
+    largest[closer] = np.maximum(largest[closer], worst)
     return shares, largest
 
 
 def coulomb_joints(robot: Robot) -> list[Joint]:
     """Return the joints with Coulomb friction."""
-    return [body.joint for body in robot.model.bodies if robot.friction and body.joint.friction]
+    if not robot.friction:
+        return []
+    return [body.joint for body in robot.model.bodies if body.joint.friction]
 
 
 def _turning(coulomb: Sequence[Joint], u: Array, segments: Segments | None) -> Flags:
-    """Return whether the Coulomb friction of a joint changes much in each of the segments."""
-    begin, end = (u[:-1], u[1:]) if segments is None else (u[segments], u[segments + 1])
+    """Return whether the Coulomb friction of a joint changes much in each segment."""
+    begin, end = u[:-1], u[1:]
+    if segments is not None:
+        begin, end = u[segments], u[segments + 1]
     turning = np.zeros(len(begin), dtype=bool)
     for joint in coulomb:
         slow = TURNING * joint.friction_speed
@@ -248,33 +268,24 @@ def _turning(coulomb: Sequence[Joint], u: Array, segments: Segments | None) -> F
     return turning
 
 
-def joined(parts: Sequence[ControllerPoints]) -> tuple[ControllerPoints, Callable[[], Array]]:
-    """Return the points of all sections, and a function that returns the coefficients between."""
+def joined(parts: Sequence[ControllerPoints]
+           ) -> tuple[ControllerPoints, Callable[[], Array]]:
+    """Return the points of all sections, and a function for the coefficients."""
     if len(parts) == 1:
         return parts[0], partial(_coefficients, parts)
     begin, times = 0.0, []
     for part in parts:
         times.append(begin + part.t)
         begin = times[-1][-1] + PAUSE
-    return ControllerPoints(np.concatenate(times), *(
-        np.concatenate(rows) for rows in list(zip(*parts))[1:])), partial(_coefficients, parts)
+    rows = [np.concatenate(columns) for columns in list(zip(*parts))[1:]]
+    return ControllerPoints(np.concatenate(times), *rows), partial(_coefficients, parts)
 
 
 def _coefficients(parts: Sequence[ControllerPoints]) -> Array:
     """Return the coefficients of the sections and of the rests between them."""
-    found = []
-    for part in parts:
-        rest = np.zeros((1, 6, part.q.shape[1]))
-        rest[0, 0] = part.q[0]
-        found += [rest, part.coefficients]
-    return np.concatenate(found[1:])
-
-
-def compile_timing(robot: Robot) -> None:
-    """Compile what `time_optimal` needs for limits of effort and velocity."""
-    n = robot.n
-    compile_passes(int(np.isfinite(robot.limits.effort).sum()) or 1)
-    compile_spline(n)
-    for kernel in (*path_kernels(n), torque_kernel(robot), bounds_kernel(n), point_kernel(n),
-                   peaks_kernel(robot), robot.kernels.quantity('inverse_dynamics')):
-        kernel.compile_lanes()
+    blocks = [parts[0].coefficients]
+    for part in parts[1:]:
+        at_rest = np.zeros((1, 6, part.q.shape[1]))
+        at_rest[0, 0] = part.q[0]
+        blocks += [at_rest, part.coefficients]
+    return np.concatenate(blocks)

@@ -1,7 +1,9 @@
 """Largest payload with which a motion satisfies the joint limits."""
 
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 import math
 
 from kane_dynamics._util.checks import constant, instance
@@ -45,15 +47,16 @@ class PayloadBound:
 
 
 def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0, 0.0),
-                    inertia: ArrayLike | None = None, speed: float = 1.0, step: float = STEP,
-                    power: ArrayLike = math.inf, bending: QuasiStatic | None = None
-                    ) -> PayloadBound:
+                    inertia: ArrayLike | None = None, speed: float = 1.0,
+                    step: float = STEP, power: ArrayLike = math.inf,
+                    bending: QuasiStatic | None = None) -> PayloadBound:
     """
     Return the largest mass that a robot can carry along a motion.
 
-    For a payload with a given center of mass and an inertia proportional to its mass m, the torque
-    is linear in m: tau = tau_0 + m tau_1 at each sample. So each limit bounds m exactly. With
-    beams, which the payload bends, tau_1 is that of the mass found, by iteration.
+    For a payload with a given center of mass and an inertia proportional to its mass m,
+    the torque is linear in m: tau = tau_0 + m tau_1 at each sample. So each limit bounds
+    m exactly. With beams, which the payload bends, tau_1 is that of the mass found, by
+    iteration.
 
     Parameters
     ----------
@@ -67,20 +70,23 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
         Inertia per kilogram about the center of mass, in axes of the payload frame, m^2.
         Default: a point mass.
     speed, step, power, bending
-        As in `demand`; the robot of `bending` has the payload frame, its payload is ignored too.
+        As in `demand`; the robot of `bending` has the payload frame, its payload is
+        ignored too.
 
     Raises
     ------
     InputError
-        If the motion exceeds a limit without a payload (the message names the joint, the limit
-        and the time), the robot has no payload frame, or a payload bends the beams beyond their
-        equilibrium before it exceeds a limit.
+        If the motion exceeds a limit without a payload (the message names the joint, the
+        limit and the time), the robot has no payload frame, or a payload bends the beams
+        beyond their equilibrium before it exceeds a limit.
     ModelError
         If the center of mass or the inertia is invalid.
 
     """
-    per_mass = Inertial(1.0, constant(com, (3,), 'center of mass'), np.zeros((3, 3)) if (
-        inertia is None) else constant(inertia, (3, 3), 'inertia'))
+    moments = np.zeros((3, 3))
+    if inertia is not None:
+        moments = constant(inertia, (3, 3), 'inertia')
+    per_mass = Inertial(1.0, constant(com, (3,), 'center of mass'), moments)
     check_moments('payload', per_mass)
     if bending is not None:
         instance(bending, QuasiStatic, 'bending')
@@ -90,38 +96,51 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
     loaded.parameters.payload = None
     empty = demand(carrier, motion, speed=speed, step=step, power=power, bending=bending)
     if not empty.fits:
-        raise InputError(f'motion without a payload: {empty.excesses[0]}; expected a motion '
-                         'within the limits')
+        raise InputError(f'motion without a payload: {empty.excesses[0]}; expected a '
+                         'motion within the limits')
 
-    def asked(mass: float) -> Demand:
-        loaded.parameters.payload = Inertial(mass, per_mass.com, mass * per_mass.inertia) if (
-            mass) else None
-        return demand_at(carrier, motion, speed, step, power, more, bending)
-
-    def limited(mass: float) -> tuple[PayloadBound, Array]:
-        slope = _slope(empty, asked(mass), mass)
-        return _bound(empty, slope), slope
-    more = NONE
+    def demand_with(mass: float, additional: Array) -> Demand:
+        payload = None
+        if mass:
+            payload = Inertial(mass, per_mass.com, mass * per_mass.inertia)
+        loaded.parameters.payload = payload
+        return demand_at(carrier, motion, speed, step, power, additional, bending)
+    additional = NONE
     for _ in range(ROUNDS + 1):
-        empty = asked(0.0)
-        mass = 1.0 if bending is None else upper_fixed_point(
-            lambda mass: limited(mass)[0].mass, SMALL, SETTLED, (
-                f'bending: no largest payload found from {SMALL:g} kg; expected beams that bend '
-                'less'))
-        best, slope = limited(SMALL if mass is None or math.isinf(mass) else max(mass, SMALL))
+        at_samples = partial(demand_with, additional=additional)
+        empty = at_samples(0.0)
+        best, slope = _bound_at(empty, at_samples, bends=bending is not None)
         if math.isinf(best.mass):
             break
         refined = replace(empty, tau=empty.tau + best.mass * slope).in_doubt
         if not refined.size:
             break
-        more = np.concatenate([more, speed * refined])
+        additional = np.concatenate([additional, speed * refined])
     return best
+
+
+def _bound_at(empty: Demand, demand_with: Callable[[float], Demand], bends: bool
+              ) -> tuple[PayloadBound, Array]:
+    """Return the largest payload at the samples, and the torque per kilogram."""
+    def bound_from(mass: float) -> tuple[PayloadBound, Array]:
+        slope = _slope(empty, demand_with(mass), mass)
+        return _bound(empty, slope), slope
+    if not bends:
+        return bound_from(1.0)  # the torque is linear in the mass
+    message = (f'bending: no largest payload found from {SMALL:g} kg; expected beams '
+               'that bend less')
+    mass = upper_fixed_point(lambda tried: bound_from(tried)[0].mass, SMALL, SETTLED,
+                             message)
+    if mass is None or math.isinf(mass):
+        mass = SMALL
+    return bound_from(max(mass, SMALL))
 
 
 def _slope(empty: Demand, loaded: Demand, mass: float) -> Array:
     """Return the torque per kilogram of payload, (N, n), from that of a mass, kg."""
     slope = loaded.tau - empty.tau
-    slope[np.abs(slope) <= ROUNDING_SHARE * (np.abs(loaded.tau) + np.abs(empty.tau))] = 0.0
+    size = np.abs(loaded.tau) + np.abs(empty.tau)
+    slope[np.abs(slope) <= ROUNDING_SHARE * size] = 0.0
     return np.asarray(slope / mass)
 
 
@@ -132,10 +151,10 @@ def _bound(empty: Demand, slope: Array) -> PayloadBound:
     best = PayloadBound(math.inf)
     for limit, bound in bounds.items():
         with np.errstate(divide='ignore', invalid='ignore'):
-            most = np.maximum((np.copysign(bound, slope) - empty.tau) / slope, 0.0)
-        most[(slope == 0.0) | np.isnan(most)] = math.inf
-        k, j = np.unravel_index(int(most.argmin()), most.shape)
-        if most[k, j] < best.mass:
-            best = replace(best, mass=float(most[k, j]), joint=empty.joint_names[int(j)],
+            mass = np.maximum((np.copysign(bound, slope) - empty.tau) / slope, 0.0)
+        mass[(slope == 0.0) | np.isnan(mass)] = math.inf
+        k, j = np.unravel_index(int(mass.argmin()), mass.shape)
+        if mass[k, j] < best.mass:
+            best = replace(best, mass=float(mass[k, j]), joint=empty.joint_names[int(j)],
                            limit=limit, t=float(empty.t[k]))
     return best

@@ -12,12 +12,12 @@ import numpy as np
 STEP = 1e-3  # s between samples
 MOST_SAMPLES = 200_000
 ROUNDING = 1e-9  # relative tolerance on limits, for motions that were scaled to one
-SUBDIVISIONS, ROUNDS = 32, 3  # subdivisions of an interval per refinement, and refinements
+SUBDIVISIONS, ROUNDS = 32, 3  # of an interval per refinement, and refinements
 SAME_TIME = 1e-12  # relative to the duration: two samples at one time
 NONE = np.zeros(0)
 
 
-def sampled(robot: Robot, motion: Motion, step: float, more: Array = NONE
+def sampled(robot: Robot, motion: Motion, step: float, additional: Array = NONE
             ) -> tuple[Array, Array, Array, Array]:
     """
     Return t (N,) and q, u, udot (N, n) of a motion, with both sides of its points.
@@ -30,14 +30,14 @@ def sampled(robot: Robot, motion: Motion, step: float, more: Array = NONE
         The motion.
     step : float
         Largest time between samples, s.
-    more : (k,) array
+    additional : (k,) array
         Additional times, s.
 
     Raises
     ------
     InputError
-        If the motion has other joints, or there are too many samples. With chosen speeds or
-        constraints the joints are not checked here.
+        If the motion has other joints, or there are too many samples. With chosen speeds
+        or constraints the joints are not checked here.
 
     """
     require_angles(robot.model, 'motion')
@@ -49,30 +49,35 @@ def sampled(robot: Robot, motion: Motion, step: float, more: Array = NONE
     starts, h = motion.times[:-1], np.diff(motion.times)
     intervals = np.ceil(h / step)
     if intervals.sum() > MOST_SAMPLES:
-        raise InputError(f'step: {step:g} s, {intervals.sum():.3g} samples of a motion of '
-                         f'{motion.duration:g} s; expected a larger step, at most '
+        raise InputError(f'step: {step:g} s, {intervals.sum():.3g} samples of a motion '
+                         f'of {motion.duration:g} s; expected a larger step, at most '
                          f'{MOST_SAMPLES} samples')
     counts = np.maximum(intervals, 1.0).astype(int) + 1
     segment = np.repeat(np.arange(len(h)), counts)
-    inside = np.arange(len(segment)) - np.repeat(np.cumsum(counts) - counts, counts)
+    first = np.cumsum(counts) - counts
+    inside = np.arange(len(segment)) - np.repeat(first, counts)
     t = starts[segment] + h[segment] * (inside / (counts[segment] - 1))
     # Points are sampled on both sides: udot may differ between segments.
     last = inside == counts[segment] - 1
     t[last] = np.nextafter(motion.times[1:], -math.inf)
-    t = np.sort(np.concatenate([t, more]))
+    t = np.sort(np.concatenate([t, additional]))
     q, u, udot = motion.sample(t)
-    rest = np.zeros((1, motion.n))
-    return (np.concatenate([motion.times[:1], t, motion.times[-1:]]),
-            np.concatenate([motion.positions[:1], q, motion.positions[-1:]]),
-            np.concatenate([rest, u, rest]), np.concatenate([rest, udot, rest]))
+    # The motion rests before and after.
+    at_rest = np.zeros((1, motion.n))
+    t = np.concatenate([motion.times[:1], t, motion.times[-1:]])
+    q = np.concatenate([motion.positions[:1], q, motion.positions[-1:]])
+    u = np.concatenate([at_rest, u, at_rest])
+    udot = np.concatenate([at_rest, udot, at_rest])
+    return t, q, u, udot
 
 
 def times_to_refine(t: Array, shares: Array) -> Array:
     """
-    Return times between samples at which a limit may be exceeded though all samples satisfy it.
+    Return times between samples at which a limit may be exceeded.
 
-    Between two samples at a distance h, a smooth function exceeds both by at most h^2/8 of its
-    second derivative, which is estimated as twice the change of neighboring slopes.
+    All samples satisfy it. Between two samples at a distance h, a smooth function
+    exceeds both by at most h^2/8 of its second derivative, which is estimated as twice
+    the change of neighboring slopes.
 
     Parameters
     ----------
@@ -87,12 +92,14 @@ def times_to_refine(t: Array, shares: Array) -> Array:
     if len(h) < 2:
         return NONE
     with np.errstate(invalid='ignore'):  # infinite or zero limits
-        before, after = shares[intervals], shares[intervals + 1]
-        slope = (after - before) / h
+        begin, end = shares[intervals], shares[intervals + 1]
+        slope = (end - begin) / h
         bend = np.abs(np.diff(slope, axis=0)) / (h[1:] + h[:-1])
+        # Of the bends at both ends of an interval the larger one.
         bend = np.maximum(np.vstack([bend[:1], bend]), np.vstack([bend, bend[-1:]]))
-        top = np.maximum(before, after)
-        refined = ((top <= 1.0 + ROUNDING)
-                   & (top + 0.5 * h**2 * bend > 1.0 + 0.1 * ROUNDING)).any(axis=1)
+        top = np.maximum(begin, end)
+        peak = top + 0.5 * h**2 * bend
+    doubtful = (top <= 1.0 + ROUNDING) & (peak > 1.0 + 0.1 * ROUNDING)
     inner = np.arange(1, SUBDIVISIONS) / SUBDIVISIONS
-    return np.asarray((t[intervals, None] + h * inner)[refined].ravel())
+    times = t[intervals, None] + h * inner
+    return np.asarray(times[doubtful.any(axis=1)].ravel())

@@ -1,23 +1,49 @@
-"""Largest shares of torque, speed, power and acceleration limits in quintic segments."""
+"""
+Largest shares of limits between the points of a motion.
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+Between two points the driving joints move along a quintic. Shares are computed at both
+ends and in the middle of every segment, and at more places of those segments in which
+one may exceed its limit. For trees one compiled kernel does it all. With chosen speeds
+or constraints the loops are closed at each place, in blocks of places.
+"""
 
-from kane_dynamics._util.typing import Array
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import NamedTuple
+
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.motion.controller_points import Segments
+from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.robot.kept_kernel import kept_kernel
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 SMALLEST = 1e-300  # limit
 QUANTITIES = ('effort', 'velocity', 'power', 'acceleration')
-# Within a segment a share exceeds the largest of its values at both ends and in the middle by at
-# most these parts of their range and of their second difference, about. A parabola does so by at
-# most an eighth of the second difference.
+# Within a segment a share exceeds the largest of its values at both ends and in the
+# middle by at most these parts of their range and of their second difference, about. A
+# parabola does so by at most an eighth of the second difference.
 RANGE, BEND = 0.15, 0.2
-CHANGING = 0.005  # range of a share within a segment from which it counts between points, too
+CHANGING = 0.005  # range of a share in a segment from which it counts between the places
+BLOCK = 1024  # places of a mechanism computed together, for arrays that fit the caches
+STATE = ('q', 'u', 'udot', 'tau')
+
+# Returns q, q', q'' and torques of all joints for nearly closed configurations, and
+# rates and accelerations of the driving joints.
+States = Callable[[Array, Array, Array], tuple[Array, Array, Array, Array]]
+
+
+class MotionStates(NamedTuple):
+    """States at P points of a motion, and the times between them, which are segments."""
+
+    q: Array  # (P, n)
+    u: Array
+    udot: Array
+    tau: Array
+    h: Array  # (P - 1,), s
 
 
 class Peaks(NamedTuple):
@@ -33,7 +59,7 @@ class Peaks(NamedTuple):
     change : (S,) array
         Largest range of a share that, by its estimate, may exceed its limit; 0 for none.
     estimate : (S,) array
-        Largest share plus its range, of those that change.
+        Largest share that is expected within the segment.
 
     """
 
@@ -43,72 +69,6 @@ class Peaks(NamedTuple):
     estimate: Array
 
 
-def peaks_kernel(robot: Robot) -> Kernel:
-    """
-    Return the kernel of `Peaks` of a segment, (4 n + 3,).
-
-    Its arguments are the positions, velocities, accelerations and torques (n,) at the start and at
-    the end of the segment, its duration, s, the place x in it from 0 to 1, and the reciprocal
-    limits (4, n).
-    """
-    n = robot.n
-    states = [name + end for end in ('_0', '_1') for name in ('q', 'u', 'udot', 'tau')]
-
-    def values(*inputs: Any, parameters: Any) -> Any:
-        begin, end = inputs[:4], inputs[4:8]
-        h, x, factors = inputs[8:]
-        q, u, udot = quintic(begin[:3], end[:3], h, x)
-        tau = robot.equations.inverse_dynamics(q, u, udot, None, parameters)
-        shares = [np.ravel([state[3], state[1], state[3] * state[1], state[2]])
-                  * np.ravel(factors) for state in (begin, end, (q, u, udot, tau))]
-        peaks, changes, estimates = [], [], []
-        for row in zip(*shares):
-            high, low = largest(row), -largest([-share for share in row])
-            peak, change = largest([high, -low]), high - low
-            bend = row[0] + row[1] - 2.0 * row[2]
-            beyond = RANGE * change + BEND * select(bend < 0.0, -bend, bend)
-            estimate = peak + select(change > CHANGING, beyond, 0.0)
-            peaks.append(peak)
-            changes.append(select(estimate > 1.0, change, 0.0))
-            estimates.append(estimate)
-        return np.array([*peaks, largest(peaks), largest(changes), largest(estimates)])
-    return robot.compiled(values, name='shares', **dict.fromkeys(states, (n,)), h=(), x=(),
-                          factors=(len(QUANTITIES), n), shape=(len(QUANTITIES) * n + 3,))
-
-
-def largest(values: Sequence[Any]) -> Any:
-    """Return the largest of traced values."""
-    if len(values) == 1:
-        return values[0]
-    a, b = (largest(part) for part in (values[::2], values[1::2]))
-    return select(a < b, b, a)
-
-
-def quintic(begin: Sequence[Any], end: Sequence[Any], h: Any, x: Any) -> tuple[Any, Any, Any]:
-    """Return q, u and udot at a place of the quintic between two states."""
-    u, udot = h * begin[1], h * h * begin[2]
-    rise = end[0] - begin[0] - u - 0.5 * udot
-    slope = h * end[1] - u - udot
-    bend = h * h * end[2] - udot
-    a, b, c = (10.0 * rise - 4.0 * slope + 0.5 * bend, -15.0 * rise + 7.0 * slope - bend,
-               6.0 * rise - 3.0 * slope + 0.5 * bend)
-    q = begin[0] + x * (u + x * (0.5 * udot + x * (a + x * (b + x * c))))
-    rate = u + x * (udot + x * (3.0 * a + x * (4.0 * b + x * (5.0 * c))))
-    change = udot + x * (6.0 * a + x * (12.0 * b + x * (20.0 * c)))
-    r = 1.0 / h
-    return q, rate * r, change * (r * r)
-
-
-class MotionStates(NamedTuple):
-    """States of a motion at P points, and the times between them, which delimit segments."""
-
-    q: Array  # (P, n)
-    u: Array
-    udot: Array
-    tau: Array
-    h: Array  # (P - 1,), s
-
-
 class SegmentPeaks:
     """
     Shares of limits in the segments between points, where the motion is a quintic.
@@ -116,30 +76,42 @@ class SegmentPeaks:
     Parameters
     ----------
     robot : Robot
-        A robot in joint rates.
+        The robot.
     limits : (4, n) array
         Limits of `QUANTITIES`; 0 belongs to a joint that does not move.
+    states : callable, optional
+        `States` of a robot with chosen speeds or constraints.
+    driving : sequence of int
+        Indices of the driving joints of such a robot.
 
     """
 
-    def __init__(self, robot: Robot, limits: Array) -> None:
-        self.n = robot.n
-        self._kernel = peaks_kernel(robot)
-        self._torque = robot.kernels.quantity('inverse_dynamics')
-        self.factors = 1.0 / np.maximum(limits, SMALLEST)
+    def __init__(self, robot: Robot, limits: Array, states: States | None = None,
+                 driving: Sequence[int] = ()) -> None:
+        self.n = limits.shape[1]
+        self._factors = 1.0 / np.maximum(limits, SMALLEST)
+        self._states, self._driving = states, driving
+        if states is None:
+            self._kernel = peaks_kernel(robot)
+            self._torque = robot.kernels.quantity('inverse_dynamics')
+        else:
+            self._kernel = shares_kernel(self.n)
 
     def torques(self, q: Array, u: Array, udot: Array) -> Array:
         """Return the torques at points, (P, n)."""
-        kernel = self._torque
+        if self._states is not None:
+            return self._states(q, u[:, self._driving], udot[:, self._driving])[3]
         tau = np.empty((len(q), self.n))
+        kernel = self._torque
         _require_finite(kernel.run([q, u, udot, *kernel.defaults], tau, len(q)))
         return tau
 
     def middles(self, states: MotionStates, segments: Segments | None = None) -> Peaks:
-        """Return the shares at both ends and in the middle of all segments, or of some."""
+        """Return the shares at both ends and in the middle of segments."""
         return self._peaks(states, np.array(0.5), segments)
 
-    def inside(self, states: MotionStates, segments: Segments, places: Segments) -> Array:
+    def inside(self, states: MotionStates, segments: Segments, places: Segments
+               ) -> Array:
         """
         Return the largest shares in some segments, (S, 4, n).
 
@@ -155,27 +127,143 @@ class SegmentPeaks:
         """
         ends = places.cumsum()
         begins = ends - places
+        # A place for each row: the places of a segment are at equal distances.
         first, step = np.repeat([begins - 1.0, 1.0 / (1.0 + places)], places, axis=1)
         x = (np.arange(ends[-1]) - first) * step
         peaks = self._peaks(states, x, segments.repeat(places))
         return np.asarray(np.maximum.reduceat(peaks.shares, begins))
 
     def _peaks(self, states: MotionStates, x: Array, segments: Segments | None) -> Peaks:
-        """Return the shares at one place in all segments, or at a place in each of some."""
-        kernel = self._kernel
+        """Return the shares at a place in all segments, or at one in each of some."""
+        count = len(states.h) if segments is None else len(segments)
+        table = np.empty((count, *self._kernel.shape))
+        if self._states is None:
+            self._compiled(states, x, segments, table)
+        else:
+            numbers = np.arange(count) if segments is None else segments
+            places = np.broadcast_to(x, count)
+            for begin in range(0, count, BLOCK):
+                block = slice(begin, begin + BLOCK)
+                self._closed(self._states, states, places[block], numbers[block],
+                             table[block])
+        shares = table[:, :-3].reshape(count, len(QUANTITIES), self.n)
+        return Peaks(shares, *table[:, -3:].T)
+
+    def _compiled(self, states: MotionStates, x: Array, segments: Segments | None,
+                  table: Array) -> None:
+        """Write the rows of `peaks_kernel` of a tree."""
         *rows, h = states
         ends = [*rows, *(row[1:] for row in rows), h]
-        if segments is None:
-            count, numbers = len(h), {}
-        else:
-            count = len(segments)
-            numbers = {argument.name: segments for argument in kernel.arguments[:len(ends)]}
-        table = np.empty((count, *kernel.shape))
-        _require_finite(kernel.run([*ends, x, self.factors], table, count, numbers))
-        return Peaks(table[:, :-3].reshape(count, -1, self.n), *table[:, -3:].T)
+        numbers = {}
+        if segments is not None:
+            arguments = self._kernel.arguments[:len(ends)]
+            numbers = {argument.name: segments for argument in arguments}
+        inputs = [*ends, x, self._factors]
+        _require_finite(self._kernel.run(inputs, table, len(table), numbers))
+
+    def _closed(self, states_of: States, states: MotionStates, x: Array,
+                segments: Segments, table: Array) -> None:
+        """Write the rows of `shares_kernel` of a robot whose loops are to be closed."""
+        *rows, h = states
+        begin = [row[segments] for row in rows]
+        end = [row[segments + 1] for row in rows]
+        near, u, udot = quintic(begin, end, h[segments, None], x[:, None])
+        inside = states_of(near, u[:, self._driving], udot[:, self._driving])
+        inputs = [*begin, *end, *inside, self._factors]
+        _require_finite(self._kernel.run(inputs, table, len(table)))
+
+
+@kept_kernel
+def peaks_kernel(robot: Robot) -> Kernel:
+    """
+    Return the kernel of `Peaks` of a segment of a tree, (4 n + 3,).
+
+    Its arguments are the positions, velocities, accelerations and torques (n,) at the
+    start and at the end of the segment, its duration, s, the place x in it from 0 to 1,
+    and the reciprocal limits (4, n).
+    """
+    n = robot.n
+    states = [f'{name}_{end}' for end in (0, 1) for name in STATE]
+
+    def values(*inputs: Matrix, parameters: Vector) -> Vector:
+        begin, end = inputs[:4], inputs[4:8]
+        h, x, factors = inputs[8:]
+        q, u, udot = quintic(begin[:3], end[:3], h, x)
+        tau = robot.equations.inverse_dynamics(q, u, udot, None, parameters)
+        return largest_shares_of(begin, end, (q, u, udot, tau), factors)
+    return robot.compiled(
+        values, name='shares', **dict.fromkeys(states, (n,)), h=(), x=(),
+        factors=(len(QUANTITIES), n), shape=(len(QUANTITIES) * n + 3,))
+
+
+@cache
+def shares_kernel(n: int) -> Kernel:
+    """Return the kernel of `largest_shares_of`, for states at the three places."""
+    names = [f'{name}_{place}' for place in (0, 1, 'x') for name in STATE]
+    inputs: list[tuple[str, tuple[int, ...]]] = [(name, (n,)) for name in names]
+    inputs.append(('factors', (len(QUANTITIES), n)))
+
+    def values(*arguments: Matrix) -> Vector:
+        begin, end, inside = arguments[:4], arguments[4:8], arguments[8:12]
+        return largest_shares_of(begin, end, inside, arguments[12])
+    return batch_kernel('shares_of_states', values, inputs, (len(QUANTITIES) * n + 3,))
+
+
+def largest_shares_of(begin: Sequence[Vector], end: Sequence[Vector],
+                      inside: Sequence[Vector], factors: Matrix) -> Vector:
+    """
+    Return the numbers of `Peaks`, from the states (q, u, udot, tau) at three places.
+
+    They are the 4 n shares, the largest one, the largest range that counts and the
+    largest estimate, in this order.
+    """
+    shares = []
+    for _, u, udot, tau in (begin, end, inside):
+        shares.append(np.ravel([tau, u, tau * u, udot]) * np.ravel(factors))
+    peaks, changes, estimates = [], [], []
+    for first, last, middle in zip(*shares):
+        high = largest([first, last, middle])
+        low = -largest([-first, -last, -middle])
+        peak = largest([high, -low])
+        change = high - low
+        bend = first + last - 2.0 * middle
+        beyond = RANGE * change + BEND * select(bend < 0.0, -bend, bend)
+        estimate = peak + select(change > CHANGING, beyond, 0.0)
+        peaks.append(peak)
+        changes.append(select(estimate > 1.0, change, 0.0))
+        estimates.append(estimate)
+    return np.array([*peaks, largest(peaks), largest(changes), largest(estimates)])
+
+
+def largest(values: Sequence[Scalar]) -> Scalar:
+    """Return the largest of traced values."""
+    if len(values) == 1:
+        return values[0]
+    a = largest(values[::2])
+    b = largest(values[1::2])
+    return select(a < b, b, a)
+
+
+def quintic(begin: Sequence[Vector], end: Sequence[Vector], h: Scalar, x: Scalar
+            ) -> tuple[Vector, Vector, Vector]:
+    """Return q, u and udot at a place of the quintic between two states."""
+    u = h * begin[1]
+    udot = h * h * begin[2]
+    # What the cubic and higher terms must add at the end to q, u and udot.
+    rise = end[0] - begin[0] - u - 0.5 * udot
+    slope = h * end[1] - u - udot
+    bend = h * h * end[2] - udot
+    a = 10.0 * rise - 4.0 * slope + 0.5 * bend
+    b = -15.0 * rise + 7.0 * slope - bend
+    c = 6.0 * rise - 3.0 * slope + 0.5 * bend
+    q = begin[0] + x * (u + x * (0.5 * udot + x * (a + x * (b + x * c))))
+    rate = u + x * (udot + x * (3.0 * a + x * (4.0 * b + x * (5.0 * c))))
+    change = udot + x * (6.0 * a + x * (12.0 * b + x * (20.0 * c)))
+    r = 1.0 / h
+    return q, rate * r, change * (r * r)
 
 
 def _require_finite(flags: int) -> None:
     if flags:
-        raise InputError('path: the torques along it are not finite; expected a path with '
-                         'finite torques')
+        raise InputError('path: the torques along it are not finite; expected a path '
+                         'with finite torques')

@@ -1,15 +1,14 @@
 """
 Fastest motion along a path within limits of torque, power, speed and acceleration.
 
-The path is timed on a grid by reachability analysis (`reachability`), for limits that are linear
-in the squared path velocity (`path_limits`); friction and power limits are made linear at the
-previous profile. The motion between the grid points is then checked, and limits are tightened
-where it exceeds them, as at the corners of the profile. What depends on the kind of robot is in
-`path_robot` and, with chosen speeds or constraints, in `mechanism_path`.
+The path is timed on a grid by reachability analysis (`reachability`), for limits that
+are linear in the squared path velocity (`path_limits`); friction and power limits are
+made linear at the previous profile. The motion between the grid points is then checked,
+and limits are tightened where it exceeds them, as at the corners of the profile. What
+depends on the kind of robot is in `path_robot`.
 """
 
 from collections.abc import Sequence
-from functools import partial
 import math
 
 from kane_dynamics._util.checks import instance, integer, number, per_joint
@@ -18,7 +17,6 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.jerk_limited.rate_peaks import rate_uses_at_points
 from kane_dynamics.feasibility.jerk_limited.third_order_limits import RateBounds
 from kane_dynamics.feasibility.jerk_limited.third_order_timing import rate_limited
-from kane_dynamics.feasibility.mechanism_path.path_mechanism import PathMechanism
 from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.path_limits import Bounds, PathLimits
 from kane_dynamics.feasibility.path_robot import PathRobot
@@ -36,14 +34,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 POINTS, FINEST = 1000, 16_000  # intervals of the grid
-CONVERGED, PROGRAMS = 1e-6, 40  # relative change of the duration by the last of the profiles
+CONVERGED, PROGRAMS = 1e-6, 40  # relative change of the duration by the last profile
 FASTEST = 1e9  # speed at an end, whose square is a number
 SMALLEST = 1e-9  # x relative to its size
 SLOW = 1e-3  # x of the first profile with limits of power, relative to that without
-SLOWER = 12  # times that a profile is slowed down where the limits at it have no solution
-ROUNDS, FINEST_ROUNDS = 6, 20  # in which limits are tightened; the most on the finest grid
+SLOWER = 12  # times that a profile is slowed down where its limits have no solution
+ROUNDS, FINEST_ROUNDS = 6, 20  # in which limits are tightened; on the finest grid
+# Limits are tightened by this factor in their excess: the next profile leaves an excess
+# beside a tightened limit. The factor grows after `ROUNDS`.
+TIGHTER, GROWTH = 1.1, 1.5
 SMALL, LARGEST = 1e-5, 1e-3  # excess of a limit between points; on the finest grid
-COARSE, FINE = 2e-3, 4000  # a grid on which tighter limits cost more time, and is not fine yet
+# A grid on which tighter limits cost more time, relative, and is not fine yet.
+COARSE, FINE = 2e-3, 4000
+DIVISIONS = 32  # intervals that resolve a segment of the path
 
 
 def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = math.inf,
@@ -54,19 +57,20 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     """
     Return the fastest motion along a path within the joint limits of a robot.
 
-    Torques include friction and the payload. The path is followed exactly at the points of the
-    result, and to rounding between them.
+    Torques include friction and the payload. The path is followed exactly at the points
+    of the result, and to rounding between them.
 
     Parameters
     ----------
     robot : Robot
-        Without beams. With chosen speeds or constraints, the limits of all joints count, those of
-        effort and power where joints have actuators (`Robot.joint_torques`).
+        Without beams. With chosen speeds or constraints, the limits of all joints count,
+        those of effort and power where joints have actuators (`Robot.joint_torques`).
     path : Motion or (K, n) array_like
-        A motion, whose timing is ignored, or waypoints, rad or m, through which a cubic spline
-        is drawn. The result rests where the motion rests between its ends, without dwells. With
-        constraints, of as many joints as there are independent speeds, which determine the others
-        as in `demand`; waypoints are of the joints that follow motions (`ComputedTorque`).
+        A motion, whose timing is ignored, or waypoints, rad or m, through which a cubic
+        spline is drawn. The result rests where the motion rests between its ends,
+        without dwells. With constraints, of as many joints as there are independent
+        speeds, which determine the others as in `demand`; waypoints are of the joints
+        that follow motions (`ComputedTorque`).
     power : float or (n,) array_like
         Limit on the absolute mechanical power of each joint, W.
     acceleration : float or (n,) array_like
@@ -74,23 +78,24 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     jerk : float or (n,) array_like
         Limit on the absolute jerk of each joint, rad/s^3 or m/s^3.
     torque_rate : float or (n,) array_like
-        Limit on the absolute rate of the torque of each joint, N m/s or N/s, without Coulomb
-        friction, which changes almost at once where a joint reverses.
+        Limit on the absolute rate of the torque of each joint, N m/s or N/s, without
+        Coulomb friction, which changes almost at once where a joint reverses.
     start_speed, end_speed : float
-        Euclidean norm of the velocities of the path's joints at its ends, rad/s or m/s; 0 with
-        limits of jerk or torque rate.
+        Euclidean norm of the velocities of the path's joints at its ends, rad/s or m/s;
+        0 with limits of jerk or torque rate.
     points : int
         Intervals of the grid, about; more where they are needed.
     rest : (n_q,) array_like, optional
-        With constraints: a nearly closed configuration, whose assembly mode is kept on the way
-        from there to the start of the path and along it. Default: that of the robot, or else the
-        closure that is found from zeros, as in `demand`.
+        With constraints: a nearly closed configuration, whose assembly mode is kept on
+        the way from there to the start of the path and along it. Default: that of the
+        robot, or else the closure that is found from zeros, as in `demand`.
 
     Raises
     ------
     InputError
-        If an argument is invalid, the path exceeds a position limit, the motors cannot hold the
-        robot on the path, or nothing bounds the motion; the message names joint and place.
+        If an argument is invalid, the path exceeds a position limit, the motors cannot
+        hold the robot on the path, or nothing bounds the motion; the message names joint
+        and place.
     ConstraintError
         Loops do not close, or come near a singular configuration; names the place.
 
@@ -98,123 +103,164 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     instance(robot, Robot, 'robot')
     require_angles(robot.model, 'time_optimal')
     if robot.model.flexible:
-        raise InputError('robot: with beams; expected a rigid robot, as a path does not state '
-                         'their deflections')
-    names, limits = robot.joint_names, robot.limits
-    bounds = Bounds(limits.effort, limits.velocity, *(
-        per_joint(value, what, names, finite=False)
-        for value, what in ((power, 'power'), (acceleration, 'acceleration'))))
-    rates = RateBounds(*(per_joint(value, what, names, finite=False) for value, what in (
-        (jerk, 'jerk'), (torque_rate, 'torque_rate'))))
-    speeds = [_speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')]
+        raise InputError('robot: with beams; expected a rigid robot, as a path does not '
+                         'state their deflections')
+    names = robot.joint_names
+    bounds = Bounds(robot.limits.effort, robot.limits.velocity,
+                    per_joint(power, 'power', names, finite=False),
+                    per_joint(acceleration, 'acceleration', names, finite=False))
+    rates = RateBounds(per_joint(jerk, 'jerk', names, finite=False),
+                       per_joint(torque_rate, 'torque_rate', names, finite=False))
+    speeds = _speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')
     points = integer(points, 'points', 10, MOST_SAMPLES)
-    tree = robot.equations.in_joint_rates
     if rest is not None and not robot.constraint_names:
         raise InputError('rest: given for a robot without constraints; expected None')
-    along = PathRobot(robot, path) if tree else PathMechanism(robot, path, rest)
-    if rates.given and not tree:
-        raise InputError('robot: chosen speeds or constraints with a limit of jerk or torque '
-                         'rate; expected a robot in joint rates, or none of these limits')
+    along = PathRobot(robot, path, bounds, rest)
     if rates.given:
-        rates = rates.along(along.motion)
-        for what, speed in (('start_speed', start_speed), ('end_speed', end_speed)):
-            if speed:
-                raise InputError(f'{what}: {speed:g} with a limit of jerk or torque rate; '
-                                 'expected 0')
+        return _rate_limited(along, rates, speeds, points)
+    parts = _fastest(along, speeds, points)
+    return _result(along, parts, {})
 
-        return _result(along, bounds, rates, rate_limited(
-            robot, along.motion, bounds, rates, points, partial(along.check, bounds)))
-    best: list[Checked] = []
-    while True:
-        parts = along.sections(points, (not speeds[0], not speeds[1]))
-        for part in parts:
-            along.check(bounds, part)
-        most, slower = SMALL if points < FINEST else LARGEST, math.inf
-        try:
-            found, slower = _all_solved(along, parts, bounds, speeds, most)
-            if not best or _time(found) < _time(best):
-                best = found
-        except _Coarse as error:
-            if points >= error.finest and not best:
-                raise error.reason from None
-        if best and (slower <= COARSE or points >= FINE):
-            return _result(along, bounds, rates, best)
-        points *= 2
+
+def _speed(value: float, name: str) -> float:
+    """Return the checked speed at an end of the path."""
+    def valid(speed: float) -> bool:
+        return 0.0 <= speed <= FASTEST and not isinstance(value, bool | np.bool_)
+    return number(value, name, f'a number from 0 to {FASTEST:g}', valid)
+
+
+def _rate_limited(along: PathRobot, rates: RateBounds, speeds: tuple[float, float],
+                  points: int) -> TimeOptimal:
+    """Return the fastest motion with limits of jerk or torque rate."""
+    robot, motion = along.robot, along.motion
+    if along.driving is not None:
+        raise InputError('robot: chosen speeds or constraints with a limit of jerk or '
+                         'torque rate; expected a robot in joint rates, or none of '
+                         'these limits')
+    rates = rates.along(motion)
+    for name, speed in zip(('start_speed', 'end_speed'), speeds):
+        if speed:
+            raise InputError(f'{name}: {speed:g} with a limit of jerk or torque rate; '
+                             'expected 0')
+    parts = rate_limited(robot, motion, along.bounds, rates, points, along.check)
+    uses = rate_uses_at_points(robot, [part.points for part in parts], rates)
+    return _result(along, parts, uses)
+
+
+def _result(along: PathRobot, parts: Sequence[Checked], rate_uses: dict[str, Array]
+            ) -> TimeOptimal:
+    """Return the motion along all sections."""
+    points, coefficients = joined([part.points for part in parts])
+    motion = along.motion_of(points, coefficients)
+    tau = parts[0].tau
+    if len(parts) > 1:
+        tau = np.concatenate([part.tau for part in parts])
+    robot = along.robot.copy()  # has its own payload
+    return TimeOptimal(motion, points, tau, robot, along.bounds, rate_uses)
 
 
 class _Coarse(Exception):  # noqa: N818 - raised only inside this module
-    """No timing was found on a grid; one may exist on a finer grid of at most `finest`."""
+    """
+    No timing was found on a grid; one may exist on a finer grid.
 
-    def __init__(self, message: str, finest: int = FINE, reason: Exception | None = None) -> None:
+    `finest` is the number of intervals from which it is unlikely; None for that which
+    resolves the path.
+    """
+
+    def __init__(self, message: str, finest: int | None = None,
+                 reason: Exception | None = None) -> None:
         super().__init__(message)
         self.finest, self.reason = finest, reason or InputError(message)
 
 
-def _speed(value: float, what: str) -> float:
-    return number(value, what, f'a number from 0 to {FASTEST:g}', lambda found: (
-        0.0 <= found <= FASTEST and not isinstance(value, bool | np.bool_)))
+def _fastest(along: PathRobot, speeds: tuple[float, float], points: int
+             ) -> list[Checked]:
+    """Return the sections of a path with their timings, on grids that get finer."""
+    segments = len(along.motion.times) - 1
+    fine = min(max(FINE, DIVISIONS * segments), FINEST)
+    best: list[Checked] = []
+    while True:
+        parts = along.sections(points, (not speeds[0], not speeds[1]))
+        for part in parts:
+            along.check(part)
+        excess = SMALL if points < FINEST else LARGEST
+        slower = math.inf
+        try:
+            timings, slower = _all_solved(along, parts, speeds, excess)
+            if not best or _time(timings) < _time(best):
+                best = timings
+        except _Coarse as error:
+            if points >= (error.finest or fine) and not best:
+                raise error.reason from None
+        if best and (slower <= COARSE or points >= FINE):
+            return best
+        points *= 2
 
 
-def _all_solved(along: PathRobot, parts: Sequence[Section], bounds: Bounds,
-                speeds: Sequence[float], most: float) -> tuple[list[Checked], float]:
-    """Return all sections with their fastest timings, and how much tighter limits slow them."""
-    last = len(parts) - 1
-    try:
-        found, times = zip(*(_solve(along, part, bounds, speeds[0] if k == 0 else 0.0,
-                                    speeds[1] if k == last else 0.0, most)
-                             for k, part in enumerate(parts)))
-    except LoopError as error:  # between points too far apart next to a singular configuration
-        raise _Coarse(str(error), FINE, error) from None
-    return list(found), _time(found) / sum(times) - 1.0
+def _all_solved(along: PathRobot, parts: Sequence[Section], speeds: tuple[float, float],
+                excess: float) -> tuple[list[Checked], float]:
+    """Return all sections with their timings, and how much tighter limits slow them."""
+    timings, untightened = [], 0.0
+    for k, part in enumerate(parts):
+        start = speeds[0] if k == 0 else 0.0
+        end = speeds[1] if k == len(parts) - 1 else 0.0
+        try:
+            timing, time = _solve(along, part, start, end, excess)
+        except LoopError as error:
+            # The points are too far apart beside a singular configuration.
+            raise _Coarse(str(error), None, error) from None
+        timings.append(timing)
+        untightened += time
+    return timings, _time(timings) / untightened - 1.0
 
 
 def _time(parts: Sequence[Checked]) -> float:
     return float(sum(part.points.t[-1] for part in parts))
 
 
-def _solve(along: PathRobot, section: Section, bounds: Bounds, start: float, end: float,
-           most: float) -> tuple[Checked, float]:
+def _solve(along: PathRobot, section: Section, start: float, end: float, excess: float
+           ) -> tuple[Checked, float]:
     """
-    Return a section with its fastest timing, and the duration before limits were tightened.
+    Return a section with its fastest timing, and the duration before limits are tighter.
 
-    The limits are exceeded at most by `most`.
+    The limits are exceeded at most by `excess`.
     """
-    limits, motion = along.limits(section, bounds), along.motion_along(section, bounds)
-    x, first = None, math.inf
-    rounds = FINEST_ROUNDS if most == LARGEST else ROUNDS
-    for done in range(rounds):
+    limits, motion = along.limits(section), along.motion_along(section)
+    x: Array | None = None
+    first = math.inf
+    rounds = FINEST_ROUNDS if excess == LARGEST else ROUNDS
+    for turn in range(rounds):
         x = _profile(limits, start, end, x)
         motion.follow(x)
         first = min(first, motion.duration)
-        excess = motion.largest.max() - 1.0
-        if excess <= 0.0 or (done >= ROUNDS - 1 and excess <= most):
+        worst = motion.largest.max() - 1.0
+        if worst <= 0.0 or (turn >= ROUNDS - 1 and worst <= excess):
             return motion.checked(), first
-        limits.tighten(motion.shares, motion.largest)
-    found = motion.checked()
-    limit, k, j = np.unravel_index(int(found.largest.argmax()), found.largest.shape)
+        # Where an excess persists, as in a segment in which friction jumps, more is
+        # needed.
+        persistent = max(turn - ROUNDS, 0)
+        limits.tighten(motion.shares, motion.largest, TIGHTER * GROWTH**persistent)
+    timing = motion.checked()
+    largest = timing.largest
+    limit, k, j = np.unravel_index(int(largest.argmax()), largest.shape)
+    count = len(limits.most) - 1
     raise _Coarse(
-        f"path: joint '{along.robot.joint_names[int(j)]}': {found.largest.max():.6g} times its "
-        f'{Bounds._fields[int(limit)]} limit at {k / (len(limits.most) - 1):.3g} of the path, '
-        f'{found.points.q[k].round(4).tolist()}, on a grid of {len(limits.most) - 1} intervals; '
+        f"path: joint '{along.names[int(j)]}': {largest.max():.6g} times its "
+        f'{Bounds._fields[int(limit)]} limit at {k / count:.3g} of the path, '
+        f'{timing.points.q[k].round(4).tolist()}, on a grid of {count} intervals; '
         'expected a path without sharp corners', FINEST)
 
 
 def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> Array:
-    """Return the fastest profile, from a first guess x; None for that without friction."""
+    """Return the fastest profile, from a guess x; None for that without friction."""
     ends = [speed**2 / limits.speed_squared(k) if speed else None
             for speed, k in ((start, 0), (end, -1))]
     slower, calm = 0, limits.powered
     for _ in range(PROGRAMS):
         limited = limits.at(x, calm)
         try:
-            last = (0.0, end_limit(limited)) if ends[1] is None else (ends[1], ends[1])
-            known = None
-            if limits.linear and limits.sets is not None:
-                known = limits.sets, limits.tightened
-            sets = controllable_sets(limited, last, known)
-            limits.sets = sets
+            sets = _sets(limits, limited, ends[1])
         except Infeasible as error:
-            limits.sets = None
             if limits.powered and not calm:
                 break  # by rounding, since x is a solution
             slower += 1
@@ -227,15 +273,20 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
             scale = start / math.sqrt(first)
             raise _Coarse(f'start_speed: {start:g}; expected '
                           f'{scale * math.sqrt(abs(sets[0, 0])):.6g} to '
-                          f'{scale * math.sqrt(sets[0, 1]):.6g}, from which the path can be '
-                          'followed')
+                          f'{scale * math.sqrt(sets[0, 1]):.6g}, from which the path '
+                          'can be followed')
         new = np.maximum(fastest_profile(sets, first), SMALLEST * limits.size)
-        for k, given in zip((0, -1), ends):
-            new[k] = new[k] if given is None else given
-        longer = math.inf if x is None else duration(new) / duration(x) - 1.0
+        if ends[0] is not None:
+            new[0] = ends[0]
+        if ends[1] is not None:
+            new[-1] = ends[1]
+        longer = math.inf
+        if x is not None and not limits.linear:
+            longer = duration(new) / duration(x) - 1.0
         if limits.powered and not calm and longer > -CONVERGED:
             break
-        # From a slow profile, which satisfies limits of power, the profiles grow monotonically.
+        # From a slow profile, which satisfies limits of power, the profiles grow
+        # monotonically.
         x = SLOW * new if x is None and limits.powered else new
         if limits.linear or abs(longer) <= CONVERGED:
             if not calm:
@@ -243,13 +294,24 @@ def _profile(limits: PathLimits, start: float, end: float, x: Array | None) -> A
             calm = False
     assert x is not None
     if (x >= 0.5 * limits.free).any():
-        raise InputError('robot: no limit bounds the motion; expected limits of effort or '
-                         'acceleration, which bound it everywhere')
+        raise InputError('robot: no limit bounds the motion; expected limits of effort '
+                         'or acceleration, which bound it everywhere')
     return np.asarray(x)
 
 
-def _refusal(limits: PathLimits, limited: IntervalLimits, vertex: int, start: float, end: float
-             ) -> Exception:
+def _sets(limits: PathLimits, limited: IntervalLimits, end: float | None) -> Array:
+    """Return the controllable sets; linear limits need only what has changed."""
+    last = (0.0, end_limit(limited)) if end is None else (end, end)
+    known = None
+    if limits.linear and limits.sets is not None:
+        known = limits.sets, limits.tightened
+    limits.sets = None  # while they are written to
+    limits.sets = controllable_sets(limited, last, known)
+    return limits.sets
+
+
+def _refusal(limits: PathLimits, limited: IntervalLimits, vertex: int, start: float,
+             end: float) -> Exception:
     """Return the reason why no timing satisfies the limits."""
     names, bound = limits.robot.joint_names, limits.bounds.effort
     with np.errstate(divide='ignore', invalid='ignore'):
@@ -259,19 +321,19 @@ def _refusal(limits: PathLimits, limited: IntervalLimits, vertex: int, start: fl
     if uses[k, j] > 1.0:
         q = limits.section.q[2 * k].round(4).tolist()
         return InputError(
-            f"path: joint '{names[int(j)]}': torque {abs(limits.constant[k, j]):.6g} at rest "
-            f'at {k / count:.3g} of the path, {q}; expected at most its effort limit '
-            f'{bound[j]:.6g}')
+            f"path: joint '{names[int(j)]}': torque {abs(limits.constant[k, j]):.6g} at "
+            f'rest at {k / count:.3g} of the path, {q}; expected at most its effort '
+            f'limit {bound[j]:.6g}')
     largest = _largest_end(limits, limited, start)
     if end > largest:
-        return _Coarse(f'end_speed: {end:g}; expected '
-                       + (f'at most {largest:.6g}' if limits.linear else 'a smaller one')
-                       + ', with which the path can be followed')
+        smaller = f'at most {largest:.6g}' if limits.linear else 'a smaller one'
+        return _Coarse(f'end_speed: {end:g}; expected {smaller}, with which the path '
+                       'can be followed')
     q = limits.section.q[2 * vertex].round(4).tolist()
     return _Coarse(
-        f'path: no timing satisfies the limits from {vertex / count:.3g} of the path, {q}, '
-        f'with start_speed {start:g} and end_speed {end:g}, on a grid of {count} intervals; '
-        'expected a path that the motors can follow, or more points')
+        f'path: no timing satisfies the limits from {vertex / count:.3g} of the path, '
+        f'{q}, with start_speed {start:g} and end_speed {end:g}, on a grid of {count} '
+        'intervals; expected a path that the motors can follow, or more points')
 
 
 def _largest_end(limits: PathLimits, limited: IntervalLimits, start: float) -> float:
@@ -285,15 +347,3 @@ def _largest_end(limits: PathLimits, limited: IntervalLimits, start: float) -> f
         return math.inf
     x = fastest_profile(sets, float(first))[-1]
     return math.sqrt(x * limits.speed_squared(-1))
-
-
-def _result(along: PathRobot, bounds: Bounds, rates: RateBounds, parts: Sequence[Checked]
-            ) -> TimeOptimal:
-    """Return the motion along all sections."""
-    sections = [part.points for part in parts]
-    points, coefficients = joined(sections)
-    motion = along.motion_of(points, coefficients)
-    tau = parts[0].tau if len(parts) == 1 else np.concatenate([part.tau for part in parts])
-    uses = rate_uses_at_points(along.robot, sections, rates) if rates.given else {}
-    robot = along.robot.copy()  # has its own payload
-    return TimeOptimal(motion, points, tau, robot, bounds, uses)

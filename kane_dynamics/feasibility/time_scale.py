@@ -1,22 +1,24 @@
 """
 Highest speed at which a motion along its path satisfies all limits (time scaling).
 
-A motion q(s t), s times as fast as q(t), has the speeds s u and accelerations s^2 udot. Its torque
-at a sample is a quadratic in s plus Coulomb friction,
+A motion q(s t), s times as fast as q(t), has the speeds s u and accelerations s^2 udot.
+Its torque at a sample is a quadratic in s plus Coulomb friction,
 
     tau(s) = s^2 (M udot + Coriolis) + s d u + (gravity + springs + offset) + T(s u),
 
-(Hollerbach, ASME J. Dynamic Systems 106 (1984), with friction added). Each limit excludes
-intervals of s in closed form; the result is the highest s outside all of them. It is exact without
-Coulomb friction and power limits. T(s u) = mu tanh(s u / u_s) is monotonic in s, and a power limit
-P bounds tau by P / (s |u|). Over an interval of s both lie between their values at its ends. These
-give an inner and an outer estimate of the excluded intervals; intervals are split until both
-agree. If the motion at the resulting speed comes close to a limit between samples, samples are
-added there and the search is repeated. A slower motion is not always feasible: an arm that cannot
-hold a configuration may swing through it.
+(Hollerbach, ASME J. Dynamic Systems 106 (1984), with friction added). Each limit
+excludes intervals of s in closed form; the result is the highest s outside all of them.
+It is exact without Coulomb friction and power limits. T(s u) = mu tanh(s u / u_s) is
+monotonic in s, and a power limit P bounds tau by P / (s |u|). Over an interval of s both
+lie between their values at its ends. These give an inner and an outer estimate of the
+excluded intervals; intervals are split until both agree. If the motion at the resulting
+speed comes close to a limit between samples, samples are added there and the search is
+repeated. A slower motion is not always feasible: an arm that cannot hold a configuration
+may swing through it.
 
-With closed loops or chosen speeds all rates are proportional to s, too, and the torques of the
-actuators are a linear map W(q) of the forces of the joints: W_ij T_j(s) is monotonic in s.
+With closed loops or chosen speeds all rates are proportional to s, too, and the torques
+of the actuators are a linear map W(q) of the forces of the joints: W_ij T_j(s) is
+monotonic in s.
 """
 
 from collections.abc import Callable
@@ -73,12 +75,13 @@ def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float
             power: ArrayLike = math.inf, bending: QuasiStatic | None = None
             ) -> TimeScale | None:
     """
-    Return the highest speed at which a motion satisfies all limits; None if there is none.
+    Return the highest speed at which a motion satisfies all limits, if there is one.
 
     Parameters
     ----------
     robot : Robot
-        With chosen speeds or constraints, as for `demand`; they must not prescribe velocities.
+        With chosen speeds or constraints, as for `demand`; they must not prescribe
+        velocities.
     motion : Motion
         As for `demand`: of the robot's joints, or of the driving joints.
     most : float
@@ -93,8 +96,8 @@ def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float
     Returns
     -------
     TimeScale or None
-        None if a position exceeds its limits, or no speed from 1e-6 up satisfies the limits:
-        usually because the motors cannot hold a configuration, which
+        None if a position exceeds its limits, or no speed from 1e-6 up satisfies the
+        limits: usually because the motors cannot hold a configuration, which
         ``demand(robot, motion, speed=1e-6).excesses`` names.
 
     Raises
@@ -106,38 +109,43 @@ def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float
     if not most > 0.0:
         raise InputError(f'most: {most}; expected a positive number')
 
-    def torques(more: Array, speed: float) -> list[Array]:
-        return [demand_at(robot, motion, speed, step, power, more, arm).tau
-                for arm in (bending, None)]
-    more = NONE
+    def added_torques(additional: Array, speed: float) -> Array:
+        """Return what the deflections at a speed add to the torques."""
+        bent, stiff = (demand_at(robot, motion, speed, step, power, additional, arm).tau
+                       for arm in (bending, None))
+        return bent - stiff
+    additional = NONE
     for _ in range(ROUNDS + 1):
-        path = SampledPath(robot, motion, step, power, more)
+        path = SampledPath(robot, motion, step, power, additional)
         top = min(most, HIGHEST, path.speed_bound)
         if not path.inside or top < LOWEST:
             return None
-        speed = _highest_speed(path, LOWEST, top) if bending is None else (
-            _highest_bent(path, top, partial(torques, more)))
+        if bending is None:
+            speed = _highest_speed(path, LOWEST, top)
+        else:
+            speed = _highest_bent(path, top, partial(added_torques, additional))
         if speed is None:
             return None
-        asked = demand_at(robot, motion, speed, step, power, more, bending)
-        scale = TimeScale(math.inf) if speed == HIGHEST else _bound(asked, speed)
-        refined = asked.in_doubt
+        at_speed = demand_at(robot, motion, speed, step, power, additional, bending)
+        scale = TimeScale(math.inf) if speed == HIGHEST else _bound(at_speed, speed)
+        refined = at_speed.in_doubt
         if not refined.size:
             break
-        more = np.concatenate([more, speed * refined])
+        additional = np.concatenate([additional, speed * refined])
     return scale
 
 
-def _bound(asked: Demand, speed: float) -> TimeScale:
+def _bound(demanded: Demand, speed: float) -> TimeScale:
     """Return the highest speed and the limit that bounds it."""
-    uses = asked.uses
+    uses = demanded.uses
     limit = max(uses, key=lambda name: float(uses[name].max()))
     j = int(uses[limit].argmax())
     if uses[limit][j] < 1.0 - 1e3 * ROUNDING:
         return TimeScale(speed)
-    values = {'effort': asked.tau, 'velocity': asked.u, 'power': asked.power}[limit]
-    return TimeScale(speed, asked.joint_names[j], limit,
-                     float(asked.t[int(np.abs(values[:, j]).argmax())]))
+    quantities = {'effort': demanded.tau, 'velocity': demanded.u,
+                  'power': demanded.power}
+    k = int(np.abs(quantities[limit][:, j]).argmax())
+    return TimeScale(speed, demanded.joint_names[j], limit, float(demanded.t[k]))
 
 
 class SampledPath:
@@ -150,44 +158,46 @@ class SampledPath:
         As in `fastest`.
     power : float or (n,) array_like
         As in `fastest`.
-    more : (k,) array
+    additional : (k,) array
         Additional times of the motion, s.
 
     """
 
     def __init__(self, robot: Robot, motion: Motion, step: float, power: ArrayLike,
-                 more: Array) -> None:
+                 additional: Array) -> None:
         """Compute the coefficients of the torque as a polynomial in the speed."""
         require_angles(robot.model, 'fastest')
-        t, q, self.u, udot = sampled(robot, motion, step, more)
+        t, q, self.u, udot = sampled(robot, motion, step, additional)
         self.friction, limits = robot.friction_force, robot.limits
-        self.shared: Array | None = None  # torques of actuators by unit forces of `rough`
-        if not robot.equations.in_joint_rates:
-            whole = self._of_mechanism(robot, motion, t, q, udot)
-            q, terms = whole.q, robot.torque_terms(*whole)
-            terms = np.stack([robot.joint_torques(np.ascontiguousarray(term), q)
-                              for term in np.moveaxis(terms, 1, 0)])
-        else:
+        # Torques of actuators for unit forces of the joints `rough`.
+        self.shared: Array | None = None
+        if robot.equations.in_joint_rates:
             terms = np.moveaxis(robot.torque_terms(q, self.u, udot), 1, 0)
+        else:
+            whole = self._of_mechanism(robot, motion, t, q, udot)
+            q = whole.q
+            rows = [robot.joint_torques(np.ascontiguousarray(term), q)
+                    for term in np.moveaxis(robot.torque_terms(*whole), 1, 0)]
+            terms = np.stack(rows)
         inertia, coriolis, gravity, _, spring = terms
         self.offset = self.friction(np.zeros(robot.n_q))
         self.damping = _damping(robot)
         self.square = inertia + coriolis
-        rest = np.broadcast_to(self.offset, self.u.shape)
-        self.constant = gravity + spring + at_actuators(robot, q, rest)
+        offsets = np.broadcast_to(self.offset, self.u.shape)
+        self.constant = gravity + spring + at_actuators(robot, q, offsets)
         self.linear = at_actuators(robot, q, self.u * self.damping)
         self.effort = limits.effort
         self.power = per_joint(power, 'power', robot.joint_names, finite=False)
-        slack = [ROUNDING * np.maximum(1.0, np.abs(b)) for b in (limits.lower, limits.upper)]
-        self.inside = bool(((q >= limits.lower - slack[0])
-                            & (q <= limits.upper + slack[1])).all())
+        above = q >= limits.lower - ROUNDING * np.maximum(1.0, np.abs(limits.lower))
+        below = q <= limits.upper + ROUNDING * np.maximum(1.0, np.abs(limits.upper))
+        self.inside = bool((above & below).all())
         with np.errstate(divide='ignore', invalid='ignore'):
             bound = limits.velocity / np.abs(self.u).max(axis=0)
         self.speed_bound = float(np.fmin.reduce(bound, initial=math.inf))
 
     def _of_mechanism(self, robot: Robot, motion: Motion, t: Array, q: Array, udot: Array
                       ) -> MechanismMotion:
-        """Return the motion of all joints, and store how their forces reach the actuators."""
+        """Return the motion of all joints; store how forces reach the actuators."""
         whole = whole_motion(robot, motion, t, q, self.u, udot)
         require_scalable(robot, whole.q)
         self.u = robot.joint_rates(whole.q, whole.u)
@@ -202,7 +212,8 @@ class SampledPath:
         u = speed * self.u[rows]
         return np.asarray(self.friction(u) - self.offset - u * self.damping)
 
-    def coulomb_range(self, rows: Indices, low: float, high: float) -> tuple[Array, Array]:
+    def coulomb_range(self, rows: Indices, low: float, high: float
+                      ) -> tuple[Array, Array]:
         """Return bounds of the actuators' torques for T at speeds from low to high."""
         ends = np.stack([self.coulomb(rows, low), self.coulomb(rows, high)])
         if self.shared is None:
@@ -220,18 +231,24 @@ class SampledPath:
 
         Returns
         -------
-        some, all_and_more : arrays
+        certain, possible : arrays
             Inner estimate and outer estimate of the excluded speeds.
 
         """
         least, largest = self.coulomb_range(rows, low, high)
-        A, B, C = self.square[rows], self.linear[rows], self.constant[rows]
         wide, narrow = self.bound(rows, low), self.bound(rows, high)
-        some, more = (np.concatenate([positive_intervals(A, B, C + under - bound),
-                                      positive_intervals(-A, -B, -C - over - bound)], axis=1)
-                      for under, over, bound in ((least, largest, wide),
-                                                 (largest, least, narrow)))
-        return some, more
+        # Friction between its bounds and the widest limit exclude the least; the other
+        # way round they exclude the most.
+        return (self._excluded(rows, least, largest, wide),
+                self._excluded(rows, largest, least, narrow))
+
+    def _excluded(self, rows: Indices, upward: Array, downward: Array, bound: Array
+                  ) -> Array:
+        """Return the speeds at which a torque with Coulomb friction is too large."""
+        A, B, C = self.square[rows], self.linear[rows], self.constant[rows]
+        above = positive_intervals(A, B, C + upward - bound)
+        below = positive_intervals(-A, -B, -C - downward - bound)
+        return np.concatenate([above, below], axis=1)
 
 
 def _damping(robot: Robot) -> Array:
@@ -247,11 +264,11 @@ def _highest_speed(path: SampledPath, low: float, high: float) -> float | None:
     boxes = [(low, high, np.arange(len(path.u)))]
     while boxes:
         low, high, rows = boxes.pop()
-        some, more = path.forbidden(rows, low, high)
-        up = highest_free(some.reshape(-1, 2), low, high)
+        certain, possible = path.forbidden(rows, low, high)
+        up = highest_free(certain.reshape(-1, 2), low, high)
         if up is None:
             continue
-        down = highest_free(more.reshape(-1, 2), low, up)
+        down = highest_free(possible.reshape(-1, 2), low, up)
         if down is not None and up - down <= PRECISION * up:
             return down
         if down is None:
@@ -259,7 +276,8 @@ def _highest_speed(path: SampledPath, low: float, high: float) -> float | None:
                 continue
             down = low
         # Samples without excluded speeds in the interval need no further check.
-        touched = (more[..., 0] < np.minimum(up, more[..., 1])) & (more[..., 1] > down)
+        begin, end = possible[..., 0], possible[..., 1]
+        touched = (begin < np.minimum(up, end)) & (end > down)
         rows = rows[touched.any(axis=(1, 2))]
         down = max(low, down * (1.0 - PRECISION))  # margin for rounding
         middle = math.sqrt(down * up)
@@ -268,22 +286,20 @@ def _highest_speed(path: SampledPath, low: float, high: float) -> float | None:
 
 
 def _highest_bent(path: SampledPath, top: float,
-                  torques: Callable[[float], list[Array]]) -> float | None:
+                  added_torques: Callable[[float], Array]) -> float | None:
     """
     Return the highest speed with the deflections that it causes, or None.
 
-    What these add to the torque, as `torques` with and without them, is a constant and a multiple
-    of the squared speed, as inertial forces are, which follows from the speed before.
+    What these add to the torque is a constant and a multiple of the squared speed, as
+    inertial forces are, which follows from the speed before.
     """
-    def added(speed: float) -> Array:
-        bent, stiff = torques(speed)
-        return bent - stiff
-    at_rest, square = added(LOWEST), path.square
+    at_rest, square = added_torques(LOWEST), path.square
     path.constant = path.constant + at_rest
 
-    def highest(before: float) -> float | None:
-        if before > LOWEST:
-            path.square = square + (added(before) - at_rest) / before**2
+    def highest(last: float) -> float | None:
+        if last > LOWEST:
+            path.square = square + (added_torques(last) - at_rest) / last**2
         return _highest_speed(path, LOWEST, top)
-    return upper_fixed_point(highest, LOWEST, PRECISION, (
-        f'bending: no highest speed found from {LOWEST:g}; expected beams that bend less'))
+    message = (f'bending: no highest speed found from {LOWEST:g}; expected beams that '
+               'bend less')
+    return upper_fixed_point(highest, LOWEST, PRECISION, message)

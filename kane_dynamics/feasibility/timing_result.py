@@ -17,7 +17,7 @@ ACTIVE = 0.99  # least share of a limit that is active
 
 
 class ActiveLimit(NamedTuple):
-    """An interval of time in which one limit of a joint is used most, to at least 99 %."""
+    """An interval of time in which a limit of a joint is used most, by 99 % or more."""
 
     start: float
     end: float
@@ -30,8 +30,8 @@ class TimeOptimal:
     """
     Fastest motion along a path.
 
-    With chosen speeds or constraints, `motion` is of the driving joints. Everything else is of
-    all joints, in the order of `joint_names`, as in `Demand`; torques are those of
+    With chosen speeds or constraints, `motion` is of the driving joints. Everything else
+    is of all joints, in the order of `joint_names`, as in `Demand`; torques are those of
     `Robot.joint_torques`, zero at joints without actuators.
 
     Attributes
@@ -39,8 +39,8 @@ class TimeOptimal:
     motion : Motion
         The motion, with continuous accelerations between rests.
     points : ControllerPoints
-        Its K points for a controller that interpolates quintics: at the two points of a rest
-        between sections, the accelerations before and after it.
+        Its K points for a controller that interpolates quintics: at the two points of a
+        rest between sections, the accelerations before and after it.
     tau : (K, n) array
         Torques at the points of the motion, N m or N.
 
@@ -58,13 +58,16 @@ class TimeOptimal:
         """
         Return the shares of the limits at the points of the motion, (K, n) arrays.
 
-        They are of effort, velocity, power, acceleration, jerk and torque_rate, where limited; of
-        the last two the larger one on both sides of a point.
+        They are of effort, velocity, power, acceleration, jerk and torque_rate, where
+        limited; of the last two the larger one on both sides of a point.
         """
         _, _, u, udot = self.points
-        return {name: share(np.abs(values), bound) for name, values, bound in zip(
-            Bounds._fields, (self.tau, u, self.tau * u, udot), self._bounds)
-            if np.isfinite(bound).any()} | self._rate_uses
+        uses = {}
+        for name, values, bound in zip(Bounds._fields, (self.tau, u, self.tau * u, udot),
+                                       self._bounds):
+            if np.isfinite(bound).any():
+                uses[name] = share(np.abs(values), bound)
+        return uses | self._rate_uses
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -86,12 +89,17 @@ class TimeOptimal:
     def active(self) -> tuple[ActiveLimit, ...]:
         """Return the limits that bound the motion, in order of time."""
         names, limits = self.joint_names, tuple(self.uses)
-        uses = np.stack([self.uses[name] for name in limits], axis=1).reshape(
-            len(self.tau), -1)
-        found = np.where(uses.max(axis=1) >= ACTIVE, uses.argmax(axis=1), -1)
-        starts = np.flatnonzero(np.diff(found, prepend=-2))
-        ends = np.append(starts[1:], len(found)) - 1
-        return tuple(ActiveLimit(
-            float(self.motion.times[i]), float(self.motion.times[j]),
-            names[found[i] % len(names)], limits[found[i] // len(names)])
-            for i, j in zip(starts.tolist(), ends.tolist()) if found[i] >= 0)
+        uses = np.stack([self.uses[name] for name in limits], axis=1)
+        uses = uses.reshape(len(self.tau), -1)
+        # The number of the limit and joint that are used most, -1 for none.
+        number = np.where(uses.max(axis=1) >= ACTIVE, uses.argmax(axis=1), -1)
+        starts = np.flatnonzero(np.diff(number, prepend=-2))
+        ends = np.append(starts[1:], len(number)) - 1
+        active = []
+        for start, end in zip(starts.tolist(), ends.tolist()):
+            if number[start] >= 0:
+                limit, joint = divmod(int(number[start]), len(names))
+                active.append(ActiveLimit(
+                    float(self.motion.times[start]), float(self.motion.times[end]),
+                    names[joint], limits[limit]))
+        return tuple(active)

@@ -11,15 +11,16 @@ from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import (NONE, ROUNDING, ROUNDS, sampled, STEP,
                                                times_to_refine)
-from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion, MechanismMotion
+from kane_dynamics.loop_tracking.driven_mechanism import (mechanism_motion,
+                                                          MechanismMotion)
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
-QUANTITIES = {'effort': 'torque', 'velocity': 'speed', 'power': 'power', 'lower': 'position',
-              'upper': 'position'}
+QUANTITIES = {'effort': 'torque', 'velocity': 'speed', 'power': 'power',
+              'lower': 'position', 'upper': 'position'}
 
 
 class Excess(NamedTuple):
@@ -32,11 +33,13 @@ class Excess(NamedTuple):
     bound: float
 
     def __str__(self) -> str:
-        """Return the excess as text, with enough digits to distinguish value and bound."""
-        digits = next((k for k in range(4, 17) if f'{self.value:.{k}g}' != f'{self.bound:.{k}g}'),
-                      17)
-        return (f"joint '{self.joint}': {QUANTITIES[self.limit]} {self.value:.{digits}g} at "
-                f'{self.t:.4g} s; {self.limit} limit {self.bound:.{digits}g}')
+        """Return the excess as text, with digits that distinguish value and bound."""
+        digits = 4
+        while digits < 17 and f'{self.value:.{digits}g}' == f'{self.bound:.{digits}g}':
+            digits += 1
+        return (f"joint '{self.joint}': {QUANTITIES[self.limit]} "
+                f'{self.value:.{digits}g} at {self.t:.4g} s; {self.limit} limit '
+                f'{self.bound:.{digits}g}')
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,12 +72,12 @@ class Demand:
 
     @property
     def power(self) -> Array:
-        """Return the mechanical power tau u, (N, n), W; negative where a joint brakes."""
+        """Return the mechanical power tau u, (N, n), W; negative for braking."""
         return self.tau * self.u
 
     @property
     def torque_rms(self) -> Array:
-        """Return the root mean square of the torque over time, (n,), which heats motors."""
+        """Return the root mean square of the torque, (n,), which heats motors."""
         span = float(self.t[-1] - self.t[0])
         if span == 0.0:
             return np.asarray(np.abs(self.tau[0]))
@@ -84,22 +87,23 @@ class Demand:
 
     @property
     def uses(self) -> dict[str, Array]:
-        """Return peak torque, speed and power as fractions of their limits, (n,) arrays."""
+        """Return peak torque, speed and power as fractions of their limits, (n,)."""
         return {limit: share(np.abs(values).max(axis=0), bound)
                 for limit, values, bound in self._sizes()}
 
     @property
     def excesses(self) -> tuple[Excess, ...]:
         """Return the largest excess for each joint and exceeded limit."""
-        found = []
+        excesses = []
         for limit, values, bound in self._sizes():
             size = np.abs(values)
-            found += self._worst(limit, size, size - bound, ROUNDING * bound, bound)
+            excesses += self._worst(limit, size, size - bound, ROUNDING * bound, bound)
         for limit, bound, sign in (('lower', self.limits.lower, -1.0),
                                    ('upper', self.limits.upper, 1.0)):
             slack = ROUNDING * np.maximum(1.0, np.abs(bound))
-            found += self._worst(limit, self.q, sign * (self.q - bound), slack, bound)
-        return tuple(found)
+            beyond = sign * (self.q - bound)
+            excesses += self._worst(limit, self.q, beyond, slack, bound)
+        return tuple(excesses)
 
     @property
     def fits(self) -> bool:
@@ -110,9 +114,10 @@ class Demand:
     def in_doubt(self) -> Array:
         """Return times between samples at which a limit may be exceeded, (k,), s."""
         shares = [share(np.abs(values), bound) for _, values, bound in self._sizes()]
-        with np.errstate(invalid='ignore'):
-            shares += [1.0 + sign * (self.q - bound) / np.maximum(1.0, np.abs(bound))
-                       for bound, sign in ((self.limits.lower, -1.0), (self.limits.upper, 1.0))]
+        for bound, sign in ((self.limits.lower, -1.0), (self.limits.upper, 1.0)):
+            size = np.maximum(1.0, np.abs(bound))
+            with np.errstate(invalid='ignore'):
+                shares.append(1.0 + sign * (self.q - bound) / size)
         return times_to_refine(self.t, np.hstack(shares))
 
     def _sizes(self) -> Iterator[tuple[str, Array, Array]]:
@@ -124,10 +129,13 @@ class Demand:
     def _worst(self, limit: str, values: Array, beyond: Array, slack: Array,
                bound: Array) -> list[Excess]:
         """Return the largest excess of each joint beyond its bound plus slack."""
-        rows = beyond.argmax(axis=0)
-        return [Excess(name, limit, float(self.t[k]), float(values[k, j]), float(bound[j]))
-                for j, (name, k) in enumerate(zip(self.joint_names, rows.tolist()))
-                if math.isfinite(bound[j]) and beyond[k, j] > slack[j]]
+        excesses = []
+        for j, name in enumerate(self.joint_names):
+            k = int(beyond[:, j].argmax())
+            if math.isfinite(bound[j]) and beyond[k, j] > slack[j]:
+                value, at_limit = float(values[k, j]), float(bound[j])
+                excesses.append(Excess(name, limit, float(self.t[k]), value, at_limit))
+        return excesses
 
 
 def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = STEP,
@@ -135,8 +143,8 @@ def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = ST
     """
     Return torque, speed and power of a motion, including payload and friction.
 
-    Rest before and after the motion is included. Samples are added where the motion comes close
-    to a limit, until the remaining excess between samples is rounding.
+    Rest before and after the motion is included. Samples are added where the motion
+    comes close to a limit, until the remaining excess between samples is rounding.
 
     Parameters
     ----------
@@ -144,42 +152,42 @@ def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = ST
         With chosen speeds or constraints the result has all joints, with the torques of
         `Robot.joint_torques`; constraints must be those of positions.
     motion : Motion
-        Motion of the robot's joints, in their order; with constraints, of as many joints as there
-        are independent speeds, which determine the others (`mechanism_motion`).
+        Motion of the robot's joints, in their order; with constraints, of as many joints
+        as there are independent speeds, which determine the others (`mechanism_motion`).
     speed : float
         Factor on the velocities of the motion; 2 is twice as fast.
     step : float
-        Largest time between two samples of the motion at speed 1, s; much narrower peaks are
-        missed.
+        Largest time between two samples of the motion at speed 1, s; much narrower peaks
+        are missed.
     power : float or (n,) array_like
         Limit on the absolute mechanical power of each joint, W; not part of URDF.
     bending : QuasiStatic, optional
-        The flexible arm of which `robot` is the rigid model, in the same joints and speeds: the
-        torques are those with the deflections in equilibrium along the motion, with its gravity
-        and payload. Actuators are at the independent joints; the other joints of closed loops
-        have the positions and speeds of rigid beams.
+        The flexible arm of which `robot` is the rigid model, in the same joints and
+        speeds: the torques are those with the deflections in equilibrium along the
+        motion, with its gravity and payload. Actuators are at the independent joints;
+        the other joints of closed loops have the positions and speeds of rigid beams.
 
     Raises
     ------
     InputError
-        If the robot, the motion or a number is invalid; the message names it. With `bending`, if
-        the load exceeds the stiffness of the beams.
+        If the robot, the motion or a number is invalid; the message names it. With
+        `bending`, if the load exceeds the stiffness of the beams.
 
     """
-    more = NONE
+    additional = NONE
     for _ in range(ROUNDS):
-        asked = demand_at(robot, motion, speed, step, power, more, bending)
-        refined = asked.in_doubt
+        result = demand_at(robot, motion, speed, step, power, additional, bending)
+        refined = result.in_doubt
         if not refined.size:
-            return asked
-        more = np.concatenate([more, speed * refined])
-    return demand_at(robot, motion, speed, step, power, more, bending)
+            return result
+        additional = np.concatenate([additional, speed * refined])
+    return demand_at(robot, motion, speed, step, power, additional, bending)
 
 
 def demand_at(robot: Robot, motion: Motion, speed: float, step: float, power: ArrayLike,
-              more: Array, bending: QuasiStatic | None = None) -> Demand:
+              additional: Array, bending: QuasiStatic | None = None) -> Demand:
     """Return the demand of a motion at its samples and at additional times."""
-    t, q, u, udot = sampled(robot, motion, step, more)
+    t, q, u, udot = sampled(robot, motion, step, additional)
     if not 0.0 < speed < math.inf:
         raise InputError(f'speed: {speed}; expected a positive, finite number')
     t, u, udot = t / speed, speed * u, speed**2 * udot
@@ -198,7 +206,7 @@ def demand_at(robot: Robot, motion: Motion, speed: float, step: float, power: Ar
 
 
 def _require_rigid_model(robot: Robot, bending: QuasiStatic) -> None:
-    """Raise InputError unless a robot is the rigid model, with actuators at its speeds."""
+    """Raise InputError unless a robot is the rigid model, with its actuators."""
     instance(bending, QuasiStatic, 'bending')
     bending.require_rigid_model(robot)
     equations = robot.equations
@@ -209,43 +217,51 @@ def _require_rigid_model(robot: Robot, bending: QuasiStatic) -> None:
 def _of_mechanism(robot: Robot, motion: Motion, t: Array, q: Array, rates: Array,
                   accelerations: Array, bending: QuasiStatic | None
                   ) -> tuple[Array, Array, Array, Array]:
-    """Return q, rates, accelerations and torques of all joints, (N, n_q), from driving joints."""
+    """Return q, rates, accelerations and torques of all joints, (N, n_q) each."""
     whole = whole_motion(robot, motion, t, q, rates, accelerations)
-    tau = robot.inverse_dynamics(*whole, t=t) if bending is None else (
-        bending.inverse_dynamics(*whole))
-    return (whole.q, robot.joint_rates(whole.q, whole.u, t=t),
-            robot.joint_accelerations(*whole, t=t), robot.joint_torques(tau, whole.q, t=t))
+    if bending is None:
+        tau = robot.inverse_dynamics(*whole, t=t)
+    else:
+        tau = bending.inverse_dynamics(*whole)
+    rates = robot.joint_rates(whole.q, whole.u, t=t)
+    accelerations = robot.joint_accelerations(*whole, t=t)
+    return whole.q, rates, accelerations, robot.joint_torques(tau, whole.q, t=t)
 
 
 def whole_motion(robot: Robot, motion: Motion, t: Array, q: Array, rates: Array,
                  accelerations: Array) -> MechanismMotion:
-    """Return the motion of a robot with chosen speeds or constraints, from driving joints."""
+    """Return the motion of a robot with chosen speeds or constraints."""
     if robot.model.flexible:
-        raise InputError('robot: flexible, with chosen speeds or constraints; expected one '
-                         'without beams, as a motion of joints does not state their deflections')
+        raise InputError('robot: flexible, with chosen speeds or constraints; expected '
+                         'one without beams, as a motion of joints does not state their '
+                         'deflections')
     return mechanism_motion(robot, motion.joint_names, t, q, rates, accelerations)
 
 
 def require_scalable(robot: Robot, q: Array) -> None:
-    """Raise InputError if speeds or constraints prescribe velocities in configurations."""
+    """Raise InputError if speeds or constraints prescribe velocities."""
     if robot.equations.timed or (len(q) and np.abs(robot.joint_rates(
             q, np.zeros((len(q), robot.n)))).max() > 0.0):
         raise InputError('robot: speeds or constraints that prescribe velocities or are '
-                         'functions of time; expected those of a motion that can be scaled')
+                         'functions of time; expected those of a motion that can be '
+                         'scaled')
 
 
 def unit_torques(robot: Robot, q: Array, joints: Sequence[int]) -> Array:
     """Return the torques of actuators for unit forces of some joints, (N, n_q, k)."""
-    found = np.empty((*q.shape, len(joints)))
+    torques = np.empty((*q.shape, len(joints)))
     for k, j in enumerate(joints):
-        found[..., k] = at_actuators(robot, q, np.eye(robot.n_q)[[j] * len(q)])
-    return found
+        unit = np.zeros_like(q)
+        unit[:, j] = 1.0
+        torques[..., k] = at_actuators(robot, q, unit)
+    return torques
 
 
 def at_actuators(robot: Robot, q: Array, forces: Array) -> Array:
     """Return the torques of actuators that balance forces of joints, (N, n) each."""
     if not robot.equations.in_joint_rates:
-        return robot.joint_torques(robot.generalized_force(np.ascontiguousarray(forces), q), q)
+        force = robot.generalized_force(np.ascontiguousarray(forces), q)
+        return robot.joint_torques(force, q)
     return forces
 
 

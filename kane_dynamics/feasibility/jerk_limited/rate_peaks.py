@@ -9,12 +9,13 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 ORDER = 8  # of the polynomials of the torque between two points
-NODES = 0.5 - 0.5 * np.cos(np.pi * np.arange(ORDER + 1) / ORDER)  # of Chebyshev, with both ends
+# Chebyshev's, with both ends.
+NODES = 0.5 - 0.5 * np.cos(np.pi * np.arange(ORDER + 1) / ORDER)
 PLACES = np.linspace(0.0, 1.0, 33)  # in a segment, at which the rates are computed
 
 
 def _derivative() -> Array:
-    """Return the matrix of the slopes at the places of a polynomial with values at the nodes."""
+    """Return the matrix of slopes at the places for values at the nodes."""
     powers = np.polynomial.chebyshev.chebvander(2.0 * NODES - 1.0, ORDER)
     slopes = 2.0 * np.polynomial.chebyshev.chebval(
         2.0 * PLACES - 1.0, np.polynomial.chebyshev.chebder(np.eye(ORDER + 1))).T
@@ -24,14 +25,16 @@ def _derivative() -> Array:
 DERIVATIVE = _derivative()
 
 
-def rate_uses(robot: Robot, points: ControllerPoints, rates: RateBounds) -> dict[str, Array]:
-    """Return shares of the limits of jerk and torque rate in all segments, (places, S, n)."""
-    found = {}
+def rate_uses(robot: Robot, points: ControllerPoints, rates: RateBounds
+              ) -> dict[str, Array]:
+    """Return shares of the limits of jerk and torque rate, (places, S, n), by name."""
+    shares = {}
     if np.isfinite(rates.jerk).any():
-        found['jerk'] = share(np.abs(jerks(points)), rates.jerk)
+        shares['jerk'] = share(np.abs(jerks(points)), rates.jerk)
     if np.isfinite(rates.torque_rate).any():
-        found['torque_rate'] = share(np.abs(torque_rates(robot, points)), rates.torque_rate)
-    return found
+        values = np.abs(torque_rates(robot, points))
+        shares['torque_rate'] = share(values, rates.torque_rate)
+    return shares
 
 
 def jerks(points: ControllerPoints) -> Array:
@@ -39,13 +42,13 @@ def jerks(points: ControllerPoints) -> Array:
     polynomials = points.coefficients
     x = PLACES[:, None, None]
     scale = np.diff(points.t)[:, None]**-3
-    return np.asarray(scale * (6.0 * polynomials[:, 3] + x * (
-        24.0 * polynomials[:, 4] + x * 60.0 * polynomials[:, 5])))
+    change = 24.0 * polynomials[:, 4] + x * 60.0 * polynomials[:, 5]
+    return np.asarray(scale * (6.0 * polynomials[:, 3] + x * change))
 
 
 def torque_rates(robot: Robot, points: ControllerPoints) -> Array:
     """
-    Return the rates of the torques without Coulomb friction at the places, (places, S, n).
+    Return the rates of the torques without Coulomb friction, (places, S, n).
 
     The torques at the nodes are differentiated as polynomials of time.
     """
@@ -54,16 +57,19 @@ def torque_rates(robot: Robot, points: ControllerPoints) -> Array:
     tau = robot.inverse_dynamics(q, u, udot) - friction(robot, u)[0] + damping(robot) * u
     rows = tau.reshape(len(NODES), -1)
     rows = rows - rows[ORDER // 2]  # less rounding
-    return np.asarray((DERIVATIVE @ rows).reshape(len(PLACES), len(segments), robot.n)
-                      / np.diff(points.t)[:, None])
+    slopes = (DERIVATIVE @ rows).reshape(len(PLACES), len(segments), robot.n)
+    return np.asarray(slopes / np.diff(points.t)[:, None])
 
 
 def rate_uses_at_points(robot: Robot, parts: list[ControllerPoints], rates: RateBounds
                         ) -> dict[str, Array]:
-    """Return the shares at the points of all sections, the larger one of both sides, (K, n)."""
-    found: dict[str, list[Array]] = {}
+    """Return the shares at the points, the larger one of both sides, (K, n), by name."""
+    shares: dict[str, list[Array]] = {}
     for points in parts:
         for name, uses in rate_uses(robot, points, rates).items():
-            ends = np.pad(uses[[0, -1]], ((0, 0), (1, 1), (0, 0)))
-            found.setdefault(name, []).append(np.maximum(ends[0, 1:], ends[1, :-1]))
-    return {name: np.concatenate(rows) for name, rows in found.items()}
+            # Those at the starts and at the ends of the segments; outside there are
+            # none.
+            starts, ends = np.pad(uses[[0, -1]], ((0, 0), (1, 1), (0, 0)))
+            rows = np.maximum(starts[1:], ends[:-1])
+            shares.setdefault(name, []).append(rows)
+    return {name: np.concatenate(rows) for name, rows in shares.items()}

@@ -1,11 +1,12 @@
 """
-Paths with three derivatives with respect to their parameter s, on a grid between two rests.
+Paths with three derivatives along their parameter s, on a grid between two rests.
 
-The jerk of a motion along q(s) contains q_sss, so the path must have a continuous q_ss. Its pieces
-are quintics, which reproduce cubics and quintics of a motion. The parameter is a smooth function
-of the motion's time: at both ends q(s) - q(end) begins with the third power of s, so that a motion
-from rest with finite jerk has a positive, finite s' there. q_sss jumps at points of the motion.
-These are vertices of the grid, unless they are closer together than the grid is fine.
+The jerk of a motion along q(s) contains q_sss, so the path must have a continuous q_ss.
+Its pieces are quintics, which reproduce cubics and quintics of a motion. The parameter
+is a smooth function of the motion's time: at both ends q(s) - q(end) begins with the
+third power of s, so that a motion from rest with finite jerk has a positive, finite s'
+there. q_sss jumps at points of the motion. These are vertices of the grid, unless they
+are closer together than the grid is fine.
 """
 
 from collections.abc import Sequence
@@ -33,9 +34,9 @@ class SmoothSection(NamedTuple):
     """
     A path from rest to rest on a grid.
 
-    Derivatives are stored at P points. The first ones increase from s = 0 to 1 and divide each of
-    the N intervals of the grid equally; the vertices at which q_sss jumps follow once more, with
-    the values on their left side.
+    Derivatives are stored at P points. The first ones increase from s = 0 to 1 and
+    divide each of the N intervals of the grid equally; the vertices at which q_sss jumps
+    follow once more, with the values on their left side.
 
     Attributes
     ----------
@@ -71,17 +72,21 @@ def smooth_sections(motion: Motion, points: int) -> list[SmoothSection]:
     Raises
     ------
     InputError
-        If the motion does not move, or its acceleration jumps between rests by so much that a
-        path without the jumps deviates from it.
+        If the motion does not move, or its acceleration jumps between rests by so much
+        that a path without the jumps deviates from it.
 
     """
-    parts = [_Part(motion, *cut) for cut in pairwise(rests(motion))]
+    parts = [_Part(motion, begin, end) for begin, end in pairwise(rests(motion))]
     total = sum(part.length for part in parts)
     parts = [part for part in parts if part.length > 1e-12 * total]
     if not parts:
-        raise InputError(f'path: rests at {motion.positions[0].tolist()}; expected a path that '
-                         'moves')
-    return [part.sampled(max(FEWEST, round(points * part.length / total))) for part in parts]
+        raise InputError(f'path: rests at {motion.positions[0].tolist()}; expected a '
+                         'path that moves')
+    smooth = []
+    for part in parts:
+        intervals = max(FEWEST, round(points * part.length / total))
+        smooth.append(part.sampled(intervals))
+    return smooth
 
 
 class _Part:
@@ -89,88 +94,101 @@ class _Part:
 
     def __init__(self, motion: Motion, begin: float, end: float) -> None:
         knots = motion.times
-        self.t = np.concatenate([[begin], knots[(knots > begin) & (knots < end)], [end]])
-        after, before = (motion.sample(t) for t in (
-            self.t[:-1], np.nextafter(self.t[1:], -np.inf)))
-        q, u = (np.concatenate([x[:1], y]) for x, y in zip(after[:2], before[:2]))
-        jump = after[2][1:] - before[2][:-1]
-        udot = np.concatenate([after[2][:1], before[2]])
+        inner = knots[(knots > begin) & (knots < end)]
+        self.t = np.concatenate([[begin], inner, [end]])
+        # States on both sides of the points; accelerations become continuous by their
+        # means.
+        q_right, u_right, udot_right = motion.sample(self.t[:-1])
+        q_left, u_left, udot_left = motion.sample(np.nextafter(self.t[1:], -np.inf))
+        q = np.concatenate([q_right[:1], q_left])
+        u = np.concatenate([u_right[:1], u_left])
+        udot = np.concatenate([udot_right[:1], udot_left])
+        jump = udot_right[1:] - udot_left[:-1]
         udot[1:-1] += 0.5 * jump
-        still = np.ptp(q, axis=0) <= STILL * np.ptp(motion.positions, axis=0).max()
         self.points = ControllerPoints(self.t, q, u, udot)
         self.coefficients = self.points.coefficients
+        # Lengths, on a mesh.
         count = max(MESH, FINER * (len(self.t) - 1))
         self.mesh = np.linspace(begin, end, count + 1)
-        middle = 0.5 * (self.mesh[1:] + self.mesh[:-1])
-        states = motion.sample(middle)
-        still &= np.ptp(states[0], axis=0) <= STILL * np.ptp(motion.positions, axis=0).max()
-        self.still = still
-        pieces = np.linalg.norm(states[1], axis=1) * np.diff(self.mesh)
+        q_middle, u_middle, _ = motion.sample(0.5 * (self.mesh[1:] + self.mesh[:-1]))
+        pieces = np.linalg.norm(u_middle, axis=1) * np.diff(self.mesh)
         self.length = float(pieces.sum())
         self.arc = np.concatenate([[0.0], np.cumsum(pieces)])
+        least = STILL * np.ptp(motion.positions, axis=0).max()
+        self.still = (np.ptp(q, axis=0) <= least) & (np.ptp(q_middle, axis=0) <= least)
         if np.abs(jump).max(initial=0.0) > JUMP * np.abs(udot).max():
             self._check_deviation(motion, jump)
 
     def _check_deviation(self, motion: Motion, jump: Array) -> None:
-        """Raise InputError if the path without jumps of the acceleration is another one."""
-        t = np.concatenate([self.t[:-1] + x * np.diff(self.t) for x in (0.25, 0.5, 0.75)])
-        off = np.abs(self.derivatives(t, np.tile(np.arange(len(self.t) - 1), 3))[0]
-                     - motion.positions_at(t)).max()
-        if off > DEVIATION * self.length:
+        """Raise InputError if the path without jumps of acceleration is another one."""
+        h = np.diff(self.t)
+        t = np.concatenate([self.t[:-1] + x * h for x in (0.25, 0.5, 0.75)])
+        q = self.derivatives(t, np.tile(np.arange(len(h)), 3))[0]
+        if np.abs(q - motion.positions_at(t)).max() > DEVIATION * self.length:
             k, j = np.unravel_index(int(np.abs(jump).argmax()), jump.shape)
             raise InputError(
                 f"path: acceleration of joint '{motion.joint_names[int(j)]}' jumps by "
-                f'{abs(jump[k, j]):.4g} at {self.t[k + 1]:.6g} s of the motion; expected a '
-                'continuous one with limits of jerk or torque rate, as that of waypoints, or '
-                'rests where it jumps')
+                f'{abs(jump[k, j]):.4g} at {self.t[k + 1]:.6g} s of the motion; '
+                'expected a continuous one with limits of jerk or torque rate, as that '
+                'of waypoints, or rests where it jumps')
 
-    def derivatives(self, t: Array, pieces: Segments) -> tuple[Array, Array, Array, Array]:
-        """Return q and three derivatives with respect to time, (K, n), in given pieces."""
+    def derivatives(self, t: Array, pieces: Segments
+                    ) -> tuple[Array, Array, Array, Array]:
+        """Return q and three derivatives along the time, (K, n), in some pieces."""
         h = np.diff(self.t)[pieces][:, None]
         x = (t - self.t[pieces])[:, None] / h
         table = self.coefficients[pieces]
-        found = []
+        derivatives = []
         for order in range(4):
             value = np.zeros_like(table[:, 0])
             for power in range(5, order - 1, -1):
                 factor = np.prod(np.arange(power - order + 1, power + 1))
                 value = value * x + factor * table[:, power]
-            found.append(value / h**order)
-        return found[0], found[1], found[2], found[3]
+            derivatives.append(value / h**order)
+        return derivatives[0], derivatives[1], derivatives[2], derivatives[3]
 
     def _powers(self) -> list[int]:
         """Return the powers of the time with which the path leaves its two ends."""
-        span, found = self.t[-1] - self.t[0], []
-        for place in (0, -1):
-            u, udot = (np.abs(x[place]).max() for x in self.points[2:])
-            found.append(1 if u * span > AT_REST * self.length else
-                         2 if udot * span**2 > NO_ACCELERATION * self.length else 3)
-        return found
+        span = self.t[-1] - self.t[0]
+        powers = []
+        for end in (0, -1):
+            speed = np.abs(self.points.u[end]).max()
+            acceleration = np.abs(self.points.udot[end]).max()
+            if speed * span > AT_REST * self.length:
+                powers.append(1)
+            elif acceleration * span**2 > NO_ACCELERATION * self.length:
+                powers.append(2)
+            else:
+                powers.append(3)
+        return powers
 
     def sampled(self, intervals: int) -> SmoothSection:
         """Return the section on a grid of about so many intervals."""
-        powers, span = self._powers(), float(self.t[-1] - self.t[0])
-        alpha, beta = (3.0 / power for power in powers)
+        powers = self._powers()
+        span = float(self.t[-1] - self.t[0])
+        alpha, beta = 3.0 / powers[0], 3.0 / powers[1]
         share = (self.mesh - self.mesh[0]) / span
         # The share S of the time is s^alpha / (s^alpha + (1 - s)^beta).
         guess = _parameter(share, alpha, beta)
         measure = 0.5 * (guess + self.arc / self.length)
         s, knots = self._grid(max(8, intervals // DIVISIONS), guess, measure)
-        place, fine = _divided(s), np.full((len(s) - 1) * DIVISIONS + 1, -1)
+        place = _divided(s)
+        fine = np.full(len(place), -1)  # the motion's point at each place, or -1
         fine[::DIVISIONS] = knots
         t = self.t[0] + span * _share(place, alpha, beta)
         exact = np.flatnonzero(fine >= 0)
         t[exact] = self.t[fine[exact]]
-        pieces = np.clip(np.searchsorted(self.t, t, side='right') - 1, 0, len(self.t) - 2)
+        pieces = np.searchsorted(self.t, t, side='right') - 1
+        pieces = np.clip(pieces, 0, len(self.t) - 2)
         inner = self._jumps(t, exact[1:-1], fine)
         vertex = np.concatenate([np.arange(len(t)), inner])
         rows = self.derivatives(t[vertex], np.concatenate([pieces, fine[inner] - 1]))
-        q, *by_s = self._by_parameter(place[vertex], rows, powers, span)
-        for each in by_s:
-            each[:, self.still] = 0.0
+        q, first, second, third = self._by_parameter(place[vertex], rows, powers, span)
+        for derivative in (first, second, third):
+            derivative[:, self.still] = 0.0
         q[:, self.still] = q[0, self.still]
-        return SmoothSection(s, place[vertex], vertex, Section(
-            q, by_s[0], by_s[1], q.min(axis=0), q.max(axis=0), span), by_s[2])
+        section = Section(q, first, second, q.min(axis=0), q.max(axis=0), span)
+        return SmoothSection(s, place[vertex], vertex, section, third)
 
     def _jumps(self, t: Array, at: Segments, knots: Segments) -> Segments:
         """Return those points at points of the motion at which its jerk jumps."""
@@ -180,45 +198,54 @@ class _Part:
         jump = np.abs(sides[0] - sides[1]).max(axis=1)
         return np.asarray(at[jump > JUMP * np.abs(sides).max()])
 
-    def _grid(self, intervals: int, guess: Array, measure: Array) -> tuple[Array, Segments]:
+    def _grid(self, intervals: int, guess: Array, measure: Array
+              ) -> tuple[Array, Segments]:
         """Return the vertices, and the numbers of the motion's points at them or -1."""
         at = np.interp(self.t, self.mesh, measure)
-        kept = [0]
+        distant = [0]  # points of the motion that are vertices
         for k in range(1, len(at) - 1):
-            if min(at[k] - at[kept[-1]], 1.0 - at[k]) * intervals > APART:
-                kept.append(k)
-        kept.append(len(at) - 1)
-        values, numbers = [np.zeros(1)], [np.zeros(1, dtype=np.intp)]
-        for first, last in pairwise(kept):
-            count = max(1, int(np.ceil((at[last] - at[first]) * intervals - 1e-6)))
-            values.append(at[first] + (at[last] - at[first]) * np.arange(1, count + 1) / count)
+            if min(at[k] - at[distant[-1]], 1.0 - at[k]) * intervals > APART:
+                distant.append(k)
+        distant.append(len(at) - 1)
+        values = [np.zeros(1)]
+        numbers = [np.zeros(1, dtype=np.intp)]
+        for first, last in pairwise(distant):
+            rise = at[last] - at[first]
+            count = max(1, int(np.ceil(rise * intervals - 1e-6)))
+            values.append(at[first] + rise * np.arange(1, count + 1) / count)
             numbers.append(np.full(count, -1))
             numbers[-1][-1] = last
         s = np.interp(np.concatenate(values), measure, guess)
-        s[[0, -1]] = 0.0, 1.0
+        s[0] = 0.0
+        s[-1] = 1.0
+        # The points of the motion are at vertices exactly.
         knots = np.concatenate(numbers)
         share = (self.t - self.t[0]) / (self.t[-1] - self.t[0])
         exact = np.flatnonzero(knots >= 0)[1:-1]
-        alpha, beta = (3.0 / power for power in self._powers())
+        powers = self._powers()
+        alpha, beta = 3.0 / powers[0], 3.0 / powers[1]
         s[exact] = _parameter(share[knots[exact]], alpha, beta)
         return s, knots
 
-    def _by_parameter(self, s: Array, rows: Sequence[Array], powers: Sequence[int], span: float
-                      ) -> list[Array]:
+    def _by_parameter(self, s: Array, rows: Sequence[Array], powers: Sequence[int],
+                      span: float) -> tuple[Array, Array, Array, Array]:
         """Return q, q_s, q_ss and q_sss from derivatives with respect to time."""
         q, u, udot, jerk = rows
-        first, second, third = (np.zeros_like(q) for _ in range(3))
+        first, second, third = np.zeros((3, *q.shape))
         inside = (s > 0.0) & (s < 1.0)
-        alpha, beta = (3.0 / power for power in powers)
-        one, two, three = (span * x[:, None] for x in _share_slopes(s[inside], alpha, beta))
+        # Derivatives of the time with respect to s, and the chain rule.
+        slopes = _share_slopes(s[inside], 3.0 / powers[0], 3.0 / powers[1])
+        one, two, three = (span * slope[:, None] for slope in slopes)
         u, udot, jerk = u[inside], udot[inside], jerk[inside]
         first[inside] = u * one
         second[inside] = udot * one**2 + u * two
         third[inside] = jerk * one**3 + 3.0 * udot * one * two + u * three
-        for place, power, sign in ((0, powers[0], 1.0), (int(s.argmax()), powers[1], -1.0)):
+        # At rest only the third derivative remains.
+        last = int(s.argmax())
+        for place, power, sign in ((0, powers[0], 1.0), (last, powers[1], -1.0)):
             factor = 6.0 / np.prod(np.arange(1, power + 1)) * (sign * span)**power
             third[place] = sign * factor * rows[power][place]
-        return [q, first, second, third]
+        return q, first, second, third
 
 
 def _divided(s: Array) -> Array:
@@ -234,11 +261,12 @@ def _share(s: Array, alpha: float, beta: float) -> Array:
 
 def _share_slopes(s: Array, alpha: float, beta: float) -> tuple[Array, Array, Array]:
     """Return three derivatives of the share, which is a logistic function of g(s)."""
-    share, rest = _share(s, alpha, beta), 1.0 - s
-    g1 = alpha / s + beta / rest
-    g2 = beta / rest**2 - alpha / s**2
-    g3 = 2.0 * (alpha / s**3 + beta / rest**3)
-    both, odd = share * (1.0 - share), 1.0 - 2.0 * share
+    share = _share(s, alpha, beta)
+    g1 = alpha / s + beta / (1.0 - s)
+    g2 = beta / (1.0 - s)**2 - alpha / s**2
+    g3 = 2.0 * (alpha / s**3 + beta / (1.0 - s)**3)
+    both = share * (1.0 - share)
+    odd = 1.0 - 2.0 * share
     return (both * g1, both * (odd * g1**2 + g2),
             both * ((1.0 - 6.0 * both) * g1**3 + 3.0 * odd * g1 * g2 + g3))
 

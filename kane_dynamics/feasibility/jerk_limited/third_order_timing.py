@@ -1,10 +1,11 @@
 """
 Fastest timing of a path between rests with limits of jerk or of the rate of torque.
 
-The profile satisfies the limits at the vertices of its grid. Where the motion exceeds one between
-them, that limit is tightened there, in a bounded number of rounds. The excess that remains is
-removed by a uniform slow-down, so a timing that is returned satisfies all limits wherever they are
-checked: at the places of `path_timing` and `rate_peaks`.
+The profile satisfies the limits at the vertices of its grid. Where the motion exceeds
+one between them, that limit is tightened there, in a bounded number of rounds. The
+excess that remains is removed by a uniform slow-down, so a timing that is returned
+satisfies all limits wherever they are checked: at the places of `path_timing` and
+`rate_peaks`.
 """
 
 from collections.abc import Callable
@@ -14,13 +15,15 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.jerk_limited.interior_point import fastest_spline
-from kane_dynamics.feasibility.jerk_limited.profile_spline import motion_points, ProfileSpline
+from kane_dynamics.feasibility.jerk_limited.profile_spline import (motion_points,
+                                                                   ProfileSpline)
 from kane_dynamics.feasibility.jerk_limited.rate_peaks import rate_uses
-from kane_dynamics.feasibility.jerk_limited.smooth_path import smooth_sections, SmoothSection
-from kane_dynamics.feasibility.jerk_limited.third_order_limits import (LIMITS, RateBounds,
-                                                                       ThirdOrderLimits, UNBOUNDED)
+from kane_dynamics.feasibility.jerk_limited.smooth_path import (smooth_sections,
+                                                                SmoothSection)
+from kane_dynamics.feasibility.jerk_limited.third_order_limits import (
+    LIMITS, RateBounds, ThirdOrderLimits, UNBOUNDED)
 from kane_dynamics.feasibility.path_geometry import Section
-from kane_dynamics.feasibility.path_limits import Bounds, MARGIN
+from kane_dynamics.feasibility.path_limits import ACTIVE, Bounds, MARGIN
 from kane_dynamics.feasibility.path_timing import Checked, checked
 from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.motion import Motion
@@ -28,9 +31,10 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 ROUNDS = 6  # in which limits are tightened
-FINER, GRIDS, FINE = 2, 3, 4000  # factor of the points, number of grids, and points of the last
+FINER, GRIDS, FINE = 2, 3, 4000  # factor of the points, grids, and points of the last
 CHANGE = 3e-3  # of the duration, relative, by the last grid
-GOOD, WORST = 2e-3, 3e-2  # cost of tighter limits and the slow-down on the last grid; at all
+# Cost of tighter limits and the slow-down on the last grid; at all.
+GOOD, WORST = 2e-3, 3e-2
 LARGEST = 2e-3  # excess at which the interior-point method has converged
 FAR, NEAR = 1.0, 0.01  # with which it begins, from a slow and from a fast profile
 HALVINGS, INSIDE = 200, 0.9  # of the first profile, and its largest share of a limit
@@ -39,8 +43,9 @@ SLOWER, STRETCHES = 0.98, 6  # x of a profile from which the next round begins; 
 SLOWDOWNS = 16  # of a timing that exceeds a limit
 
 
-REFUSAL = ('path: no timing satisfies the limits of effort and torque rate with a margin of '
-           f'{MARGIN:g}; expected limits that are larger than the torques at rest with friction')
+REFUSAL = ('path: no timing satisfies the limits of effort and torque rate with a '
+           f'margin of {MARGIN:g}; expected limits that are larger than the torques at '
+           'rest with friction')
 
 
 class ThirdOrderTiming(NamedTuple):
@@ -76,8 +81,8 @@ class ThirdOrderTiming(NamedTuple):
         return self.duration / self.least - 1.0
 
 
-def rate_limited(robot: Robot, motion: Motion, bounds: Bounds, rates: RateBounds, points: int,
-                 check: Callable[[Section], None]) -> list[Checked]:
+def rate_limited(robot: Robot, motion: Motion, bounds: Bounds, rates: RateBounds,
+                 points: int, check: Callable[[Section], None]) -> list[Checked]:
     """
     Return the sections of a path with their fastest timings.
 
@@ -97,8 +102,8 @@ def rate_limited(robot: Robot, motion: Motion, bounds: Bounds, rates: RateBounds
     Raises
     ------
     InputError
-        If the path or a limit is invalid, the motors cannot hold the robot on the path, nothing
-        bounds the motion, or no timing was found.
+        If the path or a limit is invalid, the motors cannot hold the robot on the path,
+        nothing bounds the motion, or no timing was found.
 
     """
     best: dict[int, ThirdOrderTiming] = {}
@@ -110,39 +115,48 @@ def rate_limited(robot: Robot, motion: Motion, bounds: Bounds, rates: RateBounds
             if k in done:
                 continue
             check(path.section)
-            found = _timed(robot, path, bounds, rates, best.get(k))
-            if isinstance(found, str):
-                reason = found
+            timing = _timed(robot, path, bounds, rates, best.get(k))
+            if isinstance(timing, str):
+                reason = timing
                 continue
-            change = best[k].duration / found.duration - 1.0 if k in best else math.inf
-            if abs(change) <= CHANGE and found.cost <= GOOD:
+            change = math.inf
+            if k in best:
+                change = best[k].duration / timing.duration - 1.0
+            if abs(change) <= CHANGE and timing.cost <= GOOD:
                 done.add(k)
             if change > 0.0:
-                best[k] = found
-        if len(done) == len(parts):
-            break
-        if points >= FINE:
+                best[k] = timing
+        if len(done) == len(parts) or points >= FINE:
             break
         points *= FINER
     if len(best) < len(parts):
         raise InputError(reason)
-    cost = max(each.cost for each in best.values())
+    cost = max(timing.cost for timing in best.values())
     if cost > WORST:
-        raise InputError(f'path: a timing within the limits takes {cost:.2%} more time than one '
-                         'that satisfies them at the points of the finest grid; expected at most '
-                         f'{WORST:.0%}, on a path without sharp corners that is not much '
-                         'shorter than the positions on it, which are rounded')
+        raise InputError(f'path: a timing within the limits takes {cost:.2%} more time '
+                         'than one that satisfies them at the points of the finest '
+                         f'grid; expected at most {WORST:.0%}, on a path without sharp '
+                         'corners that is not much shorter than the positions on it, '
+                         'which are rounded')
     return [best[k].checked for k in range(len(parts))]
 
 
 def _timed(robot: Robot, path: SmoothSection, bounds: Bounds, rates: RateBounds,
-           before: ThirdOrderTiming | None) -> ThirdOrderTiming | str:
-    """Return the fastest timing of a section, or the reason why there is none on its grid."""
+           coarse: ThirdOrderTiming | None) -> ThirdOrderTiming | str:
+    """
+    Return the fastest timing of a section, or the reason why there is none on its grid.
+
+    `coarse` is that on a coarser grid, from which to begin.
+    """
     limits = ThirdOrderLimits(robot, path, bounds, rates)
     spline = ProfileSpline(path.s, path.place, path.size)
-    start = _slow(spline, limits) if before is None else _below(spline, limits, ProfileSpline(
-        before.s, path.s[1:-1], spline.count).at(before.profile)[0])
-    best, least, reason = None, math.inf, REFUSAL
+    if coarse is None:
+        start = _slow(spline, limits)
+    else:
+        x = ProfileSpline(coarse.s, path.s[1:-1], spline.count).at(coarse.profile)[0]
+        start = _below(spline, limits, x)
+    best: Checked | None = None
+    least, reason = math.inf, REFUSAL
     for _ in range(ROUNDS):
         if start is None:
             break
@@ -150,34 +164,36 @@ def _timed(robot: Robot, path: SmoothSection, bounds: Bounds, rates: RateBounds,
         if (spline.at(c)[0] >= 0.5 * limits.free).any():
             raise InputError(UNBOUNDED)
         if excess > LARGEST:
-            reason = (f'path: the duration is still {excess:.2g} above the least one after all '
-                      f'steps, on a grid of {spline.size} points; expected at most {LARGEST:g}')
+            reason = (f'path: the duration is still {excess:.2g} above the least one '
+                      f'after all steps, on a grid of {spline.size} points; expected at '
+                      f'most {LARGEST:g}')
             break
-        found = _checked(robot, motion_points(path, spline, c), bounds, rates)
+        timing = _checked(robot, motion_points(path, spline, c), bounds, rates)
         if math.isinf(least):
-            least, profile = float(found.points.t[-1]), c
-        slower = _slowed(robot, found, bounds, rates)
-        if slower is not None and (best is None or slower.points.t[-1] < best.points.t[-1]):
+            least, profile = float(timing.points.t[-1]), c
+        slower = _slowed(robot, timing, bounds, rates)
+        if slower is not None and (
+                best is None or slower.points.t[-1] < best.points.t[-1]):
             best = slower
-        if found.largest.max() <= 1.0:
+        if timing.largest.max() <= 1.0:
             break
-        _tighten(limits, found.largest)
+        _tighten(limits, timing.largest)
         start = _below(spline, limits, c)
     return reason if best is None else ThirdOrderTiming(best, least, path.s, profile)
 
 
 def _tighten(limits: ThirdOrderLimits, largest: Array) -> None:
-    """Tighten the limits at both ends of the segments in which the motion exceeds them."""
+    """Tighten the limits at both ends of the segments that exceed them."""
     worst = np.pad(largest, ((0, 0), (1, 1), (0, 0)))
     worst = np.maximum(worst[:, 1:], worst[:, :-1])[:, limits.path.vertex]
-    limits.tight /= np.where(worst > 1.0 - 0.5 * MARGIN, worst / (1.0 - MARGIN), 1.0)
+    limits.tight /= np.where(worst > ACTIVE, worst / (1.0 - MARGIN), 1.0)
 
 
 def _slow(spline: ProfileSpline, limits: ThirdOrderLimits) -> tuple[Array, float] | None:
-    """Return a profile of one x well within the limits, and its distance to the fastest."""
+    """Return a profile of one x well within the limits, and how far it is from fast."""
     x = FASTEST * limits.size
-    rest = np.abs(limits.at(spline.at(np.full(spline.count, 1e-30 * x))).values)
-    allowed = INSIDE + (1.0 - INSIDE) * rest
+    at_rest = limits.at(spline.at(np.full(spline.count, 1e-30 * x))).values
+    allowed = INSIDE + (1.0 - INSIDE) * np.abs(at_rest)
     for _ in range(HALVINGS):
         c = np.full(spline.count, x)
         if (np.abs(limits.at(spline.at(c)).values) < allowed).all():
@@ -188,35 +204,38 @@ def _slow(spline: ProfileSpline, limits: ThirdOrderLimits) -> tuple[Array, float
 
 def _below(spline: ProfileSpline, limits: ThirdOrderLimits, c: Array
            ) -> tuple[Array, float] | None:
-    """Return a profile within the limits, slower than c, and its distance to the fastest."""
+    """Return a profile within the limits, slower than c, and how far it is from fast."""
     factor = SLOWER
     for _ in range(STRETCHES):
-        if (c > 0.0).all() and (np.abs(limits.at(spline.at(factor * c)).values) < 1.0).all():
+        uses = limits.at(spline.at(factor * c)).values
+        if (c > 0.0).all() and (np.abs(uses) < 1.0).all():
             return factor * factor * c, max(NEAR, 0.5 / factor - 0.5)
         factor *= factor
     return _slow(spline, limits)
 
 
-def _checked(robot: Robot, points: ControllerPoints, bounds: Bounds, rates: RateBounds) -> Checked:
-    """Return the largest uses of all `LIMITS` in the segments between points, (6, N, n)."""
-    found = checked(robot, points, bounds)
-    largest = np.zeros((len(LIMITS), *found.largest.shape[1:]))
-    largest[:len(bounds)] = found.largest
+def _checked(robot: Robot, points: ControllerPoints, bounds: Bounds, rates: RateBounds
+             ) -> Checked:
+    """Return the largest uses of all `LIMITS` between the points, (6, N, n)."""
+    timing = checked(robot, points, np.array(bounds))
+    largest = np.zeros((len(LIMITS), *timing.largest.shape[1:]))
+    largest[:len(bounds)] = timing.largest
     for name, uses in rate_uses(robot, points, rates).items():
         largest[LIMITS.index(name)] = uses.max(axis=0)
-    return Checked(points, largest, found.tau)
+    return Checked(points, largest, timing.tau)
 
 
-def _slowed(robot: Robot, found: Checked, bounds: Bounds, rates: RateBounds) -> Checked | None:
-    """Return a timing, slowed down uniformly until it satisfies the limits, if it can."""
-    points, factor, more = found.points, 1.0, 1.0
+def _slowed(robot: Robot, timing: Checked, bounds: Bounds, rates: RateBounds
+            ) -> Checked | None:
+    """Return a timing, slowed down uniformly until it satisfies the limits."""
+    points, slower, strength = timing.points, 1.0, 1.0
     for _ in range(SLOWDOWNS):
-        worst = float(found.largest.max())
+        worst = float(timing.largest.max())
         if worst <= 1.0:
-            return found
-        factor *= 1.0 + more * (worst - 1.0)
-        more *= 1.5  # the torques at rest remain
-        found = _checked(robot, ControllerPoints(
-            factor * points.t, points.q, points.u / factor, points.udot / factor**2),
-            bounds, rates)
+            return timing
+        slower *= 1.0 + strength * (worst - 1.0)
+        strength *= 1.5  # the torques at rest remain
+        stretched = ControllerPoints(slower * points.t, points.q, points.u / slower,
+                                     points.udot / slower**2)
+        timing = _checked(robot, stretched, bounds, rates)
     return None

@@ -12,9 +12,7 @@ from kane_dynamics.control.controller import Controller
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.trajectory_joints import compile_trajectories
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility.mechanism_path.path_mechanism import (
-    compile_mechanism_timing)
-from kane_dynamics.feasibility.path_timing import compile_timing
+from kane_dynamics.feasibility.path_robot import compile_timing
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.command_topic import CommanderCount
@@ -152,12 +150,11 @@ class ConfiguredRobot:
         compile_simulation(robot, integrator, 'external_force', 'body_torques')
         if self.values['simulation.stops']:
             compile_pressed_steps(robot, integrator, follow)
+        compile_timing(robot)
         if robot.constraint_names:
             step_kernel(robot, True, integrator, None, follow)
             compile_trajectories(robot)
-            compile_mechanism_timing(robot)
             return
-        compile_timing(robot)
         for tree in robots:
             tree.compile('inverse_dynamics', 'torque_terms', batches=True)
 

@@ -559,6 +559,13 @@ def test_five_hundred_random_waypoints_have_a_timing_within_the_limits():
     assert largest_use(robot, found) <= 1.001
 
 
+@pytest.mark.parametrize('seed', [5, 7])  # paths with the sharpest turns of twelve
+def test_five_hundred_random_waypoints_with_friction_have_a_timing_within_the_limits(seed):
+    robot, path = two_link(), np.random.default_rng(seed).uniform(-1.0, 1.0, (500, 2))
+    found = time_optimal(robot, path)
+    assert largest_use(robot, found) <= 1.001
+
+
 def densest_use(robot, motion, places=1000):
     """Return the largest share of the limits of torque, at many fractions of each segment."""
     worst = 0.0

@@ -1,1 +1,0 @@
-"""Fastest timing of a path of the driving joints of a mechanism."""
