@@ -179,16 +179,19 @@ class Function:
     def _argument(self, i: int, k: int, entries: list[Expr | float]) -> str:
         """Return a pointer to the entries; store them only if they are not contiguous yet."""
         where = self._contiguous(i, k, entries)
-        if where is None:
-            key = tuple(x.index if isinstance(x, Expr) else (x,) for x in entries)
-            where = self._stored.get(key)
-            if where is None:
-                where = self._stored[key] = f'%arg{i}.{k}'
-                self.lines.append(f'  {where} = alloca [{len(entries)} x {self.type}]')
-                for j, x in enumerate(entries):
-                    put = f'%put{i}.{k}.{j}'
-                    self.lines += [f'  {put} = getelementptr {self.type}, ptr {where}, i64 {j}',
-                                   f'  store {self.type} {self.value(x)}, ptr {put}']
+        if where is not None:
+            return where
+        key = tuple(x.index if isinstance(x, Expr) else (x,) for x in entries)
+        where = self._stored.get(key)
+        if where is not None:  # an earlier call has the same argument
+            return where
+        where = f'%arg{i}.{k}'
+        self._stored[key] = where
+        self.lines.append(f'  {where} = alloca [{len(entries)} x {self.type}]')
+        for j, x in enumerate(entries):
+            put = f'%put{i}.{k}.{j}'
+            self.lines += [f'  {put} = getelementptr {self.type}, ptr {where}, i64 {j}',
+                           f'  store {self.type} {self.value(x)}, ptr {put}']
         return where
 
     def _contiguous(self, i: int, k: int, entries: list[Expr | float]) -> str | None:
@@ -198,7 +201,8 @@ class Function:
         first = entries[0]
         if not (isinstance(first, Expr) and first.op in self.in_place):
             return None
-        op, (source, place) = first.op, first.args
+        op = first.op
+        source, place = first.args
         if not all(isinstance(x, Expr) and x.op == op and x.args[0] is source
                    and x.args[1] == place + j for j, x in enumerate(entries)):
             return None
@@ -211,19 +215,22 @@ class Function:
     def _functions(self, group: list[Expr]) -> None:
         """Evaluate the elementary functions of a group."""
         for label, ops in TOGETHER:
-            arguments = list({node.args[0].index: node.args[0]
-                              for node in group if node.op in ops}.values())
+            chosen = [node for node in group if node.op in ops]
+            arguments = list({node.args[0].index: node.args[0] for node in chosen}.values())
             abreast = self.abreast if self.lanes == 1 else 1  # lanes hold different states
             for start in range(0, len(arguments), abreast):
                 chunk = arguments[start:start + abreast]
                 vector = Vector(self.lines, f'{label}{chunk[0].index}', self.width, self.real)
                 packed = self._packed(vector, chunk)
-                results = dict(zip(ops, vector.sin_cos(packed) if label == 'sc'
-                                   else (getattr(vector, ops[0])(packed),)))
-                for node in group:
-                    if node.op in ops and node.args[0] in chunk:
-                        self.names[node.index] = self._unpacked(vector, results[node.op],
-                                                                chunk.index(node.args[0]))
+                if label == 'sc':
+                    results = dict(zip(ops, vector.sin_cos(packed)))
+                else:
+                    results = {ops[0]: getattr(vector, ops[0])(packed)}
+                for node in chosen:
+                    if node.args[0] in chunk:
+                        place = chunk.index(node.args[0])
+                        name = self._unpacked(vector, results[node.op], place)
+                        self.names[node.index] = name
 
     def _packed(self, vector: Vector, chunk: list[Expr]) -> str:
         """Pack scalars into one vector; a vector value is returned unchanged."""
@@ -257,14 +264,20 @@ def with_callees(main: Function, declarations: Sequence[str]) -> str:
             function = main.callee(current)
             functions[current.name] = function.lines
             pending += function.callees
-    v, end = vector_type(main.width, main.real), intrinsic_end(main.width, main.real)
-    x, scalar = main.real.name, intrinsic_end(1, main.real)
-    return '\n'.join([*declarations,
-                      f'declare {v} @llvm.fma.{end}({v}, {v}, {v})',
-                      f'declare {v} @llvm.fabs.{end}({v})',
-                      f'declare {v} @llvm.copysign.{end}({v}, {v})',
-                      *(f'declare {v} @llvm.{name}.{end}({v})' for name in ('sqrt', 'floor')),
-                      *(f'declare {x} @llvm.{name}.{scalar}({x})'
-                        for name in ('sqrt', 'floor') if end != scalar),
-                      'declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)',
-                      *main.lines, *(line for lines in functions.values() for line in lines)])
+    v = vector_type(main.width, main.real)
+    end = intrinsic_end(main.width, main.real)
+    lines = [*declarations,
+             f'declare {v} @llvm.fma.{end}({v}, {v}, {v})',
+             f'declare {v} @llvm.fabs.{end}({v})',
+             f'declare {v} @llvm.copysign.{end}({v}, {v})',
+             f'declare {v} @llvm.sqrt.{end}({v})',
+             f'declare {v} @llvm.floor.{end}({v})']
+    x = main.real.name
+    scalar = intrinsic_end(1, main.real)
+    if end != scalar:
+        lines += [f'declare {x} @llvm.sqrt.{scalar}({x})',
+                  f'declare {x} @llvm.floor.{scalar}({x})']
+    lines += ['declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)', *main.lines]
+    for function_lines in functions.values():
+        lines += function_lines
+    return '\n'.join(lines)

@@ -25,7 +25,9 @@ CACHE_LINE = 8  # doubles
 def width() -> int:
     """Return the number of doubles in this processor's widest SIMD register."""
     features = llvm.features()
-    return 8 if features.get('avx512f') else 4 if features.get('avx2') else 2
+    if features.get('avx512f'):
+        return 8
+    return 4 if features.get('avx2') else 2
 
 
 class RowFunction(Function):
@@ -59,21 +61,26 @@ class RowFunction(Function):
         used = {node.args: node.index for node in schedule if node.op == 'input'}
         bits: list[str] = []
         for slot, (name, shape) in enumerate(self.program.inputs):
-            rows, size = self._rows(slot), size_of(shape)
+            rows = self._rows(slot)
+            size = size_of(shape)
             needed = [k for k in range(size) if (name, k) in used]
             if name == self.shared:
-                columns = {k: self._splat(rows[0], k) for k in needed}
+                for k in needed:
+                    self.names[used[name, k]] = self._splat(rows[0], k)
             else:
-                columns = dict(enumerate(self._columns(rows, size, size_limit(name), bits)))
-            self.names |= {used[name, k]: columns[k] for k in needed}
+                columns = self._columns(rows, size, size_limit(name), bits)
+                for k in needed:
+                    self.names[used[name, k]] = columns[k]
         self._add_flags(0, bits)
 
     def _store_outputs(self) -> None:
-        v, outputs = self._vector, self.program.outputs
+        v = self._vector
+        outputs = self.program.outputs
         rows = self._rows(len(self.program.inputs))
         computed = {x.index: x for x in outputs if isinstance(x, Expr)}
         self._add_flags(1, [v.nonfinite_bits(self.value(x)) for x in computed.values()])
         self._prefetch(rows, len(outputs), writing=True)
+        # Tiles of as many entries as lanes: their transpose holds a part of each lane's row.
         for c in range(0, len(outputs), v.width):
             tile = [self.value(x) for x in outputs[c:c + v.width]]
             mask = _mask(v.width, len(tile))
@@ -87,7 +94,8 @@ class RowFunction(Function):
 
     def _rows(self, slot: int) -> list[str]:
         """Load the addresses of all lanes' rows of an argument or of the result."""
-        v, rows = self._vector, []
+        v = self._vector
+        rows = []
         for lane in range(v.width):
             at = v.new(f'getelementptr ptr, ptr %args, i64 {slot * v.width + lane}')
             rows.append(v.new(f'load ptr, ptr {at}'))
@@ -97,34 +105,44 @@ class RowFunction(Function):
         """Load one entry of the shared argument into every lane."""
         v = self._vector
         at = v.new(f'getelementptr double, ptr {row}, i64 {k}')
-        one = v.new(f'insertelement {v.type} poison, double '
-                    + v.new(f'load double, ptr {at}') + ', i32 0')
+        entry = v.new(f'load double, ptr {at}')
+        one = v.new(f'insertelement {v.type} poison, double {entry}, i32 0')
         return v.shuffle(one, 'poison', [0] * v.width)
 
     def _columns(self, rows: list[str], size: int, most: float, bits: list[str]) -> list[str]:
         """Load rows of `size` entries, return one vector per entry, extend the flag bits."""
-        v, columns = self._vector, []
+        v = self._vector
+        columns: list[str] = []
         self._prefetch(rows, size, writing=False)
         half = v.width // 2
-        for c in range(0, size, v.width):  # loading half rows exchanges the largest blocks
-            tile = [self._load_halves(rows[i], rows[i + half], place, size)
-                    for place in (c, c + half) for i in range(half)]
-            bits += [v.nonfinite_bits(row, most) for row in tile if row != 'zeroinitializer']
+        for c in range(0, size, v.width):
+            # Loading half rows exchanges the largest blocks of the transpose already.
+            tile = []
+            for place in (c, c + half):
+                for i in range(half):
+                    tile.append(self._load_halves(rows[i], rows[i + half], place, size))
+            bits += [v.nonfinite_bits(row, most)
+                     for row in tile if row != 'zeroinitializer']
             columns += exchange_blocks(v, tile, half // 2)
         return columns[:size]
 
     def _load_halves(self, first: str, second: str, place: int, size: int) -> str:
         """Load half a vector from each of two rows at an offset; zeros past their end."""
-        v, half = self._vector, self.lanes // 2
-        if place >= size:
+        v = self._vector
+        half = self.lanes // 2
+        remaining = size - place
+        if remaining <= 0:
             return 'zeroinitializer'
-        kind, halves = vector_type(half), []
+        kind = vector_type(half)
+        halves = []
         for row in (first, second):
             at = v.new(f'getelementptr double, ptr {row}, i64 {place}')
-            halves.append(v.new(
-                f'load {kind}, ptr {at}, align 8' if half <= size - place else
-                f'call {kind} @llvm.masked.load.v{half}f64.p0(ptr {at}, i32 8, '
-                f'{_mask(half, size - place)}, {kind} zeroinitializer)'))
+            if half <= remaining:
+                load = f'load {kind}, ptr {at}, align 8'
+            else:
+                load = (f'call {kind} @llvm.masked.load.v{half}f64.p0(ptr {at}, i32 8, '
+                        f'{_mask(half, remaining)}, {kind} zeroinitializer)')
+            halves.append(v.new(load))
         if half == 1:
             one = v.new(f'insertelement {v.type} poison, double {halves[0]}, i32 0')
             return v.new(f'insertelement {v.type} {one}, double {halves[1]}, i32 1')
@@ -138,8 +156,9 @@ class RowFunction(Function):
         at = v.new(f'getelementptr {v.integer}, ptr %bad, i64 {place}')
         bits = [*bits, v.new(f'load {v.integer}, ptr {at}')]
         while len(bits) > 1:  # pairwise: keeps the dependency chain short
-            bits = [v.new(f'or {v.integer} {a}, {b}') for a, b in zip(bits[::2], bits[1::2])] + (
-                bits[-1:] if len(bits) % 2 else [])
+            unpaired = bits[-1:] if len(bits) % 2 else []
+            pairs = zip(bits[::2], bits[1::2])
+            bits = [v.new(f'or {v.integer} {a}, {b}') for a, b in pairs] + unpaired
         v.lines.append(f'  store {v.integer} {bits[0]}, ptr {at}')
 
     def _prefetch(self, rows: list[str], size: int, writing: bool) -> None:

@@ -35,11 +35,12 @@ class Rows:
 
     def __init__(self, lines: list[str], names: dict[int, str], outputs: Sequence[Any]) -> None:
         """Generate into a function."""
-        self.lines, self.names = lines, names
+        self.lines = lines
+        self.names = names
         self._tiles: dict[int, list[str]] = {}
         self._runs: dict[int, list[tuple[int, int, int]]] = {}
         self.stored: set[int] = set()
-        self._kept: set[int] = set()  # rows in memory
+        self._in_memory: set[int] = set()  # rows
         for place, row, first, count in _runs(outputs):
             self._runs.setdefault(row.index, []).append((place, first, count))
             self.stored.update(range(place, place + count))
@@ -51,7 +52,8 @@ class Rows:
         return name
 
     def _value(self, node: Expr) -> str:
-        v, args = Vector(self.lines, f'w{node.index}', LANES), node.args
+        v = Vector(self.lines, f'w{node.index}', LANES)
+        args = node.args
         if node.op == 'pack':
             return self._packed(v, args)
         if node.op == 'column':
@@ -76,11 +78,14 @@ class Rows:
         """Return a row of scalars."""
         first = entries[0]
         if all(x is first for x in entries) and isinstance(first, Expr):
-            one = self._loaded(v, *first.args) if first.op == 'lane' else self.names[first.index]
+            # One scalar in every lane; a lane of another row is loaded from memory.
+            is_lane = first.op == 'lane'
+            one = self._loaded(v, *first.args) if is_lane else self.names[first.index]
             one = v.new(f'insertelement {TYPE} poison, double {one}, i32 0')
             return v.shuffle(one, 'poison', [0] * LANES)
-        row = '<' + ', '.join('double ' + ('0x0' if isinstance(x, Expr) else literal(x))
-                              for x in entries) + '>'
+        # The constants as a literal, into which the traced scalars are inserted.
+        constants = ['0x0' if isinstance(x, Expr) else literal(x) for x in entries]
+        row = '<' + ', '.join(f'double {constant}' for constant in constants) + '>'
         for k, x in enumerate(entries):
             if isinstance(x, Expr):
                 row = v.new(f'insertelement {TYPE} {row}, double {self.names[x.index]}, i32 {k}')
@@ -89,8 +94,8 @@ class Rows:
     def _loaded(self, v: Vector, row: Expr, k: int) -> str:
         """Return a lane from memory: loads broadcast without shuffles."""
         place = f'%kept{row.index}'
-        if row.index not in self._kept:
-            self._kept.add(row.index)
+        if row.index not in self._in_memory:
+            self._in_memory.add(row.index)
             self.lines += [f'  {place} = alloca {TYPE}, align {8 * LANES}',
                            f'  store {TYPE} {self.names[row.index]}, ptr {place}']
         at = v.new(f'getelementptr double, ptr {place}, i64 {k}')
@@ -100,7 +105,8 @@ class Rows:
         """Store the results that are consecutive values of a row, now that they are computed."""
         for place, first, count in self._runs.get(node.index, ()):
             v = Vector(self.lines, f'to{place}', LANES)
-            part, kind = name, vector_type(count)
+            part = name
+            kind = vector_type(count)
             if count < LANES:
                 lanes = ', '.join(f'i32 {first + k}' for k in range(count))
                 part = v.new(f'shufflevector {TYPE} {name}, {TYPE} poison, '
@@ -117,7 +123,8 @@ def _runs(outputs: Sequence[Any]) -> Iterator[tuple[int, Expr, int, int]]:
     """
     k = 0
     while k < len(outputs):
-        x, count = outputs[k], 1
+        x = outputs[k]
+        count = 1
         if isinstance(x, Expr) and x.op == 'lane':
             row, lane = x.args
             while k + count < len(outputs) and _is_lane(outputs[k + count], row, lane + count):

@@ -232,8 +232,12 @@ def run_batch(kernel: llvm.Address, rows: Sequence[tuple[int, int, int, int]], c
     table = array('q', chain.from_iterable(rows))
     width = width or llvm_simd.width()
     function, address = _driver_function(width), table.buffer_info()[0]
-    low, high = (each.ctypes.data for each in extremes) if extremes else (0, 0)
-    size = extremes[0].shape[1] if extremes else 0
+    low = high = size = 0
+    if extremes is not None:
+        lowest, highest = extremes
+        low = lowest.ctypes.data
+        high = highest.ctypes.data
+        size = lowest.shape[1]
 
     def work(ranges: Sequence[Range]) -> int:
         shares = array('q', [word for begin, end in ranges for word in (

@@ -79,68 +79,88 @@ class Kernel:
                  reason: ResultCheck | None = None,
                  single: Callable[[], Program] | None = None, in_order: bool = False) -> None:
         """Compile the program or load it from the cache."""
-        self._reason = reason
-        self.name, self.shape = name, shape
+        self.name = name
+        self.shape = shape
         self.arguments = tuple(arguments)
-        self.defaults = [a.default for a in self.arguments if a.default is not None]
-        self._given = [size_of(a.shape) for a in self.arguments if a.default is None]
-        # Axes of the arguments, the parameters and the result of one state.
-        self._ranks = [*(len(a.shape) for a in self.arguments), parameters.ndim, len(shape)]
         self.parameters = parameters
+        self.defaults = [a.default for a in self.arguments if a.default is not None]
+        self._reason = reason
         self._program = program
-        signature = [(a.name, a.shape) for a in self.arguments]
-        self._key = key and '|'.join([key, origin(program), origin(single) if single else '',
-                                      f'{signature} {parameters.shape} {shape}'])
+        # Lengths of the arguments that every call must have.
+        self._lengths = [size_of(a.shape) for a in self.arguments if a.default is None]
+        # Axes of the arguments, the parameters and the result of one state.
+        ranks = [len(a.shape) for a in self.arguments]
+        self._ranks = [*ranks, parameters.ndim, len(shape)]
+        self._key: str | None = None
+        if key:
+            signature = [(a.name, a.shape) for a in self.arguments]
+            origin_of_single = origin(single) if single else ''
+            self._key = '|'.join([key, origin(program), origin_of_single,
+                                  f'{signature} {parameters.shape} {shape}'])
         self._compiling = ForkSafeLock()
         self._lanes: tuple[llvm.Code, llvm.Address] | None = None  # set once
-        self.code = self._compiled('', lambda: '\n'.join([
-            module_text((single or program)(), SYMBOL), self._entry_points()]), in_order)
+
+        def text_of_single() -> str:
+            text = module_text((single or program)(), SYMBOL)
+            return f'{text}\n{self._entry_points()}'
+        self.code = self._compiled('', text_of_single, in_order)
         self.address = self.code.address(SYMBOL)
 
     def _compiled(self, kind: str, text: Callable[[], str],
                   in_order: bool = False) -> llvm.Code:
-        def traced() -> str:
+        """
+        Return the machine code of a text, from the cache if it is there.
+
+        Without a key, the text is traced now and is the key itself.
+        """
+        def traced_text() -> str:
             with _TRACING.held():
                 return text()
-        key, source = self._key, traced
+        source: Callable[[], str] = traced_text
 
-        def made() -> bytes:
+        def assembled() -> bytes:
             with logged(self.name):
                 return llvm.assemble(source(), in_order=in_order)
         with gc_paused():
+            key = self._key
             if key is None:
-                key = traced()
+                key = traced_text()
                 source = partial(str, key)
-            return llvm.Code(object_cache.fetch(object_cache.key(self.name, key, kind), made))
+            place = object_cache.key(self.name, key, kind)
+            return llvm.Code(object_cache.fetch(place, assembled))
 
     def with_parameters(self, parameters: Array,
                         reason: ResultCheck | None = None) -> 'Kernel':
         """Return a kernel with the same machine code and other parameters."""
-        other = object.__new__(Kernel)
-        other.__dict__.update(self.__dict__)  # `copy` takes several times as long
-        other.parameters, other._compiling, other._reason = parameters, ForkSafeLock(), reason
-        return other
+        kernel = object.__new__(Kernel)
+        kernel.__dict__.update(self.__dict__)  # `copy` takes several times as long
+        kernel.parameters = parameters
+        kernel._compiling = ForkSafeLock()
+        kernel._reason = reason
+        return kernel
 
     def traced(self) -> Program:
         """Trace the program."""
         return self._program()
 
     def _entry_points(self) -> str:
-        return entry.entry_points(SYMBOL, self._given, [d.size for d in self.defaults],
-                                  [size_limit(a.name) for a in self.arguments], self.shape)
+        default_sizes = [default.size for default in self.defaults]
+        limits = [size_limit(a.name) for a in self.arguments]
+        return entry.entry_points(SYMBOL, self._lengths, default_sizes, limits, self.shape)
 
     def compile_lanes(self) -> llvm.Address:
         """Compile the lane kernel for batches, if not done yet; return its address."""
-        lanes = self._lanes
-        if lanes is None:
+        if self._lanes is None:
             driver(width())
+
+            def text_of_lanes() -> str:
+                return lane_text(self._program(), SYMBOL, width())
             with self._compiling.held():
-                lanes = self._lanes
-                if lanes is None:
-                    code = self._compiled(f'{width()} lanes',
-                                          lambda: lane_text(self._program(), SYMBOL, width()))
-                    lanes = self._lanes = code, code.address(SYMBOL)
-        return lanes[1]
+                if self._lanes is None:  # no other thread compiled them meanwhile
+                    code = self._compiled(f'{width()} lanes', text_of_lanes)
+                    self._lanes = code, code.address(SYMBOL)
+        _, lane_address = self._lanes
+        return lane_address
 
     @property
     def lane_address(self) -> llvm.Address:
@@ -149,7 +169,7 @@ class Kernel:
 
     def entry(self, doc: str, fallback: Callable[..., Any]) -> Callable[..., Any]:
         """Return a native entry point, or the fallback if the interpreter is not supported."""
-        return entry.entry(self.name, doc, self.code, self._given,
+        return entry.entry(self.name, doc, self.code, self._lengths,
                            [*self.defaults, self.parameters], self.shape, fallback)
 
     def bind(self, arguments: Sequence[Array], result: Array, doc: str) -> Callable[[], Any]:
@@ -163,10 +183,11 @@ class Kernel:
                            self._fallback(arguments, result))
 
     def _fallback(self, arguments: Sequence[Array], result: Array) -> Callable[[], Any]:
-        def call(*given: Any, **named: Any) -> Any:
-            if given or named:
+        def call(*values: Any, **named: Any) -> Any:
+            if values or named:
                 places = ', '.join(a.name for a in self.arguments)
-                words = ', '.join([*(type(x).__name__ for x in given), *named])
+                types = [type(x).__name__ for x in values]
+                words = ', '.join([*types, *named])
                 raise InputError(f'workspace: {self.name}({words}); expected no arguments: it '
                                  f'reads the arrays of the workspace ({places})')
             return self(*arguments, out=result if self.shape else None)
@@ -343,17 +364,17 @@ class Kernel:
         """Compute the results of some states in another way, or raise an error that explains."""
         rows = result.reshape(count or 1, -1)
         for bad in places:
-            place = '' if count is None else f' of state {bad}'
-            state = [x[bad] if x.ndim > len(a.shape) else x
-                     for a, x in zip(self.arguments, arrays)]
-            other = None if self._reason is None else self._reason(
-                dict(zip((a.name for a in self.arguments), state)))
-            if other is None:
+            state = {}
+            for argument, array, rank in zip(self.arguments, arrays, self._ranks):
+                state[argument.name] = array[bad] if array.ndim > rank else array
+            kernel = None if self._reason is None else self._reason(state)
+            if kernel is None:
+                place = '' if count is None else f' of state {bad}'
                 raise InputError(
                     f'{self.name}: the result{place} is not finite: the arguments are too large, '
                     'or the mass matrix is singular at this configuration (a body without mass '
                     'moves alone, or a thin rod turns about itself); expected a finite result')
-            rows[bad] = np.ravel(other(*state))
+            rows[bad] = np.ravel(kernel(*state.values()))
 
     def _default(self, argument: Argument) -> Array:
         if argument.default is None:
@@ -363,15 +384,18 @@ class Kernel:
 
     def _count(self, values: Sequence[Any], arrays: Sequence[Array]) -> int | None:
         """Return the length of the batch, None for a single state; all arguments must agree."""
-        given = [(a, array) for a, v, array in zip(self.arguments, values, arrays)
-                 if v is not None]
-        counts = {a.name: array.shape[0] if array.ndim > len(a.shape) else None
-                  for a, array in given}
-        if len(set(counts.values())) > 1:
-            shapes = ', '.join(f'{a.name} {array.shape}' for a, array in given)
-            raise InputError(f'{self.name}: arguments {shapes}; expected all single states or '
-                             'all batches of one length')
-        return next(iter(counts.values()))
+        lengths: list[int | None] = []
+        shapes = []
+        for argument, value, array in zip(self.arguments, values, arrays):
+            if value is None:  # a default, which all states share
+                continue
+            is_batch = array.ndim > len(argument.shape)
+            lengths.append(array.shape[0] if is_batch else None)
+            shapes.append(f'{argument.name} {array.shape}')
+        if len(set(lengths)) > 1:
+            raise InputError(f'{self.name}: arguments {", ".join(shapes)}; expected all single '
+                             'states or all batches of one length')
+        return lengths[0]
 
     def _result(self, out: Any, shape: Shape) -> Array:
         """Check `out` and return the array to write to: `out` itself if its layout allows."""
@@ -379,9 +403,10 @@ class Kernel:
             return np.empty(shape)
         if not (isinstance(out, np.ndarray) and out.dtype == np.float64 and out.shape == shape
                 and out.flags.writeable):
-            given = (f'{out.dtype} array of shape {out.shape}' if isinstance(out, np.ndarray)
-                     else type(out).__name__)
-            raise InputError(f'{self.name}: out: {given}; expected a writeable float64 array '
+            described = type(out).__name__
+            if isinstance(out, np.ndarray):
+                described = f'{out.dtype} array of shape {out.shape}'
+            raise InputError(f'{self.name}: out: {described}; expected a writeable float64 array '
                              f'of shape {shape}')
         direct = out.flags.c_contiguous and out.flags.aligned and out.dtype.isnative
         return out if direct else np.empty(shape)

@@ -68,7 +68,8 @@ def forward(outputs: Iterable[Any], inputs: Sequence[Expr], tangents: Iterable[A
     tangent: dict[int, Any] = {x.index: dx for x, dx in zip(inputs, tangents, strict=True)}
     for y in _between(inputs, outputs):
         if y.op == 'call':  # the tangents of all of its results
-            tangent[y.index] = _forward_call(y, [_of(tangent, a) for a in y.args[1:]], share)
+            of_arguments = [_of(tangent, a) for a in y.args[1:]]
+            tangent[y.index] = _forward_call(y, of_arguments, share)
         elif y.op == 'output':
             tangent[y.index] = tangent[y.args[0].index][y.args[1]]
         else:
@@ -104,7 +105,8 @@ def reverse(outputs: Iterable[Any], cotangents: Iterable[Any], inputs: Sequence[
     for y in reversed(_between(inputs, outputs)):
         weight = cotangent.get(y.index, 0.0)
         if y.op == 'call':
-            weights = [of_results[y.index].get(k, 0.0) for k in range(y.args[0].n_outputs)]
+            callee = y.args[0]
+            weights = [of_results[y.index].get(k, 0.0) for k in range(callee.n_outputs)]
             for a, share_of_a in zip(operands(y), _reverse_call(y, weights, share)):
                 add(a, share_of_a)
         elif y.op == 'output':
@@ -141,14 +143,17 @@ def _by_calls(one_pass: Callable[..., list[Any]], outputs: Sequence[Any],
               inputs: Sequence[Expr], passes: int, share: Subroutines) -> list[list[Any]]:
     """Return the results of passes by calls of a subroutine, which computes any one of them."""
     function = Program('function', (), tuple(outputs), (len(outputs),))
-    own = {x.index for x in inputs}
-    leaves = [*inputs, *(node for node in function.schedule()
-                         if node.op == 'input' and node.index not in own)]
-    place = {node.index: k for k, node in enumerate(leaves)}
+    # The values that the function is computed from: its inputs first.
+    place = {x.index: k for k, x in enumerate(inputs)}
+    leaves = list(inputs)
+    for node in function.schedule():
+        if node.op == 'input' and node.index not in place:
+            place[node.index] = len(leaves)
+            leaves.append(node)
 
     def traced(values: Any, seed: Any) -> Any:
-        return np.array(one_pass(replayed(function, lambda node: values[place[node.index]]),
-                                 values[:len(inputs)], seed))
+        results = replayed(function, lambda node: values[place[node.index]])
+        return np.array(one_pass(results, values[:len(inputs)], seed))
     subroutine = share.trace('row', traced, [('values', (len(leaves),)), ('seed', (passes,))])
     return [call(subroutine, leaves, unit) for unit in np.eye(passes)]
 
@@ -158,12 +163,18 @@ def _between(inputs: Sequence[Expr], outputs: Sequence[Any]) -> list[Expr]:
     roots = [y for y in outputs if isinstance(y, Expr)]
     if not roots:
         return []
-    nodes = roots[0].trace.nodes[:max(y.index for y in roots) + 1]
-    varying, needed = bytearray(len(nodes)), bytearray(len(nodes))
+    last = max(y.index for y in roots)
+    nodes = roots[0].trace.nodes[:last + 1]
     first = {x.index for x in inputs}
+
+    # Forward: which nodes vary with the inputs.
+    varying = bytearray(len(nodes))
     for node in nodes:
-        varying[node.index] = node.index in first or any(varying[a.index]
-                                                         for a in operands(node))
+        by_operands = any(varying[a.index] for a in operands(node))
+        varying[node.index] = node.index in first or by_operands
+
+    # Backward: which nodes lead to an output. What is before the inputs does not matter.
+    needed = bytearray(len(nodes))
     for y in roots:
         needed[y.index] = 1
     for node in reversed(nodes):
@@ -180,8 +191,9 @@ def _forward_call(node: Expr, tangents: list[Any], share: Subroutines) -> Any:
 
     def derived(values: Any, rates: Any) -> Any:
         moving = [k for k, x in enumerate(values) if isinstance(x, Expr)]
-        return np.array(forward(inlined(callee, values), [values[k] for k in moving],
-                                [rates[k] for k in moving], share))
+        moving_values = [values[k] for k in moving]
+        moving_rates = [rates[k] for k in moving]
+        return np.array(forward(inlined(callee, values), moving_values, moving_rates, share))
     return share(f'{callee.name}_forward', derived, arguments, tangents)
 
 
@@ -190,8 +202,8 @@ def _reverse_call(node: Expr, cotangents: list[Any], share: Subroutines) -> Any:
     callee, *arguments = node.args
 
     def derived(values: Any, weights: Any) -> Any:
-        return np.array(reverse(inlined(callee, values), weights,
-                                [x for x in values if isinstance(x, Expr)], share))
+        moving_values = [x for x in values if isinstance(x, Expr)]
+        return np.array(reverse(inlined(callee, values), weights, moving_values, share))
     return share(f'{callee.name}_reverse', derived, arguments, cotangents)
 
 
@@ -206,10 +218,10 @@ def _times(x: Any, y: Any) -> Any:
 
     So an infinite slope of a branch that is not selected does not give 0 times infinity.
     """
-    for factor, other in ((x, y), (y, x)):
-        if _masked(factor) and isinstance(other, Expr):
+    for factor, cofactor in ((x, y), (y, x)):
+        if _masked(factor) and isinstance(cofactor, Expr):
             c, a, b = factor.args
-            return c.select(_times(a, other), _times(b, other))
+            return c.select(_times(a, cofactor), _times(b, cofactor))
     return x * y
 
 

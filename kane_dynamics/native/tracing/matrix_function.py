@@ -82,8 +82,9 @@ class MatrixFunction:
         rates = [Block(f'fwd_{y.name}', y.shape, y.places) for y in self.outputs]
         count = len(self.read)
 
-        def function(*given: Any) -> Any:
-            x, tangents = _joined(given[:count]), _joined(given[count:])
+        def function(*arrays: Any) -> Any:
+            x = _joined(arrays[:count])
+            tangents = _joined(arrays[count:])
             return forward(inlined(self.program, x), x, tangents, Subroutines())
         return _traced(f'fwd1_{self.name}', [*self._nominal(), *seeds], rates, function)
 
@@ -93,8 +94,9 @@ class MatrixFunction:
         gradients = [Block(f'adj_{x.name}', x.shape, x.places) for x in self.inputs]
         count = len(self.read)
 
-        def function(*given: Any) -> Any:
-            x, weights = _joined(given[:count]), _joined(given[count:])
+        def function(*arrays: Any) -> Any:
+            x = _joined(arrays[:count])
+            weights = _joined(arrays[count:])
             return reverse(inlined(self.program, x), weights, x, Subroutines())
         return _traced(f'adj1_{self.name}', [*self._nominal(), *seeds], gradients, function)
 
@@ -105,22 +107,28 @@ class MatrixFunction:
         `program`, if given, computes the entries, a row of all arguments for each entry of the
         results. By default passes over the function do.
         """
-        def function(*given: Any) -> Any:
-            x = _joined(given)
+        def dense_function(*arrays: Any) -> Any:
+            x = _joined(arrays)
             if program is not None:
                 return inlined(program, x)
-            return jacobian(np.array(inlined(self.program, x), dtype=object), x,
-                            Subroutines())
+            values = np.array(inlined(self.program, x), dtype=object)
+            return jacobian(values, x, Subroutines())
         n = sum(len(x.places) for x in self.read)
-        dense = _traced('', self.read, [full('', (1, len(self.program.outputs) * n))], function)
-        depends = [sum((not _is_zero(x)) << k for k, x in enumerate(row))
-                   for row in np.reshape(np.array(dense.program.outputs, dtype=object), (-1, n))]
+        size = len(self.program.outputs) * n
+        dense = _traced('', self.read, [full('', (1, size))], dense_function)
+
+        # Which entries are always zero is known from the traced values.
+        values = np.array(dense.program.outputs, dtype=object)
+        depends = []
+        for row in np.reshape(values, (-1, n)):
+            bits = (1 << k for k, x in enumerate(row) if not _is_zero(x))
+            depends.append(sum(bits))
         blocks, entries = self._slopes(depends)
 
-        def chosen(*given: Any) -> Any:
-            values = inlined(dense.program, _joined(given))
+        def nonzeros(*arrays: Any) -> Any:
+            values = inlined(dense.program, _joined(arrays))
             return [values[row * n + column] for row, column in entries]
-        return _traced(f'jac_{self.name}', self._nominal(), blocks, chosen)
+        return _traced(f'jac_{self.name}', self._nominal(), blocks, nonzeros)
 
     def jacobian_by_columns(self) -> 'MatrixFunction':
         """
@@ -131,9 +139,10 @@ class MatrixFunction:
         rates = self.forward().program
         blocks, entries = self._slopes(dependence(self.program))
 
-        def function(*given: Any) -> Any:
-            x = _joined(given)
-            columns = {k: _rates_by(rates, x, k) for k in sorted({k for _, k in entries})}
+        def function(*arrays: Any) -> Any:
+            x = _joined(arrays)
+            numbers = sorted({column for _, column in entries})
+            columns = {k: _rates_by(rates, x, k) for k in numbers}
             return [columns[column][row] for row, column in entries]
         return _traced(f'jac_{self.name}', self._nominal(), blocks, function)
 
@@ -148,17 +157,21 @@ class MatrixFunction:
         `depends` has a number for every nonzero of the results; its bit k is set if that depends
         on nonzero k of the arguments.
         """
-        blocks, entries = [], []
+        blocks = []
+        entries = []
         first_row = 0
         for y in self.outputs:
             first_column = 0
             for x in self.inputs:
-                found = [(row, column) for column in range(len(x.places))
-                         for row in range(len(y.places))
-                         if depends[first_row + row] >> (first_column + column) & 1]
-                blocks.append(Block(f'jac_{y.name}_{x.name}', (y.size, x.size), tuple(
-                    y.places[row] + y.size * x.places[column] for row, column in found)))
-                entries += [(first_row + row, first_column + column) for row, column in found]
+                places = []
+                for column, x_place in enumerate(x.places):
+                    bit = 1 << (first_column + column)
+                    for row, y_place in enumerate(y.places):
+                        if depends[first_row + row] & bit:
+                            places.append(y_place + y.size * x_place)
+                            entries.append((first_row + row, first_column + column))
+                name = f'jac_{y.name}_{x.name}'
+                blocks.append(Block(name, (y.size, x.size), tuple(places)))
                 first_column += len(x.places)
             first_row += len(y.places)
         return blocks, entries
@@ -182,13 +195,21 @@ def retraced(program: Program, arguments: Sequence[Block], parts: Mapping[str, S
         Takes the result of the program, of its shape; returns the entries in the new order.
 
     """
-    def function(*given: Any) -> Any:
-        arrays = {block.name: np.reshape(x, block.shape, order='F').ravel()
-                  for block, x in zip(arguments, given)}
-        values = [x for key, _ in program.inputs
-                  for x in (arrays[key] if key in arrays else [
-                      arrays[each[0]][each[1]] if isinstance(each, tuple) else float(each)
-                      for each in parts[key]])]
+    def function(*columns: Any) -> Any:
+        arrays = {}
+        for block, x in zip(arguments, columns):
+            arrays[block.name] = np.reshape(x, block.shape, order='F').ravel()
+        values: list[Any] = []
+        for key, _ in program.inputs:
+            if key in arrays:
+                values += list(arrays[key])
+                continue
+            for part in parts[key]:
+                if isinstance(part, tuple):
+                    name, k = part
+                    values.append(arrays[name][k])
+                else:
+                    values.append(float(part))
         entries = np.array(inlined(program, values), dtype=object)
         return np.ravel(arranged(entries.reshape(program.shape)))
     return trace_program(program.name, function, _inputs(arguments))
@@ -196,32 +217,37 @@ def retraced(program: Program, arguments: Sequence[Block], parts: Mapping[str, S
 
 def dependence(program: Program) -> list[int]:
     """Return a number for each output; its bit k is set if that depends on input entry k."""
-    first, count = {}, 0
+    # The number of the first entry of each input, among the entries of all.
+    first = {}
+    count = 0
     for name, shape in program.inputs:
         first[name] = count
         count += math.prod(shape)
-    inner: dict[int, list[int]] = {}
-    found: dict[int, int] = {}
+    of_results: dict[int, list[int]] = {}  # of a call: those of its results by its arguments
+    depends: dict[int, int] = {}
     for node in program.schedule():
         if node.op == 'input':
-            found[node.index] = 1 << (first[node.args[0]] + node.args[1])
+            name, k = node.args
+            depends[node.index] = 1 << (first[name] + k)
         elif node.op == 'call':
-            inner[node.index] = dependence(node.args[0])
+            of_results[node.index] = dependence(node.args[0])
         elif node.op == 'output':
             source, place = node.args
-            bits = inner[source.index][place]
-            found[node.index] = _union(found[x.index] for k, x in enumerate(source.args[1:])
-                                       if bits >> k & 1 and isinstance(x, Expr))
+            bits = of_results[source.index][place]
+            arguments = [x for k, x in enumerate(source.args[1:]) if bits >> k & 1]
+            depends[node.index] = _union(depends, arguments)
         else:
-            found[node.index] = _union(found[x.index] for x in operands(node))
-    return [found[x.index] if isinstance(x, Expr) else 0 for x in program.outputs]
+            depends[node.index] = _union(depends, operands(node))
+    return [_union(depends, [x]) for x in program.outputs]
 
 
-def _union(masks: Iterable[int]) -> int:
-    result = 0
-    for mask in masks:
-        result |= mask
-    return result
+def _union(depends: Mapping[int, int], values: Iterable[Any]) -> int:
+    """Return the bits of all that some values depend on."""
+    bits = 0
+    for x in values:
+        if isinstance(x, Expr):
+            bits |= depends[x.index]
+    return bits
 
 
 def _rates_by(rates: Program, x: list[Any], k: int) -> list[Any]:
