@@ -1,6 +1,7 @@
 """Generate C99: one straight-line function per program that needs only libm."""
 
 from collections.abc import Mapping, Sequence
+from itertools import islice
 import re
 
 from kane_dynamics.errors import CompileError
@@ -49,7 +50,8 @@ class _Function:
 
     def __init__(self, program: Program, prefix: str, precision: Precision) -> None:
         """Generate the body: `lines` holds the code, `callees` the programs it calls."""
-        self.prefix, self.precision = prefix, precision
+        self.prefix = prefix
+        self.precision = precision
         self.names: dict[int, str] = {}
         self.lines: list[str] = []
         self.callees: list[Program] = []
@@ -75,13 +77,21 @@ class _Function:
 
         Their arguments are written before. Return the schedule of all the rest.
         """
+        # Values that need no elementary function: arithmetic on the inputs.
         plain: set[int] = set()
         for node in schedule:
-            if node.op == 'input' or (node.op not in ELEMENTARY and node.op not in (
-                    'call', 'output', 'sqrt') and all(x.index in plain for x in operands(node))):
+            is_arithmetic = node.op not in (*ELEMENTARY, 'call', 'output', 'sqrt', 'input')
+            of_plain = all(x.index in plain for x in operands(node))
+            if node.op == 'input' or (is_arithmetic and of_plain):
                 plain.add(node.index)
-        early = [node for node in schedule if node.op in ELEMENTARY
-                 and isinstance(node.args[0], Expr) and node.args[0].index in plain]
+        early = []
+        for node in schedule:
+            if node.op in ELEMENTARY:
+                x = node.args[0]
+                if isinstance(x, Expr) and x.index in plain:
+                    early.append(node)
+
+        # Write what their arguments are computed from.
         needed: set[int] = set()
         pending = [node.args[0] for node in early]
         while pending:
@@ -92,6 +102,7 @@ class _Function:
         for node in schedule:
             if node.index in needed and node.op != 'input':
                 self._operation(node)
+        # Call each function for all of its arguments at once.
         for kinds, function, results in ((('sin', 'cos'), 'sin_cos', ('s', 'c')),
                                          (('tanh',), 'tanh_each', ('y',))):
             chosen = [node for node in early if node.op in kinds]
@@ -101,12 +112,14 @@ class _Function:
                 self._elementary(function, angles, results)
                 for node in chosen:
                     array = results[kinds.index(node.op)]
-                    self.names[node.index] = f'{function}_{array}[{angles.index(node.args[0])}]'
+                    place = angles.index(node.args[0])
+                    self.names[node.index] = f'{function}_{array}[{place}]'
         return schedule
 
     def _elementary(self, function: str, angles: list[Expr], results: Sequence[str]) -> None:
         """Call an elementary function for all its arguments."""
-        real, count = self.precision.c, len(angles)
+        real = self.precision.c
+        count = len(angles)
         values = ', '.join(self._value(x) for x in angles)
         arrays = [f'{function}_{name}' for name in results]
         self.lines += [f'    const {real} {function}_x[{count}] = {{{values}}};',
@@ -148,14 +161,18 @@ class _Function:
         callee, *flat = node.args
         if callee not in self.callees:
             self.callees.append(callee)
-        given, i, real = [], node.index, self.precision.c
+        i = node.index
+        real = self.precision.c
+        arguments = []
+        remaining = iter(flat)
         for k, (_, shape) in enumerate(callee.inputs):
-            entries, flat = flat[:size_of(shape)], flat[size_of(shape):]
+            entries = list(islice(remaining, size_of(shape)))
             values = ', '.join(self._value(x) for x in entries)
             self.lines.append(f'    const {real} a{i}_{k}[{len(entries)}] = {{{values}}};')
-            given.append(f'a{i}_{k}')
+            arguments.append(f'a{i}_{k}')
+        arguments.append(f'r{i}')
         self.lines += [f'    {real} r{i}[{max(callee.n_outputs, 1)}];',
-                       f'    {self.prefix}_{callee.name}({", ".join([*given, f"r{i}"])});']
+                       f'    {self.prefix}_{callee.name}({", ".join(arguments)});']
 
 
 def _grouped(angles: list[Expr]) -> list[Expr]:
@@ -202,13 +219,19 @@ def c_functions(program: Program, name: str, defaults: Mapping[str, str],
 
     """
     main = _Function(program, name, precision)
-    given = ', '.join([*(argument for argument, _ in program.inputs), 'result'])
+    names = [argument for argument, _ in program.inputs]
+    arguments = ', '.join([*names, 'result'])
     heads = [f'{versions}\nstatic {prototype(program, f"{name}_body", precision)}\n{{']
     heads += [f'    if ({argument} == NULL) {argument} = {array};'
               for argument, array in defaults.items()]
-    texts = ['\n'.join([*heads, *main.lines, '}', '', prototype(program, name, precision), '{',
-                        f'    {name}_body({given});', '}'])]
-    pending, known = list(main.callees), set()
+    # The body, as several versions where compilers can, and the function that calls it.
+    body = [*heads, *main.lines, '}']
+    caller = [prototype(program, name, precision), '{', f'    {name}_body({arguments});', '}']
+    texts = ['\n'.join([*body, '', *caller])]
+
+    # Subroutines stand before the functions that call them.
+    pending = list(main.callees)
+    known = set()
     while pending:
         callee = pending.pop(0)
         if callee.name not in known:

@@ -184,13 +184,18 @@ def elementary_functions(upper: str, precision: Precision, names: set[str]) -> s
         """Return C code for sum c_k x^k by pairs: shorter dependency chains than Horner's."""
         texts = [literal(c, precision) for c in coefficients]
         pairs = [f'{low} + {x} * {high}' for low, high in zip(texts[::2], texts[1::2])]
-        pairs += texts[-1:] if len(texts) % 2 else []
+        if len(texts) % 2:
+            pairs.append(texts[-1])
         text = pairs.pop()
         while pairs:
             text = f'({pairs.pop()}) + {square} * ({text})'
         return text
-    sine, cosine, exp = (table[:count] for table, count in zip((SIN, COS, EXP), precision.terms))
-    high, low = (0.693359375, math.log(2.0) - 0.693359375) if precision.suffix else LN2
+    sine, cosine, exp = (table[:count]
+                         for table, count in zip((SIN, COS, EXP), precision.terms))
+    high, low = LN2
+    if precision.suffix:
+        high = 0.693359375  # few bits, so that its products with whole numbers are exact
+        low = math.log(2.0) - high
     numbers = {
         'most': precision.most, 'inverse': 2.0 / math.pi, 'round': precision.rounding,
         'quarter': 0.25, 'four': 4.0, 'one': 1.0, 'half': 0.5, 'zero': 0.0, 'two': 2.0,
@@ -202,7 +207,9 @@ def elementary_functions(upper: str, precision: Precision, names: set[str]) -> s
              'mantissa': str(precision.mantissa), 'sine': polynomial(sine, 'z', 'zz'),
              'cosine': polynomial(cosine, 'z', 'zz'), 'exp': polynomial(exp, 'r', 'z'),
              **{name: literal(value, precision) for name, value in numbers.items()}}
-    text = '\n'.join([HEAD, *(TEXTS[name] for name in sorted(names))]) if names else ''
+    if not names:
+        return ''
+    text = '\n'.join([HEAD, *(TEXTS[name] for name in sorted(names))])
     for name, word in words.items():
         text = text.replace(f'@{name}@', word)
     return text

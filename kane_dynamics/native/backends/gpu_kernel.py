@@ -46,8 +46,11 @@ END = ['  br label %end', 'end:', '  ret void', '}']
 
 def definition(parameters: Sequence[str], host: bool) -> str:
     """Return the first line of a kernel with these parameters after the number of states."""
-    given = ', '.join([*(['i64 %i'] if host else []), 'i64 %count', *parameters])
-    return f'define {"" if host else "ptx_kernel "}void @{KERNEL}({given}) {{'
+    if host:  # the number of the state is the first argument
+        arguments = ', '.join(['i64 %i', 'i64 %count', *parameters])
+        return f'define void @{KERNEL}({arguments}) {{'
+    arguments = ', '.join(['i64 %count', *parameters])
+    return f'define ptx_kernel void @{KERNEL}({arguments}) {{'
 
 
 def entrance(host: bool) -> list[str]:
@@ -58,7 +61,8 @@ def entrance(host: bool) -> list[str]:
 def hoisted(lines: list[str]) -> list[str]:
     """Return the lines of a function with its local memory allocated at its beginning."""
     local = [line for line in lines if ' = alloca ' in line]
-    return [lines[0], *local, *(line for line in lines[1:] if ' = alloca ' not in line)]
+    others = [line for line in lines[1:] if ' = alloca ' not in line]
+    return [lines[0], *local, *others]
 
 
 def declarations(host: bool) -> list[str]:
@@ -70,7 +74,10 @@ def declarations(host: bool) -> list[str]:
 def row_address(v: Vector, name: str, step: str = '') -> str:
     """Return the address of a state's row of an argument or of the result, at a step."""
     row = f'%{name}.base'
-    for index, stride in (('%i', 'stride'), *([(step, 'step')] if step else [])):
+    moves = [('%i', 'stride')]
+    if step:
+        moves.append((step, 'step'))
+    for index, stride in moves:
         offset = v.new(f'mul i64 {index}, %{name}.{stride}')
         row = v.new(f'getelementptr {v.type}, {GLOBAL} {row}, i64 {offset}')
     return row
@@ -108,10 +115,10 @@ class GpuKernel(Function):
     def _head(self, symbol: str) -> str:
         arguments = [name for name, _ in self.program.inputs[:-1]]
         block, shape = self.program.inputs[-1]
-        return definition(
-            [f'{GLOBAL} %{name}.base, i64 %{name}.stride, i64 %{name}.pitch'
-             for name in [*arguments, 'result']]
-            + [f'{self.type} %{block}.{k}' for k in range(size_of(shape))], self._host)
+        parameters = [f'{GLOBAL} %{name}.base, i64 %{name}.stride, i64 %{name}.pitch'
+                      for name in [*arguments, 'result']]
+        parameters += [f'{self.type} %{block}.{k}' for k in range(size_of(shape))]
+        return definition(parameters, self._host)
 
     def _load_inputs(self, schedule: list[Expr]) -> None:
         """Load all arguments first: the result may overlap them in memory."""

@@ -73,16 +73,17 @@ class _Rollout:
     """Kernel that loads a state, calls the step repeatedly and stores the results."""
 
     def __init__(self, program: Program, layout: StepLayout, real: Real, host: bool) -> None:
-        self._layout, self._type = layout, real.name
+        self._layout = layout
+        self._type = real.name
         self._sizes = [size_of(shape) for _, shape in program.inputs]
-        moving = ('tau', 'result')
-        rows = ['q', 'u', 'tau', *layout.parameters, 'result']
-        given = ['i64 %steps', *(
-            f'{GLOBAL} %{name}.base, i64 %{name}.stride, i64 %{name}.pitch'
-            + (f', i64 %{name}.step' if name in moving else '') for name in rows)]
-        given += [f'{real.name} %{name}' for name in (
-            'h', 'time', *(f'p{k}' for k in range(self._sizes[2] - 1)))]
-        self.lines = [definition(given, host), *self._memory(), *entrance(host)]
+        parameters = ['i64 %steps']
+        for name in ('q', 'u', 'tau', *layout.parameters, 'result'):
+            parameters.append(f'{GLOBAL} %{name}.base, i64 %{name}.stride, i64 %{name}.pitch')
+            if name in ('tau', 'result'):  # one row for each step
+                parameters.append(f'i64 %{name}.step')
+        parameters += [f'{real.name} %h', f'{real.name} %time']
+        parameters += [f'{real.name} %p{k}' for k in range(self._sizes[2] - 1)]
+        self.lines = [definition(parameters, host), *self._memory(), *entrance(host)]
         self._v = Vector(self.lines, 'v', 1, real)
         self._load()
         self._loop()

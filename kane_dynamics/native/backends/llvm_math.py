@@ -207,11 +207,20 @@ def transpose(v: Vector, rows: list[str]) -> list[str]:
 def exchange_blocks(v: Vector, rows: list[str], distance: int) -> list[str]:
     """Exchange off-diagonal blocks of this size, then of half the size, and so on."""
     while distance:
-        kept = [lane for lane in range(v.width) if not lane & distance]
-        low = sorted([*kept, *(lane + v.width for lane in kept)], key=lambda k: (
-            k % v.width + (distance if k >= v.width else 0)))
-        high = [place + distance for place in low]
-        rows = [v.shuffle(rows[i], rows[i | distance], low) if not i & distance
-                else v.shuffle(rows[i ^ distance], rows[i], high) for i in range(v.width)]
+        # Of a pair of rows a distance apart, the first takes the low lanes of both, and the
+        # second the high ones. Lanes of the second row are numbered from the width on.
+        low = []
+        for lane in range(v.width):
+            if lane & distance:
+                low.append(lane - distance + v.width)
+            else:
+                low.append(lane)
+        high = [lane + distance for lane in low]
+        exchanged = []
+        for i in range(v.width):
+            first = rows[i & ~distance]
+            second = rows[i | distance]
+            exchanged.append(v.shuffle(first, second, high if i & distance else low))
+        rows = exchanged
         distance //= 2
     return rows

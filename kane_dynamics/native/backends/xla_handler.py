@@ -184,10 +184,10 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
 
     """
     last = len(sizes) - 1
-    text = (f'@sizes = internal constant [{len(sizes)} x i64] ['
-            + ', '.join(f'i64 {size}' for size in sizes) + ']\n'
-            + f'@limits = internal constant [{len(limits)} x double] ['
-            + ', '.join(f'double {literal(limit)}' for limit in limits) + ']\n')
+    size_list = ', '.join(f'i64 {size}' for size in sizes)
+    limit_list = ', '.join(f'double {literal(limit)}' for limit in limits)
+    text = (f'@sizes = internal constant [{len(sizes)} x i64] [{size_list}]\n'
+            f'@limits = internal constant [{len(limits)} x double] [{limit_list}]\n')
     threads = min(threads, MOST_THREADS)
     text += SUPPORT + HEAD.replace('WORDS', str(words * threads))
     text += '  %before.0 = add i64 0, 0\n'
@@ -195,15 +195,19 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
         text += OPERAND.replace('SIZE', str(size)).replace('BYTES', str(8 * size)).replace(
             'NEXT', str(k + 1)).replace('K', str(k))
     text += PARAMETERS.replace('K', str(last - 1)) + SCRATCH
+    label = 'place'
     for k in range(last - 1):
-        text += PLACE.replace('FROM', f'placed{k - 1}' if k else 'place').replace('K', str(k))
+        text += PLACE.replace('FROM', label).replace('K', str(k))
+        label = f'placed{k}'
+    # The words of a share; see `batch_loop`.
     values = [f'i64 {kernel}', 'ptr %table', f'i64 {last + 1}', 'i64 0', 'i64 0', 'i64 0',
               'i64 %begin', 'i64 %stop', 'i64 1']
     stores = '\n'.join(f'  %own{k} = getelementptr i64, ptr %own, i64 {k}\n'
                        f'  store {value}, ptr %own{k}' for k, value in enumerate(values))
     text += RUN.replace('STORES', stores.strip()).replace('SHARE', str(words)).replace(
-        'FROM', f'placed{last - 2}' if last > 1 else 'place')
-    for name, number in (('GRAIN', max(1, WORK // max(operations, 1))), ('THREADS', threads),
+        'FROM', label)
+    grain = max(1, WORK // max(operations, 1))
+    for name, number in (('GRAIN', grain), ('THREADS', threads),
                          ('FLAGS', flags), ('DRIVER', driver), ('MAJOR', MAJOR),
                          ('MINOR', minor), ('ROW', row), ('SLOTS', last + 1), ('LAST', last),
                          ('ARGUMENTS', last - 1),

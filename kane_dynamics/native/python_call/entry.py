@@ -93,9 +93,9 @@ def supported() -> bool:
     probe = np.array([1.25, -2.5, 3.75])
     head = (ctypes.c_uint64 * 10).from_address(id(probe))
     count = ctypes.c_uint32.from_address(id(probe))
-    before = count.value
+    count_of_one = count.value
     another = probe
-    readable = (count.value == before + 1 and head[TYPE // 8] == id(np.ndarray)
+    readable = (count.value == count_of_one + 1 and head[TYPE // 8] == id(np.ndarray)
                 and head[DATA // 8] == probe.ctypes.data and head[NDIM // 8] & 0xFFFFFFFF == 1
                 and ctypes.c_int64.from_address(head[SHAPE // 8]).value == 3
                 and head[DTYPE // 8] == id(np.dtype(np.float64))
@@ -234,7 +234,7 @@ def methods(cls: type[NativeMethods], docs: Mapping[str, str],
 
 
 def entry_points(symbol: str, lengths: Sequence[int], default_sizes: Sequence[int],
-                 most: Sequence[float], shape: Shape) -> str:
+                 limits: Sequence[float], shape: Shape) -> str:
     """
     Return the LLVM IR of `entry` and `bound`, to be added to a kernel's module.
 
@@ -245,7 +245,7 @@ def entry_points(symbol: str, lengths: Sequence[int], default_sizes: Sequence[in
     lengths, default_sizes : sequence of int
         Numbers of entries of the arguments of a call and of the default arguments; one block
         of parameters follows.
-    most : sequence of float
+    limits : sequence of float
         Largest absolute value allowed in each argument.
     shape : tuple of int
         Shape of the result.
@@ -253,6 +253,6 @@ def entry_points(symbol: str, lengths: Sequence[int], default_sizes: Sequence[in
     """
     if not lengths or 0 in (*lengths, *default_sizes, *shape):
         return ''
-    code = '\n'.join([entry_code(symbol, lengths, most, len(default_sizes) + 1, shape),
-                      bound_code(symbol, [*lengths, *default_sizes], most, 1, shape)])
+    code = '\n'.join([entry_code(symbol, lengths, limits, len(default_sizes) + 1, shape),
+                      bound_code(symbol, [*lengths, *default_sizes], limits, 1, shape)])
     return '\n'.join([ALL_FINITE, code]) if '@all_finite' in code else code

@@ -26,17 +26,22 @@ FLOAT64 = 12  # numpy's type number
 
 def _reuse_result(a: Assembly, place: str, shape: Shape, otherwise: str) -> None:
     """Branch to `run` with the array of a ring slot; to `otherwise` if it is in use."""
-    slot = a.new(f'getelementptr ptr, ptr {a.word("RING")}, i64 {0 if place == "first" else 1}')
+    number = 0 if place == 'first' else 1
+    slot = a.new(f'getelementptr ptr, ptr {a.word("RING")}, i64 {number}')
     array = a.load('ptr', slot)
     a.branch([a.equal('i32', a.load('i32', array, COUNT), 1),
               a.equal('ptr', a.load('ptr', array, WEAKREFS), 'null'),
               a.equal('ptr', a.load('ptr', array, DTYPE), a.word('FLOAT64')),
-              a.equal('i32', a.load('i32', array, NDIM), len(shape)), a.flags(array, FRESH)],
-             f'{place}.free', otherwise)
+              a.equal('i32', a.load('i32', array, NDIM), len(shape)),
+              a.flags(array, FRESH)], f'{place}.free', otherwise)
+    # The user may have given the array another shape.
     a.put(f'{place}.free:')
     lengths = a.load('ptr', array, SHAPE)
-    a.branch([a.equal('i64', a.load('i64', lengths, 8 * k), length)
-              for k, length in enumerate(shape)], f'{place}.taken', otherwise)
+    conditions = []
+    for k, length in enumerate(shape):
+        actual = a.load('i64', lengths, 8 * k)
+        conditions.append(a.equal('i64', actual, length))
+    a.branch(conditions, f'{place}.taken', otherwise)
     a.put(f'{place}.taken:')
     a.add_to_count(array)
     a.put(f'  %{place}.array = getelementptr i8, ptr {array}, i64 0', '  br label %run')
@@ -45,27 +50,33 @@ def _reuse_result(a: Assembly, place: str, shape: Shape, otherwise: str) -> None
 def _new_result(a: Assembly, shape: Shape) -> None:
     """Allocate a result array and replace the oldest array of the ring by it."""
     a.put('make:')
-    ring, made = a.word('RING'), '%made.array'
-    a.put(f'  {made} = call ptr {a.word("NEW_ARRAY")}(ptr {a.word("NDARRAY")}, i32 {len(shape)}, '
-          f'ptr {a.word("RESULT_SHAPE")}, i32 {FLOAT64}, ptr null, ptr null, i32 0, i32 0, '
-          'ptr null)',
-          f'  %failed = icmp eq ptr {made}, null',
-          '  br i1 %failed, label %failure, label %keep', 'failure:', '  ret ptr null', 'keep:')
-    a.add_to_count(made)
+    ring = a.word('RING')
+    array = '%made.array'
+    a.put(f'  {array} = call ptr {a.word("NEW_ARRAY")}(ptr {a.word("NDARRAY")}, '
+          f'i32 {len(shape)}, ptr {a.word("RESULT_SHAPE")}, i32 {FLOAT64}, ptr null, '
+          'ptr null, i32 0, i32 0, ptr null)',
+          f'  %failed = icmp eq ptr {array}, null',
+          '  br i1 %failed, label %failure, label %keep',
+          'failure:', '  ret ptr null', 'keep:')
+    # The ring moves on before the oldest array is released, whose finalization may run any code.
+    a.add_to_count(array)
     second = a.new(f'getelementptr ptr, ptr {ring}, i64 1')
-    oldest, newer = a.load('ptr', ring), a.load('ptr', second)
-    a.put(f'  store ptr {newer}, ptr {ring}', f'  store ptr {made}, ptr {second}',
+    oldest = a.load('ptr', ring)
+    newer = a.load('ptr', second)
+    a.put(f'  store ptr {newer}, ptr {ring}', f'  store ptr {array}, ptr {second}',
           f'  call void {a.word("RELEASE")}(ptr {oldest})', '  br label %run')
 
 
 def _return_float(a: Assembly, number_at: str) -> None:
     a.branch(a.finite([(number_at, 1, math.inf)]), 'good', 'slow')
     a.put('good:')
-    new_float, number = a.word('NEW_FLOAT'), a.load('double', number_at)
-    a.put('  ret ptr ' + a.new(f'call ptr {new_float}(double {number})'))
+    new_float = a.word('NEW_FLOAT')
+    number = a.load('double', number_at)
+    result = a.new(f'call ptr {new_float}(double {number})')
+    a.put(f'  ret ptr {result}')
 
 
-def entry_code(symbol: str, lengths: Sequence[int], most: Sequence[float], n_defaults: int,
+def entry_code(symbol: str, lengths: Sequence[int], limits: Sequence[float], n_defaults: int,
                shape: Shape) -> str:
     """
     Return the LLVM IR of `entry`.
@@ -76,7 +87,7 @@ def entry_code(symbol: str, lengths: Sequence[int], most: Sequence[float], n_def
         The kernel function, ``void symbol(double **pointers)``: arguments, defaults, result.
     lengths : sequence of int
         Length of each positional argument, all one-dimensional; none may be 0.
-    most : sequence of float
+    limits : sequence of float
         Largest absolute value allowed in each argument.
     n_defaults : int
         Number of arguments whose addresses are in the table.
@@ -92,25 +103,34 @@ def entry_code(symbol: str, lengths: Sequence[int], most: Sequence[float], n_def
     a.branch([a.equal('ptr', '%kwnames', 'null'), a.equal('i64', '%nargs', len(lengths))],
              'types', 'slow')
     a.put('types:')
-    given = [a.load('ptr', '%args', 8 * k) for k in range(len(lengths))]
-    ndarray, float64 = a.word('NDARRAY'), a.word('FLOAT64')
-    a.branch([a.equal('ptr', a.load('ptr', o, TYPE), ndarray) for o in given], 'layout', 'slow')
+    arrays = [a.load('ptr', '%args', 8 * k) for k in range(len(lengths))]
+    ndarray = a.word('NDARRAY')
+    float64 = a.word('FLOAT64')
+    # Only an ndarray has the fields that are read next.
+    a.branch([a.equal('ptr', a.load('ptr', array, TYPE), ndarray) for array in arrays],
+             'layout', 'slow')
     a.put('layout:')
-    a.branch([condition for o in given for condition in (
-        a.equal('i32', a.load('i32', o, NDIM), 1),
-        a.equal('ptr', a.load('ptr', o, DTYPE), float64), a.flags(o, READABLE))],
-        'lengths', 'slow')
+    conditions = []
+    for array in arrays:
+        conditions += [a.equal('i32', a.load('i32', array, NDIM), 1),
+                       a.equal('ptr', a.load('ptr', array, DTYPE), float64),
+                       a.flags(array, READABLE)]
+    a.branch(conditions, 'lengths', 'slow')
+    # Only an array of one axis has a length.
     a.put('lengths:')
-    a.branch([a.equal('i64', a.load('i64', a.load('ptr', o, SHAPE)), length)
-              for o, length in zip(given, lengths)], 'values', 'slow')
+    conditions = []
+    for array, length in zip(arrays, lengths):
+        actual = a.load('i64', a.load('ptr', array, SHAPE))
+        conditions.append(a.equal('i64', actual, length))
+    a.branch(conditions, 'values', 'slow')
     a.put('values:')
-    data = [a.load('ptr', o, DATA) for o in given]
-    a.branch(a.finite(list(zip(data, lengths, most))), 'ready', 'slow')
+    data = [a.load('ptr', array, DATA) for array in arrays]
+    a.branch(a.finite(list(zip(data, lengths, limits))), 'ready', 'slow')
     a.put('ready:')
     data += [a.load('ptr', '%table', 8 * (len(TABLE) + k)) for k in range(n_defaults)]
     for k, pointer in enumerate(data):
-        a.put(f'  store ptr {pointer}, ptr '
-              + a.new(f'getelementptr ptr, ptr %pointers, i64 {k}'))
+        slot = a.new(f'getelementptr ptr, ptr %pointers, i64 {k}')
+        a.put(f'  store ptr {pointer}, ptr {slot}')
     result = a.new(f'getelementptr ptr, ptr %pointers, i64 {slots - 1}')
     if not shape:
         a.put(f'  store ptr %scalar, ptr {result}', f'  call void @{symbol}(ptr %pointers)')
@@ -132,7 +152,7 @@ def entry_code(symbol: str, lengths: Sequence[int], most: Sequence[float], n_def
     return '\n'.join(a.lines)
 
 
-def bound_code(symbol: str, sizes: Sequence[int], most: Sequence[float], n_parameters: int,
+def bound_code(symbol: str, sizes: Sequence[int], limits: Sequence[float], n_parameters: int,
                shape: Shape) -> str:
     """
     Return the LLVM IR of `bound`.
@@ -143,7 +163,7 @@ def bound_code(symbol: str, sizes: Sequence[int], most: Sequence[float], n_param
         The kernel function, ``void symbol(double **pointers)``: arguments, parameters, result.
     sizes : sequence of int
         Number of entries of each argument; none may be 0.
-    most : sequence of float
+    limits : sequence of float
         Largest absolute value allowed in each argument.
     n_parameters : int
         Number of unchecked blocks after the arguments.
@@ -155,7 +175,8 @@ def bound_code(symbol: str, sizes: Sequence[int], most: Sequence[float], n_param
     a.put('define ptr @bound(ptr %self, ptr %args, i64 %nargs) {', *TABLE_OF_SELF)
     a.put(f'  %pointers = getelementptr ptr, ptr %table, i64 {len(TABLE)}')
     data = [a.load('ptr', '%pointers', 8 * k) for k in range(len(sizes))]
-    a.branch([a.equal('i64', '%nargs', 0), *a.finite(list(zip(data, sizes, most)))], 'run', 'slow')
+    no_arguments = a.equal('i64', '%nargs', 0)
+    a.branch([no_arguments, *a.finite(list(zip(data, sizes, limits)))], 'run', 'slow')
     a.put('run:', f'  call void @{symbol}(ptr %pointers)')
     memory = a.load('ptr', '%pointers', 8 * (len(sizes) + n_parameters))
     if shape:
@@ -184,14 +205,15 @@ def method_code(count: int) -> str:
     for place in range(count):
         a.put(f'define ptr @method{place}(ptr %self, ptr %args, i64 %nargs) {{')
         tables = a.load('ptr', '%self', SLOT)
-        made = a.new(f'icmp ne ptr {tables}, null')
-        a.put(f'  br i1 {made}, label %made, label %unmade', 'unmade:',
+        initialized = a.new(f'icmp ne ptr {tables}, null')
+        a.put(f'  br i1 {initialized}, label %made, label %unmade', 'unmade:',
               '  %refused = load ptr, ptr @refusal', '  br label %go', 'made:')
-        found = a.load('ptr', a.load('ptr', tables, DATA), 8 * place)
+        of_object = a.load('ptr', a.load('ptr', tables, DATA), 8 * place)
         a.put('  br label %go', 'go:')
-        table = a.new(f'phi ptr [%refused, %unmade], [{found}, %made]')
-        a.put('  ret ptr ' + a.new(f'tail call ptr {_code_word(a, table)}(ptr {table}, ptr %args, '
-                                   'i64 %nargs, ptr %self)'), '}')
+        table = a.new(f'phi ptr [%refused, %unmade], [{of_object}, %made]')
+        answer = a.new(f'tail call ptr {_code_word(a, table)}(ptr {table}, ptr %args, '
+                       'i64 %nargs, ptr %self)')
+        a.put(f'  ret ptr {answer}', '}')
     return '\n'.join(a.lines)
 
 

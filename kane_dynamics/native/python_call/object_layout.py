@@ -72,7 +72,8 @@ class Assembly:
     def load(self, kind: str, base: str, offset: int = 0) -> str:
         """Return the value `offset` bytes after a pointer."""
         at = self.new(f'getelementptr i8, ptr {base}, i64 {offset}')
-        return self.new(f'load {kind}, ptr {at}, align {4 if kind == "i32" else 8}')
+        alignment = 4 if kind == 'i32' else 8
+        return self.new(f'load {kind}, ptr {at}, align {alignment}')
 
     def word(self, name: str) -> str:
         """Return a word of the table."""
@@ -82,10 +83,10 @@ class Assembly:
         """Return the comparison of two values for equality."""
         return self.new(f'icmp eq {kind} {a}, {b}')
 
-    def flags(self, array: str, wanted: int) -> str:
+    def flags(self, array: str, required: int) -> str:
         """Return the condition that an array has all these flags."""
         flags = self.load('i32', array, FLAGS)
-        return self.equal('i32', self.new(f'and i32 {flags}, {wanted}'), wanted)
+        return self.equal('i32', self.new(f'and i32 {flags}, {required}'), required)
 
     def branch(self, conditions: Sequence[str], then: str, otherwise: str) -> None:
         """Branch to `then` if all conditions hold, else to `otherwise`."""
@@ -103,27 +104,36 @@ class Assembly:
         """
         Return conditions that hold if all entries of the blocks are finite.
 
-        A block is (pointer, size, most): no entry may be larger than `most` in absolute value.
+        A block is (pointer, size, limit) with the largest valid absolute value.
         """
-        totals: dict[int, str] = {}  # by width, of x - x, which is NaN for NaN and infinity
-        looped = [self.new(f'call i1 @all_finite(ptr {pointer}, i64 {size}, double '
-                           f'{literal(overflow_scale(most))})')
-                  for pointer, size, most in blocks if size > LOOP_SIZE]
-        for pointer, size, most in blocks:
+        # Long blocks: by a loop.
+        conditions = []
+        for pointer, size, limit in blocks:
+            if size > LOOP_SIZE:
+                scale = literal(overflow_scale(limit))
+                conditions.append(self.new(f'call i1 @all_finite(ptr {pointer}, i64 {size}, '
+                                           f'double {scale})'))
+
+        # Short blocks: sums by width of x - x, which is NaN for NaN and infinity. Numbers beyond
+        # a limit become infinite by a factor.
+        totals: dict[int, str] = {}
+        for pointer, size, limit in blocks:
             if size > LOOP_SIZE:
                 continue
             width = next(w for w in (8, 4, 2, 1) if w <= size)
             vector = f'<{width} x double>'
             for place in [*range(0, size - width, width), size - width]:  # the last may overlap
                 x = self.load(vector, pointer, 8 * place)
-                if math.isfinite(most):
-                    scale = literal(overflow_scale(most))
+                if math.isfinite(limit):
+                    scale = literal(overflow_scale(limit))
                     factor = constant_vector('double', scale, width)
                     x = self.new(f'fmul {vector} {x}, {factor}')
                 zero = self.new(f'fsub {vector} {x}, {x}')
-                totals[width] = (self.new(f'fadd {vector} {totals[width]}, {zero}')
-                                 if width in totals else zero)
-        return looped + [self._all_ordered(total, width) for width, total in totals.items()]
+                if width in totals:
+                    zero = self.new(f'fadd {vector} {totals[width]}, {zero}')
+                totals[width] = zero
+        conditions += [self._all_ordered(total, width) for width, total in totals.items()]
+        return conditions
 
     def _all_ordered(self, total: str, width: int) -> str:
         lanes = self.new(f'fcmp uno <{width} x double> {total}, zeroinitializer')

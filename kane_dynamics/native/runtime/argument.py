@@ -63,12 +63,16 @@ def converted(argument: Argument, value: Any) -> Array:
 
 def require_finite(argument: Argument, array: Array) -> None:
     """Raise InputError that names the first entry that is not finite or too large."""
-    most = size_limit(argument.name)
-    good = np.abs(array) <= min(most, sys.float_info.max)
+    limit = size_limit(argument.name)
+    good = np.abs(array) <= min(limit, sys.float_info.max)
     if good.all():
         return
-    place = tuple(int(k) for k in np.argwhere(~good)[0])
-    at = ', '.join(map(str, place))
-    label = f" (joint '{argument.labels[place[-1]]}')" if argument.labels else ''
-    raise InputError(f'{argument.name}[{at}]{label}: {array[place]}; expected a finite number'
-                     + (f' of at most {most:g} rad or m' if np.isfinite(array[place]) else ''))
+    place = tuple(np.argwhere(~good)[0].tolist())
+    number = array[place]
+    entry = f'{argument.name}[{", ".join(map(str, place))}]'
+    if argument.labels:
+        entry += f" (joint '{argument.labels[place[-1]]}')"
+    expected = 'a finite number'
+    if np.isfinite(number):  # only positions have a limit
+        expected += f' of at most {limit:g} rad or m'
+    raise InputError(f'{entry}: {number}; expected {expected}')

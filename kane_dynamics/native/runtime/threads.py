@@ -63,7 +63,9 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
         Bitwise or of all flags.
 
     """
-    most, flags, begin, longest = thread_count(), 0, 0, LONGEST / 8.0
+    flags = 0
+    begin = 0
+    longest = LONGEST / 8.0
     ranges = [(0, min(count, probe * quantum))]
     while begin < count:
         started = time.perf_counter()
@@ -72,13 +74,19 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
         done = ranges[-1][1]
         if done == count:
             break
+        # As many threads as the remaining work pays for.
         blocks = -(-(count - done) // quantum)
-        each = took * len(ranges) * quantum / (done - begin)  # s per quantum
+        per_quantum = took * len(ranges) * quantum / (done - begin)  # s
         begin = done
-        threads = max(1, min(most, int(each * blocks / THREAD_WORK) + 1, blocks))
-        blocks = min(blocks, max(1, int(longest / max(each, 1e-12))) * threads)
+        worth = int(per_quantum * blocks / THREAD_WORK) + 1
+        threads = max(1, min(thread_count(), worth, blocks))
+        # As much work as lasts about `longest`, in equal parts.
+        per_thread = max(1, int(longest / max(per_quantum, 1e-12)))
+        blocks = min(blocks, per_thread * threads)
         longest = LONGEST  # the first time was that of one thread alone
-        cuts = [min(count, done + quantum * (blocks * k // threads)) for k in range(threads + 1)]
+        cuts = []
+        for k in range(threads + 1):
+            cuts.append(min(count, done + quantum * (blocks * k // threads)))
         ranges = [*pairwise(cuts)]
     return flags
 

@@ -143,8 +143,10 @@ def trace_program(name: str, function: Callable[..., Any],
     trace = Trace()
     arguments = [trace.inputs(key, *shape) for key, shape in inputs]
     result = np.asarray(function(*arguments), dtype=object)
-    outputs = tuple(x if isinstance(x, Expr) else float(x) for x in result.ravel())
-    return factored(Program(name, tuple(inputs), outputs, result.shape))
+    outputs = []
+    for x in result.ravel():
+        outputs.append(x if isinstance(x, Expr) else float(x))
+    return factored(Program(name, tuple(inputs), tuple(outputs), result.shape))
 
 
 def factored(program: Program) -> Program:
