@@ -92,21 +92,26 @@ def view(name: str, x: Any, driver: Driver, stream: int) -> DeviceArray:
                          'of an NVIDIA GPU (__cuda_array_interface__ or DLPack)')
     with driver.on(int(device)):  # the device of the stream
         capsule = x.__dlpack__(stream=stream or LEGACY)
-    found = dlpack.read(capsule)
-    return DeviceArray(name, found.pointer, found.shape, found.strides,
-                       _checked(name, found.dtype), int(device), True, (x, capsule))
+    tensor = dlpack.read(capsule)
+    return DeviceArray(name, tensor.pointer, tensor.shape, tensor.strides,
+                       _checked(name, tensor.dtype), int(device), True, (x, capsule))
 
 
 def _by_interface(name: str, x: Any, interface: Any, driver: Driver,
                   stream: int) -> DeviceArray:
     """Return a view of an array with `__cuda_array_interface__`."""
-    kind, (pointer, read_only) = interface['typestr'], interface['data']
+    kind = interface['typestr']
+    pointer, read_only = interface['data']
     dtype = _checked(name, DTYPES.get(kind, kind))
-    shape, item = tuple(interface['shape']), ITEM[dtype]
-    given = interface.get('strides')
-    if given is not None and any(stride % item for stride in given):
-        raise InputError(f'{name}: strides of {given} bytes; expected multiples of {item}')
-    strides = dlpack.contiguous(shape) if given is None else tuple(x // item for x in given)
+    item = ITEM[dtype]
+    shape = tuple(interface['shape'])
+    strides = dlpack.contiguous(shape)
+    in_bytes = interface.get('strides')
+    if in_bytes is not None:
+        if any(stride % item for stride in in_bytes):
+            raise InputError(f'{name}: strides of {in_bytes} bytes; expected multiples of '
+                             f'{item}')
+        strides = tuple(stride // item for stride in in_bytes)
     if interface.get('mask') is not None:
         raise InputError(f'{name}: a masked array; expected one without a mask')
     if pointer % item:
@@ -219,13 +224,16 @@ def _allocating_on(like: Any, stream: int) -> Iterator[None]:
 
     Their memory pools reuse a block at once for work on the stream that it was allocated on.
     """
-    library, current = library_of(like), current_stream(like)
+    library = library_of(like)
+    current = current_stream(like)
     cuda: Any = sys.modules[library].cuda
     same = current is not None and same_stream(current, stream)
     if library == 'torch':
-        chosen = None if same else (
-            cuda.default_stream(like.device) if same_stream(stream, LEGACY) else
-            cuda.ExternalStream(stream, device=like.device))
+        chosen = None  # the current one
+        if not same and same_stream(stream, LEGACY):
+            chosen = cuda.default_stream(like.device)
+        elif not same:
+            chosen = cuda.ExternalStream(stream, device=like.device)
         with cuda.stream(chosen):
             yield
     else:
@@ -255,11 +263,13 @@ def empty(like: Any, batch: Sequence[int], shape: Sequence[int], dtype: str, coa
         On which the array is written.
 
     """
-    coalesced = coalesced and library_of(like) not in JAX  # which has rows only
-    split = len(shape) if coalesced else len(batch)
-    stored = (*shape, *batch) if coalesced else (*batch, *shape)
-    order = [*range(split, len(stored)), *range(split)] if coalesced else list(range(len(stored)))
     library = library_of(like)
+    stored = (*batch, *shape)
+    order = list(range(len(stored)))
+    if coalesced and library not in JAX:  # which has rows only
+        # In memory the axes of the states come last; the array has them first.
+        stored = (*shape, *batch)
+        order = [*order[len(shape):], *order[:len(shape)]]
     if library == 'torch':
         torch: Any = sys.modules['torch']
         with _allocating_on(like, stream):

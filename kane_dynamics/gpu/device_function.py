@@ -28,32 +28,37 @@ class DeviceFunction(QuantityFunction):
     def ptx(self) -> str:
         """Return the kernel in PTX, the assembly language that the driver compiles."""
         if self._ptx is None:
-            robot, quantity, at, own, _ = self._made_of
-            kernels = robot.kernels
-            derivative = Derivative('value', own=(own,) if isinstance(own, str) else tuple(own))
-            self._ptx = ptx_text(
-                f'{quantity}:{at} {derivative.own}', kernels.key, self.dtype,
-                lambda: kernel_text(kernels.program(quantity, at, derivative), REALS[self.dtype]))
+            robot, quantity, at, parameters, _ = self._made_of
+            names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
+            value = Derivative('value', own=names)
+
+            def text() -> str:
+                program = robot.kernels.program(quantity, at, value)
+                return kernel_text(program, REALS[self.dtype])
+            self._ptx = ptx_text(f'{quantity}:{at} {names}', robot.kernels.key, self.dtype, text)
         return self._ptx
 
     def __call__(self, *arguments: Any, out: Any = None, stream: int | None = None,
                  **named: Any) -> Any:
         """Return the quantity, by position or by name; see `function`."""
         function = self.function
-        given = self._given(arguments, named)
-        call = KernelCall(function.name, [(a.name, a.shape) for a in function.arguments], given,
-                          self.dtype, stream)
+        arrays = self._given(arguments, named)
+        shapes = [(a.name, a.shape) for a in function.arguments]
+        call = KernelCall(function.name, shapes, arrays, self.dtype, stream)
         for argument, x in zip(function.arguments, call.views):
             require_shape(argument, x)
-        batch = call.batch([x.shape[:x.ndim - len(a.shape)]
-                            for a, x in zip(function.arguments, call.views)])
+        batches = []
+        for argument, x in zip(function.arguments, call.views):
+            batches.append(x.shape[:x.ndim - len(argument.shape)])
+        batch = call.batch(batches)
         with call.on_device():
-            found, result = call.result(out, batch, function.shape)
+            result_view, result = call.result(out, batch, function.shape)
             count = math.prod(batch)
             values = [c_int64(count)]
             for argument, x in zip(function.arguments, call.views):
                 values += row(x, argument.shape, batch)
-            values += [*row(found, function.shape, batch), *call.numbers(function.parameters)]
+            values += row(result_view, function.shape, batch)
+            values += call.numbers(function.parameters)
             return call.run(self.ptx, values, count, result)
 
 

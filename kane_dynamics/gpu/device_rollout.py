@@ -26,19 +26,20 @@ class DeviceRollout:
     def __init__(self, robot: Robot, parameters: str | Sequence[str], dtype: str,
                  integrator: str) -> None:
         """Check the names; the kernel is made at the first use."""
-        self._made_of = robot.copy(), parameters, dtype, integrator
         self.dtype = require_dtype(dtype)
         integrator_of(integrator)
-        self._robot, self._integrator = self._made_of[0], integrator
+        self._robot = robot.copy()
+        self._integrator = integrator
+        self._made_of = self._robot, parameters, dtype, integrator
         batch_function(self._robot, 'forward_dynamics', '', parameters)  # checks the parameters
-        own = (parameters,) if isinstance(parameters, str) else tuple(parameters)
+        names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
+        parts = {name: PARAMETERS[name] for name in names}
         self._layout = StepLayout(robot.n_q, robot.n, robot.equations.timed,
-                                  robot.equations.watched,
-                                  {name: PARAMETERS[name] for name in own})
-        self._arguments = [
-            Argument('q', (robot.n_q,)), Argument('u', (robot.n,)), Argument('tau', (robot.n,)),
-            *(Argument(name, (part.stop - part.start,))
-              for name, part in self._layout.parameters.items())]
+                                  robot.equations.watched, parts)
+        self._arguments = [Argument('q', (robot.n_q,)), Argument('u', (robot.n,)),
+                           Argument('tau', (robot.n,))]
+        for name, part in parts.items():
+            self._arguments.append(Argument(name, (part.stop - part.start,)))
         self._ptx: str | None = None
 
     def __repr__(self) -> str:
@@ -53,55 +54,69 @@ class DeviceRollout:
     def ptx(self) -> str:
         """Return the kernel in PTX, the assembly language that the driver compiles."""
         if self._ptx is None:
-            self._ptx = ptx_text(
-                f'rollout {self._integrator} {tuple(self._layout.parameters)}',
-                self._robot.kernels.key, self.dtype, lambda: rollout_text(
-                    step_program(self._robot, 'rollout', StepChoice(False, self._integrator)),
-                    self._layout, REALS[self.dtype]))
+            def text() -> str:
+                choice = StepChoice(False, self._integrator)
+                step = step_program(self._robot, 'rollout', choice)
+                return rollout_text(step, self._layout, REALS[self.dtype])
+            name = f'rollout {self._integrator} {tuple(self._layout.parameters)}'
+            self._ptx = ptx_text(name, self._robot.kernels.key, self.dtype, text)
         return self._ptx
 
     def __call__(self, q: Any, u: Any, tau: Any, *parameters: Any, h: float,
                  steps: int | None = None, t: float = 0.0, every_step: bool = True,
                  out: Any = None, stream: int | None = None) -> Any:
         """Return the states after the steps; see `rollout`."""
-        arguments, size = self._arguments, self._layout.n_q + self._layout.n
+        arguments = self._arguments
+        size = self._layout.n_q + self._layout.n
         if len(parameters) != len(arguments) - 3:
+            names = ', '.join(a.name for a in arguments[3:])
             raise InputError(f'rollout: {len(parameters)} parameters; expected '
-                             f'{", ".join(a.name for a in arguments[3:]) or "none"}')
-        h, t = positive_time(h, 'h'), float(constant(t, (), 't (s)', InputError))
+                             f'{names or "none"}')
+        h = positive_time(h, 'h')
+        t = float(constant(t, (), 't (s)', InputError))
         call = KernelCall('rollout', [(a.name, a.shape) for a in arguments],
                           [q, u, tau, *parameters], self.dtype, stream)
         for argument, x in zip(arguments, call.views):
             require_shape(argument, x)
-        axes = max(x.ndim for x in call.views[:2]) - 1
-        moving = call.views[2].ndim == axes + 2
-        own = [x.shape[:x.ndim - 1 - (moving and a.name == 'tau')]
-               for a, x in zip(arguments, call.views)]
-        batch = call.batch(own)
-        steps = self._steps(steps, call.views[2].shape[-2] if moving else None)
+        # With one more axis than the states, tau has a row for each step.
+        q_view, u_view, tau_view = call.views[:3]
+        axes = max(q_view.ndim, u_view.ndim) - 1
+        of_steps = tau_view.ndim == axes + 2
+        batches = []
+        for x in call.views:
+            of_one_state = 2 if of_steps and x is tau_view else 1
+            batches.append(x.shape[:x.ndim - of_one_state])
+        batch = call.batch(batches)
+        steps = self._steps(steps, tau_view.shape[-2] if of_steps else None)
         rows = (steps,) if every_step else ()
         with call.on_device():
-            found, result = call.result(out, batch, (*rows, size))
+            result_view, result = call.result(out, batch, (*rows, size))
+            # In the order of the kernel's parameters; no steps are apart by 0 numbers.
             count = math.prod(batch)
             values = [c_int64(count), c_int64(steps)]
             for argument, x in zip(arguments, call.views):
-                values += row(x, argument.shape, batch, steps=moving and argument.name == 'tau')
-                if argument.name == 'tau' and not moving:
+                is_tau = x is tau_view
+                values += row(x, argument.shape, batch, steps=of_steps and is_tau)
+                if is_tau and not of_steps:
                     values.append(c_int64(0))
-            values += row(found, (size,), batch, steps=every_step)
-            values += [] if every_step else [c_int64(0)]
+            values += row(result_view, (size,), batch, steps=every_step)
+            if not every_step:
+                values.append(c_int64(0))
             values += call.numbers([h, t, *self._robot.kernels.parameters])
             return call.run(self.ptx, values, count, result)
 
-    def _steps(self, steps: Any, given: int | None) -> int:
+    def _steps(self, steps: Any, torques: int | None) -> int:
         """Return the number of steps, which torques of each step state."""
-        if steps is None and given is None:
+        if steps is None:
+            steps = torques
+        if steps is None:
             raise InputError('steps: missing; expected their number, since tau has no axis of '
                              'steps')
-        found = integer(given if steps is None else steps, 'steps', 1, MOST_STEPS)
-        if given is not None and given != found:
-            raise InputError(f'steps: {found}; expected {given}, the number of torques in tau')
-        return found
+        count = integer(steps, 'steps', 1, MOST_STEPS)
+        if torques is not None and torques != count:
+            raise InputError(f'steps: {count}; expected {torques}, the number of torques in '
+                             'tau')
+        return count
 
 
 def rollout(robot: Robot, *, parameters: str | Sequence[str] = (), dtype: str = 'float64',

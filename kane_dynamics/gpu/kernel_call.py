@@ -69,23 +69,29 @@ class KernelCall:
             raise InputError(f'stream: {stream!r}; expected the handle of a CUDA stream (int) or '
                              'None')
         self._driver: Driver = driver()
-        self.name, self.dtype, self._first = name, dtype, arrays[0]
+        self.name = name
+        self.dtype = dtype
+        self._first = arrays[0]
         self._chosen = stream is not None
         streams = [stream] if self._chosen else [current_stream(x) for x in arrays]
         self._stream = next((x for x in streams if x is not None), 0)
         self._waits = None in streams  # for libraries that do not know of the kernel
-        self.views = [self._view(key, x) for (key, _), x in zip(arguments, arrays, strict=True)]
-        self.device = next((x.device for x in self.views if 0 not in x.shape), 0)
+        self.views: list[DeviceArray] = []
+        for (key, _), x in zip(arguments, arrays, strict=True):
+            self.views.append(self._view(key, x))
+        # An array without entries has no memory, hence no device.
+        devices = [x.device for x in self.views if 0 not in x.shape]
+        self.device = devices[0] if devices else 0
 
     def _view(self, name: str, x: Any) -> DeviceArray:
         """Return a view of an array of the type of the kernel."""
-        found = view(name, x, self._driver, self._stream)
-        if found.dtype != self.dtype:
-            raise InputError(f'{name}: {found.dtype}; expected {self.dtype}, of which this '
+        array = view(name, x, self._driver, self._stream)
+        if array.dtype != self.dtype:
+            raise InputError(f'{name}: {array.dtype}; expected {self.dtype}, of which this '
                              'function is (dtype=)')
-        return found
+        return array
 
-    def batch(self, own: Sequence[Shape]) -> Shape:
+    def batch(self, batches: Sequence[Shape]) -> Shape:
         """
         Return the batch axes of the result for those of each argument; check the devices.
 
@@ -95,44 +101,45 @@ class KernelCall:
             if x.device != self.device and 0 not in x.shape:
                 raise InputError(f'{x.name}: on device {x.device}; expected device {self.device}, '
                                  f"that of '{self.views[0].name}'")
-        full = dict.fromkeys(axes for axes in own if math.prod(axes) != 1)
-        if len(full) > 1:
-            given = ', '.join(f'{x.name} {x.shape}' for x in self.views)
-            raise InputError(f'{self.name}: arguments {given}; expected the same batch axes, or '
+        several = dict.fromkeys(axes for axes in batches if math.prod(axes) != 1)
+        if len(several) > 1:
+            shapes = ', '.join(f'{x.name} {x.shape}' for x in self.views)
+            raise InputError(f'{self.name}: arguments {shapes}; expected the same batch axes, or '
                              'one state for all')
-        batch = next(iter(full)) if full else max(own, key=len)
-        self._like = self.views[list(own).index(batch)]
+        batch = next(iter(several)) if several else max(batches, key=len)
+        self._like = self.views[list(batches).index(batch)]
         return batch
 
     def result(self, out: Any, batch: Shape, shape: Shape) -> tuple[DeviceArray, Any]:
         """Return a view of the result and the array that the caller receives."""
-        given = out
+        result = out
         if out is None:
             like = self._like
             stride = collapsed(like.shape[:len(batch)], like.strides[:len(batch)])
-            given = empty(self._first, batch, shape, self.dtype, stride == 1, self._driver,
-                          self.device, self._stream)
-            self._waits |= isinstance(given, DeviceMemory)  # which says that it is ready
-        found = self._view('out', given)
-        if found.shape != (*batch, *shape):
-            raise InputError(f'out: shape {found.shape}; expected {(*batch, *shape)}')
-        if not found.writeable:
+            result = empty(self._first, batch, shape, self.dtype, stride == 1, self._driver,
+                           self.device, self._stream)
+            self._waits |= isinstance(result, DeviceMemory)  # which says that it is ready
+        written = self._view('out', result)
+        if written.shape != (*batch, *shape):
+            raise InputError(f'out: shape {written.shape}; expected {(*batch, *shape)}')
+        if not written.writeable:
             raise InputError('out: an array that cannot be written; expected one that can')
-        if found.device != self.device and 0 not in found.shape:
-            raise InputError(f'out: on device {found.device}; expected device {self.device}')
+        if written.device != self.device and 0 not in written.shape:
+            raise InputError(f'out: on device {written.device}; expected device {self.device}')
         if out is not None:
-            self._require_apart(found)
+            self._require_apart(written)
             self._waits |= not self._chosen and current_stream(out) is None
-        return found, given
+        return written, result
 
     def _require_apart(self, out: DeviceArray) -> None:
         """Raise InputError if threads could overwrite what others read or write."""
-        axes = sorted((abs(stride), size) for stride, size in zip(out.strides, out.shape)
-                      if size > 1)
-        if any(stride < before * size for (before, size), (stride, _) in zip(
-                [(1, 1), *axes], axes)):
-            raise InputError(f'out: strides {out.strides} of shape {out.shape}; expected entries '
-                             'that do not overlap')
+        axes = [(abs(stride), size) for stride, size in zip(out.strides, out.shape) if size > 1]
+        extent = 1  # numbers of the axes with smaller strides
+        for stride, size in sorted(axes):
+            if stride < extent:
+                raise InputError(f'out: strides {out.strides} of shape {out.shape}; expected '
+                                 'entries that do not overlap')
+            extent = stride * size
         begin, end = out.extent
         for x in self.views:
             same = (x.pointer, x.shape, x.strides) == (out.pointer, out.shape, out.strides)
@@ -140,14 +147,14 @@ class KernelCall:
                 raise InputError(f"out: memory between that of '{x.name}'; expected memory of its "
                                  'own, or the same array')
 
-    def run(self, ptx: str, values: Sequence[Any], count: int, given: Any) -> Any:
-        """Launch the kernel for `count` states and return the result `given`."""
+    def run(self, ptx: str, values: Sequence[Any], count: int, result: Any) -> Any:
+        """Launch the kernel for `count` states and return the array of the result."""
         if count:
             kernel = self._driver.kernel(self.device, ptx, KERNEL)
             self._driver.launch(kernel, count, values, self._stream)
             if self._waits:
                 self._driver.synchronize(self._stream)
-        return handed_over(self._first, given)
+        return handed_over(self._first, result)
 
     def on_device(self) -> Any:
         """Return a context manager in which the context of the device is the current one."""

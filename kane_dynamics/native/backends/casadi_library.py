@@ -38,8 +38,8 @@ def _evaluation(function: MatrixFunction) -> list[str]:
     """Return the function itself: it computes all results in work space, and copies them."""
     size = 8 * len(function.program.outputs)
     read = [k for k, block in enumerate(function.inputs) if block.places]
-    most = max((len(block.places) for block in function.inputs), default=0)
-    lines = [f'@zeros = internal constant [{max(most, 1)} x double] zeroinitializer',
+    longest = max((len(block.places) for block in function.inputs), default=1)
+    lines = [f'@zeros = internal constant [{max(longest, 1)} x double] zeroinitializer',
              'declare double @llvm.fabs.f64(double)',
              f'declare void {COPY}(ptr, ptr, i64, i1)',
              f'define i32 @{function.name}(ptr %arg, ptr %res, ptr %iw, ptr %w, i32 %mem) {{',
@@ -75,10 +75,14 @@ def _evaluation(function: MatrixFunction) -> list[str]:
 
 def _check(function: MatrixFunction, read: Sequence[int]) -> list[str]:
     """Return the code that finds whether an argument is beyond its limit, in `%invalid`."""
-    lines, worst = [], 'false'
+    lines = []
+    worst = 'false'
     for k in read:
-        limit = size_limit(function.inputs[k].name)
-        for place in range(len(function.inputs[k].places) if math.isfinite(limit) else 0):
+        block = function.inputs[k]
+        limit = size_limit(block.name)
+        if not math.isfinite(limit):
+            continue
+        for place in range(len(block.places)):
             value = f'%check{k}.{place}'
             lines += [f'  {value}.at = getelementptr double, ptr %in{k}, i64 {place}',
                       f'  {value}.load = load double, ptr {value}.at',
@@ -95,7 +99,8 @@ def _description(prefix: str, end: str, blocks: Sequence[Block]) -> list[str]:
     lines = [f'define i64 @{prefix}n_{end}() {{', f'  ret i64 {count}', '}']
     for k, block in enumerate(blocks):
         pattern = _compressed(block)
-        numbers, letters = ', '.join(f'i64 {x}' for x in pattern), len(block.name) + 1
+        numbers = ', '.join(f'i64 {x}' for x in pattern)
+        letters = len(block.name) + 1
         name, sparsity = (f'@{kind}.{end}.{k} = internal constant' for kind in KINDS)
         lines += [f'{name} [{letters} x i8] c"{block.name}\\00"',
                   f'{sparsity} [{len(pattern)} x i64] [{numbers}]']

@@ -134,8 +134,8 @@ class _Rollout:
         layout, v, bits = self._layout, self._v, '0'
         for k in range(layout.n_q + layout.n):
             x = v.new(f'load {self._type}, ptr {self._at("%x", k)}')
-            most = v.real.size_limit('q' if k < layout.n_q else 'u')
-            bits = v.new(f'or {v.integer} {bits}, {v.nonfinite_bits(x, most)}')
+            limit = v.real.size_limit('q' if k < layout.n_q else 'u')
+            bits = v.new(f'or {v.integer} {bits}, {v.nonfinite_bits(x, limit)}')
         if layout.watched:
             margin = v.new(f'load {self._type}, ptr {self._at("%x", self._sizes[0] - 1)}')
             inside = v.new(f'fcmp ogt {self._type} {margin}, {v.const(0.0)}')

@@ -168,9 +168,9 @@ class Vector:
         s = self.op('fdiv', f, self.op('fadd', f, self.const(2.0)))
         z = self.op('fmul', s, s)
         half = self.op('fmul', self.op('fmul', f, f), self.const(0.5))
-        rest = self.op('fmul', s, self.fma(z, self.polynomial(self.real.log, z), half))
-        rest = self.op('fsub', half, self.fma(k, self.const(self.real.log_2[1]), rest))
-        value = self.fma(k, self.const(self.real.log_2[0]), self.op('fsub', f, rest))
+        tail = self.op('fmul', s, self.fma(z, self.polynomial(self.real.log, z), half))
+        tail = self.op('fsub', half, self.fma(k, self.const(self.real.log_2[1]), tail))
+        value = self.fma(k, self.const(self.real.log_2[0]), self.op('fsub', f, tail))
         for code, edge, result in (('oeq', 0.0, -math.inf), ('oeq', math.inf, math.inf),
                                    ('ult', 0.0, math.nan)):  # and what is no number stays so
             there = self.new(f'fcmp {code} {self.type} {x}, {self.const(edge)}')

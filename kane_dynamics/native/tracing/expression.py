@@ -31,11 +31,12 @@ class Trace:
     def node(self, op: str, *args: Any) -> 'Expr':
         """Return the node that applies `op` to `args`; create it if it does not exist."""
         key = (op, *args)
-        found = self._table.get(key)
-        if found is None:
-            found = self._table[key] = Expr(self, len(self.nodes), op, args)
-            self.nodes.append(found)
-        return found
+        node = self._table.get(key)
+        if node is None:
+            node = Expr(self, len(self.nodes), op, args)
+            self._table[key] = node
+            self.nodes.append(node)
+        return node
 
     def has(self, op: str, *args: 'Expr') -> bool:
         """Return whether the node that applies `op` to `args` exists."""
@@ -121,20 +122,25 @@ class Expr:
 
     def __lt__(self, other: Any) -> Any:
         """Return 1.0 if this is less, else 0.0; a condition for `select`."""
-        return self.trace.node('less', self, other) if isinstance(other, _SCALAR) else (
-            NotImplemented)
+        if not isinstance(other, _SCALAR):
+            return NotImplemented
+        return self.trace.node('less', self, other)
 
     def __gt__(self, other: Any) -> Any:
         """Return 1.0 if the other is less, else 0.0."""
-        return self.trace.node('less', float(other), self) if isinstance(
-            other, numbers.Real) else NotImplemented
+        if not isinstance(other, numbers.Real):
+            return NotImplemented
+        return self.trace.node('less', float(other), self)
 
     def select(self, x: Scalar, y: Scalar) -> Scalar:
         """Return x if this is not 0, else y; the value that is not selected may be NaN."""
         if x is y or (not isinstance(x, Expr) and not isinstance(y, Expr) and x == y):
             return x
-        return self.trace.node('select', self, *(
-            z if isinstance(z, Expr) else float(z) for z in (x, y)))
+        if not isinstance(x, Expr):
+            x = float(x)
+        if not isinstance(y, Expr):
+            y = float(y)
+        return self.trace.node('select', self, x, y)
 
     def sin(self) -> Scalar:
         """Return the sine; numpy.sin calls this on object arrays."""
@@ -144,7 +150,9 @@ class Expr:
 
     def cos(self) -> Scalar:
         """Return the cosine."""
-        return self.trace.node('cos', self.args[0] if self.op == 'neg' else self)
+        if self.op == 'neg':
+            return self.trace.node('cos', self.args[0])
+        return self.trace.node('cos', self)
 
     def tanh(self) -> Scalar:
         """Return the hyperbolic tangent."""
@@ -186,9 +194,9 @@ def _negative(x: Scalar) -> Scalar:
         return -x
     if x.op == 'neg':
         return x.args[0]  # type: ignore[no-any-return]
-    rest, factor = _constant_factor(x)
+    base, factor = _constant_factor(x)
     if factor != 1.0:
-        return _product(rest, -factor)
+        return _product(base, -factor)
     return x.trace.node('neg', x)
 
 
@@ -197,6 +205,8 @@ def _sum(x: Scalar, y: Scalar) -> Scalar:
         x, y = y, x
     if not isinstance(x, Expr):
         return float(x) + float(y)
+
+    # With a constant, which stands last and is added to that of x.
     if not isinstance(y, Expr):
         y = float(y)
         if y == 0.0:
@@ -204,6 +214,8 @@ def _sum(x: Scalar, y: Scalar) -> Scalar:
         if x.op == 'add' and not isinstance(x.args[1], Expr):
             return _sum(x.args[0], x.args[1] + y)
         return x.trace.node('add', x, y)
+
+    # Signs become subtractions; equal and opposite terms go.
     if y.op == 'neg':
         return _difference(x, y.args[0])
     if x.op == 'neg':
@@ -218,7 +230,14 @@ def _sum(x: Scalar, y: Scalar) -> Scalar:
         return x.args[0]  # type: ignore[no-any-return]
     if y.op == 'sub' and y.args[1] is x:
         return y.args[0]  # type: ignore[no-any-return]
-    return x.trace.node('add', *((x, y) if x.index < y.index else (y, x)))
+    return _commutative('add', x, y)
+
+
+def _commutative(op: str, x: Expr, y: Expr) -> Scalar:
+    """Return a node with its operands in order of creation, so that x y and y x are one."""
+    if x.index > y.index:
+        x, y = y, x
+    return x.trace.node(op, x, y)
 
 
 def _difference(x: Scalar, y: Scalar) -> Scalar:
@@ -260,23 +279,25 @@ def _product(x: Scalar, y: Scalar) -> Scalar:
             return _negative(x)
         if x.op == 'neg':
             return _product(x.args[0], -y)
-        rest, factor = _constant_factor(x)
+        base, factor = _constant_factor(x)
         if factor != 1.0:
-            return _product(rest, factor * y)
+            return _product(base, factor * y)
         return x.trace.node('mul', x, y)
     if x.op == 'neg':
         return _negative(_product(x.args[0], y))
     if y.op == 'neg':
         return _negative(_product(x, y.args[0]))
-    return x.trace.node('mul', *((x, y) if x.index < y.index else (y, x)))
+    return _commutative('mul', x, y)
 
 
 def _quotient(x: Scalar, y: Scalar) -> Scalar:
     if not isinstance(y, Expr):
         return _product(x, 1.0 / y)
-    if not isinstance(x, Expr) and x == 0.0:
-        return 0.0
-    return y.trace.node('div', x if isinstance(x, Expr) else float(x), y)
+    if not isinstance(x, Expr):
+        x = float(x)
+        if x == 0.0:
+            return 0.0
+    return y.trace.node('div', x, y)
 
 
 def operands(node: Expr) -> Sequence[Any]:
