@@ -171,8 +171,10 @@ def keyword_error(what: str, given: Iterable[str], known: Sequence[str]) -> str 
         return None
     plain = unknown.lower().replace('_', '')
     meant = [name for name in KEYWORDS.get(plain, ()) if name in known]
-    meant = meant or difflib.get_close_matches(unknown, known, 1)
-    hint = f'; expected {meant[0]}=' if meant else f'; expected some of {", ".join(known)}'
+    if not meant:
+        meant = difflib.get_close_matches(unknown, known, 1)
+    expected = f'{meant[0]}=' if meant else f'some of {", ".join(known)}'
+    hint = f'; expected {expected}'
     return f"{what}() got an unexpected keyword argument '{unknown}'{hint}"
 
 
@@ -219,14 +221,17 @@ def missing(owner: object, name: str) -> str:
 
 def refused(owner: object, name: str, options: tuple[str, ...] = ()) -> str:
     """Return the message for an attribute that must not be assigned."""
-    ways = [way for way in ('update', 'tune') if hasattr(type(owner), way)
-            and name in signature(getattr(type(owner), way)).parameters]
+    setters = []  # methods that take the value
+    for method in ('update', 'tune'):
+        function = getattr(type(owner), method, None)
+        if function is not None and name in signature(function).parameters:
+            setters.append(method)
     known = hasattr(type(owner), name) or name in getattr(owner, '__dict__', ())
     why = 'it is not to be replaced' if known else 'no such attribute'
     if name in options:
         why = f'it is fixed at construction; expected {type(owner).__name__}(..., {name}=...)'
-    elif ways:
-        why += f'; expected {ways[0]}({name}=...)'
+    elif setters:
+        why += f'; expected {setters[0]}({name}=...)'
     elif not known:
         why += _hint(owner, name)
     elif hasattr(type(owner), '__dataclass_fields__'):
@@ -238,20 +243,24 @@ def _hint(owner: object, name: str) -> str:
     """Return a hint to the attribute that a name probably means, or an empty text."""
     if name.startswith('_'):
         return ''
-    of_robot = hasattr(type(owner), 'inverse_dynamics') and hasattr(type(owner), 'bind')
     plain = name.lower().replace('_', '')
-    own = [known for known in dir(owner) if known[0] != '_']
-    if of_robot:
-        names = {known: known for known in own} | {
-            known.partition('(')[0].rpartition('.')[2]: known for known in COUNTERPARTS}
-        ours = _BY_NAME.get(plain)
-        if ours is None and (function := function_hint(name)) is not None:
+    names = {known: known for known in dir(owner) if known[0] != '_'}
+    prefix = ''
+    if hasattr(type(owner), 'inverse_dynamics') and hasattr(type(owner), 'bind'):  # a robot
+        prefix = 'robot.'
+        meant = _BY_NAME.get(plain)
+        function = function_hint(name)
+        if meant is None and function is not None:
             return f'; expected {function}'
+        for counterpart in COUNTERPARTS:
+            call, _, _ = counterpart.partition('(')
+            names[call.rpartition('.')[2]] = counterpart
     else:
-        names = {known: known for known in own}
-        names |= {other: ours for other, ours in SHORT_NAMES.items() if ours in own}
-        ours = names.get(plain)
-    if ours is None:
+        for short_name, full_name in SHORT_NAMES.items():
+            if full_name in names:
+                names[short_name] = full_name
+        meant = names.get(plain)
+    if meant is None:
         near = difflib.get_close_matches(name, names, 1)
-        ours = names[near[0]] if near else None
-    return '' if ours is None else f'; expected {"robot." if of_robot else ""}{ours}'
+        meant = names[near[0]] if near else None
+    return '' if meant is None else f'; expected {prefix}{meant}'

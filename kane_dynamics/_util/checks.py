@@ -40,20 +40,20 @@ def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
 
     """
     try:
-        given = np.array(value)
-        if given.dtype.kind not in 'iuf':  # neither truth values nor text
+        numbers = np.array(value)
+        if numbers.dtype.kind not in 'iuf':  # neither truth values nor text
             raise ValueError
-        array = given.astype(np.float64)
+        array = numbers.astype(np.float64)
     except (TypeError, ValueError):
         raise InputError(f'{what}: {value!r}; expected one number, or one per joint') from None
     if array.shape not in ((), (len(names),)):
         raise InputError(f'{what}: {value!r}; expected one number, or {len(names)} '
                          f'({", ".join(names)})')
     array = np.full(len(names), array)
+    expected = 'a finite number >= 0' if finite else 'a number >= 0'
     for name, number in zip(names, array.tolist(), strict=True):
         if not number >= 0.0 or (finite and math.isinf(number)):
-            raise InputError(f"{what} of joint '{name}': {number}; expected a "
-                             f'{"finite " if finite else ""}number >= 0')
+            raise InputError(f"{what} of joint '{name}': {number}; expected {expected}")
     array.flags.writeable = False
     return array
 
@@ -85,22 +85,22 @@ def finite_row(values: ArrayLike, what: str, names: Sequence[str]) -> Array:
 
 def integer(value: Any, what: str, least: int, most: int | None = None) -> int:
     """Return an integer within bounds; raise InputError for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or (
-            value < least or (most is not None and value > most)):
-        raise InputError(f'{what}: {SHORT.repr(value)}; expected an integer '
-                         + (f'>= {least}' if most is None else f'from {least} to {most}'))
-    return int(value)
+    is_integer = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if is_integer and value >= least and (most is None or value <= most):
+        return int(value)
+    bounds = f'>= {least}' if most is None else f'from {least} to {most}'
+    raise InputError(f'{what}: {SHORT.repr(value)}; expected an integer {bounds}')
 
 
 def number(value: Any, what: str, expected: str, valid: Callable[[float], bool]) -> float:
     """Return a number that is `valid`; raise InputError for anything else."""
     try:
-        found = float(value)
+        result = float(value)
     except (TypeError, ValueError):
-        found = math.nan
-    if isinstance(value, str) or not valid(found):
+        result = math.nan
+    if isinstance(value, str) or not valid(result):
         raise InputError(f'{what}: {SHORT.repr(value)}; expected {expected}')
-    return found
+    return result
 
 
 def instance(value: object, kind: type, what: str) -> None:
@@ -128,15 +128,16 @@ def positive_time(value: Any, what: str, otherwise: str = '') -> float:
         (`otherwise`).
 
     """
-    known = not isinstance(value, bool | np.bool_ | str)
+    is_number = not isinstance(value, bool | np.bool_ | str)
+    number = math.nan
     try:
         number = float(value)
     except (TypeError, ValueError):
-        known, number = False, math.nan
-    if not (known and math.isfinite(number) and number > 0.0):
-        given = f'{number:g} s' if known else SHORT.repr(value)
-        raise InputError(f'{what}: {given}; expected a positive, finite time in s{otherwise}')
-    return number
+        is_number = False
+    if is_number and math.isfinite(number) and number > 0.0:
+        return number
+    shown = f'{number:g} s' if is_number else SHORT.repr(value)
+    raise InputError(f'{what}: {shown}; expected a positive, finite time in s{otherwise}')
 
 
 def increasing(t: ArrayLike, count: int, what: str) -> Array:

@@ -20,9 +20,9 @@ def html_table(title: str, header: Sequence[str], rows: Iterable[Sequence[Any]])
         cells = ''.join(f'<td>{escape(_text(cell))}</td>' for cell in line)
         body.append(f'<tr>{cells}</tr>')
     others = len(lines) - MOST_ROWS
-    more = f'<p>and {others} more rows</p>' if others > 0 else ''
+    note = f'<p>and {others} more rows</p>' if others > 0 else ''
     return (f'<p>{escape(title)}</p><table><thead><tr>{head}</tr></thead>'
-            f'<tbody>{"".join(body)}</tbody></table>{more}')
+            f'<tbody>{"".join(body)}</tbody></table>{note}')
 
 
 def _text(cell: Any) -> str:

@@ -49,7 +49,8 @@ def _rich(text: str, total: float) -> Generator[None, float, None]:
 
 def _plain(text: str, total: float) -> Generator[None, float, None]:
     """Draw the amounts received by send() as number signs on one line."""
-    shown, last = '', 0.0
+    shown = ''
+    last = 0.0
     try:
         while True:
             done = yield

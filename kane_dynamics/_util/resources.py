@@ -25,14 +25,18 @@ def resource_path(folder: str, name: str) -> Path:
 
     """
     checkout = Path(__file__).resolve().parents[2]
-    prefixes = [sys.prefix, *filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(':'))]
+    ament_prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(':')
     places = [checkout / folder] if (checkout / 'package.xml').exists() else []
-    places += [Path(prefix) / 'share' / 'kane_dynamics' / folder for prefix in prefixes]
+    for prefix in (sys.prefix, *filter(None, ament_prefixes)):
+        places.append(Path(prefix) / 'share' / 'kane_dynamics' / folder)
+    known = set()
     for place in places:
         if (place / name).is_file():
             return place / name
-    known = sorted({path.name for place in places if place.is_dir() for path in place.iterdir()})
-    raise InputError(f"no file '{name}' in {folder}; expected one of {', '.join(known) or 'none'}")
+        if place.is_dir():
+            known |= {path.name for path in place.iterdir()}
+    raise InputError(f"no file '{name}' in {folder}; expected one of "
+                     f'{", ".join(sorted(known)) or "none"}')
 
 
 def package_version() -> str:

@@ -42,8 +42,8 @@ def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any
         raise error(f'{what}: {SHORT.repr(source)}; expected the path of a YAML file, or a dict')
     try:
         # `ros2 topic echo` ends its output with ---, which starts an empty document: ignored.
-        documents = [each for each in yaml.load_all(Path(source).read_bytes(), _Loader)
-                     if each is not None]
+        contents = yaml.load_all(Path(source).read_bytes(), _Loader)
+        documents = [document for document in contents if document is not None]
     except (OSError, ValueError) as fault:
         if isinstance(fault, FileNotFoundError):
             raise error(f'no such file: {os.fspath(source)!r}; expected the path of a YAML file '

@@ -114,7 +114,8 @@ class _Rollout:
 
     def _load(self) -> None:
         """Fill state and constants, and mark a position that is too large."""
-        layout, v = self._layout, self._v
+        layout = self._layout
+        v = self._v
         self._put('%h', '%c', 0)
         for k in range(self._sizes[2] - 1):
             self._put(f'%p{k}', '%c', 1 + k)
@@ -131,7 +132,9 @@ class _Rollout:
 
     def _flags(self) -> str:
         """Return bits that are set where the state is not valid."""
-        layout, v, bits = self._layout, self._v, '0'
+        layout = self._layout
+        v = self._v
+        bits = '0'
         for k in range(layout.n_q + layout.n):
             x = v.new(f'load {self._type}, ptr {self._at("%x", k)}')
             limit = v.real.size_limit('q' if k < layout.n_q else 'u')
@@ -144,7 +147,8 @@ class _Rollout:
         return bits
 
     def _loop(self) -> None:
-        layout, v = self._layout, self._v
+        layout = self._layout
+        v = self._v
         self.lines += ['  br label %loop', 'loop:', '  %s = phi i64 [0, %state], [%next, %loop]',
                        f'  %bad = phi {v.integer} [%bad.first, %state], [%bad.next, %loop]']
         self._copy('tau', layout.n, '%f', 0, '%s')

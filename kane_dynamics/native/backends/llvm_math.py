@@ -14,8 +14,12 @@ class Vector:
 
     def __init__(self, lines: list[str], prefix: str, width: int, real: Real = DOUBLE) -> None:
         """Emit into `lines`; `prefix` makes the names unique in the function."""
-        self.lines, self.prefix, self.width, self.count = lines, prefix, width, 0
-        self.real, self.type = real, vector_type(width, real)
+        self.lines = lines
+        self.prefix = prefix
+        self.width = width
+        self.count = 0
+        self.real = real
+        self.type = vector_type(width, real)
         self.end = intrinsic_end(width, real)
         self.integer, self.truth = (kind if width == 1 else f'<{width} x {kind}>'
                                     for kind in (f'i{real.bits}', 'i1'))
@@ -180,7 +184,9 @@ class Vector:
     def arctan(self, x: str) -> str:
         """Return arctan x = b + arctan r, b one of 0, pi/4, pi/2, with the sign of x; 2 ulp."""
         size = self.new(f'call {self.type} @llvm.fabs.{self.end}({self.type} {x})')
-        r, base, rest = size, self.const(0.0), self.const(0.0)
+        r = size
+        base = self.const(0.0)
+        low = self.const(0.0)  # of the base
         one = self.const(1.0)
         for edge, reduced, share in (
                 (math.sqrt(2.0) - 1.0, self.op('fdiv', self.op('fsub', size, one),
@@ -191,9 +197,9 @@ class Vector:
             past = self.new(f'fcmp ogt {self.type} {size}, {self.const(edge)}')
             r = self.select(past, reduced, r)
             base = self.select(past, self.const(share * self.real.half_pi[0]), base)
-            rest = self.select(past, self.const(share * self.real.half_pi[1]), rest)
+            low = self.select(past, self.const(share * self.real.half_pi[1]), low)
         z = self.op('fmul', r, r)
-        tail = self.fma(self.op('fmul', r, z), self.polynomial(self.real.arctan, z), rest)
+        tail = self.fma(self.op('fmul', r, z), self.polynomial(self.real.arctan, z), low)
         value = self.op('fadd', base, self.op('fadd', r, tail))
         return self.new(f'call {self.type} @llvm.copysign.{self.end}({self.type} {value}, '
                         f'{self.type} {x})')

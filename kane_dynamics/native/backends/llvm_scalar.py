@@ -46,7 +46,10 @@ class Function:
     def __init__(self, program: Program, symbol: str, lanes: int = 1, real: Real = DOUBLE,
                  abreast: int = FUNCTION_LANES) -> None:
         """Generate the function; `lines` holds the IR."""
-        self.program, self.lanes, self.real, self.abreast = program, lanes, real, abreast
+        self.program = program
+        self.lanes = lanes
+        self.real = real
+        self.abreast = abreast
         self.type = vector_type(lanes, real)
         self.width = abreast if lanes == 1 else lanes  # of elementary functions
         self.names: dict[int, str] = {}

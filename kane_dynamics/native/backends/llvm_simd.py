@@ -185,7 +185,8 @@ def lane_text(program: Program, symbol: str, lanes: int) -> str:
     """Return the LLVM IR of a lane kernel; all states share the program's last argument."""
     main = RowFunction(program, symbol, lanes, program.inputs[-1][0])
     half = max(lanes // 2, 2)
-    v, part = vector_type(lanes), vector_type(half)
+    v = vector_type(lanes)
+    part = vector_type(half)
     return with_callees(main, [
         'declare void @llvm.prefetch.p0(ptr, i32, i32, i32)',
         f'declare {part} @llvm.masked.load.v{half}f64.p0(ptr, i32, <{half} x i1>, {part})',

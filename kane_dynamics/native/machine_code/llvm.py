@@ -19,9 +19,11 @@ import numpy as np
 
 Address = int
 # Fixed target, so that the reported code size does not depend on the machine.
-REFERENCE_TRIPLE, REFERENCE_CPU = 'x86_64-unknown-linux-gnu', 'x86-64-v3'
+REFERENCE_TRIPLE = 'x86_64-unknown-linux-gnu'
+REFERENCE_CPU = 'x86-64-v3'
 # Of GPUs: the oldest that current tools assemble for. A driver compiles its text for newer ones.
-GPU_TRIPLE, GPU = 'nvptx64-nvidia-cuda', 'sm_75'
+GPU_TRIPLE = 'nvptx64-nvidia-cuda'
+GPU = 'sm_75'
 # The pass manager of older llvmlite fails at pointers without an element type. Without passes,
 # batches are some percent slower.
 PASSES = hasattr(llvm, 'create_pass_builder')

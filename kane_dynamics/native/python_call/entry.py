@@ -123,11 +123,15 @@ def _self_test(probe: np.ndarray) -> bool:
     code = assembled('self-test', text)
     twice = _entry('twice', '', code, [], (3,), lambda *args, **keywords: (args, keywords))
     bad = np.array([1.0, np.nan, 0.0])
-    first, second, third = twice(probe), twice(probe), twice(probe)
-    source, result = probe.copy(), np.empty(3)
+    first = twice(probe)
+    second = twice(probe)
+    third = twice(probe)
+    source = probe.copy()
+    result = np.empty(3)
     bound = _bound('twice', '', code, [source, result], lambda *args: args)
     kind: Any = type('Probe', (NativeMethods,), {'__slots__': ()})
-    owner, table = kind(), bound_table(code, [source, result], lambda *args: args)
+    owner = kind()
+    table = bound_table(code, [source, result], lambda *args: args)
 
     def make(owner: Any, name: str) -> EntryTable:
         owner._tables[1] = id(table)
@@ -218,7 +222,8 @@ def methods(cls: type[NativeMethods], docs: Mapping[str, str],
     refusing = code.function('refuse_by', ctypes.PYFUNCTYPE(None, ctypes.c_void_p))
     refusing(id(refusal()))
     new = ctypes.pythonapi.PyDescr_NewMethod
-    new.restype, new.argtypes = ctypes.py_object, [ctypes.py_object, ctypes.c_void_p]
+    new.restype = ctypes.py_object
+    new.argtypes = [ctypes.py_object, ctypes.c_void_p]
     unmade = []
     for place, (name, doc) in enumerate(docs.items()):
         definitions[place] = MethodDef(name.encode(), code.address(f'method{place}'),

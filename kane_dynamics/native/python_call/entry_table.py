@@ -58,7 +58,8 @@ def _itself(owner: Any) -> Any:
 
 
 DEFINITION = ctypes.sizeof(MethodDef) // 8  # words
-METH_FASTCALL, METH_KEYWORDS = 0x0080, 0x0002  # METH_NOARGS calls are slower: not specialized
+METH_FASTCALL = 0x0080  # calls of METH_NOARGS are slower: CPython does not specialize them
+METH_KEYWORDS = 0x0002
 PY_ARRAY_NEW = 93  # slot of PyArray_New in numpy's C API table, fixed since numpy 1.0
 
 
@@ -71,7 +72,8 @@ def interpreter_words() -> dict[str, int]:
         core = import_module('numpy.core.multiarray')
     capsule = core._ARRAY_API
     pointer = ctypes.pythonapi.PyCapsule_GetPointer
-    pointer.restype, pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    pointer.restype = ctypes.c_void_p
+    pointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
     numpy_api = ctypes.cast(pointer(capsule, None), ctypes.POINTER(ctypes.c_void_p))
     return {'NDARRAY': id(np.ndarray), 'FLOAT64': id(np.dtype(np.float64)),
             'NEW_ARRAY': int(numpy_api[PY_ARRAY_NEW] or 0),
@@ -87,10 +89,12 @@ def new_table(words: Mapping[str, int], fallback: Callable[..., Any], code: llvm
               blocks: Sequence[np.ndarray] = (), owned: tuple[Any, ...] = ()) -> EntryTable:
     """Return a table with these words and the addresses of the fallback and of the blocks."""
     words = {**interpreter_words(), 'FALLBACK': id(fallback), **words}
-    table = np.array([*(words.get(word, 0) for word in TABLE),
-                      *(block.ctypes.data for block in blocks), *[0] * DEFINITION],
-                     dtype=np.uint64).view(EntryTable)
-    table.owned, table.fallback = (tuple(blocks), code, *owned), fallback
+    numbers = [words.get(word, 0) for word in TABLE]
+    numbers += [block.ctypes.data for block in blocks]
+    numbers += [0] * DEFINITION  # space for the PyMethodDef
+    table = np.array(numbers, dtype=np.uint64).view(EntryTable)
+    table.owned = (tuple(blocks), code, *owned)
+    table.fallback = fallback
     table.setflags(write=False)
     return table
 

@@ -43,7 +43,8 @@ def checked(argument: Argument, value: Any) -> Array:
 
 def converted(argument: Argument, value: Any) -> Array:
     """Return a value as a C-contiguous float64 array of one state or a batch."""
-    name, shape = argument.name, argument.shape
+    name = argument.name
+    shape = argument.shape
     expected = f'{shape} or (N, {", ".join(map(str, shape))})'
     # By the attribute, since numpy.ma is slow to import.
     masked = getattr(value, 'mask', None) if isinstance(value, np.ndarray) else None

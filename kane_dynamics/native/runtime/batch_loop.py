@@ -231,7 +231,8 @@ def run_batch(kernel: llvm.Address, rows: Sequence[tuple[int, int, int, int]], c
                            f'{POINTER_SLOTS - 1}')
     table = array('q', chain.from_iterable(rows))
     width = width or llvm_simd.width()
-    function, address = _driver_function(width), table.buffer_info()[0]
+    function = _driver_function(width)
+    address, _ = table.buffer_info()
     low = high = size = 0
     if extremes is not None:
         lowest, highest = extremes
@@ -240,9 +241,10 @@ def run_batch(kernel: llvm.Address, rows: Sequence[tuple[int, int, int, int]], c
         size = lowest.shape[1]
 
     def work(ranges: Sequence[Range]) -> int:
-        shares = array('q', [word for begin, end in ranges for word in (
-            kernel, address, len(rows), size, low, high, begin, end, steps,
-            *[0] * (WORDS - FLAGS))])
+        shares = array('q')  # a row of words for each thread, which writes its flags there
+        for begin, end in ranges:
+            shares.extend((kernel, address, len(rows), size, low, high, begin, end, steps,
+                           *[0] * (WORDS - FLAGS)))
         function(shares.buffer_info()[0], len(ranges))
         return reduce(or_, shares[FLAGS::WORDS])
     return run_in_threads(work, count, width, max(1, PROBE_CALLS // steps))

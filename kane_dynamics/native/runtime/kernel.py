@@ -304,14 +304,17 @@ class Kernel:
             Combination of `BAD_INPUT` and `BAD_RESULT`.
 
         """
-        blocks = [*inputs, self.parameters if constants is None else constants, result]
+        if constants is None:
+            constants = self.parameters.copy()  # other threads may change them meanwhile
+        blocks = [*inputs, constants, result]
         rows = []
         for block, rank in zip(blocks, self._ranks, strict=True):
-            lane, step = 0, 0
-            if block.ndim > rank:
-                lane, step = block.strides[:2]
-                lane = lane if block.shape[0] > 1 else 0
-                step = step if block.shape[1] > 1 else 0
+            lane = 0
+            step = 0
+            if block.ndim > rank and block.shape[0] > 1:
+                lane = block.strides[0]
+            if block.ndim > rank and block.shape[1] > 1:
+                step = block.strides[1]
             rows.append((address(block), lane, step, 0))
         return run_batch(self.lane_address, rows, len(result), steps=steps, extremes=extremes)
 

@@ -80,7 +80,9 @@ def _repeat(release_gil: bool) -> Callable[..., None]:
 
 def _address_reader() -> Callable[[NDArray[Any]], int]:
     """Return `address`; `ctypes.data`, which takes ten times as long, where objects differ."""
-    word, offset, probe = ctypes.c_size_t.from_address, object.__basicsize__, np.zeros(1)
+    word = ctypes.c_size_t.from_address
+    offset = object.__basicsize__
+    probe = np.zeros(1)
     if sys.implementation.name == 'cpython' and word(id(probe) + offset).value == (
             probe.ctypes.data):
         return lambda array: word(id(array) + offset).value
