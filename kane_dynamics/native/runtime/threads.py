@@ -63,6 +63,7 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
         Bitwise or of all flags.
 
     """
+    most_threads = thread_count()  # refuses an invalid setting first
     flags = 0
     begin = 0
     longest = LONGEST / 8.0
@@ -79,7 +80,7 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
         per_quantum = took * len(ranges) * quantum / (done - begin)  # s
         begin = done
         worth = int(per_quantum * blocks / THREAD_WORK) + 1
-        threads = max(1, min(thread_count(), worth, blocks))
+        threads = max(1, min(most_threads, worth, blocks))
         # As much work as lasts about `longest`, in equal parts.
         per_thread = max(1, int(longest / max(per_quantum, 1e-12)))
         blocks = min(blocks, per_thread * threads)
