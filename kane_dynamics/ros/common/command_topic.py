@@ -13,6 +13,7 @@ from rclpy.node import Node, NodeNameNonExistentError
 
 UNKNOWN = '_UNKNOWN_'  # part of the name of a node that is not known yet
 HIDDEN = '_'  # first letter of the names of hidden nodes, as of the ros2 command line
+RECORDERS = ('rosbag2_recorder', 'foxglove_bridge')  # nodes that move nothing
 GUARD_STATE = 'guard_state'  # a topic that only torque_guard publishes
 SIMULATED_ROBOT = 'simulated_robot'  # a topic that simulated robots publish
 IDENTIFICATION = 0.2  # s for which a new subscriber may be unknown: its name comes later
@@ -76,7 +77,7 @@ def not_simulated(node: Node, topic: str) -> str:
     Return why a topic of commands is not known to be of simulated robots only.
 
     A simulated robot publishes a topic whose last name is ``simulated_robot``. Hidden
-    nodes do not count.
+    nodes and recorders (rosbag2, Foxglove) do not count.
 
     Parameters
     ----------
@@ -148,10 +149,11 @@ def full_name(name: str, namespace: str) -> str:
 
 
 def _subscribers(node: Node, topic: str) -> list[tuple[str, str]]:
-    """Return names and namespaces of the nodes that subscribe, without hidden ones."""
+    """Return names and namespaces of the nodes that may move something."""
     nodes = set()
     for end in node.get_subscriptions_info_by_topic(topic):
-        if not end.node_name.startswith(HIDDEN) or UNKNOWN in end.node_name:
+        hidden = end.node_name.startswith(HIDDEN) and UNKNOWN not in end.node_name
+        if not hidden and end.node_name not in RECORDERS:
             nodes.add((end.node_name, end.node_namespace))
     return sorted(nodes)
 

@@ -49,7 +49,7 @@ def test_one_commander_is_asked_for_once_with_and_without_its_guard(names):
 
 @pytest.mark.parametrize(('names', 'reason'), [
     ((), 'nothing subscribes to /commands'), (('_ros2cli_1',), 'nothing subscribes to /commands'),
-    (('plant',), ''), (('plant', '_ros2cli_1'), ''),
+    (('plant',), ''), (('plant', '_ros2cli_1'), ''), (('plant', 'rosbag2_recorder'), ''),
     (('controller',), '/controller subscribes to /commands'),
     (('plant', 'controller'), '/controller subscribes to /commands'),
     (('_NODE_NAME_UNKNOWN_', 'plant'), '/_NODE_NAME_UNKNOWN_ subscribes to /commands')])
