@@ -341,9 +341,10 @@ def _driving(robot: Robot, names: tuple[str, ...]) -> tuple[str, ...]:
     n = robot.n
     stated = _stated_actuators(robot)
     fully_actuated = stated is not None and len(stated) == n
-    driving = set(driving_joints(robot))
     if len(names) == n and not fully_actuated:
         driving = set(names)
+    else:  # an error if the independent speeds are no joint rates
+        driving = set(driving_joints(robot))
     if not driving <= set(names):
         what = f'{n} joints that determine the motion'
         if fully_actuated:
