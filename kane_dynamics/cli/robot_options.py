@@ -210,18 +210,23 @@ def _closed_near(robot: Robot, names: Sequence[str], values: Any = ()) -> Array:
 
 def _numbers(options: Namespace, name: str, orders: Sequence[Sequence[str]]) -> Array:
     """Return an argument as numbers, as many as one of the given lists of names has."""
-    expected = ', or '.join(f'{len(names)} numbers, in the order {", ".join(names)}'
-                            for names in orders)
     parts = split(getattr(options, name))
     values = np.zeros(len(parts))
     for k, part in enumerate(parts):
         try:
             values[k] = float(part)
         except ValueError:
-            raise InputError(f'--{name}: {part!r}; expected {expected}') from None
+            raise InputError(f'--{name}: {part!r}; expected '
+                             f'{_in_orders(orders, " numbers")}') from None
     if len(values) not in [len(names) for names in orders]:
-        raise InputError(f'--{name}: {len(values)} numbers; expected {expected}')
+        raise InputError(f'--{name}: {len(values)} numbers; expected {_in_orders(orders)}')
     return values
+
+
+def _in_orders(orders: Sequence[Sequence[str]], unit: str = '') -> str:
+    """Return how many numbers are expected, and of which joints, as text."""
+    texts = [f'{len(names)}{unit}, in the order {", ".join(names)}' for names in orders]
+    return ', or '.join(texts)
 
 
 def split(tokens: Iterable[str]) -> list[str]:
