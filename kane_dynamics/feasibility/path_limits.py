@@ -29,7 +29,7 @@ from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.motion.controller_points import Segments
 from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.robot.kept_kernel import kept_kernel
+from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -355,7 +355,7 @@ def rough_coordinates(robot: Robot) -> list[int]:
     return sorted(rough)
 
 
-@kept_kernel
+@kernel_per_robot
 def torque_kernel(robot: Robot) -> Kernel:
     """
     Return the kernel of the coefficients of the torque, (3, n), without friction.

@@ -17,7 +17,7 @@ from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.motion.controller_points import Segments
 from kane_dynamics.native.runtime.batch_kernel import batch_kernel
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.robot.kept_kernel import kept_kernel
+from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -173,7 +173,7 @@ class SegmentPeaks:
         _require_finite(self._kernel.run(inputs, table, len(table)))
 
 
-@kept_kernel
+@kernel_per_robot
 def peaks_kernel(robot: Robot) -> Kernel:
     """
     Return the kernel of `Peaks` of a segment of a tree, (4 n + 3,).

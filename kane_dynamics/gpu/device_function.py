@@ -30,7 +30,7 @@ class DeviceFunction(QuantityFunction):
         if self._ptx is None:
             robot, quantity, at, parameters, _ = self._made_of
             names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
-            value = Derivative('value', own=names)
+            value = Derivative('value', run_time=names)
 
             def text() -> str:
                 program = robot.kernels.program(quantity, at, value)

@@ -18,6 +18,7 @@ from typing import Literal
 
 from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.frozen import freeze, plain
 from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.text import short
@@ -294,12 +295,12 @@ class Model:
         """Return the number of degrees of freedom: entries of q, less one per ball."""
         return len(self.coordinate_names) - len(self.balls)
 
-    @property
+    @lazy_property
     def places(self) -> tuple[int | None, ...]:
         """Return the index in q of each degree of freedom; None for ball joints."""
         return places(self.n, [self.bodies[b].joint.coordinate for b in self.balls])
 
-    @property
+    @lazy_property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the free joints, in the order of u and tau (and q without balls)."""
         names_of_ball_parts = {}
@@ -314,7 +315,7 @@ class Model:
                 names.append(self.coordinate_names[place])
         return tuple(names)
 
-    @property
+    @lazy_property
     def coordinate_joints(self) -> tuple[Joint, ...]:
         """Joints of the entries of u, never mimic joints; a mode has no limits."""
         names = self.joint_names
@@ -327,7 +328,7 @@ class Model:
                 by_name[names[k]] = mode
         return tuple(by_name[name] for name in names)
 
-    @property
+    @lazy_property
     def modal_coordinates(self) -> tuple[int, ...]:
         """Return the indices in q of the modal coordinates of beams."""
         indices: list[int] = []
@@ -336,7 +337,7 @@ class Model:
                 indices += body.beam.coordinates
         return tuple(indices)
 
-    @property
+    @lazy_property
     def sliding(self) -> frozenset[str]:
         """Names of the coordinates that are lengths, with units m and N."""
         named_joints = zip(self.joint_names, self.coordinate_joints)

@@ -1,37 +1,152 @@
-"""The kernels of one robot: traced from its equations and compiled on first use."""
+"""
+The quantities of a robot and their kernels, traced from its equations at the first use.
+
+`QUANTITIES` and the tables below it say which arguments and shape each quantity has. `KernelSet`
+traces the method of that name of the equations, and compiles and stores the kernel.
+"""
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import partial, wraps
+from typing import Any, NamedTuple
+from weakref import ref, WeakKeyDictionary
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.fork_safety import lazy_property
+from kane_dynamics._util.typing import Array, Matrix, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.ltdl import solve
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.ball_joints import least_square, require_direction
 from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.mechanics.equations import Equations
+from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS
+from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.runtime.argument import Argument
 from kane_dynamics.native.runtime.kernel import Kernel, ResultCheck
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call, Subroutines
-from kane_dynamics.robot.derivative_kernels import (block_of, Derivative, shapes_by_name,
-                                                    SlopesOfDynamics)
-from kane_dynamics.robot.quantities import (CONSTRAINED, FRAME_QUANTITIES, JOINT_REACTION,
-                                            QUANTITIES, Quantity, Sizes, UNWATCHED)
+from kane_dynamics.robot.derivative_kernels import Derivative, PARAMETERS, SlopesOfDynamics
 from kane_dynamics.robot.robot_function import RobotFunction, Supply
-from kane_dynamics.robot.single_state import in_lanes, shorter
 import numpy as np
 
+
+class Sizes(NamedTuple):
+    """Numbers of independent speeds, coordinates, joints, bodies, and rows of constraints."""
+
+    n: int
+    n_q: int
+    joints: int
+    bodies: int
+    rows: int
+
+    @property
+    def inertial_parameters(self) -> int:
+        """Return the number of inertial parameters of all bodies."""
+        return 10 * self.bodies
+
+    @property
+    def slopes(self) -> int:
+        """Return the number of columns of dtau/dq, dtau/du and dtau/dudot together."""
+        return self.n_q + 2 * self.n
+
+    def shape(self, entries: tuple[int | str, ...]) -> Shape:
+        """Return the shape whose entries are numbers or names of these sizes."""
+        shape = []
+        for entry in entries:
+            size: int = getattr(self, entry) if isinstance(entry, str) else entry
+            shape.append(size)
+        return tuple(shape)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """
+    The quantity of a kernel.
+
+    Attributes
+    ----------
+    arguments : tuple of str
+        Arguments of the equations' method of that name, before the wrench and the parameters.
+    shape : tuple of int and str
+        Shape of the result; names are those of `Sizes`.
+    wrench, parameters : bool
+        Whether the method has these arguments.
+
+    """
+
+    arguments: tuple[str, ...]
+    shape: tuple[int | str, ...]
+    wrench: bool = False
+    parameters: bool = True
+
+
+STATE = ('q', 'u')
+MOTION = ('q', 'u', 'udot')
+LOADED = ('q', 'u', 'tau')
+QUANTITIES = {
+    'inverse_dynamics': Quantity(MOTION, ('n',), wrench=True),
+    'forward_dynamics': Quantity(LOADED, ('n',), wrench=True),
+    'mass_matrix': Quantity(('q',), ('n', 'n')),
+    'inverse_mass_matrix': Quantity(('q',), ('n', 'n')),
+    'bias_force': Quantity(STATE, ('n',)),
+    'coriolis_matrix': Quantity(STATE, ('n', 'n')),
+    'gravity_force': Quantity(('q',), ('n',)),
+    'friction_force': Quantity(('u',), ('n',), parameters=False),
+    'external_force': Quantity(('q',), ('n',), wrench=True, parameters=False),
+    'torque_terms': Quantity(MOTION, (len(TORQUE_TERMS), 'n')),
+    'body_torques': Quantity(MOTION, ('bodies', 'n')),
+    'joint_reactions': Quantity(MOTION, ('bodies', 6), wrench=True),
+    'center_of_mass': Quantity(('q',), (3,)),
+    'center_of_mass_jacobian': Quantity(('q',), (3, 'n')),
+    'kinetic_energy': Quantity(STATE, ()),
+    'potential_energy': Quantity(('q',), ()),
+    'inverse_dynamics_derivatives': Quantity(MOTION, (3, 'n', 'n')),
+    'forward_dynamics_derivatives': Quantity(LOADED, (3, 'n', 'n')),
+    'regressor': Quantity(MOTION, ('n', 'inertial_parameters')),
+}
+# Where speeds are chosen or constraints given. In joint rates without constraints, those of
+# joints are the argument itself: kernels of them are made only where they are asked for by name.
+CONSTRAINED = {
+    'joint_rates': Quantity(STATE, ('n_q',), parameters=False),
+    'joint_torques': Quantity(('tau', 'q'), ('joints',), parameters=False),
+    'constraint_forces': Quantity(LOADED, ('rows',), wrench=True),
+    'constraint_residual': Quantity(('q',), ('rows',), parameters=False),
+    'constraint_velocity_residual': Quantity(STATE, ('rows',), parameters=False),
+    'joint_accelerations': Quantity(MOTION, ('joints',), parameters=False),
+    'friction_force': Quantity(('u', 'q'), ('n',), parameters=False),
+}
+ALL = {**QUANTITIES, **CONSTRAINED}
+FRAME_QUANTITIES = {
+    'frame_pose': Quantity(('q',), (4, 4), parameters=False),
+    'frame_velocity': Quantity(STATE, (6,), parameters=False),
+    'frame_acceleration': Quantity(MOTION, (6,), parameters=False),
+    'partial_velocities': Quantity(('q',), (6, 'n'), parameters=False),
+    'partial_velocity_rates': Quantity(STATE, (6, 'n'), parameters=False),
+}
+OF_PARTS = {  # of a frame or joint
+    **FRAME_QUANTITIES,
+    'joint_reaction': Quantity(MOTION, (6,), wrench=True),
+}
+# Quantities that are valid for open loops and any choice of independent speeds:
+UNWATCHED = ('potential_energy', 'constraint_residual', 'frame_pose')
+# Quantities of control and simulation, which a node compiles in configure.
+IN_LOOPS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'inverse_mass_matrix',
+            'bias_force', 'gravity_force', 'friction_force', 'torque_terms',
+            'joint_reactions', 'kinetic_energy', 'potential_energy')
+
+# Trees in joint rates have recursions of their own for derivatives; the largest trees share
+# subroutines, so that programs do not grow with the square of the number of joints.
+ANALYTIC = ('inverse_dynamics_derivatives', 'forward_dynamics_derivatives')
+SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
 LARGE = 24  # more coordinates: inverses by a subroutine in batches
 LONG = 16  # more coordinates: derivatives of forward dynamics are NumPy products
 OUTLINED = 40  # more coordinates: quantities of SHARING are traced with subroutines
-SMALL = 1e-16  # squared length of a quaternion that has no direction
-ANALYTIC = ('inverse_dynamics_derivatives', 'forward_dynamics_derivatives')
-SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
-ALL = {**QUANTITIES, **CONSTRAINED}
-OF_PARTS = {**FRAME_QUANTITIES, 'joint_reaction': JOINT_REACTION}  # of a frame or joint
+# Programs of single states that compute several joints at once, in lanes.
+ALWAYS_IN_LANES = 24  # more coordinates: matrices of one state are computed in lanes
+FEWEST_IN_LANES = 4  # fewer coordinates: never in lanes
+COMPARED = ('coriolis_matrix', *ANALYTIC)  # between: the shorter of the two programs
+NO_DIRECTION = 1e-16  # squared length of a quaternion that has no direction
+
 Place = tuple[str, Hashable]  # of a kernel: its name, and what tells it from others of the name
 Instead = Callable[[dict[str, Array]], 'KernelSet | None']
 
@@ -49,8 +164,8 @@ class KernelSet:
     parameters : array
         The block of parameters that kernels read at each call.
     instead : callable, optional
-        Called with the arguments of a state with a non-finite result: raises a specific error, or
-        returns kernels that are regular there, or None.
+        Called with the arguments of a state with a non-finite result: raises a specific error,
+        or returns kernels that are regular there, or None.
 
     """
 
@@ -58,49 +173,62 @@ class KernelSet:
                  instead: Instead | None = None) -> None:
         """Store the equations; kernels compile on first use."""
         self.equations = equations
-        self._in_order = self._sizes.rows > 0  # spills fewer values
-        self._instead = instead
-        self._at_time_zero = np.zeros(())
-        self.no_wrench = np.zeros((len(equations.wrench_frames), 6))
         self.key = key
+        self.no_wrench = np.zeros((len(equations.wrench_frames), 6))
+        self._at_time_zero = np.zeros(())
         self._parameters = parameters
+        self._instead = instead
+        model = equations.model
+        rows = len(equations.mechanism.labels)
+        self._sizes = Sizes(equations.n, equations.n_q, model.n, len(model.bodies), rows)
+        self._in_order = rows > 0  # spills fewer values
         self._made: dict[Place, Kernel] = {}
         self._explained: set[Place] = set()  # kernels with a reason of their own
         self._same: dict[Place, Callable[[KernelSet], Kernel]] = {}  # of another set
 
-    def with_parameters(self, parameters: Array, instead: Instead | None = None) -> 'KernelSet':
+    def with_parameters(self, parameters: Array,
+                        instead: Instead | None = None) -> 'KernelSet':
         """
         Return the same kernels, compiled ones included, with another block of parameters.
 
         `instead` is the callable of the result.
         """
-        other = KernelSet(self.equations, self.key, parameters, instead)
-        other._same = dict(self._same)
-        other._made = {place: kernel.with_parameters(
-            parameters if kernel.parameters is self._parameters else kernel.parameters.copy(),
-            partial(other._another, place) if place in self._same else None)
-            for place, kernel in self._made.items() if place not in self._explained}
-        return other
+        copied = KernelSet(self.equations, self.key, parameters, instead)
+        copied._same = dict(self._same)
+        for place, kernel in self._made.items():
+            if place in self._explained:
+                continue
+            block = parameters
+            if kernel.parameters is not self._parameters:  # constants of a function
+                block = kernel.parameters.copy()
+            reason = partial(copied._another, place) if place in self._same else None
+            copied._made[place] = kernel.with_parameters(block, reason)
+        return copied
 
     def _another(self, place: Place, state: dict[str, Array]) -> Kernel | None:
         """Return the kernel to use at a state with a non-finite result, or None."""
         if 'q' in state:
-            require_direction(self.equations.model, state['q'], SMALL)
-        other = None if self._instead is None else self._instead(state)
-        return None if other is None or other is self else self._same[place](other)
+            require_direction(self.equations.model, state['q'], NO_DIRECTION)
+        regular = None if self._instead is None else self._instead(state)
+        if regular is None or regular is self:
+            return None
+        return self._same[place](regular)
 
     @property
     def parameters(self) -> Array:
         """Return the block of parameters that kernels read at each call."""
         return self._parameters
 
-    @property
+    @lazy_property
     def names(self) -> tuple[str, ...]:
         """Names of the quantities that this robot has as one kernel."""
-        known = QUANTITIES if self.equations.in_joint_rates else ALL
-        left_out = ['forward_dynamics_derivatives'] if self.equations.n > LONG else []
-        return tuple(name for name in known if name not in left_out and (
-            self._has(name) or hasattr(SlopesOfDynamics, name)))
+        names = []
+        for name in QUANTITIES if self.equations.in_joint_rates else ALL:
+            if name == 'forward_dynamics_derivatives' and self.equations.n > LONG:
+                continue
+            if self._has(name) or hasattr(SlopesOfDynamics, name):
+                names.append(name)
+        return tuple(names)
 
     def _has(self, name: str) -> bool:
         """Return whether there is a recursion for a quantity; otherwise it is a derivative."""
@@ -143,8 +271,8 @@ class KernelSet:
         Parameters
         ----------
         name, at : str
-            One of `names` and '', or one of `FRAME_QUANTITIES` and a frame, or 'joint_reaction'
-            and a joint.
+            One of `names` and '', or one of `FRAME_QUANTITIES` and a frame, or
+            'joint_reaction' and a joint.
         derivative : Derivative, optional
             The derivative; by default the quantity itself.
 
@@ -155,34 +283,44 @@ class KernelSet:
 
         """
         label = name if derivative is None else derivative.label(name)
-
-        def make() -> Kernel:
+        place = label, at
+        kernel = self._made.get(place)
+        if kernel is None:
             arguments, shape = self.signature(name, at, derivative)
-            self._same[label, at] = lambda other: other.kernel(name, at, derivative)
-            return Kernel(label, lambda: self.program(name, at, derivative),
-                          self.key and self.key + at, arguments, self._parameters, shape,
-                          partial(self._another, (label, at)),
-                          lambda: self.program(name, at, derivative, single=True), self._in_order)
-        return self._kept((label, at), make)
+            self._same[place] = lambda regular: regular.kernel(name, at, derivative)
+            traced = partial(self.program, name, at, derivative)
+            traced_single = partial(self.program, name, at, derivative, single=True)
+            key = self.key and self.key + at
+            kernel = Kernel(label, traced, key, arguments, self._parameters, shape,
+                            partial(self._another, place), traced_single, self._in_order)
+            self._made[place] = kernel
+        return kernel
 
     def signature(self, name: str, at: str = '',
                   derivative: Derivative | None = None) -> tuple[list[Argument], Shape]:
-        """Return the arguments of a kernel and the shape of its result; arguments as `kernel`."""
+        """Return the arguments of a kernel and the shape of its result; see `kernel`."""
         quantity = self._quantity(name)
         self._method(name, at)  # raises InputError now, not where the kernel is traced
-        arguments, shape = self._arguments(quantity), self._sizes.shape(quantity.shape)
+        arguments = self._arguments(quantity)
+        shape = self._sizes.shape(quantity.shape)
         if derivative is None:
             return arguments, shape
+        # Cotangents and tangents come first, run-time parameters of each state last.
         shapes = self.differentiable(name)
-        own = [Argument(name, shapes[name]) for name in derivative.parameters]
-        return ([*derivative.seeds(shapes, shape), *arguments, *own],
-                derivative.shape(shapes, shape))
+        seeds = derivative.seeds(shapes, shape)
+        blocks = [Argument(block, shapes[block]) for block in derivative.parameters]
+        return [*seeds, *arguments, *blocks], derivative.shape(shapes, shape)
 
     def differentiable(self, name: str) -> dict[str, Shape]:
         """Return the shapes of the inputs by which a quantity can be differentiated."""
         quantity = self._quantity(name)
-        physical = len(self._parameters) - self.equations.limits
-        return shapes_by_name(self._arguments(quantity), quantity, physical)
+        shapes = {argument.name: argument.shape for argument in self._arguments(quantity)}
+        if quantity.parameters:
+            physical = len(self._parameters) - self.equations.limits
+            for block, part in PARAMETERS.items():
+                if part.stop <= physical:
+                    shapes[block] = (part.stop - part.start,)
+        return shapes
 
     def arguments(self, name: str) -> tuple[str, ...]:
         """Return the names of the arguments of a quantity, before the wrench and the time."""
@@ -194,35 +332,40 @@ class KernelSet:
 
     def compiled(self, function: Callable[..., Any], name: str,
                  inputs: Mapping[str, Shape | Argument], shape: Shape, *,
-                 constants: Shape | None = None, reason: ResultCheck | None = None) -> Kernel:
+                 constants: Shape | None = None,
+                 reason: ResultCheck | None = None) -> Kernel:
         """
         Return the kernel of a function over any scalar, as `Robot.compiled`.
 
-        With `constants`, the shape of the function's last argument, its numbers take the place of
-        the robot's parameters: calls of the kernel's address pass them last. `reason` is that of
-        `Kernel`.
+        With `constants`, the shape of the function's last argument, its numbers take the place
+        of the robot's parameters: calls of the kernel's address pass them last. `reason` is
+        that of `Kernel`.
         """
         traced = self.function(function, name, inputs, constants, shape)
         place = name, traced.identity
         if reason is not None:
             self._explained.add(place)
-        block = self._parameters if constants is None else np.zeros(constants)
-
-        def make() -> Kernel:
+        kernel = self._made.get(place)
+        if kernel is None:
+            block = self._parameters if constants is None else np.zeros(constants)
             # The code of functions of others is in no key, so that they are traced always.
             key = self.key if traced.is_of_library else None
-            return Kernel(name, traced.program, key, traced.arguments, block, shape, reason,
-                          in_order=self._in_order)
-        return self._kept(place, make)
+            kernel = Kernel(name, traced.program, key, traced.arguments, block, shape, reason,
+                            in_order=self._in_order)
+            self._made[place] = kernel
+        return kernel
 
     def function(self, function: Callable[..., Any], name: str,
                  inputs: Mapping[str, Shape | Argument], constants: Shape | None = None,
                  shape: Shape | None = None) -> RobotFunction:
         """Return a function over any scalar, with what the robot supplies, to trace."""
-        equations, block = self.equations, len(self._parameters)
+        equations = self.equations
+        block = len(self._parameters)
         supply = Supply(self.no_wrench, equations.timed, block, block - equations.limits)
-        labels = {'q': equations.model.coordinate_names,
-                  **dict.fromkeys(('u', 'udot', 'tau'), equations.speed_names)}
+        # Errors about states name the entry of q, u, udot or tau.
+        labels = {'q': equations.model.coordinate_names}
+        for key in ('u', 'udot', 'tau'):
+            labels[key] = equations.speed_names
         labelled = dict(inputs)
         for key in labels.keys() & inputs.keys():
             if inputs[key] == (len(labels[key]),):
@@ -233,18 +376,19 @@ class KernelSet:
         """Return the quantity of a name; InputError lists the valid ones."""
         if name in OF_PARTS:
             return OF_PARTS[name]
-        tree = self.equations.in_joint_rates
-        known = {**CONSTRAINED, **QUANTITIES} if tree else ALL
-        if tree:  # of constraints there are none
-            known = {key: quantity for key, quantity in known.items()
-                     if 'rows' not in quantity.shape}
-        if name not in self.names and not (name in known and self._has(name)):
+        quantity = ALL.get(name)
+        if self.equations.in_joint_rates:  # friction depends on u alone; there are no rows
+            quantity = QUANTITIES.get(name, quantity)
+            if quantity is not None and 'rows' in quantity.shape:
+                quantity = None
+        has_recursion = quantity is not None and self._has(name)
+        if quantity is None or not (has_recursion or name in self.names):
             raise InputError(f"no kernel '{name}' for this robot; expected one of "
                              f'{", ".join(self.names)}')
-        return known[name] if self._has(name) else replace(known[name], shape=('n', 'slopes'))
+        return quantity if has_recursion else replace(quantity, shape=('n', 'slopes'))
 
     def _method(self, name: str, at: str = '') -> Callable[..., Any]:
-        """Return the function of a quantity to trace; InputError for an unknown frame or joint."""
+        """Return the function of a quantity; InputError for an unknown frame or joint."""
         equations = self.equations
         if name in FRAME_QUANTITIES:
             return partial(getattr(equations, name), equations.model.frame(at))
@@ -256,56 +400,73 @@ class KernelSet:
         return getattr(equations, name) if recursion is None else recursion
 
     def _body(self, joint: str) -> int:
+        """Return the index of the body that a joint moves."""
         names = [body.joint.name for body in self.equations.model.bodies]
         if joint not in names:
-            raise InputError(f"no moving joint '{joint}'; expected one of "
-                             f'{", ".join(names) or "none"} '
+            valid = ', '.join(names) or 'none'
+            raise InputError(f"no moving joint '{joint}'; expected one of {valid} "
                              '(fixed and locked joints are merged into the bodies they join)')
         return names.index(joint)
 
-    def _large_inverse(self, q: Any, parameters: Any) -> Any:
-        """Return M^-1 of a tree column by column with one solve subroutine, for small code."""
-        tree, n = self.equations.tree, self.equations.n
-        places: list[tuple[int, int]] = []  # of the factor's entries that are not always zero
+    def _large_inverse(self, q: Vector, parameters: Vector) -> Matrix:
+        """Return M^-1 of a tree column by column with one subroutine, for small code."""
+        tree = self.equations.tree
+        n = self.equations.n
+        factor_entries: list[tuple[int, int]] = []  # those of L that are not always zero
 
-        def factors(q: Any, parameters: Any) -> Any:
+        # First subroutine: M = L^T D L, as its nonzero entries, then those of 1 / D.
+        def factors(q: Vector, parameters: Vector) -> list[Any]:
             L, reciprocal = tree.factors(q, parameters)
-            places.extend((k, i) for k in range(n) for i in range(k) if not is_zero(L[k][i]))
-            return [*(L[k][i] for k, i in places), *reciprocal]
+            values = []
+            for k in range(n):
+                for i in range(k):
+                    if not is_zero(L[k][i]):
+                        factor_entries.append((k, i))
+                        values.append(L[k][i])
+            return [*values, *reciprocal]
         inputs = self._inputs(self.signature('inverse_mass_matrix')[0])
-        entries = call(trace_program('factorization', factors, inputs), q, parameters)
+        values = call(trace_program('factorization', factors, inputs), q, parameters)
 
-        def solution(entries: Any, b: Any) -> Any:
+        # Second subroutine, called once a column: M x = b.
+        def solution(values: Vector, b: Vector) -> Vector:
             L = [[0.0] * n for _ in range(n)]
-            for (k, i), entry in zip(places, entries):
-                L[k][i] = entry
-            return solve((L, list(entries[len(places):])), tree.order, b)
-        solving = trace_program('solution', solution,
-                                [('entries', (len(places) + n,)), ('b', (n,))])
-        full = [call(solving, entries, unit) for unit in np.eye(n)]
-        return np.array([[full[max(r, s)][min(r, s)] for s in range(n)] for r in range(n)])
+            for (k, i), value in zip(factor_entries, values):
+                L[k][i] = value
+            reciprocal = list(values[len(factor_entries):])
+            return solve((L, reciprocal), tree.order, b)
+        solution_inputs = [('entries', (len(factor_entries) + n,)), ('b', (n,))]
+        solving = trace_program('solution', solution, solution_inputs)
+        columns = [call(solving, values, unit) for unit in np.eye(n)]
 
-    def _kept(self, key: Place, make: Callable[[], Kernel]) -> Kernel:
-        if key not in self._made:
-            self._made[key] = make()
-        return self._made[key]
-
-    @property
-    def _sizes(self) -> Sizes:
-        equations = self.equations
-        model, rows = equations.model, equations.mechanism.labels
-        return Sizes(equations.n, equations.n_q, model.n, len(model.bodies), len(rows))
+        # Both halves are the same expressions, so that the result is exactly symmetric.
+        inverse = np.empty((n, n), dtype=object)
+        for r in range(n):
+            for s in range(n):
+                inverse[r, s] = columns[max(r, s)][min(r, s)]
+        return inverse
 
     def _arguments(self, quantity: Quantity) -> list[Argument]:
+        """Return the arguments of the kernel of a quantity, before its parameters."""
         equations = self.equations
-        arguments = [Argument(name, (equations.n_q,), equations.model.coordinate_names)
-                     if name == 'q' else Argument(name, (equations.n,), equations.speed_names)
-                     for name in quantity.arguments]
+        arguments = []
+        for name in quantity.arguments:
+            if name == 'q':
+                labels = equations.model.coordinate_names
+                arguments.append(Argument(name, (equations.n_q,), labels))
+            else:
+                arguments.append(Argument(name, (equations.n,), equations.speed_names))
         if quantity.wrench and len(self.no_wrench):
-            arguments.append(Argument('wrench', self.no_wrench.shape, default=self.no_wrench))
+            no_wrench = self.no_wrench
+            arguments.append(Argument('wrench', no_wrench.shape, default=no_wrench))
         if equations.timed:
             arguments.append(Argument('t', (), default=self._at_time_zero))
         return arguments
+
+    def _inputs(self, arguments: Sequence[Argument]) -> list[tuple[str, Shape]]:
+        """Return the inputs of the program of a kernel: its arguments and parameters."""
+        inputs = [(argument.name, argument.shape) for argument in arguments]
+        inputs.append(('parameters', self._parameters.shape))
+        return inputs
 
     def program(self, name: str, at: str = '', derivative: Derivative | None = None,
                 single: bool = False) -> Program:
@@ -315,38 +476,92 @@ class KernelSet:
         `single` selects the program of single states on this processor, which uses lanes where
         they save instructions.
         """
-        method = self._method(name, at)
-        wide = in_lanes(self.equations, name) if single and derivative is None else None
-        if wide is None:
-            return self._traced(method, name, at, derivative)
-        return shorter(self.equations.n, self._traced(wide, name, at),
-                       lambda: self._traced(method, name, at))
+        in_lanes = None
+        if single and derivative is None:
+            in_lanes = method_in_lanes(self.equations, name)
+        if in_lanes is None:
+            return self._traced(self._method(name, at), name, at, derivative)
+        program_in_lanes = self._traced(in_lanes, name, at)
+        if self.equations.n > ALWAYS_IN_LANES:  # without lanes it would be far longer
+            return program_in_lanes
+        plain = self._traced(self._method(name, at), name, at)
+        lanes = width()
+        if program_in_lanes.instruction_count(lanes) < plain.instruction_count(lanes):
+            return program_in_lanes
+        return plain
 
     def _traced(self, method: Callable[..., Any], name: str, at: str,
                 derivative: Derivative | None = None) -> Program:
         """Return the program of a function of the equations; other arguments as `kernel`."""
-        def function(*inputs: Any) -> Any:
-            given = dict(zip(names, inputs))
-            values = [given[argument] for argument in quantity.arguments]
-            values += [given.get('wrench')] if quantity.wrench else []
-            block = block_of(given)
-            parameters, limits = np.split(block, [len(block) - equations.limits])
-            values += [parameters] if quantity.parameters else []
-            time = {'t': given['t'][()]} if 't' in given else {}
-            result = method(*values, **time)
-            if derivative is not None:
-                result = derivative.traced(result, given)
-            if 'q' in given and equations.model.balls:
-                result = guarded(result, least_square(equations.model, given['q']) - SMALL)
-            if not equations.watched or name in UNWATCHED:
-                return result
-            return guarded(result, equations.margin(given['q'], time.get('t', 0.0), limits))
         equations = self.equations
         quantity = self._quantity(name)
         inputs = self._inputs(self.signature(name, at, derivative)[0])
-        names = [key for key, _ in inputs]
+
+        def function(*arrays: Any) -> Any:
+            by_name = {}
+            for (key, _), array in zip(inputs, arrays):
+                by_name[key] = array
+            # Parameters that are arguments of each state stand in for those of the block.
+            block = np.array(by_name['parameters'], dtype=object)
+            for key, part in PARAMETERS.items():
+                if key in by_name:
+                    block[part] = by_name[key]
+            parameters, limits = np.split(block, [len(block) - equations.limits])
+
+            values = [by_name[argument] for argument in quantity.arguments]
+            if quantity.wrench:
+                values.append(by_name.get('wrench'))
+            if quantity.parameters:
+                values.append(parameters)
+            time = {}
+            if 't' in by_name:
+                time['t'] = by_name['t'][()]
+            result = method(*values, **time)
+            if derivative is not None:
+                result = derivative.traced(result, by_name)
+
+            # NaN where a quaternion has no direction, and beyond the limits of a state.
+            if 'q' in by_name and equations.model.balls:
+                square = least_square(equations.model, by_name['q'])
+                result = guarded(result, square - NO_DIRECTION)
+            if equations.watched and name not in UNWATCHED:
+                margin = equations.margin(by_name['q'], time.get('t', 0.0), limits)
+                result = guarded(result, margin)
+            return result
         return trace_program(name, function, inputs)
 
-    def _inputs(self, arguments: Sequence[Argument]) -> list[tuple[str, Shape]]:
-        return [*((argument.name, argument.shape) for argument in arguments),
-                ('parameters', self._parameters.shape)]
+
+def method_in_lanes(equations: Equations, name: str) -> Callable[..., Any] | None:
+    """Return the function of a quantity that computes several joints at once, or None."""
+    n = equations.n
+    suits = n > ALWAYS_IN_LANES or (n >= FEWEST_IN_LANES and name in COMPARED)
+    if not (equations.in_joint_rates and suits):
+        return None
+    # Needed only where a program is traced.
+    from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
+    from kane_dynamics.native.tracing.wide import WideLanes
+    if not TreeInLanes.suits(equations.tree):
+        return None
+    tree_in_lanes = TreeInLanes(equations.tree, lambda q: WideLanes(q.trace))
+    return getattr(tree_in_lanes, name, None)
+
+
+def kernel_per_robot(function: Callable[[Any], Kernel]) -> Callable[[Any], Kernel]:
+    """
+    Return a function that asks another one for a kernel once for each robot.
+
+    `Robot.compiled` compiles once, too, but reads its function again at each call, which
+    takes longer than many kernels. The robot's set of kernels stores the kernel, which refers
+    to the robot; so this function refers to both weakly.
+    """
+    references: WeakKeyDictionary[KernelSet, ref[Kernel]] = WeakKeyDictionary()
+
+    @wraps(function)
+    def kernel_of(robot: Any) -> Kernel:
+        reference = references.get(robot.kernels)
+        kernel = None if reference is None else reference()
+        if kernel is None:
+            kernel = function(robot)
+            references[robot.kernels] = ref(kernel)
+        return kernel
+    return kernel_of

@@ -11,8 +11,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry_table import EntryTable, refuse
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.robot.kernel_set import ALL, KernelSet
-from kane_dynamics.robot.quantities import FRAME_QUANTITIES
+from kane_dynamics.robot.kernel_set import ALL, FRAME_QUANTITIES, KernelSet
 import numpy as np
 
 STATE_RESULTS = {'inverse_dynamics': 'tau', 'forward_dynamics': 'udot'}  # results that are states

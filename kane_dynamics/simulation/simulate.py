@@ -33,7 +33,7 @@ from kane_dynamics.native.runtime.batch_loop import driver
 from kane_dynamics.native.runtime.loop_support import support
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
-from kane_dynamics.robot.quantities import CONSTRAINED, IN_LOOPS
+from kane_dynamics.robot.kernel_set import CONSTRAINED, IN_LOOPS
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.deflection_watch import DeflectionWatch
 from kane_dynamics.simulation.discontinuities import JumpWatch

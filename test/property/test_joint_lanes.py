@@ -12,8 +12,8 @@ from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import with_payload
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
-from kane_dynamics.robot import single_state
-from kane_dynamics.robot.single_state import COMPARED, in_lanes
+from kane_dynamics.robot import kernel_set
+from kane_dynamics.robot.kernel_set import COMPARED, method_in_lanes
 from mechanisms import random_model, random_state
 import numpy as np
 import pytest
@@ -82,7 +82,7 @@ def test_one_state_of_an_arm_is_a_state_of_a_batch(name, n):
     robot = Robot(shuffled(random_model(8, n, branching=0.3 * (n > 8)), 8), payload_frame='frame3')
     robot.parameters.payload = Inertial(2.0, np.array([0.1, 0.0, 0.2]), 0.01 * np.eye(3))
     kernels, states = robot.kernels, random_state(robot.model, 5)[:GIVEN[name]]
-    wide = trace_program(name, lambda *given: in_lanes(kernels.equations, name)(*given),
+    wide = trace_program(name, lambda *given: method_in_lanes(kernels.equations, name)(*given),
                          kernels.program(name).inputs)
     kernel = Kernel(name, lambda: wide, None, kernels.signature(name)[0],
                     robot.parameters.block, kernels.signature(name)[1])
@@ -119,7 +119,7 @@ def test_arms_compute_one_state_by_the_shorter_program(monkeypatch):
     name = 'inverse_dynamics_derivatives'
     plain, counts = robot.kernels.program(name), []
     for doubles in (8, 2):
-        monkeypatch.setattr(single_state, 'width', lambda doubles=doubles: doubles)
+        monkeypatch.setattr(kernel_set, 'width', lambda doubles=doubles: doubles)
         chosen = robot.kernels.program(name, single=True)
         assert chosen.instruction_count(doubles) <= plain.instruction_count(doubles)
         counts.append(any(node.op == 'pack' for node in chosen.schedule()))
@@ -161,5 +161,5 @@ def test_inverse_mass_matrix_of_a_serial_chain_takes_a_third_of_the_instructions
     equations = Robot(random_model(8, LARGER, branching=0.0)).equations
     plain, rows = (trace_program('inverse', function, [('q', (LARGER,)), ('g', (3,))]
                                  ).instruction_count(8) for function in (
-        equations.inverse_mass_matrix, in_lanes(equations, 'inverse_mass_matrix')))
+        equations.inverse_mass_matrix, method_in_lanes(equations, 'inverse_mass_matrix')))
     assert 3 * rows < plain

@@ -26,7 +26,7 @@ from kane_dynamics.motion.motion import Motion
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.differentiation import forward
 from kane_dynamics.native.tracing.subroutine import Subroutines
-from kane_dynamics.robot.kept_kernel import kept_kernel
+from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -239,7 +239,7 @@ class ThirdOrderLimits:
         return bool(np.isfinite(self.bounds[name]).any())
 
 
-@kept_kernel
+@kernel_per_robot
 def torque_rate_kernel(robot: Robot) -> Kernel:
     """
     Return the kernel of the torque's coefficients and their derivatives along s.

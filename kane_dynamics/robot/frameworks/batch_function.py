@@ -36,7 +36,7 @@ def batch_function(robot: Any, quantity: str, at: str,
     if wrong:
         raise InputError(f'parameters: {wrong[0]!r}; expected for {quantity} of this robot some '
                          f'of {", ".join(possible) or "none"}, each once')
-    return BatchFunction(robot.kernels, quantity, at, Derivative('value', own=own))
+    return BatchFunction(robot.kernels, quantity, at, Derivative('value', run_time=own))
 
 
 class BatchFunction:

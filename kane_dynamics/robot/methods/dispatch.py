@@ -33,7 +33,7 @@ class _Compiled:
         name, fallback = self.checked.__name__, self.checked.__get__(robot)
         if name not in robot.kernels.names:  # of several kernels, or an error
             return fallback
-        entry = robot.kernels.quantity(name).entry(self.checked.__doc__ or '', fallback)
+        entry = robot.kernels.kernel(name).entry(self.checked.__doc__ or '', fallback)
         robot.__dict__[name] = entry
         return entry
 

@@ -11,7 +11,7 @@ import re
 
 from kane_dynamics import Robot
 from kane_dynamics.robot.frameworks.batch_function import batch_function
-from kane_dynamics.robot.quantities import FRAME_QUANTITIES
+from kane_dynamics.robot.kernel_set import FRAME_QUANTITIES
 from kinds_of_mechanism import case
 import numpy as np
 import pytest

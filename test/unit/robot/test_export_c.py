@@ -13,7 +13,7 @@ from kane_dynamics.native.backends.c99 import c_functions, prototype
 from kane_dynamics.native.backends.c99_math import elementary_functions, PRECISIONS
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS
-from kane_dynamics.robot.quantities import QUANTITIES
+from kane_dynamics.robot.kernel_set import QUANTITIES
 from linkages import at_angle, four_bar
 from mechanisms import random_model
 import numpy as np

@@ -9,7 +9,7 @@ import weakref
 
 from kane_dynamics import InputError, Robot
 from kane_dynamics.native.python_call import entry
-from kane_dynamics.robot.quantities import FRAME_QUANTITIES, QUANTITIES
+from kane_dynamics.robot.kernel_set import FRAME_QUANTITIES, QUANTITIES
 from kane_dynamics.robot.workspace import Workspace
 from mechanisms import random_inertial, random_model, random_state
 import numpy as np
