@@ -73,8 +73,8 @@ def watch_costs() -> list[Race]:
                  if 'constraints' in given}}
     rng, result = np.random.default_rng(0), []
     for name, robot in robots.items():
-        q = robot.closed_posture(NEAR[name] if name in NEAR else
-                                 rng.uniform(-1.0, 1.0, robot.n_q))
+        q = robot.closed_configuration(NEAR[name] if name in NEAR else
+                                       rng.uniform(-1.0, 1.0, robot.n_q))
         u = rng.uniform(-0.1, 0.1, robot.n)
         loops: dict[str, Callable[[], object]] = {}
         for what, one in (('watched', robot), ('not', unwatched(robot))):
@@ -195,7 +195,8 @@ def real_time(name: str, robot: Robot, q: np.ndarray, u: np.ndarray, step: float
 def clocked() -> list[Race]:
     """Compare the simulation of mechanisms to real time."""
     loop = four_bar()
-    result = [real_time('four-bar', loop, loop.closed_posture((0.8, 0.0, -1.5), fixed=['crank']),
+    result = [real_time('four-bar', loop, loop.closed_configuration((0.8, 0.0, -1.5),
+                                                                    fixed=['crank']),
                         np.array([5.0]), 1e-3)]
     for name, robot in (('planar flexible arm', flexible_arm((3, 0))),
                         ('spatial flexible arm', flexible_arm((2, 1), axis=(0, -1, 0)))):

@@ -170,7 +170,7 @@ def closed_loops() -> dict[str, Machine]:
                                      turn / np.linalg.norm(turn)]))
     return {
         'four-bar': machine(loop, np.array([
-            loop.closed_posture((angle, 0.0, -1.5), fixed=['crank'])
+            loop.closed_configuration((angle, 0.0, -1.5), fixed=['crank'])
             for angle in rng.uniform(0.4, 1.2, DISTINCT)])),
         'palletizer': machine(arm, np.array([
             palletizer.positions(arm, *driven) for driven in rng.uniform(

@@ -66,7 +66,7 @@ times = np.linspace(0.0, duration, 101)
 q, rows = np.zeros(robot.n_q), []
 for t in times:
     p, u, udot = path(t)
-    q = robot.closed_posture([*p, *q[3:]], fixed=['x', 'y', 'z'])
+    q = robot.closed_configuration([*p, *q[3:]], fixed=['x', 'y', 'z'])
     tau = robot.joint_torques(robot.inverse_dynamics(q, u, udot), q)[driven]
     rows.append((q, u, udot, tau, robot.joint_rates(q, u)[driven] @ tau,
                  robot.kinetic_energy(q, u) + robot.potential_energy(q)))

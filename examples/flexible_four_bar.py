@@ -25,7 +25,7 @@ def flexible_four_bar():
 if __name__ == '__main__':
     linkage = flexible_four_bar()
     crank = ['crank', 'coupler/mode_1', 'coupler/mode_2']
-    q = linkage.closed_posture((0.8, 0, 0, 0, -1.5), fixed=crank)
+    q = linkage.closed_configuration((0.8, 0, 0, 0, -1.5), fixed=crank)
     u, udot = np.array([5.0, 0.2, -0.1]), np.array([2.0, -1.0, 3.0])
     tau = linkage.inverse_dynamics(q, u, udot)
     by_energy = EnergyForm(linkage.mechanism, PasserelloHuston()).inverse_dynamics(q, u, udot)

@@ -15,7 +15,7 @@ b.frame('ground', 'world', at=(1, 0, 0))
 pin = Closure('end', 'ground', 'revolute', axis=(0, 1, 0), name='pin')
 linkage = Robot(b.model(), constraints=[pin], independent=['crank'])
 
-q, u = linkage.closed_posture((0.8, 0.0, -1.5), fixed=['crank']), np.array([5.0])
+q, u = linkage.closed_configuration((0.8, 0.0, -1.5), fixed=['crank']), np.array([5.0])
 tau = linkage.inverse_dynamics(q, u, np.zeros(1))
 forces = linkage.constraint_forces(q, u, tau)
 print('closed at q =', q.round(6).tolist())

@@ -16,7 +16,7 @@ from kane_dynamics.mechanics.ball_joints import neutral
 from kane_dynamics.mjcf import is_mjcf, load_mjcf
 from kane_dynamics.model.model import GRAVITY, Model
 from kane_dynamics.robot.methods.configuration_methods import (outside_limits,
-                                                                suspected_degrees)
+                                                               suspected_degrees)
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.urdf import expand_xacro, load_urdf
 from kane_dynamics.urdf.xacro_file import arguments_of
@@ -205,7 +205,7 @@ def _closed_near(robot: Robot, names: Sequence[str], values: Any = ()) -> Array:
         q[:] = robot.configuration
     places = [robot.coordinate_names.index(name) for name in names]
     q[places[:len(values)]] = values
-    return robot.closed_posture(q, fixed=names)
+    return robot.closed_configuration(q, fixed=names)
 
 
 def _numbers(options: Namespace, name: str, orders: Sequence[Sequence[str]]) -> Array:

@@ -8,7 +8,7 @@ from typing import Any
 
 from kane_dynamics.closed_forms.polynomials import shortened
 from kane_dynamics.closed_forms.symbolic import (exact_model, Parameter, parametrised, symbols,
-                                              unwrapped)
+                                                 unwrapped)
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.definition import kane

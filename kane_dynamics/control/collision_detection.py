@@ -68,7 +68,7 @@ class CollisionDetector:
         for name, value in zip(self._names, thresholds):
             if value == 0.0:
                 raise InputError(f"threshold of joint '{name}': 0; expected a positive "
-                                 "number")
+                                 'number')
         for what, time in (('confirm', confirm), ('clear', clear)):
             if not time >= 0.0:
                 raise InputError(f'{what}: {time}; expected a nonnegative time in s')

@@ -50,14 +50,15 @@ KP, KD = 100.0, 20.0  # default gains, 1/s^2 and 1/s: critically damped
 # -------------------------------------------------------------------------------------
 # The joints that follow.
 
-def followed_joints(robot: Robot, followed: Sequence[str] | None = None) -> tuple[int,
-                                                                                  ...]:
+def followed_joints(robot: Robot,
+                    followed: Sequence[str] | None = None) -> tuple[int, ...]:
     """
     Return the indices of the joints that follow a motion, as many as independent speeds.
 
     Parameters
     ----------
     robot : Robot
+        The robot whose joints follow.
     followed : sequence of str, optional
         Their names. Default: all joints without constraints; else those whose rates are
         the independent speeds, or else those with actuators.
@@ -148,9 +149,9 @@ def require_closed(robot: Robot, positions: Array, times: Array) -> None:
     # The largest violation, relative to its limit.
     point, row = np.unravel_index(np.argmax(residual / allowed), residual.shape)
     raise InputError(f"motion: the residual of '{robot.constraint_names[row]}' is "
-                     f"{residual[point, row]:.3g} (m or rad) in point {point + 1}; "
-                     "expected closed configurations, as from robot.closed_posture, or "
-                     "a motion of the independent joints")
+                     f'{residual[point, row]:.3g} (m or rad) in point {point + 1}; '
+                     'expected closed configurations, as from robot.closed_configuration, or '
+                     'a motion of the independent joints')
 
 
 # -------------------------------------------------------------------------------------

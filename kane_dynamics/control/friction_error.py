@@ -65,7 +65,7 @@ class FrictionError:
                  largest: ArrayLike = np.inf) -> None:
         if isinstance(joint_names, str):
             raise InputError(f"joint_names: the string '{joint_names}'; expected a "
-                             "sequence of names")
+                             'sequence of names')
         names = tuple(joint_names)
         self.joint_names = names
         self.coulomb = _signed(coulomb, 'coulomb', names)
@@ -75,7 +75,7 @@ class FrictionError:
         if not self._speed.all():
             joint = names[int(np.flatnonzero(self._speed == 0.0)[0])]
             raise InputError(f"friction_speed of joint '{joint}': 0; expected a "
-                             "positive number, rad/s or m/s")
+                             'positive number, rad/s or m/s')
         self._largest = per_joint(largest, 'largest', names, finite=False)
         self._memory = number(memory, 'memory', 'a positive time in s',
                               lambda x: x > 0.0)

@@ -15,6 +15,7 @@ Constraint forces do no work in an admissible motion and drop out.
 from __future__ import annotations
 
 import math
+
 from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import finite_row, instance, per_joint
 from kane_dynamics._util.text import listing
@@ -110,7 +111,7 @@ class MomentumObserver:
         if not gains.all():
             joint = self.robot.speed_names[int(np.flatnonzero(gains == 0.0)[0])]
             raise InputError(f"gain of joint '{joint}': 0; expected a positive number, "
-                             "1/s")
+                             '1/s')
         if not max_gap > 0.0:
             raise InputError(f'max_gap: {max_gap}; expected a positive time in s')
         self._gain = gains

@@ -175,7 +175,7 @@ class TrajectoryJoints:
         """Return nearly closed configurations; the first that closes is the start."""
         robot = self._robot
         if self._has_start:  # joints that turn without limits may be turns away from it
-            q = robot.closed_posture(self._pose)
+            q = robot.closed_configuration(self._pose)
             driving = q[self._columns]
             limits = self.limits(np.inf, self.driving)
             turned = q.copy()
@@ -183,14 +183,14 @@ class TrajectoryJoints:
                                                 limits)[0]
             return [turned, q]
         if robot.configuration is not None:
-            return [robot.closed_posture(robot.configuration)]
+            return [robot.closed_configuration(robot.configuration)]
         # A point of all joints gives the assembly mode; else it is that near zero.
         if len(self.names) == robot.n_q:
             order = [self.names.index(name) for name in robot.joint_names]
-            return [robot.closed_posture(positions[0, order], fixed=self.driving)]
+            return [robot.closed_configuration(positions[0, order], fixed=self.driving)]
         guess = np.zeros(robot.n_q)
         guess[self._columns] = points.q[0]
-        return [robot.closed_posture(guess, fixed=self.driving)]
+        return [robot.closed_configuration(guess, fixed=self.driving)]
 
     def executed(self, points: ControllerPoints) -> ControllerPoints:
         """Return the points of the actuators for those of the driving joints."""
@@ -257,8 +257,8 @@ class TrajectoryJoints:
             lowest, highest = q[:, k].min(), q[:, k].max()
             if lowest < limits.lower[k] or highest > limits.upper[k]:
                 raise InputError(f"joint '{name}': positions from {lowest:.4g} to "
-                                 f"{highest:.4g} follow from the trajectory; expected "
-                                 f"{limits.lower[k]:.4g} to {limits.upper[k]:.4g}")
+                                 f'{highest:.4g} follow from the trajectory; expected '
+                                 f'{limits.lower[k]:.4g} to {limits.upper[k]:.4g}')
 
     def _of_driving(self, tau: Array, q: Array) -> Array:
         """Return the torques of the driving joints for a generalized force, T^-T tau."""

@@ -125,12 +125,12 @@ class PathRobot:
         """Return a closed configuration near the start of the path, in its mode."""
         robot = self.robot
         if self._rest is not None:
-            return robot.closed_posture(self._rest)
+            return robot.closed_configuration(self._rest)
         guess = np.zeros(robot.n_q)
         if robot.configuration is not None:
             guess[:] = robot.configuration
         guess[self.driving] = driving
-        return robot.closed_posture(guess, fixed=self.motion.joint_names)
+        return robot.closed_configuration(guess, fixed=self.motion.joint_names)
 
     def _of_all_joints(self, part: Section, q: Array, driving: list[int]) -> Section:
         """Return a section of all joints for one of the driving joints."""

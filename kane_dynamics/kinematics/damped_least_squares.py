@@ -197,7 +197,7 @@ class _Search:
         guess = require_unit(robot.model, guess, 'q0')
         self.start = np.clip(guess, robot.limits.lower, robot.limits.upper)
         if self.looped:
-            self.start = robot.closed_posture(self.start)
+            self.start = robot.closed_configuration(self.start)
         return self.start
 
     def random_start(self, rng: np.random.Generator) -> Array:
@@ -289,7 +289,7 @@ class _Search:
         # limits.
         for _ in range(SHORTENINGS):
             try:
-                closed = self.robot.closed_posture(moved(model, q, step))
+                closed = self.robot.closed_configuration(moved(model, q, step))
             except ConstraintError:
                 closed = np.full(len(q), np.inf)
             above = (closed >= limits.lower - AT_LIMIT).all()

@@ -36,9 +36,9 @@ def driving_tracker(robot: Robot, joints: Sequence[str], **limits: float) -> Loo
     tracker = LoopTracker(robot, joints, **limits)
     if tracker.path_rows:
         raise InputError(f"motion: constraint '{tracker.path_rows[0]}' is one of "
-                         "velocities, and the positions of driving joints do not "
-                         "determine the configuration; expected constraints of "
-                         "positions")
+                         'velocities, and the positions of driving joints do not '
+                         'determine the configuration; expected constraints of '
+                         'positions')
     return tracker
 
 
@@ -206,7 +206,7 @@ def _closed(robot: Robot, driving: list[int], t: Array, q: Array) -> Array:
         return Q
     joints = [robot.coordinate_names[k] for k in driving]
     loops = DrivenLoops(robot, joints)
-    start = robot.closed_posture(Q[0], t=float(t[0]), fixed=joints)
+    start = robot.closed_configuration(Q[0], t=float(t[0]), fixed=joints)
     moves = np.abs(np.diff(q, axis=0, prepend=q[:1])).max(axis=1, initial=0.0)
     k = int(moves.argmax())
     if moves[k] > FARTHEST:

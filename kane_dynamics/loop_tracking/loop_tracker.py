@@ -510,7 +510,7 @@ class LoopTracker:
         self.measurement = self._step.measurement
         self._reference: Array | None = None
         if robot.configuration is not None:
-            self._reference = robot.closed_posture(robot.configuration)
+            self._reference = robot.closed_configuration(robot.configuration)
         self._distance = 0.0  # largest of the measured joints, from the last configuration
         self.restart()
 
@@ -717,8 +717,8 @@ class LoopTracker:
             k = int(np.argmax(deviation))
             name = self.robot.coordinate_names[others[k]]
             raise LoopError(CONTRADICTION, f"'{name}' at {values[k]:.6g}, where the "
-                            f"loops close at {q[others[k]]:.6g} rad or m; expected a "
-                            f"deviation of at most {self.tolerance:g}")
+                            f'loops close at {q[others[k]]:.6g} rad or m; expected a '
+                            f'deviation of at most {self.tolerance:g}')
 
 
 def velocity_rows(robot: Robot) -> tuple[str, ...]:

@@ -65,8 +65,8 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         The joints that have actuators, or their weights (see `joint_torques`).
     configuration : (n_q,) array_like, or mapping of joints to numbers, optional
         A closed or nearly closed configuration, rad or m: speeds and rows are chosen there, and
-        `closed_posture` with fixed coordinates stays on its branch, unless it is given a start.
-        By default configurations within the limits are tried.
+        `closed_configuration` with fixed coordinates stays on its branch, unless it is given a
+        start. By default configurations within the limits are tried.
     closure_tolerance : float, (float, float) or None
         Largest residual of loops and other position constraints that calls accept, m and rad;
         None accepts any. Default: 1e-4 times `mechanism.length` (the longest distance between

@@ -118,7 +118,8 @@ class SpeedSets:
         raise ConstraintError(
             f"constraint '{self.asked.labels[k]}': its residual is "
             f'{abs(stack.residual[k]):.3g} {unit} at {described(self.asked, q)}, t = {t:.6g} s; '
-            f'expected at most {most:g} {unit} (closure_tolerance), as from robot.closed_posture')
+            f'expected at most {most:g} {unit} (closure_tolerance), as from '
+            'robot.closed_configuration')
 
 
 def left_out_error(mechanism: Mechanism, stack: Stack, q: Array, t: float, most: float,

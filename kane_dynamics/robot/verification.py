@@ -114,7 +114,7 @@ def regular_state(robot: Any, rng: np.random.Generator) -> tuple[Array, float]:
     t = float(rng.uniform(0.0, latest)) if robot.equations.timed else 0.0
     for _ in range(TRIES):
         try:
-            q: Array = robot.closed_posture(moved(
+            q: Array = robot.closed_configuration(moved(
                 robot.model, middle, rng.uniform(-spread, spread, robot.model.n)), t=t)
         except ConstraintError:
             continue

@@ -261,7 +261,7 @@ def initial_states(robot: Robot, q0: Any, u0: Any, t0: float) -> Array:
             which = '' if q.ndim == 1 else f' of state {i}'
             raise InputError(f"q0{which}: the residual of '{robot.constraint_names[k]}' "
                              f'is {residual[i, k]:.3g} (m or rad); expected a closed '
-                             'configuration, as robot.closed_posture(q0)')
+                             'configuration, as robot.closed_configuration(q0)')
     time = np.full((*q.shape[:-1], int(robot.equations.timed)), t0)
     margins = np.ones((*q.shape[:-1], int(robot.equations.watched)))
     return np.concatenate([q, u, time, margins], axis=-1)

@@ -124,7 +124,7 @@ class SweptJoints:
         residual = robot.constraint_residual(guess, t=t0) / robot.mechanism.row_units
         nearly_closed = np.abs(residual).max(initial=0.0) <= NEARLY_CLOSED
         start = guess if fixed and nearly_closed else None
-        return robot.closed_posture(guess, t=t0, fixed=fixed, start=start)
+        return robot.closed_configuration(guess, t=t0, fixed=fixed, start=start)
 
 
 def robot_digest(robot: Robot) -> str:

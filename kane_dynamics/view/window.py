@@ -242,7 +242,7 @@ class Window:
             if self.robot.constraint_names:
                 turned_names = [self.robot.joint_names[k] for k in self._turned]
                 try:
-                    q = self.robot.closed_posture(q, fixed=turned_names)
+                    q = self.robot.closed_configuration(q, fixed=turned_names)
                 except ConstraintError:
                     return  # beyond the reach of the mechanism: the picture stays
             self._q = q

@@ -103,7 +103,7 @@ def test_beams_together_with_closed_loops(tmp_path):
     done = command('fill', *arm, '--motion', path, '--json')
     assert done.returncode == 0, done.stderr
     np.testing.assert_allclose(json.loads(done.stdout)[0]['efforts'][0], bending.gravity_force(
-        rigid.closed_posture(rigid.configuration)), rtol=1e-9, atol=1e-9)
+        rigid.closed_configuration(rigid.configuration)), rtol=1e-9, atol=1e-9)
 
 
 def test_options_that_treat_beams_as_rigid_are_refused_by_name(motion, tmp_path):

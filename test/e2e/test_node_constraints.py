@@ -48,7 +48,7 @@ def linkage(files):
 
 @pytest.fixture(scope='module')
 def configuration(linkage):
-    return linkage.closed_posture((0.8, 0.0, -1.5), fixed=['crank_joint'])
+    return linkage.closed_configuration((0.8, 0.0, -1.5), fixed=['crank_joint'])
 
 
 def test_the_file_is_read_once_for_all_robots_of_the_node(files):

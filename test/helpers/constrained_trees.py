@@ -6,7 +6,7 @@ from kane_dynamics import ModelBuilder
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, knife_edge,
                                                  PointVelocity, Prescribed, Rolling)
 from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
-                                                                    closed_posture)
+                                                                    closed_configuration)
 from kane_dynamics.mechanics.constraints.speeds import absolute_rates, momenta, Speeds
 from kane_dynamics.model.primitive_inertias import disc, rod
 from mechanisms import random_model
@@ -85,7 +85,7 @@ def rolling_disc():
 def states(mechanism, seed):
     """Return q, u, udot of a mechanism that moves as it may."""
     rng = np.random.default_rng(seed)
-    q = closed_posture(mechanism, rng.uniform(-1.0, 1.0, mechanism.model.n), t=T)
+    q = closed_configuration(mechanism, rng.uniform(-1.0, 1.0, mechanism.model.n), t=T)
     return q, *rng.uniform(-1.0, 1.0, (2, mechanism.n))
 
 
@@ -141,4 +141,4 @@ def rolling_pair(kind):
     start[9:12] = (0.5, 0.3, -0.2) if 'inside' in kind else (1.2, 0.9, -0.8)
     free = choose_independent(model, None, (rolling(kind),), rank_tolerance=1e-9)
     return choose_independent(model, None, (rolling(kind),),
-                              configuration=closed_posture(free, start))
+                              configuration=closed_configuration(free, start))

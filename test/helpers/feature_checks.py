@@ -638,7 +638,7 @@ def held_by_actuators(case, bending, q, u, udot):
     whole[[robot.coordinate_names.index(name) for name in joints]] = q
     whole[list(robot.model.modal_coordinates)] = bending.modes(q, u[own], udot[own])
     if robot.constraint_names:
-        whole = robot.closed_posture(whole, fixed=robot.speed_names)
+        whole = robot.closed_configuration(whole, fixed=robot.speed_names)
     places = [robot.speed_names.index(name) for name in bending.speed_names]
     speeds = np.zeros((2, robot.n))
     speeds[:, places] = u[own], udot[own]

@@ -155,6 +155,6 @@ def state(robot, seed=0):
     q = on_unit_quaternions(robot.model, q)
     if robot.constraint_names:
         modes = [name for name in robot.coordinate_names if 'mode' in name]
-        q = robot.closed_posture(q, fixed=modes or None, t=T)
+        q = robot.closed_configuration(q, fixed=modes or None, t=T)
     scale = np.array([0.05 if 'mode' in name else 1.0 for name in robot.speed_names])
     return q, *(scale * rng.uniform(-1.0, 1.0, (2, robot.n)))

@@ -40,7 +40,7 @@ def four_bar(*independent, turntable=False, redundant='minimum_norm'):
 @cache
 def at_angle(angle):
     """Return the closed configuration of the four-bar at a crank angle, rad."""
-    return four_bar('crank').closed_posture((angle, 0.0, -1.5), fixed=['crank'])
+    return four_bar('crank').closed_configuration((angle, 0.0, -1.5), fixed=['crank'])
 
 
 @cache

@@ -145,7 +145,7 @@ def test_closed_loop_moves_as_mujoco_does_with_stiff_constraints():
     model, mechanism = loaded(FOUR_BAR)
     robot = Robot(mechanism.model, **mechanism.options, independent=['crank'])
     assert robot.actuated_names == ('crank',)
-    q = robot.closed_posture([0.4, 0.0, 0.0])
+    q = robot.closed_configuration([0.4, 0.0, 0.0])
     accelerations = robot.forward_dynamics(q, [0.0], [1.5])
     data = mujoco.MjData(model)
     data.qpos = q

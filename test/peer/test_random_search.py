@@ -93,7 +93,7 @@ def random_state(robot, near, rng):
     start = neutral(model) if near is None else near
     q = moved(model, start, spread * size * rng.uniform(-1.0, 1.0, model.n))
     if robot.constraint_names:
-        q = robot.closed_posture(q, t=t)
+        q = robot.closed_configuration(q, t=t)
     by_name = dict(zip(model.joint_names, size))
     scale = np.array([by_name.get(name, 1.0) for name in robot.speed_names])
     u = scale * rng.uniform(-1.0, 1.0, robot.n)

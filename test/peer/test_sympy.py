@@ -3,7 +3,7 @@
 from kane_dynamics import box, disc, ModelBuilder, point_mass, rod
 from kane_dynamics.mechanics.constraints import (Closure, knife_edge, PointVelocity, Prescribed,
                                                  Rolling)
-from kane_dynamics.mechanics.constraints.independent_speeds import closed_posture
+from kane_dynamics.mechanics.constraints.independent_speeds import closed_configuration
 from kane_dynamics.mechanics.constraints.speeds import absolute_rates, body_angular_velocity
 import numpy as np
 import pytest
@@ -69,7 +69,7 @@ def test_four_bar(kind, labels):
     peer = Peer(model)
     v = peer.point('rocker', 0.7 * X).vel(peer.N)  # minus: the row is ground's less the end's
     derived = peer.derived([-v.dot(peer.N.x), -v.dot(peer.N.z)], [0])
-    closed = [closed_posture(ours.mechanism, (crank, 1 - crank, 1.5), fixed=['crank'])
+    closed = [closed_configuration(ours.mechanism, (crank, 1 - crank, 1.5), fixed=['crank'])
               for crank in (-1.0, 0.4, 1.3)]
     agree(ours, derived, [(q, RNG.uniform(-3, 3, 1)) for q in closed], forces=labels)
 

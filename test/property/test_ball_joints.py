@@ -223,7 +223,7 @@ def stewart():
     q = np.array([{'platform/z': 0.8}.get(name, 0.8 if name.startswith('leg') else
                                           1.0 if name.endswith('/qw') else 0.0)
                   for name in model.coordinate_names])
-    closed = Robot(model, constraints=closures).closed_posture(q)
+    closed = Robot(model, constraints=closures).closed_configuration(q)
     return Robot(model, constraints=closures, independent=LEGS, actuated=LEGS,
                  configuration=closed), closed
 
@@ -234,12 +234,12 @@ def test_a_stewart_platform_with_ball_joints_closes():
     rng = np.random.default_rng(0)
     for _ in range(5):
         shaken = start + 0.1 * rng.uniform(-1.0, 1.0, len(start))
-        q = robot.closed_posture(shaken)
+        q = robot.closed_configuration(shaken)
         assert np.abs(robot.constraint_residual(q)).max() < 1e-11
         assert np.abs(np.linalg.norm(q[3:7]) - 1.0) < 1e-15
     longer = start.copy()
     longer[legs := [robot.coordinate_names.index(leg) for leg in LEGS]] = 0.86
-    moved = robot.closed_posture(longer, fixed=LEGS)
+    moved = robot.closed_configuration(longer, fixed=LEGS)
     np.testing.assert_array_equal(moved[legs], 0.86)
     assert np.abs(robot.constraint_residual(moved)).max() < 1e-11
 
@@ -247,7 +247,7 @@ def test_a_stewart_platform_with_ball_joints_closes():
 @pytest.mark.slow
 def test_a_stewart_platform_moves_with_closed_loops():
     robot, start = stewart()  # 30 joints and 24 rows: compiling takes half a minute, once
-    q = robot.closed_posture(start)
+    q = robot.closed_configuration(start)
     rest, rng = np.zeros(6), np.random.default_rng(0)
     u, udot = rng.uniform(-0.3, 0.3, (2, 6))
     tau = robot.inverse_dynamics(q, u, udot)

@@ -38,7 +38,7 @@ T = 0.4  # s
 def state(robot, seed=0, t=T):
     """Return a random state of moderate size, conditions on positions met."""
     rng = np.random.default_rng(seed)
-    return (robot.closed_posture(rng.uniform(-0.8, 0.8, robot.n_q), t=t),
+    return (robot.closed_configuration(rng.uniform(-0.8, 0.8, robot.n_q), t=t),
             rng.uniform(-1.0, 1.0, robot.n), rng.uniform(-1.0, 1.0, robot.n))
 
 
@@ -222,7 +222,7 @@ def test_many_mechanisms_move_as_each_alone():
 
 def test_a_prescribed_joint_moves_as_prescribed():
     robot = chain('prescribed')
-    run = simulate(robot, robot.closed_posture(np.full(5, 0.1)), np.zeros(4), 0.5)
+    run = simulate(robot, robot.closed_configuration(np.full(5, 0.1)), np.zeros(4), 0.5)
     at = robot.joint_names.index('joint1')
     np.testing.assert_allclose(run.q[:, at], 0.3 * np.sin(2.0 * run.t), atol=1e-10)
     assert run.constraint_forces.shape == (501, 1)
@@ -242,7 +242,7 @@ def test_a_trajectory_of_a_mechanism_is_saved_whole(tmp_path):
 
 def test_misuse_is_rejected_by_name():
     model = four_bar_model()
-    with pytest.raises(InputError, match=r"residual of 'pin/.' is .*closed_posture"):
+    with pytest.raises(InputError, match=r"residual of 'pin/.' is .*closed_configuration"):
         simulate(four_bar('crank'), [0.8, 0.0, -1.5], [5.0], 0.1)
     with pytest.raises(ConstraintError, match=r"singular at \{'crank': 0.0.*speeds crank"):
         four_bar('crank').inverse_dynamics(np.zeros(3), np.ones(1), np.ones(1))

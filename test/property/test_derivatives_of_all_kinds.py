@@ -61,11 +61,11 @@ def state_of(kind, seed=0):
         return at_angle(0.7 + 0.3 * seed), u, udot
     q = rng.uniform(-0.8, 0.8, robot.n_q)
     if kind == 'flexible loop':
-        q = robot.closed_posture((0.8 + 0.1 * seed, 0.0, 0.01, -0.02, -1.5),
-                                 fixed=robot.speed_names)
+        q = robot.closed_configuration((0.8 + 0.1 * seed, 0.0, 0.01, -0.02, -1.5),
+                                       fixed=robot.speed_names)
     elif robot.equations.in_joint_rates:
         q = q * small
-    return (robot.closed_posture(q, t=T) if kind == 'time-dependent' else q), u, udot
+    return (robot.closed_configuration(q, t=T) if kind == 'time-dependent' else q), u, udot
 
 
 def assert_close(value, expected, relative=1e-11):
@@ -103,7 +103,7 @@ def test_forward_dynamics_derivatives_are_the_definitions(kind):
 def test_derivatives_of_random_mechanisms_with_loops_are_the_definitions(seed):
     loops = random_loops(seed)
     robot = Robot(loops.model, constraints=loops.constraints, configuration=loops.q0)
-    q, rng = robot.closed_posture(loops.q0), np.random.default_rng(seed)
+    q, rng = robot.closed_configuration(loops.q0), np.random.default_rng(seed)
     u, udot = rng.uniform(-1.0, 1.0, (2, robot.n))
     program = robot.kernels.program('inverse_dynamics_derivatives')
     value = evaluate(program, [q, u, udot, robot.parameters.block])
@@ -253,7 +253,7 @@ def test_a_fully_driven_mechanism_has_derivatives_with_respect_to_time_and_empty
     b = ModelBuilder('driven')
     b.body('arm', axis=(0, 1, 0), inertial=rod(1.0, (0, 0, 0), (0, 0, 1)))
     robot, none = Robot(b.model(), constraints=[Prescribed('arm', np.sin)]), np.zeros(0)
-    q = robot.closed_posture([0.0], t=T)
+    q = robot.closed_configuration([0.0], t=T)
     for matrices in (robot.inverse_dynamics_derivatives(q, none, none, t=T),
                      robot.forward_dynamics_derivatives(q, none, none, t=T)):
         assert [x.shape for x in matrices] == [(0, 1), (0, 0), (0, 0)]

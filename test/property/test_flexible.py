@@ -380,7 +380,7 @@ def test_constraints_on_flexible_links_match_the_energy_formulation(make):
     start = np.array([0.8, 0.0, 0.0, 0.0, -1.5]) if robot.n_q == 5 else np.zeros(robot.n_q)
     q = start
     if make is flexible_four_bar:
-        q = robot.closed_posture(start, fixed=['crank', 'coupler/mode_1', 'coupler/mode_2'])
+        q = robot.closed_configuration(start, fixed=['crank', 'coupler/mode_1', 'coupler/mode_2'])
     rng = np.random.default_rng(1)
     modal = np.array([0.02 if 'mode' in name else 1.0 for name in robot.speed_names])
     u, udot = rng.uniform(-1.0, 1.0, (2, robot.n)) * modal

@@ -19,7 +19,7 @@ FEW = (0, 4, 6, 9, 11, 13)  # a seed or so of most families
 
 def start(loops, robot, seed):
     """Return a closed configuration and speeds of moderate size."""
-    q0 = robot.closed_posture(loops.q0)
+    q0 = robot.closed_configuration(loops.q0)
     u0 = np.random.default_rng(seed).uniform(-1.5, 1.5, robot.n)
     fastest = np.abs(robot.joint_rates(q0, u0)).max(initial=0.0)
     return q0, u0 * min(1.0, 3.0 / max(fastest, 1e-9))

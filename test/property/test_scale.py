@@ -91,8 +91,8 @@ def test_quantities_scale(name, s):
     t = {'t': T} if one.equations.timed else {}
     q, q_other = guess, of_q * guess
     if one.constraint_names:
-        q = one.closed_posture(guess, t=T)
-        q_other = other.closed_posture(of_q * guess, t=T)
+        q = one.closed_configuration(guess, t=T)
+        q_other = other.closed_configuration(of_q * guess, t=T)
         assert_close(q_other / of_q, q)
         assert other.mechanism.kept == one.mechanism.kept
     rng = np.random.default_rng(2)
@@ -122,8 +122,8 @@ def test_simulations_scale(name, s):
     guess = guess_of(name)
     q, q_other = guess, of_q * guess
     if one.constraint_names:
-        q = one.closed_posture(guess, t=T)
-        q_other = other.closed_posture(of_q * guess, t=T)
+        q = one.closed_configuration(guess, t=T)
+        q_other = other.closed_configuration(of_q * guess, t=T)
     u = np.linspace(0.5, 1.0, one.n)
     runs = [simulate(robot, *start, 0.2, step=1e-3, t0=T, sample=0.02) for robot, start in (
         (one, (q, u)), (other, (q_other, of_u * u)))]
@@ -141,7 +141,7 @@ def test_simulations_scale(name, s):
 def test_speed_changes_and_stops_scale(s):
     def run(s):
         robot = Robot(scaled_model(four_bar_model(bars=(0.5, 0.9, 0.5)), s), constraints=[PIN])
-        q = robot.closed_posture((0.8, 0.0, -1.5))
+        q = robot.closed_configuration((0.8, 0.0, -1.5))
         robot.limits = replace(robot.limits, lower=np.array([-1.2, -np.inf, -np.inf]))
         return simulate(robot, q, [1.0], 1.5, torque=np.array([2.0 * s**2]), sample=0.01,
                         stops=True)

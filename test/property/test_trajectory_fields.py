@@ -64,7 +64,7 @@ CHANGING = {
         'absolute rates', 'actuated crank', 'redundant actuators'))])
 def test_fields_stay_those_of_the_users_speeds_after_speed_changes(name):
     robot = Robot(four_bar_model(bars=(0.5, 0.9, 0.5)), constraints=[PIN], **CHANGING[name])
-    q = robot.closed_posture((0.8, 0.0, -1.5))
+    q = robot.closed_configuration((0.8, 0.0, -1.5))
     torque = np.array([2.0])
     run = simulate(robot, q, [1.0], 1.5, torque=torque, sample=0.01)
     assert run.speed_changes
@@ -81,7 +81,7 @@ def test_fields_of_a_nonholonomic_body_are_right_after_speed_changes():
 
 def test_fields_are_right_after_speed_changes_with_a_joint_at_its_stop():
     robot = Robot(four_bar_model(bars=(0.5, 0.9, 0.5)), constraints=[PIN])
-    q = robot.closed_posture((0.8, 0.0, -1.5))
+    q = robot.closed_configuration((0.8, 0.0, -1.5))
     robot.limits = replace(robot.limits, lower=np.array([-1.2, -np.inf, -np.inf]))
     run = simulate(robot, q, [1.0], 1.5, torque=np.array([2.0]), sample=0.01, stops=True)
     assert run.speed_changes

@@ -43,7 +43,7 @@ TERMS = {
 # Public names, and places where a word has its ordinary meaning. Each has its reason.
 NAMES = re.compile(
     r'`[^`]*`'                                   # code in text
-    r'|closed_posture'                           # a public name of the library
+    r'|closed_configuration'                           # a public name of the library
     r'|\{GAP|\'nobody\'|\'pushes\''                # names in code
     r'|^  push:'                                 # an event of the workflow file
     r'|gravitational|git push|no matter (?:how|what|which|where)|does not matter|do not matter')

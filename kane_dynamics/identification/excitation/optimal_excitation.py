@@ -158,7 +158,7 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
                           lambda x: 0.0 <= x < math.inf)
     if shapes is None and distance is not None:
         warnings.warn('shapes: None, so links are not kept apart, nor their surfaces '
-                      "above a floor; expected "
+                      'above a floor; expected '
                       "shapes=load_collision_shapes('arm.urdf'), or "
                       'distance=None', ModelWarning, stacklevel=3)  # beyond the decorator
     clearance = None

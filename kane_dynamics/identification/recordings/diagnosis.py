@@ -110,7 +110,7 @@ def diagnose(model: Model, recording: Recording, *, gravity_added: bool = False
     faults = [RecordingFault('impossible', words) for words in _motion(model, recording)]
     if not recording.tau.any():
         faults.append(RecordingFault('wrong', 'the measured efforts are all 0: the '
-                                    'recording has none'))
+                                     'recording has none'))
     elif not faults:
         sound, signals = _signals(model, recording)
         faults += signals

@@ -21,7 +21,8 @@ from kane_dynamics.mechanics.constraints.conditioning import (described, pivots,
                                                               rows_in_speeds, scaled_rows,
                                                               stacked)
 from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import positive
-from kane_dynamics.mechanics.constraints.loop_closure import (closed_posture, closing_iterations,
+from kane_dynamics.mechanics.constraints.loop_closure import (closed_configuration,
+                                                              closing_iterations,
                                                               STRIDE)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.constraints.speeds import speed_places
@@ -73,8 +74,8 @@ def choose_independent(model: Model, speeds: Any, constraints: Sequence[Constrai
     if everything.in_joint_rates and independent is None:
         return everything
     _require_rows(everything, start, configuration is None)
-    places = (_closed_postures(everything) if configuration is None
-              else _postures_near(everything, start))
+    places = (_closed_configurations(everything) if configuration is None
+              else _configurations_near(everything, start))
     places = _finite_places(everything, places)
     samples = [_velocity_rows(everything, q) for q in places]
     if not everything.labels and independent is None:
@@ -177,7 +178,7 @@ def _moves(mechanism: Mechanism, q: Array, rank: int) -> bool:
     way = mechanism.units * np.linalg.solve(Y, admitted)
     step = PROBE * way / np.abs(way / mechanism.units).max()
     try:
-        there = closed_posture(mechanism, moved_by(mechanism.model, q, step))
+        there = closed_configuration(mechanism, moved_by(mechanism.model, q, step))
     except ConstraintError:
         return False
     gone = np.abs(difference(mechanism.model, q, there) / mechanism.units).max()
@@ -197,14 +198,14 @@ def _starts(mechanism: Mechanism) -> list[Array]:
     return [moved_by(mechanism.model, neutral(mechanism.model), start) for start in starts]
 
 
-def _closed_postures(mechanism: Mechanism) -> list[Array]:
+def _closed_configurations(mechanism: Mechanism) -> list[Array]:
     """Return up to `SAMPLES` closed configurations within the joint limits."""
     starts = _starts(mechanism)
     found: list[Array] = []
     failures: list[ConstraintError] = []
     for start in starts:
         try:
-            found.append(closed_posture(mechanism, start))
+            found.append(closed_configuration(mechanism, start))
         except ConstraintError as error:
             failures.append(error)
         if len(found) == SAMPLES:
@@ -252,10 +253,10 @@ def _checked(mechanism: Mechanism, configuration: Any) -> Array:
     return require_unit(mechanism.model, q, 'configuration')
 
 
-def _postures_near(mechanism: Mechanism, q: Array) -> list[Array]:
+def _configurations_near(mechanism: Mechanism, q: Array) -> list[Array]:
     """Return closed configurations at and near q; ConstraintError if q is far from closed."""
     try:
-        closed = closed_posture(mechanism, q)
+        closed = closed_configuration(mechanism, q)
     except ConstraintError as error:
         raise ConstraintError(f'{error}; {advice(mechanism, q)}') from None
     change = np.abs(difference(mechanism.model, q, closed))
@@ -270,7 +271,7 @@ def _postures_near(mechanism: Mechanism, q: Array) -> list[Array]:
     for _ in range(SAMPLES - 1):
         try:
             step = 0.05 * mechanism.units * rng.uniform(-1.0, 1.0, mechanism.model.n)
-            found.append(closed_posture(mechanism, moved_by(mechanism.model, closed, step)))
+            found.append(closed_configuration(mechanism, moved_by(mechanism.model, closed, step)))
         except ConstraintError:
             continue
     return found

@@ -36,8 +36,9 @@ def defined_rows(mechanism: Mechanism) -> Rows:
     return rows
 
 
-def closed_posture(mechanism: Mechanism, q: Any, *, t: float = 0.0, fixed: Sequence[str] = (),
-                   rows: Rows | None = None) -> Array:
+def closed_configuration(mechanism: Mechanism, q: Any, *, t: float = 0.0,
+                         fixed: Sequence[str] = (),
+                         rows: Rows | None = None) -> Array:
     """
     Return the configuration near q that satisfies all position constraints.
 
@@ -133,8 +134,8 @@ def closing_iterations(mechanism: Mechanism, start: Array, moves: Array, t: floa
     return here, residual, labels, False
 
 
-def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0,
-                     fixed: Sequence[str] = (), rows: Rows | None = None) -> Array:
+def followed_configuration(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0,
+                           fixed: Sequence[str] = (), rows: Rows | None = None) -> Array:
     """
     Return a closed configuration in the assembly mode of another closed configuration.
 
@@ -150,7 +151,7 @@ def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0
     q : (n_q,) array
         The final values of the fixed coordinates; other entries are ignored.
     t, fixed, rows
-        As in `closed_posture`.
+        As in `closed_configuration`.
 
     Raises
     ------
@@ -160,7 +161,7 @@ def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0
     """
     wanted = _checked(mechanism, q, t)
     rows = rows or defined_rows(mechanism)
-    here = closed_posture(mechanism, start, t=t, rows=rows)
+    here = closed_configuration(mechanism, start, t=t, rows=rows)
     model = mechanism.model
     joints = _joints(mechanism, fixed)
     places = [place for k in joints if (place := model.places[k]) is not None]
@@ -175,7 +176,7 @@ def followed_posture(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0
     for share in np.arange(1, count + 1) / count:
         ahead = here.copy()
         ahead[places] = first + share * (last - first)
-        closed = closed_posture(mechanism, ahead, t=t, fixed=fixed, rows=rows)
+        closed = closed_configuration(mechanism, ahead, t=t, fixed=fixed, rows=rows)
         change = np.abs(difference(model, here, closed))
         moved = change / mechanism.units
         worst = int(np.argmax(moved))

@@ -12,6 +12,7 @@ Jacobian. The partial velocities of a body are the rows of an (n, 3) array, so t
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.vector import axis_rotation, cross, skew
 from kane_dynamics.mechanics.ball_joints import joint_positions, rotations

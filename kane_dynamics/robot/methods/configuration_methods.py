@@ -14,8 +14,8 @@ from kane_dynamics.errors import ConstraintError, InputError, ModelWarning
 from kane_dynamics.mechanics.ball_joints import (angle_places, angles, balls, difference,
                                                  joint_speeds, moved, neutral,
                                                  on_unit_quaternions, require_unit)
-from kane_dynamics.mechanics.constraints.loop_closure import (closed_posture, defined_rows,
-                                                              followed_posture, Rows)
+from kane_dynamics.mechanics.constraints.loop_closure import (closed_configuration, defined_rows,
+                                                              followed_configuration, Rows)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.argument import Argument, checked
@@ -232,8 +232,8 @@ class Configurations(Dispatch):
             return self._same('udot', udot, out)
         return self._special('joint_accelerations', (q, u, udot), t, out)
 
-    def closed_posture(self, q: ArrayLike, *, t: float = 0.0, fixed: Sequence[str] = (),
-                       start: ArrayLike | None = None) -> Array:
+    def closed_configuration(self, q: ArrayLike, *, t: float = 0.0, fixed: Sequence[str] = (),
+                             start: ArrayLike | None = None) -> Array:
         """
         Return the configuration near q, (n_q,), that satisfies all position constraints.
 
@@ -265,11 +265,11 @@ class Configurations(Dispatch):
         if start is not None:
             first = finite_row(start, 'start', self.coordinate_names)
         if first is not None and len(fixed):
-            return followed_posture(self.mechanism, first, q, t=t, fixed=fixed, rows=rows)
+            return followed_configuration(self.mechanism, first, q, t=t, fixed=fixed, rows=rows)
         if start is not None:
             raise InputError(f'start: {first.tolist()}, without fixed; expected the coordinates '
                              'that move from there to their values in q')
-        return closed_posture(self.mechanism, q, t=t, fixed=fixed, rows=rows)
+        return closed_configuration(self.mechanism, q, t=t, fixed=fixed, rows=rows)
 
     def _compiled_rows(self) -> Rows | None:
         """Return the rows of the constraints in native code, with arrays of their own, if any."""
@@ -349,7 +349,7 @@ class Configurations(Dispatch):
         rng, failure = np.random.default_rng(0), None
         for away in np.linspace(0.0, 1.0, NEARBY):  # 0 itself may be singular, as a stretched loop
             try:
-                return self.closed_posture(moved(
+                return self.closed_configuration(moved(
                     model, zero, away * rng.uniform(-1.0, 1.0, model.n)))
             except ConstraintError as error:
                 failure = failure or error
@@ -373,7 +373,7 @@ class Configurations(Dispatch):
         lower, upper = self.limits.lower, self.limits.upper
         if self.configuration is not None:
             stated: Array = np.asarray(self.configuration, dtype=np.float64)
-            return self.closed_posture(stated) if self.constraint_names else stated.copy()
+            return self.closed_configuration(stated) if self.constraint_names else stated.copy()
         q = neutral(self.equations.model)
         for k in np.flatnonzero((q < lower) | (q > upper)):
             bounds = [bound for bound in (lower[k], upper[k]) if np.isfinite(bound)]
@@ -381,7 +381,7 @@ class Configurations(Dispatch):
         if not self.constraint_names:
             return q
         try:
-            q = self.closed_posture(q)
+            q = self.closed_configuration(q)
         except ConstraintError:  # far from every closed configuration
             return self.random_configuration(0)
         inside = bool((q >= lower).all() and (q <= upper).all())
@@ -508,7 +508,7 @@ class Configurations(Dispatch):
             return q
         times = np.broadcast_to(t, q.shape[:-1]).ravel()
         rows = q.reshape(-1, self.n_q)
-        closed = [self.closed_posture(row, t=float(s)) for row, s in zip(rows, times)]
+        closed = [self.closed_configuration(row, t=float(s)) for row, s in zip(rows, times)]
         return np.array(closed).reshape(q.shape)
 
     def _closed(self, rng: np.random.Generator, lower: Array, upper: Array) -> Array:
@@ -521,7 +521,7 @@ class Configurations(Dispatch):
                 q = rng.uniform(lower, upper)
                 for ball in balls(self.equations.model):  # uniform on the sphere of quaternions
                     ball.quaternion(q)[...] = rng.standard_normal(4)
-                q = self.closed_posture(on_unit_quaternions(self.equations.model, q))
+                q = self.closed_configuration(on_unit_quaternions(self.equations.model, q))
             except ConstraintError as error:
                 failure = error
                 continue

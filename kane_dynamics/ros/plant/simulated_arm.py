@@ -188,9 +188,9 @@ class SimulatedArm:
         robot = self.robot
         if q is not None:
             whole = np.append(q, np.zeros(robot.n_q - len(q)))  # straight beams
-            return robot.closed_posture(whole, fixed=robot.speed_names)
+            return robot.closed_configuration(whole, fixed=robot.speed_names)
         if robot.configuration is not None:
-            return robot.closed_posture(robot.configuration)
+            return robot.closed_configuration(robot.configuration)
         return robot.neutral()
 
     def step(self, torque: Array) -> None:

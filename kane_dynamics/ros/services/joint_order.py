@@ -68,7 +68,7 @@ def close_loops(robot: Robot, q: Array) -> Array:
                          'constraint '
                          f"'{robot.constraint_names[worst]}'; expected at most "
                          f'{NEARLY_CLOSED * robot.mechanism.row_units[worst]:.3g}')
-    closed = robot.closed_posture(q, fixed=robot.speed_names, start=q)
+    closed = robot.closed_configuration(q, fixed=robot.speed_names, start=q)
     moved = np.abs(difference(robot.model, q, closed))
     units = robot.mechanism.units
     if not (moved / units).max() <= MOST_MOVED:

@@ -14,11 +14,11 @@ def hanging():
     """Return the configuration at which the potential energy of the four-bar is least."""
     linkage, q = four_bar('crank'), [at_angle(0.8)]
     for angle in np.linspace(0.8, 0.8 - 2.0 * np.pi, 200)[1:]:
-        q.append(linkage.closed_posture([angle, *q[-1][1:]], fixed=['crank']))
+        q.append(linkage.closed_configuration([angle, *q[-1][1:]], fixed=['crank']))
     best = min(q, key=linkage.potential_energy)
     for _ in range(20):  # Newton's method
         step = linkage.gravity_force(best)[0] / natural_stiffness(linkage, best)
-        best = linkage.closed_posture(best - [step, 0.0, 0.0], fixed=['crank'])
+        best = linkage.closed_configuration(best - [step, 0.0, 0.0], fixed=['crank'])
     return best
 
 
@@ -31,7 +31,7 @@ def test_a_linkage_released_beside_its_equilibrium_swings_at_its_natural_frequen
     linkage, rest = four_bar('crank'), hanging()
     found = natural_vibration(linkage, rest)
     assert found.frequencies.shape == (1,) and found.shapes.shape == (3, 1)
-    beside = linkage.closed_posture(rest + [1e-4, 0.0, 0.0], fixed=['crank'])
+    beside = linkage.closed_configuration(rest + [1e-4, 0.0, 0.0], fixed=['crank'])
     run = simulate(linkage, beside, [0.0], 4.0, step=1e-3, sample=1e-3)
     around = run.q[:, 0] - rest[0]
     crossings = np.flatnonzero(np.diff(np.sign(around)))

@@ -57,7 +57,7 @@ def test_the_errors_of_a_five_bar_decay_as_the_gains_say(actuated):
 def test_any_joint_of_a_four_bar_may_follow_whatever_the_independent_speed(follows):
     robot = Robot(four_bar_model(), constraints=[PIN], friction=False, independent=['crank'])
     k = robot.joint_names.index(follows[0])
-    q0 = robot.closed_posture((1.2, 0.0, -1.5), fixed=['crank'])
+    q0 = robot.closed_configuration((1.2, 0.0, -1.5), fixed=['crank'])
     motion = Motion.from_points([0.0, 0.5, 1.0], q0[k] + np.array([[0.05], [0.2], [-0.1]]),
                                 joint_names=follows)
     run = simulate(robot, q0, [0.2], 0.8, torque=ComputedTorque(robot, motion, KP, KD),
@@ -175,7 +175,7 @@ def test_a_singular_configuration_of_the_actuation_is_an_error_and_no_huge_torqu
     low, high = 2.9, 3.3  # the rate of the rocker changes its sign between these crank angles
 
     def pose(angle):
-        return robot.closed_posture((angle, 0.0, -1.5), fixed=['crank'])
+        return robot.closed_configuration((angle, 0.0, -1.5), fixed=['crank'])
     first = robot.joint_rates(pose(low), [1.0])[2]
     while high - low > 1e-12:
         middle = 0.5 * (low + high)
@@ -195,7 +195,7 @@ def test_payload_gravity_and_effort_limits_act_as_for_trees():
     model = four_bar_model()
     robot = Robot(model, constraints=[PIN], actuated=['crank'], independent=['crank'],
                   payload_frame='middle')
-    q = robot.closed_posture((1.2, 0.0, -1.5), fixed=['crank'])
+    q = robot.closed_configuration((1.2, 0.0, -1.5), fixed=['crank'])
     control = Controller(robot, mode='gravity_compensation', effort_limit=[2.0, 9.0, 9.0])
     light = robot.joint_torques(robot.gravity_force(q), q)
     robot.parameters.payload = Inertial(3.0, [0.0, 0.0, 0.0])

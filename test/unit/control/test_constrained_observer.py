@@ -29,7 +29,7 @@ def four_bar_case(t):
     """Return state, acceleration and projected wrench from the loop's vector equations."""
     crank = 1.2 + 0.5 * math.sin(2.0 * t)
     rate, twice = math.cos(2.0 * t), -2.0 * math.sin(2.0 * t)
-    q = four_bar('crank').closed_posture((crank, 0.0, -1.5), fixed=['crank'])
+    q = four_bar('crank').closed_configuration((crank, 0.0, -1.5), fixed=['crank'])
     # Turning by q about -y moves x towards z: a bar of length l has the tip l (cos, sin).
     absolute = np.cumsum(q)
     bars = np.array([0.3, 0.9, 0.7]) * np.array([-np.sin(absolute), np.cos(absolute)])
@@ -116,7 +116,7 @@ def flexible_case(t):
     robot = flexible_under_wrench()
     size, rate = np.array([0.5, 0.02, -0.01]), np.array([2.0, 5.0, 4.0])
     crank, *modes = np.array([1.2, 0.0, 0.0]) + size * np.sin(rate * t)
-    q = robot.closed_posture((crank, 0.0, *modes, -1.5), fixed=robot.speed_names)
+    q = robot.closed_configuration((crank, 0.0, *modes, -1.5), fixed=robot.speed_names)
     parts = nonholonomic.reduction(robot.mechanism, q, 0.0)
     T = parts.W[:, robot.mechanism.free] + parts.W[
         :, nonholonomic.dependent_places(robot.mechanism)] @ parts.A

@@ -133,7 +133,7 @@ def unlimited():
 @pytest.mark.parametrize('every', [False, True])
 def test_the_assembly_mode_is_that_of_the_given_configuration(every):
     robot = linkage()
-    other, moved = (four_bar('crank').closed_posture((angle, -1.9, 2.1), fixed=['crank'])
+    other, moved = (four_bar('crank').closed_configuration((angle, -1.9, 2.1), fixed=['crank'])
                     for angle in (0.8, 0.9))  # the elbow on the other side
     columns = slice(None) if every else slice(1)
     rows, names = np.array([other, moved])[:, columns], robot.joint_names[columns]

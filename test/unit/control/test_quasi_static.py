@@ -93,7 +93,7 @@ def test_modes_of_closed_loops_are_in_equilibrium_by_the_definition():
     terms, gravity, still = bent.torque_terms(q, u, udot), bent.gravity_force(q), 0.0 * u
     assert (np.abs(eta) > 1e-4).all()
     for k in range(3):
-        whole = flexible.closed_posture(np.append(q[k], eta[k]), fixed=flexible.speed_names)
+        whole = flexible.closed_configuration(np.append(q[k], eta[k]), fixed=flexible.speed_names)
         moved = [rigid.joint_names.index(name) for name in DRIVEN]
         np.testing.assert_allclose(whole[moved], q[k, moved], atol=1e-12)
         state = (np.append(x[k], np.zeros(2)) for x in (u, udot))
@@ -101,9 +101,10 @@ def test_modes_of_closed_loops_are_in_equilibrium_by_the_definition():
         np.testing.assert_allclose(expected[4:], 0.0, atol=1e-6)  # of 1000 N
         np.testing.assert_allclose(tau[k], expected[:4], rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(terms[k].sum(axis=0), expected[:4], rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(bent.configuration(q)[k, :len(q[k])], flexible.closed_posture(
-            np.append(q[k], bent.modes(q[k], still[k], still[k])),
-            fixed=flexible.speed_names)[:len(q[k])], atol=1e-9)
+        start = np.append(q[k], bent.modes(q[k], still[k], still[k]))
+        closed = flexible.closed_configuration(start, fixed=flexible.speed_names)
+        np.testing.assert_allclose(bent.configuration(q)[k, :len(q[k])], closed[:len(q[k])],
+                                   atol=1e-9)
     np.testing.assert_allclose(gravity, bent.inverse_dynamics(q, still, still), rtol=1e-9,
                                atol=1e-9)
 
@@ -146,7 +147,7 @@ def test_feedforward_of_a_flexible_loop_follows_better():
     joints = [flexible.joint_names.index(name) for name in rigid.joint_names]
     place = flexible.speed_names.index('crank')
     tracker = LoopTracker(rigid, ['crank'])
-    closed = rigid.closed_posture([0.8, 0.0, -1.5], fixed=['crank'])
+    closed = rigid.closed_configuration([0.8, 0.0, -1.5], fixed=['crank'])
     worst = []
     for knows in (None, bent):
         law = Controller(rigid, mode='computed_torque', kp=25.0, kd=10.0, bending=knows)

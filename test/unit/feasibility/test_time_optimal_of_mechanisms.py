@@ -313,7 +313,7 @@ def test_rests_of_a_path_separate_sections_in_one_assembly_mode():
 
 def test_assembly_mode_of_a_path_is_that_of_the_configuration_at_which_it_begins():
     robot, low = Robot(linkage().model, constraints=[PIN], independent=['crank']), at_angle(0.8)
-    high = robot.closed_posture([0.8, 1.2, 2.0], fixed=['crank'])
+    high = robot.closed_configuration([0.8, 1.2, 2.0], fixed=['crank'])
     assert np.abs(high - low).max() > 1.0
     for rest in (low, high):
         found = time_optimal(robot, CRANK, rest=rest + [0.0, 1e-4, 0.0])
@@ -415,7 +415,7 @@ def test_a_delta_robot_keeps_the_torques_of_its_arms_by_the_definition():
     for t, p, u, udot in zip(middles, *found.motion.sample(middles)):
         q = found.points.q[np.abs(found.points.t - t).argmin()].copy()
         q[:3] = p
-        q = robot.closed_posture(q, fixed=('x', 'y', 'z'))
+        q = robot.closed_configuration(q, fixed=('x', 'y', 'z'))
         needed = nonholonomic.inverse_dynamics(robot.mechanism, q, u, udot)
         T = np.array([nonholonomic.joint_motion(robot.mechanism, q, unit, 0.0 * unit, 0.0)[0]
                       for unit in np.eye(3)])

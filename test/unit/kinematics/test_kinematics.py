@@ -152,7 +152,7 @@ def test_a_pose_out_of_reach_is_not_converged_and_the_nearest_is_returned():
 
 def test_inverse_kinematics_closes_the_loop_too():
     robot = LOOP
-    q = robot.closed_posture((2.2, -1.0, -1.5), fixed=['crank'])
+    q = robot.closed_configuration((2.2, -1.0, -1.5), fixed=['crank'])
     place = robot.frame_pose('middle', q)[:3, 3]
     found = inverse_kinematics(robot, 'middle', place)
     assert found.converged
@@ -212,7 +212,7 @@ def test_the_center_of_mass_is_the_mean_place_of_mass_and_its_jacobian_the_slope
 
 def test_the_jacobian_of_the_center_of_mass_follows_the_independent_speeds():
     robot, h = LOOP, 1e-6
-    q = robot.closed_posture((0.8, 0.0, -1.5), fixed=['crank'])
+    q = robot.closed_configuration((0.8, 0.0, -1.5), fixed=['crank'])
     u = np.ones(1)
     rate = robot.joint_rates(q, u)
     moved = [robot.center_of_mass(q + s * h * rate) for s in (-0.5, 0.5)]
@@ -260,7 +260,7 @@ def test_the_operational_space_force_gives_the_frame_the_acceleration_asked_for(
     for robot, frame, q, directions in (
             (arm(), 'tool0', arm().random_configuration(3), ('x', 'y', 'z', 'rx', 'ry', 'rz')),
             (arm(), 'tool0', arm().random_configuration(4), ('z', 'rx')),
-            (LOOP, 'middle', LOOP.closed_posture((0.8, 0.0, -1.5)), ('x',))):
+            (LOOP, 'middle', LOOP.closed_configuration((0.8, 0.0, -1.5)), ('x',))):
         rows = [('x', 'y', 'z', 'rx', 'ry', 'rz').index(name) for name in directions]
         u = np.full(robot.n, 0.7)
         wanted = np.arange(1.0, 1.0 + len(rows))
@@ -288,7 +288,7 @@ def test_operational_space_takes_batches():
 
 def test_directions_in_which_a_frame_cannot_accelerate_are_refused():
     with pytest.raises(InputError, match='in only 1 of these 2 at this q'):
-        LOOP.operational_space_inertia('middle', LOOP.closed_posture((0.8, 0, -1.5)),
+        LOOP.operational_space_inertia('middle', LOOP.closed_configuration((0.8, 0, -1.5)),
                                        directions=('x', 'z'))
     with pytest.raises(InputError, match="frame 'tool0' accelerates independently in only 5"):
         arm().operational_space_inertia('tool0', np.zeros(6))
@@ -299,7 +299,7 @@ def test_directions_in_which_a_frame_cannot_accelerate_are_refused():
 def test_the_rate_of_the_jacobian_is_its_slope_along_the_motion():
     h = 1e-6
     for robot, frame, q in ((arm(), 'tool0', arm().random_configuration(1)),
-                            (LOOP, 'middle', LOOP.closed_posture((0.8, 0.0, -1.5)))):
+                            (LOOP, 'middle', LOOP.closed_configuration((0.8, 0.0, -1.5)))):
         u = np.full(robot.n, 0.9)
         rate = robot.joint_rates(q, u)
         slope = (robot.jacobian(frame, q + h * rate) - robot.jacobian(frame, q - h * rate)) / (2*h)

@@ -34,7 +34,7 @@ def test_far_measurements_are_reached_on_the_same_branch():
     tracker = LoopTracker(robot, ['crank'])
     for angle in (0.8, 2.5, -3.0, 9.0):  # the crank turns
         tracker.update(np.array([angle]), np.zeros(1))
-        expected = robot.closed_posture(np.array([angle, 0.0, 0.0]), fixed=['crank'])
+        expected = robot.closed_configuration(np.array([angle, 0.0, 0.0]), fixed=['crank'])
         np.testing.assert_allclose(tracker.q, expected, atol=1e-10)
 
 

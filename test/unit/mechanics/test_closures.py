@@ -6,7 +6,7 @@ import re
 from constrained_trees import AXIS, closure, CLOSURES, two_bodies_on_a_base
 from kane_dynamics import Closure, ConstraintError, ModelBuilder, point_mass, Robot, rod, simulate
 from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
-                                                                    closed_posture)
+                                                                    closed_configuration)
 import numpy as np
 import pytest
 
@@ -35,7 +35,7 @@ def test_a_closed_loop_is_what_its_kind_says(kind):
     rng = np.random.default_rng(1)
     moved = dict.fromkeys(('along', 'across', 'turn', 'tilt'), 0.0)
     for _ in range(20):
-        r, Q = at(mechanism, closed_posture(mechanism, rng.uniform(-1.5, 1.5, 15)))
+        r, Q = at(mechanism, closed_configuration(mechanism, rng.uniform(-1.5, 1.5, 15)))
         tilt = np.arccos(np.clip(AXIS @ Q @ AXIS, -1.0, 1.0))
         turn = np.arccos(np.clip((np.trace(Q) - 1.0) / 2.0, -1.0, 1.0))
         for word, size in (('along', abs(r @ AXIS)), ('tilt', tilt), ('turn', turn - tilt),
@@ -47,12 +47,12 @@ def test_a_closed_loop_is_what_its_kind_says(kind):
 
 def test_a_universal_closure_keeps_its_axes_perpendicular_and_a_distance_its_length():
     universal = choose_independent(two_bodies_on_a_base(), None, (closure('universal'),))
-    q = closed_posture(universal, np.full(15, 0.4))
+    q = closed_configuration(universal, np.full(15, 0.4))
     r, Q = at(universal, q)
     np.testing.assert_allclose(r, 0.0, atol=1e-10)
     assert abs(universal.constraints[0].second_axis @ Q @ AXIS) < 1e-10
     distance = choose_independent(two_bodies_on_a_base(), None, (closure('distance'),))
-    r, _ = at(distance, closed_posture(distance, np.full(15, 0.4)))
+    r, _ = at(distance, closed_configuration(distance, np.full(15, 0.4)))
     assert np.linalg.norm(r) == pytest.approx(0.5, abs=1e-10)
 
 
@@ -61,7 +61,7 @@ def test_rows_are_the_rates_of_their_residuals(kind):
     mechanism = choose_independent(two_bodies_on_a_base(), None, (closure(kind),))
     rng, h = np.random.default_rng(2), 1e-6
     for _ in range(5):
-        q = closed_posture(mechanism, rng.uniform(-1.5, 1.5, 15))
+        q = closed_configuration(mechanism, rng.uniform(-1.5, 1.5, 15))
         for place, exact in ((q, True), (q + rng.uniform(-0.3, 0.3, 15), False)):
             J = residual(mechanism, place)[1]
             rate = np.array([(residual(mechanism, place + h * unit)[0]
@@ -87,7 +87,7 @@ def test_orientations_are_held_the_right_way_round(kind, angle):
         free = turned == 6 and kind not in ('weld', 'prismatic')
         assert np.isfinite(gap)
         assert (gap < 1e-12) == (free or angle == 2.0 * np.pi)
-        R = mechanism.state(closed_posture(mechanism, start)).pose('plate')[0]
+        R = mechanism.state(closed_configuration(mechanism, start)).pose('plate')[0]
         np.testing.assert_allclose(R[:, 2], [0, 0, 1], atol=1e-9)
         if kind in ('weld', 'prismatic'):
             np.testing.assert_allclose(R, np.eye(3), atol=1e-9)
@@ -111,7 +111,7 @@ def turntable(kind, axis):
 @pytest.mark.parametrize(('kind', 'axis'), [('revolute', (0, 1, 0)), ('spherical', (0, 0, 1))])
 def test_forces_of_a_planar_loop_do_not_depend_on_the_heading_of_its_base(kind, axis):
     robot = turntable(kind, axis)
-    q = robot.closed_posture((0.0, 0.8, 0.0, -1.5), fixed=['table', 'crank'])
+    q = robot.closed_configuration((0.0, 0.8, 0.0, -1.5), fixed=['table', 'crank'])
     u, found = np.array([0.0, 5.0]), []
     for heading in np.deg2rad([0.0, 45.0, 89.99, 90.0, 90.000001, 135.0, -170.0]):
         q[0] = heading
@@ -162,7 +162,7 @@ def test_a_rounded_loop_that_does_not_close_at_the_given_configuration_gets_the_
 def motion_of_a_rounded_loop(kind, tolerance, digits):
     """Return the torque at the crank, and where it is after a third of a turn."""
     robot = rounded(kind, tolerance, digits)
-    q = robot.closed_posture((0.8, 1.0, 1.5), fixed=['crank'])
+    q = robot.closed_configuration((0.8, 1.0, 1.5), fixed=['crank'])
     run = simulate(robot, q, [5.0], 0.5)
     return [*robot.inverse_dynamics(q, [5.0], [0.0]), *run.q[-1]]
 

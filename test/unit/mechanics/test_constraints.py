@@ -6,7 +6,7 @@ from kane_dynamics.mechanics.algebra.linear_solve import inverse
 from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds, PointVelocity,
                                                  Prescribed, Rolling)
 from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
-                                                                    closed_posture)
+                                                                    closed_configuration)
 from kane_dynamics.mechanics.constraints.speeds import body_angular_velocity, Speeds
 from kane_dynamics.mechanics.definition import nonholonomic
 from kane_dynamics.model.primitive_inertias import box, rod
@@ -97,13 +97,13 @@ def test_independent_speeds_that_do_not_fit_are_refused():
         choose_independent(arm(), None, constraints, ('joint0', 'joint1'))
 
 
-def test_a_closed_posture_is_near_closed_and_leaves_what_is_fixed():
+def test_a_closed_configuration_is_near_closed_and_leaves_what_is_fixed():
     mechanism = choose_independent(arm(), None, (Closure('tip', 'near', 'spherical'),))
-    q = closed_posture(mechanism, [0.5, 1.0, 1.0], fixed=['joint0'])
+    q = closed_configuration(mechanism, [0.5, 1.0, 1.0], fixed=['joint0'])
     assert q[0] == 0.5
     np.testing.assert_allclose(mechanism.state(q).pose('tip')[1], [1.5, 0, 0.3], atol=1e-10)
     with pytest.raises(ConstraintError, match="no coordinate 'elbow'"):
-        closed_posture(mechanism, q, fixed=['elbow'])
+        closed_configuration(mechanism, q, fixed=['elbow'])
 
 
 @pytest.mark.parametrize('n', range(1, 8))
@@ -163,7 +163,7 @@ def test_arguments_of_a_wrong_type_are_refused_by_name(options, words):
 def test_a_start_from_which_no_loop_closes_is_refused_by_name(q, options, words):
     mechanism = choose_independent(arm(), None, (Closure('tip', 'near', 'spherical'),))
     with pytest.raises((ConstraintError, InputError), match=words):
-        closed_posture(mechanism, q, **options)
+        closed_configuration(mechanism, q, **options)
 
 
 @pytest.mark.parametrize('tilt', [1e-14, 1e-10, 1e-5, 0.0])
@@ -178,7 +178,7 @@ def test_a_direction_that_is_zero_but_for_the_digits_of_a_file_is_no_pivot(tilt)
     b.frame('pin', 'slider')
     robot = Robot(b.model(), constraints=[Closure('end', 'pin', 'inline', axis=(0, 1, 0))],
                   independent=['crank'])
-    q = robot.closed_posture([0.8, -0.4, 0.3], fixed=['crank'])
+    q = robot.closed_configuration([0.8, -0.4, 0.3], fixed=['crank'])
     u, udot = np.array([2.0]), np.array([1.0])
     expected = nonholonomic.inverse_dynamics(robot.mechanism, q, u, udot)
     np.testing.assert_allclose(robot.inverse_dynamics(q, u, udot), expected, rtol=1e-12)

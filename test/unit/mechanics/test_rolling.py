@@ -102,7 +102,8 @@ def test_a_ball_in_a_bowl_swings_as_a_pendulum_that_carries_its_spin():
     robot = Robot(b.model(), constraints=[roll],
                   configuration=np.array([0.01, 0, -(R - r), 0, 0, 0]),
                   independent=['ball/x', 'ball/y', 'ball/rz'])
-    q = robot.closed_posture([0.01, 0.0, -(R - r), 0.0, 0.0, 0.0], fixed=['ball/x', 'ball/y'])
+    q = robot.closed_configuration([0.01, 0.0, -(R - r), 0.0, 0.0, 0.0],
+                                   fixed=['ball/x', 'ball/y'])
     slow = np.sqrt(9.80665 / ((R - r) * (1.0 + 0.4)))  # rad/s: a ball's inertia adds 2/5
     half = np.pi / slow
     run = simulate(robot, q, [0.0, 0.0, 0.0], half, step=half / 1000)

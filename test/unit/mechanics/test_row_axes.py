@@ -34,7 +34,7 @@ def test_rows_are_those_of_the_definition_and_inverse_to_n(make):
     robot, rng = make(), np.random.default_rng(3)
     mechanism, links = robot.mechanism, robot.equations.tree.geometry
     for _ in range(5):
-        q = robot.closed_posture(rng.uniform(-0.8, 0.8, robot.n_q))
+        q = robot.closed_configuration(rng.uniform(-0.8, 0.8, robot.n_q))
         u, udot = rng.uniform(-1.0, 1.0, (2, robot.n))
         defined = np.array(mechanism.rows(mechanism.state(q)).J, float)
         compiled = np.array(mechanism.rows(mechanism.state(q, links=links)).J, float)

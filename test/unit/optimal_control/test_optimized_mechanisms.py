@@ -348,7 +348,7 @@ def test_a_motion_of_the_crank_is_tracked_with_all_joints_and_its_torques():
     problem.start([0.0])
     plan = problem.solve(start, u[0], iterations=100)
     assert np.abs(plan.q[150, 0] - q[1, 0]) < 2e-3
-    closed = robot.closed_posture([q[1, 0], *plan.q[150, 1:]], fixed=['crank'])
+    closed = robot.closed_configuration([q[1, 0], *plan.q[150, 1:]], fixed=['crank'])
     needed = robot.inverse_dynamics(closed, u[1], udot[1])
     assert plan.tau[149] == pytest.approx(needed, rel=0.05)
     later = TrajectoryOptimizer(robot, nodes=2, interval=0.002)

@@ -40,8 +40,8 @@ def gradient(problem, solution):
     """Return the derivative of the cost by all torques, (N, n), from the last to the first."""
     robot, arrays, h = problem.robot, problem._arrays, problem.interval
     n, limits = robot.n, HorizonLimits(-problem.torque_limits, problem.torque_limits,
-                                problem.speed_limits,
-                                np.full(robot.n, problem.weights.excess_speed))
+                                       problem.speed_limits,
+                                       np.full(robot.n, problem.weights.excess_speed))
     found, v = np.zeros((problem.nodes, n)), np.zeros(2 * n)
     for i in reversed(range(problem.nodes)):
         x = np.concatenate([solution.q[i + 1], solution.u[i + 1]])

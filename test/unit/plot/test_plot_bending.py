@@ -20,7 +20,7 @@ def robot():
     return Robot(b.model())
 
 
-POSTURES = np.array([[0.3, 0.2, 0.05, -0.01, 0.4], [0.5, 0.1, 0.02, 0.01, -0.4]])
+CONFIGURATIONS = np.array([[0.3, 0.2, 0.05, -0.01, 0.4], [0.5, 0.1, 0.02, 0.01, -0.4]])
 
 
 def curves(axes):
@@ -31,14 +31,14 @@ def curves(axes):
 def test_an_arm_is_drawn_from_joint_to_joint_along_its_bent_beams(tmp_path):
     before = dict(matplotlib.rcParams)
     model = robot().model
-    figure = plot_bending(model, POSTURES, [0.0, 0.5], tmp_path / 'arm.png')
+    figure = plot_bending(model, CONFIGURATIONS, [0.0, 0.5], tmp_path / 'arm.png')
     assert (tmp_path / 'arm.png').read_bytes().startswith(b'\x89PNG')
     assert dict(matplotlib.rcParams) == before
     axes, = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ('x [m]', 'z [m]')
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ['0 s', '0.5 s']
     beam, *bodies = curves(axes)[:3]
-    places = {name: robot().frame_pose(name, POSTURES[0])[[0, 2], 3]
+    places = {name: robot().frame_pose(name, CONFIGURATIONS[0])[[0, 2], 3]
               for name in ('crank', 'beam', 'beam/tip', 'hand', 'finger')}
     np.testing.assert_allclose(beam[[0, -1]], [places['beam'], places['beam/tip']], atol=1e-12)
     assert len(beam) > 20
@@ -74,8 +74,9 @@ def test_vibrations_are_drawn_with_their_frequencies_to_both_sides():
 
 @pytest.mark.parametrize('call, words', [
     (lambda: plot_bending(robot().model, np.zeros(4)), r'q: .*; expected finite .* \(5,\)'),
-    (lambda: plot_bending(robot().model, POSTURES, [0.0]), 't: 1 times; expected 2'),
-    (lambda: plot_bending(robot().model, POSTURES, plane='zx'), "plane: 'zx'; expected one of xy"),
+    (lambda: plot_bending(robot().model, CONFIGURATIONS, [0.0]), 't: 1 times; expected 2'),
+    (lambda: plot_bending(robot().model, CONFIGURATIONS, plane='zx'),
+     "plane: 'zx'; expected one of xy"),
     (lambda: plot_vibrations(robot(), np.zeros(5), count=0), 'no vibration to plot'),
     (lambda: plot_bending(single(), np.zeros(1)), 'no body has a length')])
 def test_invalid_arguments_of_bending_plots_are_refused(call, words):

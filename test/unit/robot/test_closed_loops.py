@@ -152,7 +152,8 @@ def test_accelerations_of_dependent_joints_are_the_rates_of_their_rates():
     robot, q, h = four_bar('crank'), at_angle(1.1), 1e-5
     u, udot = np.array([2.0]), np.array([-3.0])
     rates = robot.joint_rates(q, u)
-    ahead, back = (robot.joint_rates(robot.closed_posture(q + s * h * rates, fixed=['crank']),
+    ahead, back = (robot.joint_rates(robot.closed_configuration(q + s * h * rates,
+                                                                fixed=['crank']),
                                      u + s * h * udot) for s in (1.0, -1.0))
     np.testing.assert_allclose(robot.joint_accelerations(q, u, udot), (ahead - back) / (2 * h),
                                rtol=1e-6)
@@ -162,24 +163,25 @@ def test_accelerations_of_dependent_joints_are_the_rates_of_their_rates():
 
 def test_a_given_configuration_says_which_branch_is_meant():
     model, q0 = four_bar_model(), at_angle(0.8)
-    mirrored = np.array([0.8, *(four_bar('crank').closed_posture(
+    mirrored = np.array([0.8, *(four_bar('crank').closed_configuration(
         (0.8, -2.5, 2.0), fixed=['crank'])[1:])])
     assert np.abs(mirrored - q0).max() > 0.5
     for start in (q0, mirrored):
         robot = Robot(model, constraints=[PIN], independent=['crank'], configuration=start)
-        there = robot.closed_posture((6.0, 0.0, 0.0), fixed=['crank'])
+        there = robot.closed_configuration((6.0, 0.0, 0.0), fixed=['crank'])
         back = Robot(model, constraints=[PIN], independent=['crank'], configuration=there)
-        np.testing.assert_allclose(back.closed_posture((0.8, 0.0, 0.0), fixed=['crank']), start,
+        np.testing.assert_allclose(back.closed_configuration((0.8, 0.0, 0.0), fixed=['crank']),
+                                   start,
                                    atol=1e-9)
         for branch in (q0, mirrored):
-            np.testing.assert_allclose(robot.closed_posture(
+            np.testing.assert_allclose(robot.closed_configuration(
                 branch + 1e-3, fixed=['crank'], start=branch)[1:], branch[1:], atol=0.01)
-            np.testing.assert_allclose(robot.closed_posture(
+            np.testing.assert_allclose(robot.closed_configuration(
                 branch, fixed=['crank'], start=branch), branch, atol=1e-10)
     with pytest.raises(InputError, match=r'start: .*without fixed'):
-        robot.closed_posture(q0, start=q0)
+        robot.closed_configuration(q0, start=q0)
     with pytest.raises(InputError, match=r"start of joint 'rocker': nan"):
-        robot.closed_posture(q0, fixed=['crank'], start=[*q0[:2], np.nan])
+        robot.closed_configuration(q0, fixed=['crank'], start=[*q0[:2], np.nan])
     with pytest.raises(ConstraintError, match=r'configuration: closing its loops moves'):
         Robot(model, constraints=[PIN], configuration=(0.8, 0.0, -1.5))
     with pytest.raises(ConstraintError, match=r'configuration: .*expected 3 finite numbers'):
@@ -197,12 +199,13 @@ def test_loops_close_by_compiled_rows_where_those_of_the_definition_close(kinds)
         q = one.q + 0.05 * rng.uniform(-1.0, 1.0, robot.n_q)
         for names in ((), fixed):
             np.testing.assert_allclose(
-                robot.closed_posture(q, t=one.time, fixed=names),
-                loop_closure.closed_posture(mechanism, q, t=one.time, fixed=names), atol=1e-11)
+                robot.closed_configuration(q, t=one.time, fixed=names),
+                loop_closure.closed_configuration(mechanism, q, t=one.time, fixed=names),
+                atol=1e-11)
         if fixed:
             np.testing.assert_allclose(
-                robot.closed_posture(q, t=one.time, fixed=fixed, start=one.q),
-                loop_closure.followed_posture(mechanism, one.q, q, t=one.time, fixed=fixed),
+                robot.closed_configuration(q, t=one.time, fixed=fixed, start=one.q),
+                loop_closure.followed_configuration(mechanism, one.q, q, t=one.time, fixed=fixed),
                 atol=1e-11)
 
 
@@ -213,7 +216,8 @@ def test_loops_with_rows_that_are_not_finite_are_said_not_to_close():
     b.frame('anchor', 'world')
     robot = Robot(b.model(), constraints=[
         Closure('end', 'anchor', 'distance', length=0.5, name='tether')])
-    np.testing.assert_allclose(robot.closed_posture([0.3, 0.4, 1.0]), [0.3, 0.4, 1.0])
-    for close in (robot.closed_posture, partial(loop_closure.closed_posture, robot.mechanism)):
+    np.testing.assert_allclose(robot.closed_configuration([0.3, 0.4, 1.0]), [0.3, 0.4, 1.0])
+    for close in (robot.closed_configuration,
+                  partial(loop_closure.closed_configuration, robot.mechanism)):
         with pytest.raises(ConstraintError, match=r"'tether/.*nan"):
             close([0.0, 0.0, 0.0])

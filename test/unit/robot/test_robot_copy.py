@@ -25,7 +25,7 @@ def test_a_copy_compiles_nothing_and_answers_the_same(monkeypatch, choices):
     robot = Robot(MODEL, **choices)
     names = ('inverse_dynamics', 'mass_matrix', 'forward_dynamics')
     robot.compile(*names, batches=True)
-    q, u = robot.closed_posture(Q) if robot.constraint_names else Q, U[:robot.n]
+    q, u = robot.closed_configuration(Q) if robot.constraint_names else Q, U[:robot.n]
     expected = [robot.inverse_dynamics(q, u, u), robot.mass_matrix(q),
                 robot.forward_dynamics(q, u, u), robot.mass_matrix(np.array([q] * 9))]
 

@@ -14,7 +14,7 @@ from kane_dynamics.control.quasi_static import QuasiStatic  # noqa: E402
 from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion  # noqa: E402
 from kane_dynamics.loop_tracking.loop_error import (BRANCH, CONTRADICTION,  # noqa: E402
                                                     SINGULAR, UNKNOWN)
-from kane_dynamics.mechanics.constraints.loop_closure import closed_posture  # noqa: E402
+from kane_dynamics.mechanics.constraints.loop_closure import closed_configuration  # noqa: E402
 from kane_dynamics.model.model import with_payload  # noqa: E402
 from kane_dynamics.robot.robot import TORQUE_TERMS  # noqa: E402
 from kane_dynamics.ros.common.node_statistics import Statistics  # noqa: E402
@@ -293,7 +293,7 @@ def test_without_a_given_assembly_mode_the_first_state_needs_all_joints():
     for name, angle in (('triangle_pin', -3.0), ('rod_1_pin', 0.5), ('wrist_pin', -3.0),
                         ('rod_2_pin', 3.0)):
         start[names.index(name)] += angle
-    flipped = closed_posture(robot.mechanism, start, fixed=DRIVEN)
+    flipped = closed_configuration(robot.mechanism, start, fixed=DRIVEN)
     assert np.abs(flipped - positions(robot, *POSE)).max() > 0.1
     mode = {name: x for name, x in zip(names, flipped) if name not in DRIVEN}
     rig = Rig(robot)

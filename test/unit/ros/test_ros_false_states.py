@@ -11,7 +11,7 @@ from functools import cache
 from kane_dynamics import load_urdf, Motion, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.loop_tracking.loop_error import CONTRADICTION
-from kane_dynamics.mechanics.constraints.loop_closure import closed_posture
+from kane_dynamics.mechanics.constraints.loop_closure import closed_configuration
 import numpy as np
 from palletizer import DRIVEN, palletizer, positions
 import pytest
@@ -66,7 +66,7 @@ def other_mode():
     for name, angle in (('triangle_pin', -3.0), ('rod_1_pin', 0.5), ('wrist_pin', -3.0),
                         ('rod_2_pin', 3.0)):
         start[names.index(name)] += angle
-    return closed_posture(robot.mechanism, start, fixed=DRIVEN)
+    return closed_configuration(robot.mechanism, start, fixed=DRIVEN)
 
 
 class Run:

@@ -52,6 +52,7 @@ def test_the_descriptors_state_the_range_of_each_parameter():
     described = {}
 
     class Node:
+
         def declare_parameter(self, name, value, descriptor):
             described[name] = descriptor
             return SimpleNamespace(value=value)

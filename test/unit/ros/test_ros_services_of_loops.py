@@ -20,7 +20,8 @@ CRANK = 0.8  # rad
 @cache
 def branches():
     """Return the two closed configurations at one angle of the crank."""
-    return at_angle(CRANK), four_bar('crank').closed_posture((CRANK, -2.5, 2.0), fixed=['crank'])
+    return at_angle(CRANK), four_bar('crank').closed_configuration((CRANK, -2.5, 2.0),
+                                                                   fixed=['crank'])
 
 
 @cache
@@ -60,7 +61,7 @@ def test_loops_that_close_far_away_are_refused_though_their_residual_is_small():
     model = four_bar_model(bars=(0.3, 0.7, 0.605))
     ends = Closure('end', 'ground', 'spherical', name='pin')
     robot = Robot(model, constraints=[ends], independent=['crank'])
-    closed = robot.closed_posture((np.pi, -np.pi + 0.2, -0.4), fixed=['crank'])
+    closed = robot.closed_configuration((np.pi, -np.pi + 0.2, -0.4), fixed=['crank'])
     straight = np.array([np.pi, -np.pi, 0.0])  # near the dead point
     assert np.abs(closed - straight).max() > MOST_MOVED
     between = straight + 0.1 * (closed - straight)

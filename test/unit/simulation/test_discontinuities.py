@@ -23,7 +23,7 @@ def model():
 def shaken(position, duration=0.05, t0=0.0, **options):
     """Simulate the arm on a cart that moves as a function of time."""
     robot = Robot(model(), constraints=[Prescribed('cart', position, name='shaker')])
-    q0 = robot.closed_posture([0.0, -1.0], fixed=['arm'], t=t0)
+    q0 = robot.closed_configuration([0.0, -1.0], fixed=['arm'], t=t0)
     return simulate(robot, q0, [0.0], duration, step=1e-3, t0=t0, **options)
 
 
@@ -90,7 +90,7 @@ def test_a_jump_is_found_with_a_torque_function_and_many_states():
     with pytest.raises(ConstraintError, match=f'{VELOCITY} jumps by 2'):
         shaken(lambda t: np.abs(t - AT), torque=lambda t, q, u: [0.0])
     robot = Robot(model(), constraints=[Prescribed('cart', lambda t: np.abs(t - AT))])
-    q0 = robot.closed_posture([0.0, -1.0], fixed=['arm'])
+    q0 = robot.closed_configuration([0.0, -1.0], fixed=['arm'])
     with pytest.raises(ConstraintError, match=f'{VELOCITY} jumps by 2'):
         simulate(robot, [q0, q0], [[0.0], [1.0]], 0.05)
 

@@ -107,7 +107,7 @@ def test_no_alarm_on_random_mechanisms(seed, step):
     for robot in (Robot(model, friction=False), Robot(model, speeds=absolute_rates(model)),
                   Robot(model, constraints=[Coupling(model.coordinate_names[1],
                                                      {model.coordinate_names[0]: 0.5})])):
-        start = (robot.closed_posture(q), u[:robot.n]) if robot.constraint_names else (q, u)
+        start = (robot.closed_configuration(q), u[:robot.n]) if robot.constraint_names else (q, u)
         for torque in (None, table(robot.n, steps), lambda t, q, u: -0.5 * u):
             _, said = result_and_warnings(partial(simulate, robot, *start, 1.0, step=step,
                                                   torque=torque))

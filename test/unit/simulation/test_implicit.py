@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 UR10E = resource_path('urdf', 'ur10e.urdf')
-POSTURE = np.array([0.0, -1.0, 1.0, 0.0, 0.3, 0.0])
+Q = np.array([0.0, -1.0, 1.0, 0.0, 0.3, 0.0])
 # Friction as identified on a real arm, without rotors: no explicit step beyond 2 us is stable.
 COULOMB = np.array([20.0, 20.0, 15.0, 5.0, 4.0, 3.0])
 SETS_IN = np.array([0.14, 0.03, 0.09, 0.08, 0.035, 0.005])
@@ -98,41 +98,41 @@ def test_friction_over_speed_is_met_within_eight_percent():
 
 
 def test_an_arm_with_identified_friction_moves_rightly_at_a_millisecond(arm):
-    assert longest_step(arm, POSTURE).step < 2e-6
+    assert longest_step(arm, Q).step < 2e-6
     u = np.array([0.5, -0.4, 0.3, 1.0, -0.8, 1.5])
-    tau = arm.gravity_force(POSTURE) + np.array([30.0, -10.0, 12.0, 6.0, 2.0, 4.0])
-    q_end, u_end = exact(arm, POSTURE, u, tau, 0.5)
+    tau = arm.gravity_force(Q) + np.array([30.0, -10.0, 12.0, 6.0, 2.0, 4.0])
+    q_end, u_end = exact(arm, Q, u, tau, 0.5)
     with warnings.catch_warnings():
         warnings.simplefilter('error')  # no step is too long
-        run = simulate(arm, POSTURE, u, 0.5, torque=tau, integrator='implicit')
-    assert np.abs(q_end - POSTURE).max() > 0.1
+        run = simulate(arm, Q, u, 0.5, torque=tau, integrator='implicit')
+    assert np.abs(q_end - Q).max() > 0.1
     np.testing.assert_allclose(run.q[-1], q_end, atol=1e-3)
     np.testing.assert_allclose(run.u[-1], u_end, atol=1e-3)
 
 
 def test_an_arm_whose_friction_holds_it_stands_as_long_as_one_likes(arm):
-    tau = arm.gravity_force(POSTURE) + 0.1 * COULOMB * [1, -1, 1, -1, 1, -1]
-    run = simulate(arm, POSTURE, np.full(6, 0.01), 1.0, step=2e-3, torque=tau,
+    tau = arm.gravity_force(Q) + 0.1 * COULOMB * [1, -1, 1, -1, 1, -1]
+    run = simulate(arm, Q, np.full(6, 0.01), 1.0, step=2e-3, torque=tau,
                    integrator='implicit')
     balance = arm.friction_force(run.u[-1]) + arm.gravity_force(run.q[-1]) - tau
     assert np.abs(balance).max() < 1e-3 * np.abs(tau).max()  # nothing accelerates
     assert (np.abs(run.u[-1]) < 0.3 * SETS_IN).all()  # what smoothed friction has for standing
     with pytest.warns(ModelWarning, match='too long'), pytest.raises(InputError):
-        simulate(arm, POSTURE, np.zeros(6), 1.0, step=2e-3, torque=tau,
+        simulate(arm, Q, np.zeros(6), 1.0, step=2e-3, torque=tau,
                  integrator='rk4')
 
 
 def test_computed_torque_moves_the_arm_in_spite_of_its_friction(arm):
-    motion = Motion.from_points([0.0, 1.0, 2.0], [POSTURE, POSTURE + 0.3, POSTURE],
+    motion = Motion.from_points([0.0, 1.0, 2.0], [Q, Q + 0.3, Q],
                                 joint_names=arm.joint_names)
-    run = simulate(arm, POSTURE, np.zeros(6), 2.0, integrator='implicit',
+    run = simulate(arm, Q, np.zeros(6), 2.0, integrator='implicit',
                    torque=ComputedTorque(arm, motion, 400.0, 40.0))
     assert np.abs(run.q - motion.sample(run.t)[0]).max() < 2e-2
 
 
 def test_simulations_among_many_are_those_alone(arm):
     rng = np.random.default_rng(2)
-    q, u = POSTURE + 0.1 * rng.normal(size=(5, 6)), rng.normal(size=(5, 6))
+    q, u = Q + 0.1 * rng.normal(size=(5, 6)), rng.normal(size=(5, 6))
     many = simulate(arm, q, u, 0.05, integrator='implicit')
     for k in range(5):
         alone = simulate(arm, q[k], u[k], 0.05, integrator='implicit')

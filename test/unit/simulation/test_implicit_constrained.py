@@ -34,7 +34,7 @@ def linkage(**coupler):
 def exact(robot, q, u, tau, duration):
     """Return q and u at the end, by an implicit method that is not ours; loops stay closed."""
     def rates(t, x):
-        q = robot.closed_posture(x[:robot.n_q], fixed=['crank'])
+        q = robot.closed_configuration(x[:robot.n_q], fixed=['crank'])
         return np.concatenate([robot.joint_rates(q, x[robot.n_q:]),
                                robot.forward_dynamics(q, x[robot.n_q:], tau)])
     found = solve_ivp(rates, (0.0, duration), np.concatenate([q, u]), 'BDF', rtol=1e-7,

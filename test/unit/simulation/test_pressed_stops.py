@@ -123,7 +123,7 @@ def test_the_torque_that_presses_a_joint_does_not_change_the_impacts_of_others(i
 @pytest.mark.parametrize('independent', ['crank', 'rocker'])
 def test_stops_take_energy_in_a_loop_whose_motor_presses_without_measure(independent):
     robot = Robot(four_bar_model(), constraints=[PIN], independent=[independent], friction=False)
-    q0 = robot.closed_posture((0.5, 0.0, -1.5), fixed=['crank'])
+    q0 = robot.closed_configuration((0.5, 0.0, -1.5), fixed=['crank'])
     robot.limits = replace(robot.limits, lower=np.full(3, -np.inf),
                            upper=np.array([q0[0] + 0.2, np.inf, q0[2]]))
     k = robot.coordinate_names.index(independent)

@@ -209,7 +209,7 @@ def test_a_closed_loop_of_stiff_beams_sets_a_step():
         free = ('crank', 'coupler/mode_1', 'coupler/mode_2')
         robot = Robot(b.model(), constraints=[PIN], independent=free)
         start = dict.fromkeys(robot.coordinate_names, 0.0) | {'crank': 0.8, 'rocker': -1.5}
-        q = robot.closed_posture(list(start.values()), fixed=free)
+        q = robot.closed_configuration(list(start.values()), fixed=free)
         return longest_step(robot, q)
     soft, hard = steps(100.0), steps(400.0)
     assert soft.name == hard.name and 'mode' in soft.name

@@ -16,7 +16,7 @@ from mechanisms import wheel
 import numpy as np
 import pytest
 
-POSTURE = np.array([0.0, -1.0, 1.0, 0.0, 0.3, 0.0])
+Q = np.array([0.0, -1.0, 1.0, 0.0, 0.3, 0.0])
 RUB = {'friction': 2.0, 'friction_speed': 0.04}
 
 
@@ -57,13 +57,13 @@ def test_weight_alone_sets_no_longest_step():
 
 
 def test_an_arm_stands_still_within_the_longest_step_and_creeps_or_oscillates_beyond(arm):
-    step, name = longest_step(arm, POSTURE)
+    step, name = longest_step(arm, Q)
     assert name == 'wrist_3_joint'
-    tau = arm.gravity_force(POSTURE)
+    tau = arm.gravity_force(Q)
 
     def speeds(h):
         count = round(0.05 / h)
-        return simulate(arm, POSTURE, np.full(6, 1e-4), count * h, step=h, torque=tau,
+        return simulate(arm, Q, np.full(6, 1e-4), count * h, step=h, torque=tau,
                         integrator='rk4').u[-1]
     assert abs(speeds(0.98 * step)[5]) < 1e-5
     with pytest.warns(ModelWarning, match=r"too long for 'wrist_3_joint'.*at most 6.*'implicit'"):
@@ -91,7 +91,7 @@ def test_friction_in_a_closed_loop_counts_by_the_speeds_that_remain():
     b.frame('ground', 'world', at=(1, 0, 0))
     robot = Robot(b.model(), independent=['crank'],
                   constraints=[Closure('end', 'ground', 'revolute', axis=(0, 1, 0))])
-    q = robot.closed_posture((0.8, 0.0, -1.5), fixed=['crank'])
+    q = robot.closed_configuration((0.8, 0.0, -1.5), fixed=['crank'])
     step, name = longest_step(robot, q)
     assert name == 'crank'
     rates = robot.joint_rates(q, [1.0])
@@ -197,13 +197,13 @@ def test_the_simulated_arm_and_the_services_warn_of_too_long_steps():
 def test_no_warning_where_there_is_nothing_to_warn_of(arm):
     with warnings.catch_warnings():
         warnings.simplefilter('error')
-        simulate(Robot(load_urdf(resource_path('urdf', 'ur10e.urdf'))), POSTURE, np.zeros(6), 0.01)
-        simulate(arm, POSTURE, np.zeros(6), 1e-3, step=5e-6)
+        simulate(Robot(load_urdf(resource_path('urdf', 'ur10e.urdf'))), Q, np.zeros(6), 0.01)
+        simulate(arm, Q, np.zeros(6), 1e-3, step=5e-6)
 
 
 def test_the_longest_step_holds_while_a_four_bar_bends_in_its_motion():
     robot = flexible_four_bar()
-    q = robot.closed_posture((0.8, 0, 0, 0, -1.5), fixed=robot.speed_names)
+    q = robot.closed_configuration((0.8, 0, 0, 0, -1.5), fixed=robot.speed_names)
     u = np.array([10.0, 0.0, 0.0])
     run = simulate(robot, q, u, 0.5, step=1e-4, sample=0.004)
     deflected = np.abs(run.q[:, robot.coordinate_names.index('coupler/mode_1')])

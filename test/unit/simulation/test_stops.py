@@ -133,7 +133,7 @@ def test_the_impact_of_a_body_on_a_runner_is_projected():
 
 def test_a_four_bar_rests_with_a_dependent_joint_at_its_stop_and_two_stops_share():
     robot = four_bar()
-    q0 = robot.closed_posture((0.5, 0.0, -1.5), fixed=['crank'])
+    q0 = robot.closed_configuration((0.5, 0.0, -1.5), fixed=['crank'])
     one = stopped(robot, rocker=(-FREE, q0[2] + 0.3))
     run = simulate(one, q0, [2.0], 0.6, stops=True, torque=[5.0])
     assert not run.warnings and len(run.stop_events) == 1 and run.drift < 1e-12
@@ -148,7 +148,7 @@ def test_a_four_bar_rests_with_a_dependent_joint_at_its_stop_and_two_stops_share
 @pytest.mark.parametrize('independent', ['crank', 'coupler'])
 def test_computed_torque_against_a_stop_of_a_closed_loop(independent):
     robot = Robot(four_bar_model(), constraints=[PIN], independent=[independent], friction=False)
-    q0 = robot.closed_posture((0.5, 0.0, -1.5), fixed=['crank'])
+    q0 = robot.closed_configuration((0.5, 0.0, -1.5), fixed=['crank'])
     robot = stopped(robot, crank=(-FREE, 0.9))
     motion = Motion.from_points([0.0, 0.2], [[0.5], [2.5]], joint_names=['crank'])
     run = simulate(robot, q0, [0.0], 0.6, stops=True, torque=ComputedTorque(robot, motion))
@@ -277,7 +277,7 @@ def test_a_pressed_joint_leaves_its_stop_where_the_force_of_the_stop_changes_its
 @pytest.mark.parametrize('apart', [0.0, 1e-9, 1e-7, -1e-7, 1e-5, -1e-5, 1e-3, -1e-3])
 def test_of_two_nearly_coincident_stops_of_a_loop_the_first_one_holds(apart, torque):
     robot = four_bar()
-    q0, at = (robot.closed_posture((x, 0.0, -1.5), fixed=['crank']) for x in (0.5, 0.9))
+    q0, at = (robot.closed_configuration((x, 0.0, -1.5), fixed=['crank']) for x in (0.5, 0.9))
     run = simulate(stopped(robot, rocker=(-FREE, at[2] + apart), crank=(-FREE, at[0])), q0, [2.0],
                    0.3, stops=True, torque=[torque])
     hits = [event.joint for event in run.stop_events]
@@ -292,7 +292,7 @@ def test_of_two_nearly_coincident_stops_of_a_loop_the_first_one_holds(apart, tor
 
 def test_two_pressed_stops_of_one_motion_are_native_and_share(monkeypatch):
     robot = four_bar()
-    q0 = robot.closed_posture((0.5, 0.0, -1.5), fixed=['crank'])
+    q0 = robot.closed_configuration((0.5, 0.0, -1.5), fixed=['crank'])
     both = stopped(robot, rocker=(-FREE, q0[2]), crank=(-FREE, q0[0]))
     monkeypatch.setattr(JointStops, '_stopped', None)  # no step needs it
     run = simulate(both, q0, [0.0], 0.5, stops=True, torque=[50.0])
@@ -306,7 +306,7 @@ def test_the_energy_balance_does_not_warn_of_joints_that_rest_under_large_torque
         warnings.simplefilter('error')
         arm = stopped(tree(), joint0=(-0.4, 0.5), joint1=(-0.3, 0.6), joint2=(-1.0, 0.7))
         simulate(arm, [0.5, 0.6, 0.7], np.zeros(3), 0.1, stops=True, torque=np.full(3, torque))
-        q0 = four_bar().closed_posture((0.5, 0.0, -1.5), fixed=['crank'])
+        q0 = four_bar().closed_configuration((0.5, 0.0, -1.5), fixed=['crank'])
         simulate(stopped(four_bar(), rocker=(-FREE, q0[2])), q0, [0.0], 0.1, stops=True,
                  torque=[0.01 * torque])
 

@@ -48,8 +48,8 @@ def test_trials_of_a_loop_are_closed_and_equal_simulate_with_computed_torque(int
     assert found['ok'].all() and found['energy_closes'].all()
     assert len(set(found['q0.crank'])) == 12
     for k in range(12):
-        start = robot.closed_posture([found[f'q0.{name}'][k] for name in robot.joint_names],
-                                     fixed=['crank'])
+        start = robot.closed_configuration([found[f'q0.{name}'][k] for name in robot.joint_names],
+                                           fixed=['crank'])
         assert start[0] == found['q0.crank'][k]
         law = ComputedTorque(robot, MOTION, kp=50.0, kd=found['kd'][k])
         run = simulate(robot, start, [found['u0.crank'][k]], 0.2, step=STEP, torque=law,
@@ -65,7 +65,7 @@ def test_trials_of_a_loop_are_closed_and_equal_simulate_with_computed_torque(int
 
 def test_trials_stay_on_the_branch_of_a_closed_start():
     one = linkage()
-    first, other = (one.closed_posture(q, fixed=['crank']) for q in (
+    first, other = (one.closed_configuration(q, fixed=['crank']) for q in (
         (0.8, 0.0, -1.5), (0.8, -2.5, 2.0)))
     robot = linkage(configuration=tuple(first.tolist()))
     names = robot.joint_names
@@ -74,7 +74,7 @@ def test_trials_stay_on_the_branch_of_a_closed_start():
                               q0=dict(zip(names, start.tolist()))))
         np.testing.assert_allclose(rows_of(found, 'q', names)[0], start, atol=1e-3)
     moved = columns(Sweep(robot, samples=1, duration=STEP, step=STEP, q0={'crank': 2.0}))
-    np.testing.assert_allclose(rows_of(moved, 'q', names)[0], robot.closed_posture(
+    np.testing.assert_allclose(rows_of(moved, 'q', names)[0], robot.closed_configuration(
         (2.0, 0.0, 0.0), fixed=['crank']), atol=1e-3)
 
 
@@ -87,7 +87,8 @@ def test_gravity_compensation_with_the_payload_known_holds_the_linkage():
             'kind': 'gravity_compensation', 'known_payload': {'grid': [0.0, 1.0]}}))
     carried = linkage(friction=False, payload_frame='tool').copy()
     carried.parameters.payload = Inertial(2.0, [0.1, 0.0, 0.2], np.zeros((3, 3)))
-    start = robot.closed_posture([START[name] for name in robot.joint_names], fixed=['crank'])
+    start = robot.closed_configuration([START[name] for name in robot.joint_names],
+                                       fixed=['crank'])
     for k, known in enumerate((robot, carried)):
         run = simulate(carried, start, [0.0], 0.1, step=STEP,
                        torque=lambda t, q, u, known=known: known.gravity_force(q))
@@ -157,7 +158,7 @@ def test_functions_of_time_start_at_t0_and_must_not_jump(tmp_path):
     sweep = Sweep(robot, samples=2, duration=0.01, step=STEP, t0=0.7, u0={'upper': 1.0})
     assert run_sweep(sweep, tmp_path / 'steady', workers=1).failed == 0
     table = read_table(tmp_path / 'steady')
-    start = robot.closed_posture(np.zeros(2), t=0.7)
+    start = robot.closed_configuration(np.zeros(2), t=0.7)
     run = simulate(robot, start, [1.0], 0.01, step=STEP, t0=0.7)
     assert abs(table['u.upper'].to_pylist()[0] - run.u[-1, 0]) < 1e-11
     assert abs(table['q.fore'].to_pylist()[0] - steady(0.71)) < 1e-11
