@@ -13,7 +13,7 @@ import warnings
 from gates import exit_status
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
-from kane_dynamics.native.runtime.loop_support import repeat
+from kane_dynamics.native.runtime.loops import repeat
 from kane_dynamics.robot.export_c import DEFAULT_KERNELS
 import numpy as np
 

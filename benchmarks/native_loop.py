@@ -13,7 +13,7 @@ from kane_dynamics import load_urdf, Model, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli.commands.interleaved_timing import interleaved, Timing
 from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.runtime.loop_support import repeat
+from kane_dynamics.native.runtime.loops import repeat
 import numpy as np
 from pinocchio_native import library, Pinocchio, Unavailable
 

@@ -33,7 +33,7 @@ import json, sys, time, warnings
 warnings.simplefilter('ignore')
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics.native.python_call import entry
-from kane_dynamics.native.runtime.loop_support import support
+from kane_dynamics.native.runtime.loops import support
 from kane_dynamics.robot.kernel_set import IN_LOOPS
 path = sys.argv[1]
 model = load_urdf(path, joints=[n for n in load_urdf(path).joint_names if 'finger' not in n])

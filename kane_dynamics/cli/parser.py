@@ -15,7 +15,7 @@ from kane_dynamics.cli.arguments import ADD
 from kane_dynamics.cli.examples import EXAMPLES
 from kane_dynamics.cli.wording import in_options
 from kane_dynamics.errors import KaneError
-from kane_dynamics.native.machine_code import compile_log
+from kane_dynamics.native.machine_code import compiling
 
 # Description of each command; its module and function in `cli.commands`.
 COMMANDS = {
@@ -76,7 +76,7 @@ def _main(arguments: list[str]) -> int:
     options = _options(parser, arguments)
     if options.rest and options.command != 'demo':
         _refuse_unknown(parser, options)
-    compile_log.on_stderr = True
+    compiling.on_stderr = True
     try:
         return _run(options)
     except (KaneError, OSError) as error:
@@ -88,7 +88,7 @@ def _main(arguments: list[str]) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     finally:
-        compile_log.on_stderr = False
+        compiling.on_stderr = False
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -34,8 +34,7 @@ from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.mechanics.constraints.transmission import (require_transmission,
                                                               transmission_margin)
 from kane_dynamics.motion.motion import Motion, State
-from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import Program, Shape
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import in_choice, Robot

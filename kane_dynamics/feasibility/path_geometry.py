@@ -26,8 +26,7 @@ from kane_dynamics.motion.controller_points import Segments
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.motion.rests import AT_REST, rests
 from kane_dynamics.motion.uniform_spline import spline_derivatives
-from kane_dynamics.native.runtime.batch_kernel import batch_kernel
-from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 import numpy as np
 from numpy.typing import ArrayLike
 

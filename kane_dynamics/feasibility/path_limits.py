@@ -27,8 +27,7 @@ from kane_dynamics.feasibility.torque_demand import at_actuators, unit_torques
 from kane_dynamics.loop_tracking.driven_mechanism import motion_of_closed
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.motion.controller_points import Segments
-from kane_dynamics.native.runtime.batch_kernel import batch_kernel
-from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 from kane_dynamics.robot.kernel_set import kernel_per_robot
 from kane_dynamics.robot.robot import Robot
 import numpy as np

@@ -11,8 +11,7 @@ from kane_dynamics.feasibility.segment_peaks import (MotionStates, QUANTITIES,
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.model.model import Joint
 from kane_dynamics.motion.controller_points import ControllerPoints, Segments
-from kane_dynamics.native.runtime.batch_kernel import batch_kernel
-from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 

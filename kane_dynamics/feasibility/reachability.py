@@ -30,8 +30,7 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.motion.controller_points import Segments
-from kane_dynamics.native.runtime.batch_kernel import batch_kernel
-from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 import numpy as np
 
 # Of one linear program; the second number where the first is too small.

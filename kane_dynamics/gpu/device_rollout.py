@@ -10,7 +10,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.gpu.kernel_call import KernelCall, ptx_text, REALS, require_dtype, row
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.native.backends.gpu_rollout import rollout_text, StepLayout
-from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Argument
 from kane_dynamics.robot.derivative_kernels import PARAMETERS
 from kane_dynamics.robot.frameworks.batch_function import batch_function
 from kane_dynamics.robot.frameworks.quantity_function import require_shape

@@ -13,7 +13,7 @@ from kane_dynamics.gpu.device_arrays import (current_stream, DeviceArray, Device
                                              handed_over, ITEM, view)
 from kane_dynamics.native.backends.gpu_kernel import KERNEL
 from kane_dynamics.native.backends.real_types import DOUBLE, FLOAT, Real
-from kane_dynamics.native.machine_code import llvm, object_cache
+from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.tracing.program import Shape
 
 REALS: dict[str, Real] = {'float64': DOUBLE, 'float32': FLOAT}
@@ -32,8 +32,10 @@ def ptx_text(name: str, key: str | None, dtype: str, text: Callable[[], str]) ->
     if key is None:
         key = text()
         text = partial(str, key)
-    return object_cache.fetch(object_cache.key('ptx', name, key, dtype),
-                              lambda: llvm.ptx(text()).encode()).decode()
+
+    def compiled() -> bytes:
+        return llvm.ptx(text()).encode()
+    return llvm.cached(compiled, 'ptx', name, key, dtype).decode()
 
 
 class KernelCall:

@@ -11,8 +11,7 @@ from functools import cache
 from typing import Any
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.native.runtime.batch_kernel import batch_kernel
-from kane_dynamics.native.runtime.kernel import Kernel, windows
+from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel, windows
 from kane_dynamics.native.tracing.program import Shape
 import numpy as np
 

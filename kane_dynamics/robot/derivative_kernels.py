@@ -7,7 +7,7 @@ from typing import Any
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Argument
 from kane_dynamics.native.tracing.differentiation import forward, jacobian, reverse
 from kane_dynamics.native.tracing.program import Shape, size_of, trace_program
 from kane_dynamics.native.tracing.subroutine import inlined, Subroutines

@@ -21,8 +21,7 @@ from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS
 from kane_dynamics.native.backends.llvm_simd import width
-from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.runtime.kernel import Kernel, ResultCheck
+from kane_dynamics.native.runtime.kernel import Argument, Kernel, ResultCheck
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call, Subroutines
 from kane_dynamics.robot.derivative_kernels import Derivative, PARAMETERS, SlopesOfDynamics

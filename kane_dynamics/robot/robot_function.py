@@ -8,9 +8,8 @@ from types import CodeType, FunctionType
 from typing import Any
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.tracing.program import Program, Shape, trace_program
-from kane_dynamics.native.tracing.program_origin import origin
+from kane_dynamics.native.runtime.kernel import Argument
+from kane_dynamics.native.tracing.program import origin, Program, Shape, trace_program
 import numpy as np
 
 LIBRARY = __name__.partition('.')[0]

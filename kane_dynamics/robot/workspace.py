@@ -9,7 +9,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.python_call import entry
-from kane_dynamics.native.python_call.entry_table import EntryTable, refuse
+from kane_dynamics.native.python_call.entry import EntryTable, refuse
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.kernel_set import ALL, FRAME_QUANTITIES, KernelSet
 import numpy as np

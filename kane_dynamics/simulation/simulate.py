@@ -28,9 +28,8 @@ from kane_dynamics.mechanics.ball_joints import require_unit
 from kane_dynamics.mechanics.constraints.conditioning import loosened
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.native.backends.llvm_simd import width
-from kane_dynamics.native.runtime.argument import Argument, checked
-from kane_dynamics.native.runtime.batch_loop import driver
-from kane_dynamics.native.runtime.loop_support import support
+from kane_dynamics.native.runtime.kernel import Argument, checked
+from kane_dynamics.native.runtime.loops import driver, support
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.kernel_set import CONSTRAINED, IN_LOOPS

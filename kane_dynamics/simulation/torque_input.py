@@ -7,8 +7,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import ComputedTorque, law_kernel
 from kane_dynamics.errors import InputError
-from kane_dynamics.native.runtime.argument import Argument, checked
-from kane_dynamics.native.runtime.kernel import Kernel, windows
+from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel, windows
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.observers import Extremes, Power
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice

@@ -1,7 +1,7 @@
 """
 Simulate chunks of trials in SIMD lanes, grouped by controller.
 
-The result of a lane does not depend on the other lanes (`native.runtime.batch_loop`), so
+The result of a lane does not depend on the other lanes (`native.runtime.loops`), so
 a row does not depend on chunks, threads or workers.
 """
 

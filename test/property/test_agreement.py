@@ -8,8 +8,7 @@ from kane_dynamics import Robot
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.model.model import with_payload
-from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from mechanisms import random_inertial, random_model, random_state
 import numpy as np

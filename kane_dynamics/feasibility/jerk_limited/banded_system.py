@@ -9,8 +9,7 @@ natively.
 from functools import cache
 
 from kane_dynamics._util.typing import Array, Vector
-from kane_dynamics.native.runtime.batch_kernel import batch_kernel
-from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 import numpy as np
 
 WIDE = (5,)  # shape of a row

@@ -9,7 +9,7 @@ from kane_dynamics.identification.payload.payload_equations import PayloadEquati
 from kane_dynamics.identification.payload.payload_fit import covariance_of, load_deviations
 from kane_dynamics.identification.payload.payload_rows import PayloadRows
 from kane_dynamics.model.model import Model
-from kane_dynamics.native.runtime.argument import Argument, checked
+from kane_dynamics.native.runtime.kernel import Argument, checked
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike

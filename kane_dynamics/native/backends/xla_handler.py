@@ -167,7 +167,7 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
     Parameters
     ----------
     kernel, driver : Address
-        The lane kernel, and `run_shares` of `runtime.batch_loop`.
+        The lane kernel, and `run_shares` of `runtime.loops`.
     sizes, limits : sequences
         Of each operand, the parameters included, and of the result: entries of a state, and the
         largest valid number.
@@ -199,7 +199,7 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
     for k in range(last - 1):
         text += PLACE.replace('FROM', label).replace('K', str(k))
         label = f'placed{k}'
-    # The words of a share; see `batch_loop`.
+    # The words of a share; see `runtime.loops`.
     values = [f'i64 {kernel}', 'ptr %table', f'i64 {last + 1}', 'i64 0', 'i64 0', 'i64 0',
               'i64 %begin', 'i64 %stop', 'i64 1']
     stores = '\n'.join(f'  %own{k} = getelementptr i64, ptr %own, i64 {k}\n'

@@ -1,5 +1,7 @@
 """
-Compile LLVM IR to machine code with llvmlite; the only module that imports llvmlite.
+Compile LLVM IR to machine code with llvmlite, and keep the machine code on disk.
+
+Only this module imports llvmlite.
 
 A fork waits until no other thread is inside LLVM, so that LLVM and its lock are usable in the
 child.
@@ -13,6 +15,7 @@ from threading import local
 from typing import Any
 from weakref import finalize
 
+from kane_dynamics._util import disk_cache
 from kane_dynamics.errors import CompileError
 import llvmlite.binding as llvm
 import numpy as np
@@ -81,6 +84,16 @@ def fingerprint() -> str:
     """Return a text that identifies the compiler and the processor."""
     return '|'.join([llvm.get_default_triple(), *_processor(),
                      '.'.join(map(str, llvm.llvm_version_info))])
+
+
+def cache_key(*parts: str) -> str:
+    """Return the cache key of machine code made from these parts on this processor."""
+    return disk_cache.key('code', *parts, fingerprint())
+
+
+def cached(make: Callable[[], bytes], *parts: str) -> bytes:
+    """Return the machine code of these parts from the cache on disk; make it if it is missing."""
+    return disk_cache.fetch(cache_key(*parts), make)
 
 
 def assemble(text: str, level: int = 1, optimise: bool = False,
@@ -263,3 +276,8 @@ class Code:
         function = prototype(self.address(name))
         function.code = self
         return function
+
+
+def library(name: str, text: str) -> Code:
+    """Return the code of a hand-written module, optimized by LLVM's passes."""
+    return Code(cached(lambda: assemble(text, 2, optimise=True), name, text))

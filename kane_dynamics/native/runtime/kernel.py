@@ -1,7 +1,15 @@
-"""Kernel: one compiled program with its input checks, parameters and entry points."""
+"""
+Kernel: one compiled program with its input checks, parameters and entry points.
+
+An `Argument` is the name, shape and default of an input, and checks the values given for it. A
+`Kernel` compiles a program and calls it for one state, a batch, or rows one after the other.
+`batch_kernel` makes the kernel of a function of arrays alone.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
+import sys
 from typing import Any
 
 from kane_dynamics._util.fork_safety import ForkSafeLock
@@ -10,16 +18,12 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.backends.llvm_simd import lane_text, width
 from kane_dynamics.native.backends.real_types import size_limit
-from kane_dynamics.native.machine_code import llvm, object_cache
-from kane_dynamics.native.machine_code.compile_log import logged
+from kane_dynamics.native.machine_code import llvm
+from kane_dynamics.native.machine_code.compiling import gc_paused, logged
 from kane_dynamics.native.python_call import entry
-from kane_dynamics.native.python_call.entry_table import bound_table, EntryTable
-from kane_dynamics.native.runtime.argument import Argument, converted, require_finite
-from kane_dynamics.native.runtime.batch_loop import BAD_INPUT, driver, run_batch
-from kane_dynamics.native.runtime.gc_pause import gc_paused
-from kane_dynamics.native.runtime.loop_support import address, repeat
-from kane_dynamics.native.tracing.program import Program, Shape, size_of
-from kane_dynamics.native.tracing.program_origin import origin
+from kane_dynamics.native.python_call.entry import EntryTable
+from kane_dynamics.native.runtime.loops import address, BAD_INPUT, driver, repeat, run_batch
+from kane_dynamics.native.tracing.program import origin, Program, Shape, size_of, trace_program
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +32,74 @@ _TRACING = ForkSafeLock()  # concurrent tracing would only contend for the GIL
 ResultCheck = Callable[[dict[str, Array]], 'Kernel | None']
 NO_NUMBERS: Mapping[str, NDArray[np.intp]] = {}
 MAX_RESULTS = 2**31  # entries of one batch's result; a larger number is likely a mistake
+
+
+@dataclass(frozen=True)
+class Argument:
+    """
+    Name, shape and default of a kernel argument.
+
+    Attributes
+    ----------
+    name : str
+    shape : tuple of int
+        Shape for a single state; a batch has one more leading axis.
+    labels : tuple of str
+        Names of the entries of the last axis, for messages.
+    default : array, optional
+        Used when the argument is not given; read at each call.
+
+    """
+
+    name: str
+    shape: Shape
+    labels: tuple[str, ...] = ()
+    default: Array | None = None
+
+
+def checked(argument: Argument, value: Any) -> Array:
+    """Return a value as a finite C-contiguous float64 array; raise InputError otherwise."""
+    array = converted(argument, value)
+    require_finite(argument, array)
+    return array
+
+
+def converted(argument: Argument, value: Any) -> Array:
+    """Return a value as a C-contiguous float64 array of one state or a batch."""
+    name = argument.name
+    shape = argument.shape
+    expected = f'{shape} or (N, {", ".join(map(str, shape))})'
+    # By the attribute, since numpy.ma is slow to import.
+    masked = getattr(value, 'mask', None) if isinstance(value, np.ndarray) else None
+    if masked is not None and np.any(masked):
+        raise InputError(f'{name}: a masked array with {np.count_nonzero(masked)} masked '
+                         f'entries; expected numbers of shape {expected}')
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise InputError(f'{name}: not a rectangular array; expected shape {expected}') from None
+    if array.dtype.kind not in 'fiu':
+        raise InputError(f'{name}: dtype {array.dtype}; expected numbers of shape {expected}')
+    if array.shape != shape and array.shape[1:] != shape:
+        raise InputError(f'{name}: shape {array.shape}; expected {expected}')
+    return np.asarray(array, dtype=np.float64, order='C')
+
+
+def require_finite(argument: Argument, array: Array) -> None:
+    """Raise InputError that names the first entry that is not finite or too large."""
+    limit = size_limit(argument.name)
+    good = np.abs(array) <= min(limit, sys.float_info.max)
+    if good.all():
+        return
+    place = tuple(np.argwhere(~good)[0].tolist())
+    number = array[place]
+    entry = f'{argument.name}[{", ".join(map(str, place))}]'
+    if argument.labels:
+        entry += f" (joint '{argument.labels[place[-1]]}')"
+    expected = 'a finite number'
+    if np.isfinite(number):  # only positions have a limit
+        expected += f' of at most {limit:g} rad or m'
+    raise InputError(f'{entry}: {number}; expected {expected}')
 
 
 def _same_rows(a: Array, b: Array) -> bool:
@@ -126,8 +198,7 @@ class Kernel:
             if key is None:
                 key = traced_text()
                 source = partial(str, key)
-            place = object_cache.key(self.name, key, kind)
-            return llvm.Code(object_cache.fetch(place, assembled))
+            return llvm.Code(llvm.cached(assembled, self.name, key, kind))
 
     def with_parameters(self, parameters: Array,
                         reason: ResultCheck | None = None) -> 'Kernel':
@@ -179,8 +250,8 @@ class Kernel:
 
     def table(self, arguments: Sequence[Array], result: Array) -> EntryTable:
         """Return the table of a native method that calls the kernel on fixed arrays."""
-        return bound_table(self.code, [*arguments, self.parameters, result],
-                           self._fallback(arguments, result))
+        return entry.bound_table(self.code, [*arguments, self.parameters, result],
+                                 self._fallback(arguments, result))
 
     def _fallback(self, arguments: Sequence[Array], result: Array) -> Callable[[], Any]:
         def call(*values: Any, **named: Any) -> Any:
@@ -413,3 +484,27 @@ class Kernel:
                              f'of shape {shape}')
         direct = out.flags.c_contiguous and out.flags.aligned and out.dtype.isnative
         return out if direct else np.empty(shape)
+
+
+def batch_kernel(name: str, function: Callable[..., Any], inputs: Sequence[tuple[str, Shape]],
+                 shape: Shape) -> Kernel:
+    """
+    Return the kernel of a function without parameters.
+
+    Parameters
+    ----------
+    name : str
+        A C identifier.
+    function : callable
+        Takes traced arrays; `origin` must tell it from others.
+    inputs : sequence of (str, shape)
+        Names and shapes of the arrays.
+    shape : tuple of int
+        Shape of the result.
+
+    """
+    def program() -> Program:
+        return trace_program(name, lambda *arrays: function(*arrays[:-1]), [
+            *inputs, ('parameters', (0,))])
+    return Kernel(name, program, f'{name} {inputs}', [Argument(*each) for each in inputs],
+                  np.zeros(0), shape)

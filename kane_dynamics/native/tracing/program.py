@@ -2,8 +2,10 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 import math
 import operator
+from types import CodeType
 from typing import Any
 
 from kane_dynamics.mechanics.algebra.lanes import LANES
@@ -19,6 +21,7 @@ KEPT = frozenset([*STRUCTURE, *ROWS, *PLACING])  # nodes without folding
 OPERATORS: dict[str, Any] = {'add': operator.add, 'sub': operator.sub, 'mul': operator.mul,
                              'div': operator.truediv, 'neg': operator.neg}
 
+PLAIN = (str, int, float, bool, type(None))  # values that `origin` describes
 NUMPY: dict[str, Any] = {'add': np.add, 'sub': np.subtract, 'mul': np.multiply,
                          'div': np.divide, 'neg': np.negative,
                          'less': lambda a, b: np.float64(a < b),
@@ -147,6 +150,45 @@ def trace_program(name: str, function: Callable[..., Any],
     for x in result.ravel():
         outputs.append(x if isinstance(x, Expr) else float(x))
     return factored(Program(name, tuple(inputs), tuple(outputs), result.shape))
+
+
+def origin(program: Callable[..., Any]) -> str:
+    """
+    Return a text of the code of a function and of the plain values that it is bound to.
+
+    These are the values of `functools.partial` and of enclosing functions that are functions,
+    texts, numbers or tuples of these. Other objects do not count: a key names what they are. The
+    text is the same in each process.
+    """
+    parts: list[str] = []
+    _describe(program, parts, set())
+    return ' '.join(parts)
+
+
+def _describe(value: Any, parts: list[str], seen: set[int]) -> None:
+    """Append the description of a value."""
+    if isinstance(value, PLAIN):
+        parts.append(repr(value))
+    elif isinstance(value, tuple):
+        parts.append('(')
+        for x in value:
+            _describe(x, parts, seen)
+        parts.append(')')
+    elif isinstance(value, partial):
+        for x in (value.func, *value.args, *value.keywords.values()):
+            _describe(x, parts, seen)
+    else:
+        function = getattr(value, '__func__', value)  # of a method
+        code = getattr(function, '__code__', None)
+        if isinstance(code, CodeType) and id(function) not in seen:
+            seen.add(id(function))
+            parts.append(f'{function.__module__}.{function.__qualname__}:{code.co_firstlineno}')
+            for cell in function.__closure__ or ():
+                try:
+                    content = cell.cell_contents
+                except ValueError:  # not assigned yet
+                    continue
+                _describe(content, parts, seen)
 
 
 def factored(program: Program) -> Program:

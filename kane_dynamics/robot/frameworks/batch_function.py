@@ -10,11 +10,9 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.backends.llvm_simd import lane_text, width
 from kane_dynamics.native.backends.real_types import size_limit
-from kane_dynamics.native.machine_code import object_cache
-from kane_dynamics.native.runtime.argument import Argument, require_finite
-from kane_dynamics.native.runtime.batch_loop import BAD_INPUT
-from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.runtime.loop_support import POINTER_SLOTS
+from kane_dynamics.native.machine_code import llvm
+from kane_dynamics.native.runtime.kernel import Argument, Kernel, require_finite
+from kane_dynamics.native.runtime.loops import BAD_INPUT, POINTER_SLOTS
 from kane_dynamics.native.tracing.program import Shape, size_of
 from kane_dynamics.robot.derivative_kernels import Derivative, PARAMETERS
 from kane_dynamics.robot.kernel_set import KernelSet
@@ -132,7 +130,7 @@ class BatchFunction:
         """Return a text that identifies the machine code, parameters aside."""
         kernels, kernel = self._kernels, self.kernel
         code = kernels.key or lane_text(kernel.traced(), 'kernel', width())
-        return object_cache.key(self.name, code)
+        return llvm.cache_key(self.name, code)
 
     @property
     def parameters(self) -> Array:

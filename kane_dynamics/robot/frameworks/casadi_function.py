@@ -10,8 +10,8 @@ from typing import Any
 from kane_dynamics._util.optional_imports import extra
 from kane_dynamics.errors import CompileError, InputError
 from kane_dynamics.native.backends.casadi_library import casadi_text
-from kane_dynamics.native.machine_code import llvm, object_cache, shared_library
-from kane_dynamics.native.machine_code.compile_log import logged
+from kane_dynamics.native.machine_code import llvm, shared_library
+from kane_dynamics.native.machine_code.compiling import logged
 from kane_dynamics.native.tracing.expression import Expr
 from kane_dynamics.native.tracing.matrix_function import full, MatrixFunction, retraced
 from kane_dynamics.native.tracing.program import OPERATORS, Program, Shape, size_of
@@ -128,7 +128,7 @@ def external(casadi: Any, source: Source, linker: str) -> Any:
                   gradient.jacobian_by_columns()]
         texts = [text, *map(casadi_text, others)]
         return shared_library.linked(linker, [llvm.assemble_long(each) for each in texts])
-    library = object_cache.fetch(object_cache.key('casadi', text), made)
+    library = llvm.cached(made, 'casadi', text)
     # By CasADi's rules, one direction by forward or reverse mode, more by the Jacobian.
     fewest = min(sum(len(x.places) for x in function.inputs), len(function.program.outputs))
     options = {'jac_penalty': 1.0 / max(fewest, 1), 'ad_weight': 0.5}

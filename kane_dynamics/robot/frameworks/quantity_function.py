@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from kane_dynamics.errors import InputError
-from kane_dynamics.native.runtime.argument import Argument
+from kane_dynamics.native.runtime.kernel import Argument
 from kane_dynamics.robot.frameworks.batch_function import batch_function
 
 

@@ -13,8 +13,7 @@ from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.backends.real_types import size_limit
 from kane_dynamics.native.backends.xla_handler import HANDLER, handler_text, MAJOR
 from kane_dynamics.native.machine_code import llvm
-from kane_dynamics.native.runtime.batch_loop import driver, ROW
-from kane_dynamics.native.runtime.thread_ir import FLAGS, WORDS
+from kane_dynamics.native.runtime.loops import driver, FLAGS, ROW, WORDS
 from kane_dynamics.native.runtime.threads import thread_count
 from kane_dynamics.native.tracing.program import size_of
 from kane_dynamics.robot.frameworks.batch_function import BatchFunction

@@ -18,8 +18,7 @@ from kane_dynamics.mechanics.constraints.loop_closure import (closed_configurati
                                                               followed_configuration, Rows)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.model.model import Model
-from kane_dynamics.native.runtime.argument import Argument, checked
-from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.methods.dispatch import Dispatch
 from kane_dynamics.robot.parameters import JointLimits

@@ -10,8 +10,7 @@ from typing import Any, Self, TypeVar
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.native.runtime.argument import Argument, converted
-from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.kernel import Argument, converted, Kernel
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.native.tracing.program import OperationCount
 from kane_dynamics.robot.kernel_set import KernelSet

@@ -12,7 +12,7 @@ from kane_dynamics.mechanics.constraints.independent_speeds import choose_indepe
 from kane_dynamics.mechanics.constraints.speeds import Speeds
 from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.machine_code import llvm
-from kane_dynamics.native.runtime.loop_support import repeat
+from kane_dynamics.native.runtime.loops import repeat
 from kane_dynamics.native.tracing.program import trace_program
 import mpmath
 import numpy as np

@@ -54,7 +54,7 @@ for _ in range(3):
 FIRST_TOGETHER = START + """
 import threading
 from kane_dynamics.native.machine_code import llvm
-from kane_dynamics.native.runtime import loop_support as support
+from kane_dynamics.native.runtime import loops as support
 robot = Robot(MODEL)
 kernel = robot.kernels.quantity('inverse_dynamics')
 support.support.cache_clear()

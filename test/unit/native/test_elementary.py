@@ -5,10 +5,8 @@ from kane_dynamics.native.backends.llvm_scalar import module_text
 from kane_dynamics.native.backends.llvm_simd import lane_text, width
 from kane_dynamics.native.backends.real_types import POSITION_LIMIT
 from kane_dynamics.native.machine_code import llvm
-from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
-from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.runtime.loop_support import repeat
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
+from kane_dynamics.native.runtime.loops import repeat, run_batch, Strided
 from kane_dynamics.native.tracing.program import trace_program
 import mpmath
 import numpy as np

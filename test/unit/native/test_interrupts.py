@@ -7,7 +7,7 @@ import time
 
 from kane_dynamics import CompileError, Robot, simulate
 from kane_dynamics.native.runtime import threads
-from kane_dynamics.native.runtime.batch_loop import run_batch, Strided
+from kane_dynamics.native.runtime.loops import run_batch, Strided
 from mechanisms import random_model
 import numpy as np
 import pytest

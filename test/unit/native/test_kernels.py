@@ -10,10 +10,9 @@ from types import SimpleNamespace
 import weakref
 
 from kane_dynamics import InputError, Robot
+from kane_dynamics.native.machine_code.compiling import gc_paused
 from kane_dynamics.native.python_call import entry
-from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.runtime.gc_pause import gc_paused
-from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from mechanisms import random_model, random_state
 import numpy as np

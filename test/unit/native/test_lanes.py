@@ -9,11 +9,9 @@ from kane_dynamics.native.backends import llvm_simd
 from kane_dynamics.native.backends.llvm_simd import lane_text
 from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime import threads
-from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.runtime.batch_kernel import batch_kernel
-from kane_dynamics.native.runtime.batch_loop import BAD_INPUT, BAD_RESULT, run_batch, Strided
-from kane_dynamics.native.runtime.kernel import Kernel
-from kane_dynamics.native.runtime.loop_support import address
+from kane_dynamics.native.runtime.kernel import Argument, batch_kernel, Kernel
+from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, BAD_RESULT,
+                                                run_batch, Strided)
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.kernel_set import FRAME_QUANTITIES, QUANTITIES, Sizes

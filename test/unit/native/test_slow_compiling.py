@@ -4,7 +4,7 @@ import logging
 import time
 
 from kane_dynamics import Inertial, InputError, Robot
-from kane_dynamics.native.machine_code import compile_log, llvm
+from kane_dynamics.native.machine_code import compiling, llvm
 from kinds_of_mechanism import case
 from mechanisms import wheel
 import numpy as np
@@ -12,12 +12,12 @@ import pytest
 
 
 def test_a_line_says_what_is_compiled_and_one_how_long_it_took(caplog, monkeypatch):
-    monkeypatch.setattr(compile_log, 'SLOW', 0.05)
-    with caplog.at_level(logging.INFO, logger=compile_log.LOGGER):
-        with compile_log.logged('a quick one'):
+    monkeypatch.setattr(compiling, 'SLOW', 0.05)
+    with caplog.at_level(logging.INFO, logger=compiling.LOGGER):
+        with compiling.logged('a quick one'):
             pass
         assert not caplog.messages
-        with compile_log.logged('inverse_dynamics'):
+        with compiling.logged('inverse_dynamics'):
             deadline = time.monotonic() + 10.0  # a busy machine runs the timer's thread late
             while not caplog.messages and time.monotonic() < deadline:
                 time.sleep(0.01)

@@ -1,8 +1,7 @@
 """Traced lanes compute what the same operations on numbers give."""
 
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
-from kane_dynamics.native.runtime.argument import Argument
-from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.native.tracing.wide import WideLanes
 import numpy as np

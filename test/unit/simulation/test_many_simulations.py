@@ -5,7 +5,7 @@ import re
 
 from kane_dynamics import ComputedTorque, InputError, Motion, Robot, simulate, Trajectory
 from kane_dynamics.native.backends import llvm_simd
-from kane_dynamics.native.runtime import batch_loop, loop_support, threads
+from kane_dynamics.native.runtime import loops, threads
 from kane_dynamics.simulation import limit_events, simulate as simulation, stepping
 from kane_dynamics.simulation.simulate import compile_simulation
 from mechanisms import random_model
@@ -175,8 +175,8 @@ def test_files_keep_every_number_and_pictures_need_one_motion(robot, tmp_path):
 
 def test_after_compile_simulation_a_single_simulation_compiles_nothing(monkeypatch):
     robot = Robot(random_model(22, 2))
-    for shared in (loop_support.support, loop_support._repeat, batch_loop.driver,
-                   batch_loop._driver_function):
+    for shared in (loops.support, loops._repeat, loops.driver,
+                   loops._driver_function):
         shared.cache_clear()  # what other tests have compiled for all robots
     compile_simulation(robot)
 

@@ -1,11 +1,16 @@
 """
-Batches: native loop that runs a lane kernel over blocks of states, shared by threads.
+Native loops over kernels: one state after the other, or a batch in SIMD lanes and threads.
 
-The machine code starts the threads and joins them before it returns. No exception, signal, fork or
-shutdown of the interpreter can come between, so no thread outlives the call whose memory it uses.
+A kernel is ``void kernel(double **pointers)``: arguments first, result last. `repeat` calls it
+for one state after the other. `run_batch` calls a lane kernel for blocks of states, which
+threads share.
 
-The last block is filled by repeating its last state, whose result is then written several times
-with equal bits. So a result depends only on its own state, not on its position in the batch.
+The machine code starts the threads and joins them before it returns. No exception, signal, fork
+or shutdown of the interpreter can come between, so no thread outlives the call whose memory it
+uses.
+
+The last block of a batch is filled by repeating its last state, whose result is then written
+several times with equal bits. So a result depends only on its own state, not on its position.
 """
 
 from array import array
@@ -14,18 +19,111 @@ import ctypes
 from functools import cache, reduce
 from itertools import chain
 from operator import or_
-from typing import NamedTuple
+import sys
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import CompileError
 from kane_dynamics.native.backends import llvm_simd
-from kane_dynamics.native.machine_code import llvm, object_cache
-from kane_dynamics.native.runtime.loop_support import POINTER_SLOTS
-from kane_dynamics.native.runtime.thread_ir import FLAGS, run_shares, WORDS
+from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.runtime.threads import Range, run_in_threads
+import numpy as np
+from numpy.typing import NDArray
 
+POINTER_SLOTS = 32  # limit on the arguments, defaults and result of one kernel together
 BAD_INPUT, BAD_RESULT = 1, 2  # flags of `run_batch` for non-finite numbers
 PROBE_CALLS = 64  # kernel calls timed to decide on the number of threads
+STACK = 2**23  # bytes of a thread's stack
+
+# Words of a share: the arguments of `run_batch` in order, then these.
+FLAGS, THREAD, FAILED = 9, 10, 11
+WORDS = 12
+
+SUPPORT = """
+; Call a kernel N times and advance each pointer by its stride (bytes) after each call. If the
+; result of one call is the argument of the next, this integrates over time. The words of the table
+; are the kernel, N, the number of pointers, the pointers and the strides.
+define void @repeat(ptr %table) {
+start:
+  %kernel = load ptr, ptr %table
+  %N.at = getelementptr i64, ptr %table, i64 1
+  %N = load i64, ptr %N.at
+  %slots.at = getelementptr i64, ptr %table, i64 2
+  %slots = load i64, ptr %slots.at
+  %pointers = getelementptr i64, ptr %table, i64 3
+  %strides = getelementptr i64, ptr %pointers, i64 %slots
+  %own = alloca [SLOTS x ptr]
+  %size = mul i64 %slots, 8
+  call void @llvm.memcpy.p0.p0.i64(ptr %own, ptr %pointers, i64 %size, i1 false)
+  %any = icmp sgt i64 %N, 0
+  br i1 %any, label %state, label %done
+state:
+  %i = phi i64 [0, %start], [%i.next, %moved]
+  call void %kernel(ptr %own)
+  br label %move
+move:
+  %k = phi i64 [0, %state], [%k.next, %move]
+  %at = getelementptr ptr, ptr %own, i64 %k
+  %old = load ptr, ptr %at
+  %stride.at = getelementptr i64, ptr %strides, i64 %k
+  %stride = load i64, ptr %stride.at
+  %new = getelementptr i8, ptr %old, i64 %stride
+  store ptr %new, ptr %at
+  %k.next = add i64 %k, 1
+  %k.more = icmp slt i64 %k.next, %slots
+  br i1 %k.more, label %move, label %moved
+moved:
+  %i.next = add i64 %i, 1
+  %more = icmp slt i64 %i.next, %N
+  br i1 %more, label %state, label %done
+done:
+  ret void
+}
+
+declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
+"""
+
+
+@cache
+def support() -> llvm.Code:
+    """Return the machine code of `SUPPORT`."""
+    text = SUPPORT.replace('SLOTS', str(POINTER_SLOTS))
+    return llvm.library('support', text)
+
+
+@cache
+def _repeat(release_gil: bool) -> Callable[..., None]:
+    prototype = ctypes.CFUNCTYPE if release_gil else ctypes.PYFUNCTYPE
+    function: Callable[..., None] = support().function('repeat', prototype(
+        None, ctypes.c_void_p))
+    return function
+
+
+def _address_reader() -> Callable[[NDArray[Any]], int]:
+    """Return `address`; `ctypes.data`, which takes ten times as long, where objects differ."""
+    word = ctypes.c_size_t.from_address
+    offset = object.__basicsize__
+    probe = np.zeros(1)
+    if sys.implementation.name == 'cpython' and word(id(probe) + offset).value == (
+            probe.ctypes.data):
+        return lambda array: word(id(array) + offset).value
+    return lambda array: array.ctypes.data
+
+
+address = _address_reader()  # of the first entry of an array
+
+
+def repeat(kernel: llvm.Address, pointers: Sequence[int], strides: Sequence[int],
+           count: int) -> None:
+    """
+    Call a kernel `count` times and advance each pointer by its stride (bytes) after each call.
+
+    More than one call releases the GIL. A single call keeps it, because reacquiring it beside a
+    busy Python thread takes milliseconds. The caller provides memory that is large enough.
+    """
+    table = array('q', (kernel, count, len(pointers), *pointers, *strides))
+    _repeat(count > 1)(table.buffer_info()[0])
+
 
 RUN_BATCH = """
 ; Run states begin <= i < end through `steps` calls of a lane kernel. The table holds, for each
@@ -153,6 +251,86 @@ declare i64 @llvm.vector.reduce.or.vWi64(<W x i64>)
 declare <W x i64> @llvm.masked.gather.vWi64.vWp0(<W x ptr>, i32, <W x i1>, <W x i64>)
 """
 
+RUN_SHARES = """
+; Run each share (WORDS words) in a thread of its own, the first in this one; return when all have
+; ended. A share whose thread does not start runs in this one.
+define void @run_shares(ptr %shares, i64 %count) {
+start:
+  %attributes = alloca [32 x i64]
+  %bare = call i32 @pthread_attr_init(ptr %attributes)
+  %sized = call i32 @pthread_attr_setstacksize(ptr %attributes, i64 STACK)
+  br label %create
+create:
+  %c = phi i64 [1, %start], [%c.next, %created]
+  %c.more = icmp slt i64 %c, %count
+  br i1 %c.more, label %created, label %first
+created:
+  %c.share = getelementptr [WORDS x i64], ptr %shares, i64 %c
+  %c.thread = getelementptr i64, ptr %c.share, i64 THREAD
+  %c.error = call i32 @pthread_create(ptr %c.thread, ptr %attributes, ptr @run_share, ptr %c.share)
+  %c.failed = sext i32 %c.error to i64
+  %c.failed.at = getelementptr i64, ptr %c.share, i64 FAILED
+  store i64 %c.failed, ptr %c.failed.at
+  %c.next = add i64 %c, 1
+  br label %create
+first:
+  %own = call ptr @run_share(ptr %shares)
+  br label %join
+join:
+  %j = phi i64 [1, %first], [%j.next, %joined]
+  %j.more = icmp slt i64 %j, %count
+  br i1 %j.more, label %end, label %done
+end:
+  %j.share = getelementptr [WORDS x i64], ptr %shares, i64 %j
+  %j.failed.at = getelementptr i64, ptr %j.share, i64 FAILED
+  %j.failed = load i64, ptr %j.failed.at
+  %j.started = icmp eq i64 %j.failed, 0
+  br i1 %j.started, label %wait, label %instead
+wait:
+  %j.thread.at = getelementptr i64, ptr %j.share, i64 THREAD
+  %j.thread = load i64, ptr %j.thread.at
+  %j.error = call i32 @pthread_join(i64 %j.thread, ptr null)
+  br label %joined
+instead:
+  %j.own = call ptr @run_share(ptr %j.share)
+  br label %joined
+joined:
+  %j.next = add i64 %j, 1
+  br label %join
+done:
+  %cleared = call i32 @pthread_attr_destroy(ptr %attributes)
+  ret void
+}
+
+define internal ptr @run_share(ptr %share) {
+ARGUMENTS
+  %flags = call i64 @run_batch(PASSED)
+  %flags.at = getelementptr i64, ptr %share, i64 FLAGS
+  store i64 %flags, ptr %flags.at
+  ret ptr null
+}
+
+declare i32 @pthread_attr_init(ptr)
+declare i32 @pthread_attr_setstacksize(ptr, i64)
+declare i32 @pthread_attr_destroy(ptr)
+declare i32 @pthread_create(ptr, ptr, ptr, ptr)
+declare i32 @pthread_join(i64, ptr)
+"""
+
+
+def run_shares() -> str:
+    """Return `RUN_SHARES`, to be added to the module of `run_batch`."""
+    kinds = ['ptr', 'ptr', 'i64', 'i64', 'ptr', 'ptr', 'i64', 'i64', 'i64']
+    arguments = '\n'.join(line for k, kind in enumerate(kinds) for line in (
+        f'  %at{k} = getelementptr i64, ptr %share, i64 {k}',
+        f'  %given{k} = load {kind}, ptr %at{k}'))
+    passed = ', '.join(f'{kind} %given{k}' for k, kind in enumerate(kinds))
+    text = RUN_SHARES.replace('ARGUMENTS', arguments).replace('PASSED', passed)
+    for name, number in (('WORDS', WORDS), ('STACK', STACK), ('FLAGS', FLAGS), ('THREAD', THREAD),
+                         ('FAILED', FAILED)):
+        text = text.replace(name, str(number))
+    return text
+
 
 class Strided(NamedTuple):
     """
@@ -188,8 +366,7 @@ def driver(width: int) -> llvm.Code:
     for name in ('<W x', 'vWi64', 'vWp0'):
         text = text.replace(name, name.replace('W', str(width)))
     text = text.replace(', W\n', f', {width}\n') + run_shares()
-    return llvm.Code(object_cache.fetch(object_cache.key('run_batch', text),
-                                        lambda: llvm.assemble(text, 2, optimise=True)))
+    return llvm.library('run_batch', text)
 
 
 @cache
