@@ -1,6 +1,6 @@
 """Arguments of the subcommands; modules that only one of them needs are imported for it."""
 
-from argparse import ArgumentParser, ArgumentTypeError
+from argparse import ArgumentParser, ArgumentTypeError, SUPPRESS
 from collections.abc import Callable
 import math
 from typing import Any
@@ -195,11 +195,11 @@ def _excite(sub: ArgumentParser) -> None:
     for name, unit in (('velocity', 'rad/s or m/s'), ('acceleration', 'rad/s^2 or m/s^2')):
         sub.add_argument(f'--{name}', type=float, nargs='+', default=[math.inf], metavar='X',
                          help=f'further limit, one value or one per joint, {unit}')
-    for name, default, text in (
-            ('floor', 0.0, 'lowest height of any link, m'),
-            ('distance', 0.05, 'smallest distance between links, m')):
-        sub.add_argument(f'--{name}', type=_length_or_none, default=default, metavar='X',
-                         help=f'{text}, or none; default: %(default)g')
+    sub.add_argument('--floor', type=_length_or_none, default=0.0, metavar='X',
+                     help='lowest height of any link, m, or none; default: %(default)g')
+    sub.add_argument('--distance', type=_length_or_none, default=SUPPRESS, metavar='X',
+                     help='smallest distance between links, m, or none; default: 0.05, or '
+                     'less for links that are near each other at rest')
 
 
 def _replay(sub: ArgumentParser) -> None:

@@ -9,6 +9,7 @@ from kane_dynamics.cli.printing import model_warnings, print_json, print_table, 
 from kane_dynamics.cli.robot_options import load, source_of
 from kane_dynamics.cli.tables import write_states
 from kane_dynamics.errors import InputError
+from kane_dynamics.identification.excitation.clearance import DISTANCE
 from kane_dynamics.identification.excitation.optimal_excitation import Excitation, excite
 from kane_dynamics.urdf.link_shapes import load_collision_shapes
 import numpy as np
@@ -23,15 +24,17 @@ def excitation(options: Namespace) -> int:
         raise InputError(f'--rate: {options.rate}; expected a positive, finite number of Hz')
     with model_warnings():
         shapes = load_collision_shapes(source_of(options))
+    distance_stated = 'distance' in options
+    distance = options.distance if distance_stated else DISTANCE
     with progress_bar('searching', 1.0) as progress:
         motion = excite(
             model, duration=options.duration, harmonics=options.harmonics,
             periods=options.periods, seed=options.seed, starts=options.starts,
-            share=options.share, floor=options.floor, distance=options.distance, shapes=shapes,
+            share=options.share, floor=options.floor, distance=distance, shapes=shapes,
             velocity=_one_or_all(options.velocity),
             acceleration=_one_or_all(options.acceleration), progress=progress)
     _write(motion, options.out, options.rate)
-    too_near = missed_distance(motion, options.distance)
+    too_near = missed_distance(motion, distance) if distance_stated else None
     for warning in (too_near, bad_condition(motion)):
         if warning is not None:
             warn(warning)
@@ -55,7 +58,7 @@ def missed_distance(motion: Excitation, distance: float | None) -> str | None:
         return None
     return (f"--distance: {distance:g} m is missed, exit code 1: '{first}' and '{second}' come "
             f'to {nearest:.3f} m, because they are near each other at rest and keep '
-            f'half of that distance; expected --distance {nearest:.3f} or less, which '
+            f'half of their distance there; expected --distance {nearest:.3f} or less, which '
             'these links keep')
 
 
