@@ -68,7 +68,7 @@ class SimulatedArm:
     step : float
         Integration step, s.
     integrator : str
-        One of `step_kernels.INTEGRATORS`.
+        One of `mechanics.integrators.INTEGRATORS`.
     arm_compensates : collection of str
         Torque terms that the arm adds to the commanded torques itself, at the state at
         the start of each step; effort limits apply to the commanded torques only.
