@@ -85,26 +85,37 @@ class RegressionRows:
     @lazy_property
     def factors(self) -> list[Factor]:
         """Return for each joint the factorized columns that do not depend on friction speeds."""
-        _, n, inertial = self.Y.shape
-        tau, found = self.recording.tau - self.rest, []
+        # The unknowns are the inertial parameters, then the four of `FRICTION` of each joint;
+        # the torque is the last column.
+        _, n, n_inertial = self.Y.shape
+        tau = self.recording.tau - self.rest
+        torque_column = n_inertial + 4 * n
+        factors = []
         for j in range(n):
-            moves, own = self.moving[:, j], inertial + 4 * j
+            moves = self.moving[:, j]
             Y = self.Y[moves, j]
             used = np.flatnonzero(Y.any(axis=0))
-            u, udot = self.recording.u[moves, j], self.recording.udot[moves, j]
-            places = np.concatenate([used, [own, own + 2, own + 3, inertial + 4 * n]])
-            found.append(Factor(places, own + 1, u, *np.linalg.qr(np.column_stack(
-                [Y[:, used], u, udot, np.ones(len(u)), tau[moves, j]]))))
-        return found
+            u = self.recording.u[moves, j]
+            udot = self.recording.udot[moves, j]
+            # Coulomb friction is left out: its column depends on the friction speed.
+            damping = n_inertial + 4 * j
+            coulomb_friction, armature, offset = damping + 1, damping + 2, damping + 3
+            places = np.concatenate([used, [damping, armature, offset, torque_column]])
+            table = np.column_stack([Y[:, used], u, udot, np.ones(len(u)), tau[moves, j]])
+            Q, R = np.linalg.qr(table)
+            factors.append(Factor(places, coulomb_friction, u, Q, R))
+        return factors
 
 
 def without_losses(model: Model) -> Model:
     """Return the model without friction and armature at joints with a coordinate of their own."""
-    own = set(model.coordinate_names)
-    nothing: dict[str, Any] = dict.fromkeys(FRICTION, 0.0)
-    return replace(model, bodies=tuple(
-        replace(body, joint=replace(body.joint, **nothing))
-        if body.joint.name in own else body for body in model.bodies))
+    without: dict[str, Any] = dict.fromkeys(FRICTION, 0.0)
+    bodies = []
+    for body in model.bodies:
+        if body.joint.name in model.coordinate_names:
+            body = replace(body, joint=replace(body.joint, **without))
+        bodies.append(body)
+    return replace(model, bodies=tuple(bodies))
 
 
 def rows(model: Model, recording: Recording, standstill: float = STANDSTILL) -> RegressionRows:

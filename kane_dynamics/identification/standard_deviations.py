@@ -20,7 +20,7 @@ import numpy as np
 
 
 def friction_statistics(A: Array, model: Model) -> tuple[Array, Array, float]:
-    """Return the result of `statistics` for given inertials, whose deviations are NaN."""
+    """Return `statistics` of a fit of friction alone; deviations of inertials are NaN."""
     information = A.T @ A
     own = slice(10 * len(model.bodies), None)
     inverse, condition = _inverse(information[own, own])

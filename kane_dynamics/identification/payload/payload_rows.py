@@ -120,23 +120,30 @@ class PayloadRows:
     def __init__(self, model: Model | Robot, frame: str) -> None:
         """Find the actuators; kernels compile on first use."""
         self.regressor = PayloadRegressor(model, frame)
-        robot = self.robot = self.regressor.robot
-        self.names, self._places = actuators(robot), None
+        self.robot = self.regressor.robot
+        robot = self.robot
+        equations = robot.equations
+        self.names = actuators(robot)
         self.shared = robot.n if len(self.names) > robot.n else 0
-        equations, joints = robot.equations, robot.model.coordinate_joints
-        self._joint_friction, self._joint_speed = (
-            np.array([getattr(joint, name) for joint in joints])
-            for name in ('friction', 'friction_speed'))
-        self.friction, self.friction_speed = self._joint_friction, self._joint_speed
+
+        # In joint rates the joints are the actuators.
+        joints = robot.model.coordinate_joints
+        self._joint_friction = np.array([joint.friction for joint in joints])
+        self._joint_speed = np.array([joint.friction_speed for joint in joints])
+        self.friction = self._joint_friction
+        self.friction_speed = self._joint_speed
+        self._places = None
         self._transmission: Kernel | None = None
-        if not equations.in_joint_rates:
-            self._places = equations.actuated
-            self._transmission = _transmission_kernel(robot, equations)
-            own = dict(zip(robot.joint_names, joints, strict=True))
-            self.friction_speed = np.array([own[name].friction_speed if name in own else
-                                            Joint.friction_speed for name in self.names])
-            # Friction of all joints may hold an actuator, through its mechanism.
-            self.friction = np.full(len(self.names), self._joint_friction.sum())
+        if equations.in_joint_rates:
+            return
+
+        # Friction of all joints may hold an actuator, through its mechanism.
+        self.friction = np.full(len(self.names), self._joint_friction.sum())
+        speeds = dict(zip(robot.joint_names, self._joint_speed, strict=True))
+        self.friction_speed = np.array([speeds.get(name, Joint.friction_speed)
+                                        for name in self.names])
+        self._places = equations.actuated
+        self._transmission = _transmission_kernel(robot, equations)
 
     def __call__(self, q: Array, u: Array, udot: Array, tau: Array,
                  t: Any = 0.0) -> ActuatorRows:

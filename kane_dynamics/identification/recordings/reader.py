@@ -113,8 +113,13 @@ def _read(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f'{path}: {error.strerror or error}; expected a readable file') from None
     distinct(path, list(arrays))
-    return {name: array.astype(str).ravel().tolist() if name in LABELS
-            else real(array, f"{path}: '{name}'") for name, array in arrays.items()}
+    columns: dict[str, Any] = {}
+    for name, array in arrays.items():
+        if name in LABELS:
+            columns[name] = array.astype(str).ravel().tolist()
+        else:
+            columns[name] = real(array, f"{path}: '{name}'")
+    return columns
 
 
 def _csv(path: Path) -> dict[str, Any]:
@@ -153,24 +158,38 @@ def _quantity(columns: Mapping[str, Any], name: str, joint_names: Sequence[str],
               numbered: list[str], path: Any) -> Any:
     """Return a quantity of all joints, (N, n); None without a column of it."""
     for word in WORDS[name]:
+        # One array of all joints.
         if word in columns and columns[word].ndim > 1:
             return _of_array(columns, word, joint_names, numbered, path)
-        count = sum(re.fullmatch(rf'{word}[1-9]\d*', column) is not None for column in columns)
-        named = [f'{word}.{joint}' for joint in joint_names]
-        if any(column in columns for column in named):
-            wanted = named
-        elif count:
-            wanted = [f'{word}{k + 1}' for k in _places(count, word, joint_names, numbered, path)]
-        else:
-            continue
-        lacking = [column for column in wanted if column not in columns]
-        if lacking:
-            raise InputError(f'{path}: no columns {lacking}; expected one per joint')
-        if any(columns[column].ndim != 1 for column in wanted):
-            raise InputError(f"{path}: '{wanted[0]}' or the same of another joint has "
-                             'several columns; expected arrays of shape (N,)')
-        return np.column_stack([columns[column] for column in wanted])
+        # Or one column per joint, named by the joint or numbered.
+        joint_columns = _joint_columns(columns, word, joint_names, numbered, path)
+        if joint_columns:
+            return _stacked(columns, joint_columns, path)
     return None
+
+
+def _joint_columns(columns: Mapping[str, Any], word: str, joint_names: Sequence[str],
+                   numbered: list[str], path: Any) -> list[str]:
+    """Return the name of each joint's column: `word.joint`, or `word1`; empty without any."""
+    by_name = [f'{word}.{joint}' for joint in joint_names]
+    if any(column in columns for column in by_name):
+        return by_name
+    by_number = [column for column in columns if re.fullmatch(rf'{word}[1-9]\d*', column)]
+    if not by_number:
+        return []
+    places = _places(len(by_number), word, joint_names, numbered, path)
+    return [f'{word}{place + 1}' for place in places]
+
+
+def _stacked(columns: Mapping[str, Any], names: Sequence[str], path: Any) -> Array:
+    """Return the columns with these names as one array, (N, n)."""
+    lacking = [name for name in names if name not in columns]
+    if lacking:
+        raise InputError(f'{path}: no columns {lacking}; expected one per joint')
+    if any(columns[name].ndim != 1 for name in names):
+        raise InputError(f"{path}: '{names[0]}' or the same of another joint has "
+                         'several columns; expected arrays of shape (N,)')
+    return np.column_stack([columns[name] for name in names])
 
 
 def _of_array(columns: Mapping[str, Any], word: str, joint_names: Sequence[str],

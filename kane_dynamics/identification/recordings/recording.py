@@ -101,12 +101,14 @@ class Recording:
         if rate is not None and not 2.0 / duration <= rate < np.inf:
             raise InputError(f'rate: {rate:g} Hz; expected a finite number, {2.0 / duration:g} '
                              f'or more for a recording of {duration:g} s')
-        count = len(self) if rate is None else int(duration * rate + 1e-9) + 1
-        t = (np.linspace(self.t[0], self.t[-1], count) if rate is None
-             else self.t[0] + np.arange(count) / rate)
+        if rate is None:
+            t = np.linspace(self.t[0], self.t[-1], len(self))
+        else:
+            count = int(duration * rate + 1e-9) + 1
+            t = self.t[0] + np.arange(count) / rate
         spline = scientific('scipy.interpolate').CubicSpline
-        return replace(self, t=t, **{name: spline(self.t, getattr(self, name))(t)
-                                     for name in NAMES})
+        resampled = {name: spline(self.t, getattr(self, name))(t) for name in NAMES}
+        return replace(self, t=t, **resampled)
 
     def filtered(self, cutoff: float) -> 'Recording':
         """
