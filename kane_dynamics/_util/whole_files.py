@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Write files atomically: the whole content, or no change to the file."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

@@ -82,9 +82,8 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
     """
     names = robot.joint_names
     if robot.equations.timed:
-        raise InputError('vibrations: speeds or constraints that are functions; '
-                         'expected a robot that does not depend on time, which alone '
-                         'has an equilibrium')
+        raise InputError('vibrations: speeds or constraints that may depend on time; '
+                         'expected a robot without them, which has an equilibrium')
     for name in held:
         if name not in names:
             raise InputError(f"held: no joint '{name}'; expected one of "
@@ -99,9 +98,9 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
     size = np.abs(free).T @ motions.size @ np.abs(free)
     if np.abs(K - K.T).max(initial=0.0) > ASYMMETRY * size.max(initial=0.0):
         loaded = [*(ball.name for ball in balls(robot.model)), *robot.constraint_names]
-        raise InputError('vibrations: ball joints or constraints of velocities, of '
-                         f'{loaded}, that carry a load; expected an equilibrium without '
-                         'load on them, where the stiffness is symmetric')
+        raise InputError('vibrations: a ball joint or velocity constraint among '
+                         f'{loaded} carries a load; expected an equilibrium in which '
+                         'none does, so that the stiffness matrix is symmetric')
     # With M = L L^T and y = L^-T z the problem is z'' + L^-1 K L^-T z = 0.
     try:
         root = np.linalg.inv(np.linalg.cholesky(M))

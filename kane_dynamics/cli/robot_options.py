@@ -199,7 +199,11 @@ def _closed_positions(options: Namespace, name: str, robot: Robot, default: Arra
 
 
 def _closed_near(robot: Robot, names: Sequence[str], values: Any = ()) -> Array:
-    """Return the closed configuration with these joints, else at the file's values."""
+    """
+    Return a closed configuration in which the named coordinates have given values.
+
+    Coordinates without a value begin at that of the constraints file, or at 0.
+    """
     q = np.zeros(robot.n_q)
     if robot.configuration is not None:
         q[:] = robot.configuration

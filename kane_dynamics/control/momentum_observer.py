@@ -196,8 +196,8 @@ class MomentumObserver:
         """
         torques = finite_row(tau, 'tau', self.robot.speed_names)
         if not self.held:
-            raise InputError('held: False; expected an observer with held=True, whose '
-                             'torque is a command')
+            raise InputError('hold: called with held=False; expected an observer made '
+                             'with held=True')
         self._tau = torques
 
     def _torques(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike) -> Array:

@@ -86,9 +86,10 @@ class QuasiStatic:
         """Raise InputError unless a rigid model has these joints and speeds."""
         same_joints = self.joint_names == robot.joint_names
         if not same_joints or self.speed_names != robot.speed_names:
-            raise InputError(f'bending: of the joints {list(self.joint_names)} with the '
-                             f'speeds {list(self.speed_names)}; expected '
-                             f'{list(robot.joint_names)}, {list(robot.speed_names)}')
+            raise InputError(f'bending: for a robot with joints {list(self.joint_names)} and '
+                             f'speeds {list(self.speed_names)}; expected those of this '
+                             f'robot, {list(robot.joint_names)} and '
+                             f'{list(robot.speed_names)}')
 
     def require_drives(self, name: str, joints: Sequence[str]) -> None:
         """Raise InputError unless the actuated joints, `name`, are independent ones."""

@@ -378,12 +378,13 @@ def torque_kernel(robot: Robot) -> Kernel:
 @cache
 def bounds_kernel(n: int) -> Kernel:
     """
-    Return the kernel of the largest x within the speed limits, and of a share of others.
+    Return the kernel of the largest x = s'^2 within the speed limits, and of a share.
 
     Its arguments are the coefficients of s'' in the torque and q_s at a vertex, q_s at
     the middles before and after it, (n,), and the reciprocal limits of torque,
-    acceleration and speed. There x is the mean of both vertices'. The share is the
-    largest for s'' = 1.
+    acceleration and speed. At a middle, x is the mean of its two
+    vertices'. The share is the largest fraction of a torque or acceleration limit that
+    s'' = 1 takes.
     """
     def values(inertia: Vector, first: Vector, before: Vector, following: Vector,
                factors: Matrix) -> Vector:

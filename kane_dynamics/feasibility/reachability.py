@@ -240,7 +240,12 @@ def controllable(following: Vector, row: Vector) -> Vector:
 
 
 def reached(x: Scalar, following: Vector, row: Vector) -> Scalar:
-    """Return the largest x at the end of an interval, in the set there, for x before."""
+    """
+    Return the largest reachable x at the end of an interval.
+
+    `x` is its value at the start, `following` the set of allowed x at the end, and `row`
+    the limits in the interval.
+    """
     upper, _, slopes, _ = _groups(row)
     ends = [value + slope * x[()] for value, slope in zip(upper, slopes)]
     end = _extreme_value([following[1], *ends], 1.0)

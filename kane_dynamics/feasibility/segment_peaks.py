@@ -1,10 +1,11 @@
 """
-Largest shares of limits between the points of a motion.
+Largest fractions of the joint limits that a motion takes, also between its points.
 
-Between two points the driving joints move along a quintic. Shares are computed at both
-ends and in the middle of every segment, and at more places of those segments in which
-one may exceed its limit. For trees one compiled kernel does it all. With chosen speeds
-or constraints the loops are closed at each place, in blocks of places.
+A share is such a fraction: 1 is at the limit. Between two points the driving joints move
+along a quintic. Shares are computed at both ends and in the middle of every segment, and
+at more places of those segments in which one may exceed its limit. For trees one compiled
+kernel does it all. With chosen speeds or constraints the loops are closed at each place,
+in blocks of places.
 """
 
 from collections.abc import Callable, Sequence
@@ -211,9 +212,10 @@ def shares_kernel(n: int) -> Kernel:
 def largest_shares_of(begin: Sequence[Vector], end: Sequence[Vector],
                       inside: Sequence[Vector], factors: Matrix) -> Vector:
     """
-    Return the numbers of `Peaks`, from the states (q, u, udot, tau) at three places.
+    Return the content of `Peaks` as one array, for one segment of a motion.
 
-    They are the 4 n shares, the largest one, the largest range that counts and the
+    `begin`, `end` and `inside` are the states (q, u, udot, tau) at its ends and at a place
+    between. The array has the 4 n shares, the largest one, the largest range that counts and the
     largest estimate, in this order.
     """
     shares = []

@@ -164,7 +164,7 @@ class DeviceMemory:
 
     @property
     def __cuda_array_interface__(self) -> dict[str, Any]:
-        """Return the array by the protocol of Numba, version 3; its content is ready."""
+        """Return the array by the protocol of Numba, version 3; its values are computed."""
         item = ITEM[self._read.dtype]
         return {'shape': self.shape, 'strides': tuple(item * x for x in self._read.strides),
                 'typestr': f'<f{item}', 'data': (self._read.pointer, False), 'version': 3,

@@ -386,10 +386,10 @@ class LoopStep:
 
     def start(self, q: Array | None = None) -> None:
         """
-        Let `evaluate` begin at the last accepted result, or at a configuration, (n_q,).
+        Set the initial guess of `evaluate`: the last accepted result, or `q`, (n_q,).
 
-        `evaluate` does not compare further joints, whose deviations may have no finite
-        square.
+        Afterwards `evaluate` compares no further measured joints, whose deviations may be too
+        large to be squared.
         """
         self._seen.fill(0.0)
         self.figures[DEVIATION] = 0.0

@@ -211,7 +211,7 @@ def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
 
 
 class _Merger:
-    """Bodies of a model whose locked joints are gone, parents before children."""
+    """Builds the bodies of a model with locked joints: each body behind one is merged."""
 
     def __init__(self, base_inertial: Inertial, free: list[int]) -> None:
         """Begin with the base; `free` are the coordinates that stay."""

@@ -80,7 +80,7 @@ class Bending:
             np.asarray(part, dtype=np.float64) for part in function(x)]
         for part in shapes:
             if part.shape != (count, len(x)) or not np.isfinite(part).all():
-                raise ModelError('shapes of bending: '
+                raise ModelError('bending shapes: '
                                  f'{[part.shape for part in shapes]}; expected three '
                                  f'finite arrays of shape ({count}, {len(x)})')
         return phi, slope, curvature

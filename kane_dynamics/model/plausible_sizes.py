@@ -12,12 +12,12 @@ HEAVY = 10.0  # times the moving mass of the mechanism: more is no tool
 
 
 def reach(model: Model) -> float:
-    """Return the length of all links in one line, m."""
+    """Return the reach of the mechanism with all links stretched in one line, m."""
     return sum(float(np.linalg.norm(body.joint.translation)) for body in model.bodies)
 
 
 def is_far(distance: float, links: float) -> bool:
-    """Return whether a distance, m, exceeds all links in one line, and `NEAR`."""
+    """Return whether a distance, m, exceeds the reach of all links, and `NEAR`."""
     return distance > max(links, NEAR)
 
 

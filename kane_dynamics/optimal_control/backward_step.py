@@ -96,7 +96,7 @@ def backward_step(cost_to_go: Expansion, torques: TorqueCost, regular: Vector) -
 
 
 def lower_triangle(size: int) -> Iterable[tuple[int, int]]:
-    """Yield the places of a lower triangle by rows."""
+    """Yield row and column of each entry of a lower triangular matrix, row by row."""
     for a in range(size):
         for b in range(a + 1):
             yield a, b

@@ -82,7 +82,7 @@ class HorizonSizes(NamedTuple):
 
     @property
     def limits(self) -> int:
-        """Return the number of limits and their weights."""
+        """Return the number of entries of `HorizonLimits`."""
         return 2 * (self.torques + self.joints)
 
 
@@ -217,9 +217,10 @@ class MechanismHorizon:
     def step(self, state: Vector, tau: Vector, target: Vector, weight: Vector,
              constants: Constants) -> tuple[Vector, Vector, Scalar]:
         """
-        Return the state at the end of an interval, what closes the loops, and the cost.
+        Return the state at the end of an interval, the loop multipliers, and the cost.
 
-        The cost is not a number where loops do not close or are singular.
+        The multipliers (lambda) are those of the corrections that close the loops. The cost
+        is NaN where loops do not close or are singular.
         """
         q, u, t = self._parts(state)
         end_time = t + constants.h

@@ -419,7 +419,7 @@ class TrajectoryOptimizer:
 
 def _torque_limits(robot: Robot, actuators: tuple[str, ...]) -> Array:
     """
-    Return the effort limits of actuators; 0 for a base that nothing drives.
+    Return the effort limits of actuators; 0 for an unactuated base.
 
     InputError if no actuator is left.
     """

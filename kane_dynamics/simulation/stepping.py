@@ -90,7 +90,7 @@ class Steps:
         return states
 
     def acting(self, states: Array, done: int) -> Array | Power:
-        """Return the torques of the steps of a chunk, as `TorqueInput.acting`."""
+        """Return the torques that act in the steps of a chunk; see `TorqueInput.acting`."""
         return self.source.acting(states, done)
 
     def impacts(self, done: int) -> Sequence[Impact]:

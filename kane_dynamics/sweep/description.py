@@ -229,9 +229,9 @@ class Sweep:
         for name in controller:
             if name not in used:
                 carries = 'without' if payload is None else 'with'
-                raise InputError(f'controller: {name} is given for '
-                                 f'{", ".join(sorted(kinds))} {carries} a payload, '
-                                 'which does not use it; expected no such key')
+                raise InputError(f'controller: {name}, which {", ".join(sorted(kinds))} '
+                                 f'{carries} a payload does not use; expected no such '
+                                 'key')
         grids = math.prod(len(value.numbers) for value in values if value.kind == 'grid')
         if self.samples % grids:
             raise InputError(f'samples: {self.samples} for {grids} combinations of the '

@@ -52,7 +52,7 @@ class LoadArrows:
 
     @classmethod
     def at_rest(cls, robot: Robot, q: Array) -> LoadArrows:
-        """Return the loads at rest under gravity of configurations, (K, n_q)."""
+        """Return the gravity loads at rest, for K configurations, (K, n_q)."""
         still = np.zeros((len(q), robot.n))
         tau = np.array([robot.gravity_force(row) for row in q])
         return cls.along(robot, q, still, still, tau, np.zeros(len(q)))

@@ -408,7 +408,7 @@ def test_constraints_on_flexible_links_match_the_energy_formulation(make):
                                            np.full((2, len(x)), 2.0))), 'modes': (2, 0)},
      "beam 'b': 2 linearly dependent shapes of bending"),
     ({'bending': Bending.shapes(lambda x: (x, x, x)), 'modes': (2, 0)},
-     r'shapes of bending: .*; expected three finite arrays of shape \(2, ')])
+     r'bending shapes: .*; expected three finite arrays of shape \(2, ')])
 def test_invalid_beam_is_rejected_by_name_and_value(values, words):
     given = {'length': 1.0, 'density': 1.0, 'stiffness': 5.0, **values}
     with pytest.raises(ModelError, match=words):

@@ -77,8 +77,8 @@ def _require_tree_torques(options: Namespace) -> None:
         raise InputError('--constraints: given without --payload; expected both, as the '
                          'other fits take recordings of trees')
     if stated_efforts(options).kind is EffortKind.EXTERNAL_TORQUE:
-        raise InputError('--efforts external_torque: the torques of the arm itself are '
-                         'no part of it; expected other efforts, or --payload')
+        raise InputError('--efforts external_torque: excludes the torques of the arm itself, '
+                         'which are identified; expected other efforts, or --payload')
 
 
 def _effort_limits(robot: Robot, names: Sequence[str]) -> Array:

@@ -185,7 +185,7 @@ def _units(bodies: list[dict[str, Any]]) -> tuple[str, str, str]:
 
 
 def _print_constraints(constraints: dict[str, Any]) -> None:
-    """Print what the constraints leave."""
+    """Print the constraint rows, the redundant ones, the independent speeds and the actuators."""
     print(f'\nconstraints, {len(constraints["rows"])} rows: {", ".join(constraints["rows"])}')
     print(f'redundant: {", ".join(constraints["redundant"]) or "none"}')
     print(f'independent: {", ".join(constraints["independent"])}; '

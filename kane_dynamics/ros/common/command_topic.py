@@ -103,7 +103,7 @@ def not_simulated(node: Node, topic: str) -> str:
 
 class SubscriberWatch:
     """
-    Watches for a subscriber of a topic that is no simulated robot.
+    Watches a command topic for subscribers other than simulated robots.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ class SubscriberWatch:
 
     def real_subscriber(self) -> str:
         """
-        Return the name of a subscriber that is no simulated robot; empty without one.
+        Return the name of a subscriber that is not a simulated robot; empty without one.
 
         Call it several times within `IDENTIFICATION`.
         """

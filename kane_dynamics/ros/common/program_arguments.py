@@ -233,5 +233,5 @@ def _check_parameter(rule: str, node: str) -> None:
     if not separator:
         raise InputError(f"argument '-p {rule}': without ':='; expected -p NAME:=VALUE")
     if block and not takes_effect(block, node) and block != node.rpartition('/')[2]:
-        raise InputError(f"argument '-p {rule}': a parameter of {block}; expected one "
-                         f'of {node}')
+        raise InputError(f"argument '-p {rule}': a parameter of node {block}; "
+                         f'expected one of {node}')

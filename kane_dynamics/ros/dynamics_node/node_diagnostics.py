@@ -146,7 +146,7 @@ def _warnings(arm: ConfiguredRobot, dropped: Counter[str],
 
 
 def in_parts(parts: list[tuple[str, ...]]) -> str:
-    """Return the warning about joint states that have a part of the joints each."""
+    """Return the warning that each joint-state message has only some of the joints."""
     lists = ' and '.join(f'[{", ".join(part)}]' for part in parts)
     return (f'joint_states: in parts, {lists}, which give no torques; expected all '
             'joints of the arm in each message, as joint_state_broadcaster or '

@@ -38,7 +38,7 @@ def guard_settings(values: Mapping[str, Any], controller: Controller) -> dict[st
 
 class GuardPath(TorquePath):
     """
-    Commands while the guard acts, and otherwise only checks the joint states.
+    Publishes damping torques while the guard acts; otherwise only checks the joint states.
 
     The torque is h(q, u) - M(q) (damping u), scaled by guard.action. The difference from
     the last torque of the node fades out during guard.ramp, or during the longer time

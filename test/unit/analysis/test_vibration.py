@@ -54,7 +54,7 @@ def test_a_brake_on_a_dependent_joint_holds_the_linkage():
 
 
 def test_loaded_velocity_constraints_are_refused():
-    with pytest.raises(InputError, match=r"velocities, of \['runner'\], that carry a load; exp"):
+    with pytest.raises(InputError, match=r"velocity .* \['runner'\] carries a load; expected"):
         natural_vibration(sleigh(), np.zeros(3))
 
 
@@ -89,7 +89,7 @@ def test_a_pendulum_on_its_head_falls_and_a_turned_one_is_refused():
     np.testing.assert_allclose(over, [-np.sqrt(2.0 * 9.81 * 0.4 / (0.02 + 0.32)),
                                       -np.sqrt(2.0 * 9.81 * 0.4 / (0.03 + 0.32)), 0.0], rtol=1e-12)
     turned = pendulum().integrate(np.array([0.0, 0.0, 0.0, 1.0]), [0.3, 0.0, 0.0])
-    with pytest.raises(InputError, match=r"ball joints .* of \['bob'\], that carry a load"):
+    with pytest.raises(InputError, match=r"ball joint .* among \['bob'\] carries a load"):
         natural_vibration(pendulum(), turned)
     held = natural_vibration(pendulum(), turned, ['bob/wx', 'bob/wy', 'bob/wz'])
     assert held.frequencies.size == 0

@@ -56,7 +56,7 @@ def test_positional_arguments_after_ros_args_are_refused():
 
 def test_parameters_of_another_node_are_refused():
     words = refusal('--ros-args', '-p', 'dynamics_node:urdf:=a.urdf')
-    assert 'a parameter of dynamics_node; expected one of /kane_dynamics' in words
+    assert 'a parameter of node dynamics_node; expected one of /kane_dynamics' in words
     check('--ros-args', '-p', 'kane_dynamics:urdf:=a.urdf', '-p', 'mode:=x', '-r', 'a:=b')
     check('--ros-args', '-r', '__node:=left', '-p', 'left:urdf:=a.urdf', '--log-level', 'info',
           '--log-file-name', 'left')
