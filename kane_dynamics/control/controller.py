@@ -446,7 +446,7 @@ class Controller:
         return self.robot.joint_torques(force, q, **self._time(t))
 
     def _preloaded(self, torques: Array, q: Array, t: float) -> Array:
-        """Return joint torques with the part of the preload p that moves nothing."""
+        """Return joint torques plus the part of the preload p that has no generalized force."""
         p = self._preload
         if p is None:
             return torques

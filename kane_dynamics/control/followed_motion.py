@@ -1,5 +1,5 @@
 """
-The motion of a robot for that of the joints that follow a desired motion.
+Desired motion of a whole robot from the desired motion of its followed joints.
 
 As many joints as there are independent speeds follow; the loops are closed from one
 desired configuration to the next. In joint rates without constraints all joints follow,

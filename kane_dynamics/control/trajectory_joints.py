@@ -25,7 +25,7 @@ TURN = 2.0 * math.pi
 
 class TrajectoryJoints:
     """
-    The joints of a trajectory, those that determine the motion, and those of the result.
+    Assigns joints their roles: given by a trajectory, driving the motion, with a torque.
 
     Of a robot in joint rates without constraints, all three are the same joints, and the
     others rest. With chosen speeds or constraints the driving joints are as many as

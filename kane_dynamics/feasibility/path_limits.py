@@ -174,7 +174,7 @@ class PathLimits:
         self.most = np.minimum(speed, self.free)
 
     def _used_joints(self, quantity: int) -> Flags | None:
-        """Return the joints for which a limit is a line; None for no joint."""
+        """Return the joints whose limit is linear in s'' and s'^2; None without any."""
         if quantity == VELOCITY:
             return None
         used = np.isfinite(self.bounds[quantity])

@@ -106,7 +106,7 @@ class DeviceRollout:
             return call.run(self.ptx, values, count, result)
 
     def _steps(self, steps: Any, torques: int | None) -> int:
-        """Return the number of steps, which torques of each step state."""
+        """Return the number of steps: `steps`, or that of the torques if each step has one."""
         if steps is None:
             steps = torques
         if steps is None:

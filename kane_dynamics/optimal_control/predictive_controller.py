@@ -72,7 +72,7 @@ class PredictiveController:
         self._clock = 0.0  # of the observer
 
     def set_target(self, target: ArrayLike | Motion, t: float = 0.0) -> None:
-        """Set a configuration to rest at, or a motion whose time is t next."""
+        """Set the target: a configuration to rest at, or a motion, at time t in the next cycle."""
         self.optimizer.set_target(target, t)
         self._target = None
         if isinstance(target, Motion):

@@ -69,7 +69,7 @@ class SweptJoints:
         self.columns(motion)
 
     def columns(self, motion: Motion) -> list[int]:
-        """Return the columns of a motion of the joints that follow."""
+        """Return the indices, in a motion, of the joints that follow it."""
         return motion_columns(self._robot, self.followed, motion.joint_names)
 
     def start(self, motion: Motion | None, t0: float) -> tuple[list[float], list[float]]:

@@ -272,7 +272,7 @@ def _share_slopes(s: Array, alpha: float, beta: float) -> tuple[Array, Array, Ar
 
 
 def _parameter(share: Array, alpha: float, beta: float) -> Array:
-    """Return s at shares of the time, by bisection."""
+    """Return the path parameter s, 0 to 1, at fractions of the duration, by bisection."""
     low, high = np.zeros_like(share), np.ones_like(share)
     for _ in range(60):
         middle = 0.5 * (low + high)

@@ -40,7 +40,11 @@ class FourierBasis:
         return 2 * self.harmonics - 1
 
     def at(self, t: Array) -> tuple[Array, Array, Array]:
-        """Return Q, U and A, (N, size) each: q = Q p and so on, p of unit of u but for p[0]."""
+        """
+        Return Q, U and A, (N, size) each, with q = Q p, u = U p and udot = A p.
+
+        Of a joint's coefficients p, the center p[0] has the unit of q, all others that of u.
+        """
         k = np.arange(1.0, self.harmonics + 1.0)
         w = 2.0 * np.pi / self.period * k
         s, c = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))

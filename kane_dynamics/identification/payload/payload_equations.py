@@ -136,7 +136,7 @@ class PayloadEquations:
         return self._reduced()[:2]
 
     def _reduced(self) -> tuple[Array, Array, Array]:
-        """Return `solve`'s equations, and those of the joints' own unknowns."""
+        """Return the results of `solve`, and the friction unknowns as functions of the payload."""
         G = (self._products[0] / self._variance[:, :, None, None]).sum(axis=1)
         x, own, others = slice(LOAD), slice(LOAD, -1), [*range(LOAD), -1]
         by_x = np.linalg.solve(G[:, own, own] + self._uncertainty, G[:, own][:, :, others])

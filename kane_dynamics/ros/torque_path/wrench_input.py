@@ -193,7 +193,8 @@ def _read(data: bytes) -> tuple[int, str, Array]:
             message = deserialize_message(data, WrenchStamped)
         # RMWError is a RuntimeError
         except (RuntimeError, MemoryError, ValueError) as error:
-            raise InputError(f'{len(data)} bytes: {str(error)[:100]}') from None
+            raise InputError(f'WrenchStamped of {len(data)} bytes: {str(error)[:100]}; '
+                             'expected a message in a valid encoding') from None
         sec = message.header.stamp.sec
         nanosec = message.header.stamp.nanosec
         frame = message.header.frame_id

@@ -216,7 +216,7 @@ def test_an_equilibrium_near_the_stiffness_is_found_though_corrections_do_not_al
      'load on the beams of two_link: no equilibrium found'),
     (lambda: Controller(Robot(load_urdf(resource_path('urdf', 'ur10e.urdf'))),
                         bending=bending()),
-     "bending: of the joints .'joint1', 'joint2'. with .*; expected .'shoulder")])
+     "bending: for a robot with joints .'joint1', 'joint2'.*; expected .*'shoulder")])
 def test_robots_and_motions_without_a_quasi_static_equilibrium_are_refused(call, words):
     with pytest.raises(InputError, match=words):
         call()

@@ -116,7 +116,7 @@ def test_other_models_and_weak_beams_are_refused():
     ur = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')))
     other = Motion.from_points([0.0, 1.0], [[0.0] * 6, [0.1] * 6], joint_names=ur.joint_names)
     for call in (demand, fastest):
-        with pytest.raises(InputError, match=r"bending: of the joints .'joint1', 'joint2'. with"):
+        with pytest.raises(InputError, match=r"bending: for a robot with joints .'joint1',"):
             call(ur, other, bending=bending)
         with pytest.raises(InputError, match='bending: a Robot; expected a QuasiStatic'):
             call(rigid, REACH, bending=rigid)
