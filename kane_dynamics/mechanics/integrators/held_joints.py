@@ -1,5 +1,5 @@
 """
-Equations of motion in which some joints are held by forces of their own, over any scalar.
+Equations of motion in which forces hold some joints, over any scalar.
 
 With q' = T u + X, and the rows s of the joints that are held:
 
@@ -8,8 +8,9 @@ With q' = T u + X, and the rows s of the joints that are held:
 Which of the candidates are held are conditions, so one program serves every set of them.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.constraints.mechanism import congruent
@@ -27,92 +28,150 @@ class LinearSystem(NamedTuple):
     accelerations at u' = 0, both (n_j,); `order` is that of the factorization of M.
     """
 
-    T: Any
-    v: Any
-    drift: Any
-    M: Any
-    net: Any
+    T: Matrix | None
+    v: Vector
+    drift: Vector
+    M: Matrix
+    net: Vector
     order: list[int]
 
 
 class Held(NamedTuple):
-    """Joints that may be held, by their indices among the speeds of the joints, and which are."""
+    """
+    Joints that may be held, and which of them are.
+
+    `joints` are their indices among the speeds of the joints; `conditions` are
+    comparisons.
+    """
 
     joints: list[int]
-    conditions: list[Any]
+    conditions: list[Scalar]
 
 
 class Solution(NamedTuple):
     """
     Accelerations w, (n,), and what holds k joints.
 
-    The forces on the joints, (k,), zero for those that are not held; the accelerations of the
-    joints, (k,), zero for those that are; and the forces in the space of the speeds, T_s^T f.
+    The forces on the joints, (k,), zero for those that are not held; the accelerations
+    of the joints, (k,), zero for those that are; and the forces in the space of the
+    speeds, T_s^T f.
     """
 
-    w: Any
-    f: Any
-    accelerations: Any
-    generalized: Any
+    w: Vector
+    f: Vector
+    accelerations: Vector
+    generalized: Vector
 
 
-def linear_system(equations: Equations, q: Any, u: Any, tau: Any,
-                  wrench: Any, parameters: Any, t: Any = 0.0) -> LinearSystem:
+def linear_system(equations: Equations, q: Vector, u: Vector, tau: Vector,
+                  wrench: Matrix | None, parameters: Vector,
+                  t: Scalar = 0.0) -> LinearSystem:
     """Return the equations of motion of a state; arguments as of `forward_dynamics`."""
+    tree = equations.tree
     if equations.in_joint_rates:
-        held = equations.inverse_dynamics(q, u, equations.zeros, wrench, parameters)
-        return LinearSystem(None, u, equations.zeros, equations.mass_matrix(q, parameters),
-                            tau - held, equations.tree.order)
-    motion, tree = equations.joint_motion(q, u, equations.zeros, t), equations.tree
-    held = tree.inverse_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
+        bias = equations.inverse_dynamics(q, u, equations.zeros, wrench, parameters)
+        M = equations.mass_matrix(q, parameters)
+        return LinearSystem(None, u, equations.zeros, M, tau - bias, tree.order)
+
+    # Chosen speeds or constraints: the terms of the tree at u' = 0, projected by T.
+    motion = equations.joint_motion(q, u, equations.zeros, t)
+    bias = tree.inverse_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
     M = congruent(tree.mass_matrix(q, parameters), motion.T)
-    return LinearSystem(motion.T, motion.qdot, motion.qddot, M, tau - motion.T.T @ held,
+    net = tau - motion.T.T @ bias
+    return LinearSystem(motion.T, motion.qdot, motion.qddot, M, net,
                         list(range(equations.n)))
 
 
-def held_solution(system: LinearSystem, M: Any, force: Any, held: Held) -> Solution:
+def held_solution(system: LinearSystem, M: Matrix, force: Vector,
+                  held: Held) -> Solution:
     """Return the solution of M w = force + T_s^T f with a f that holds joints."""
-    joints, conditions, order = held.joints, held.conditions, system.order
-    if not joints:
-        none = np.zeros(0)
-        return Solution(solve(factorize(M, order), order, force), none, none, 0.0 * force)
-    if system.T is None:  # u' of a held joint is exactly zero, and its row takes no part
-        fixed = dict(zip(joints, conditions))
-        rows = range(len(force))
-        masked = [[_unless(fixed, (i, j), M[i, j], float(i == j)) for j in rows] for i in rows]
-        w = solve(factorize(np.array(masked), order), order,
-                  np.array([_unless(fixed, (i,), force[i], 0.0) for i in rows]))
-        f = [select(c, M[j] @ w - force[j], 0.0) for j, c in fixed.items()]
-        return Solution(w, np.array(f), w[joints], np.eye(len(force))[joints].T @ np.array(f))
-    factors, T_s = factorize(M, order), system.T[joints]
-    free = solve(factors, order, force)
-    along = np.stack([solve(factors, order, row) for row in T_s], axis=1)
-    a = T_s @ free + system.drift[joints]
-    f = -held_response(T_s @ along, conditions, a)
-    w = free + along @ f
-    left = np.array([select(c, 0.0, x) for c, x in zip(conditions, a + T_s @ (along @ f))])
-    return Solution(w, f, left, T_s.T @ f)
+    if not held.joints:
+        nothing = np.zeros(0)
+        w = solve(factorize(M, system.order), system.order, force)
+        return Solution(w, nothing, nothing, 0.0 * force)
+    if system.T is None:
+        return _held_tree(system, M, force, held)
+    return _held_mechanism(system.T, system, M, force, held)
 
 
-def held_response(A: Any, conditions: list[Any], motion: Any) -> Any:
+def _held_tree(system: LinearSystem, M: Matrix, force: Vector, held: Held) -> Solution:
+    """Return `held_solution` where T = 1: held joints have rows of the unit matrix."""
+    joints, conditions = held
+    order = system.order
+    condition_of = dict(zip(joints, conditions))
+    n = len(force)
+
+    # u' of a held joint is exactly zero, and its row and column take no part.
+    masked = np.empty((n, n), dtype=object)
+    for i in range(n):
+        for j in range(n):
+            masked[i, j] = _unless(condition_of, (i, j), M[i, j], float(i == j))
+    factors = factorize(masked, order)
+    masked_force = [_unless(condition_of, (i,), force[i], 0.0) for i in range(n)]
+    w = solve(factors, order, np.array(masked_force))
+
+    # The force on a held joint is what its row of M w = force lacks.
+    forces = []
+    for joint, condition in condition_of.items():
+        forces.append(select(condition, M[joint] @ w - force[joint], 0.0))
+    f = np.array(forces)
+    return Solution(w, f, w[joints], np.eye(n)[joints].T @ f)
+
+
+def _held_mechanism(T: Matrix, system: LinearSystem, M: Matrix, force: Vector,
+                    held: Held) -> Solution:
+    """Return `held_solution` for any T: f follows from the accelerations without it."""
+    joints, conditions = held
+    order = system.order
+    factors = factorize(M, order)
+    T_s = T[joints]
+
+    # Accelerations without f, and those due to a unit of each force.
+    w_free = solve(factors, order, force)
+    w_of_unit = np.stack([solve(factors, order, row) for row in T_s], axis=1)
+    a = T_s @ w_free + system.drift[joints]
+
+    # T_s w_of_unit f = -a for the held joints.
+    f = -held_response(T_s @ w_of_unit, conditions, a)
+    w_of_f = w_of_unit @ f
+    w = w_free + w_of_f
+    joint_accelerations = a + T_s @ w_of_f
+    accelerations = [select(condition, 0.0, acceleration)
+                     for condition, acceleration in zip(conditions, joint_accelerations)]
+    return Solution(w, f, np.array(accelerations), T_s.T @ f)
+
+
+def held_response(A: Matrix, conditions: list[Scalar], motion: Vector) -> Vector:
     """
-    Return the forces or impulses f, (k,), with A f = motion for the joints that are held.
+    Return the forces or impulses f, (k,), with A f = motion for the held joints.
 
-    The others have none. Where the constraints couple joints, they share with the least sum of
-    squares: A is made regular.
+    The others have none. Where the constraints couple joints, they share with the least
+    sum of squares: A is made regular.
     """
-    k = range(len(conditions))
-    least = REGULAR * sum((select(conditions[i], A[i, i], 0.0) for i in k), 0.0)
-    regular = np.array([[select(conditions[i], A[i, j] + least, 1.0) if i == j else
-                         select(conditions[i], select(conditions[j], A[i, j], 0.0), 0.0)
-                         for j in k] for i in k])
-    masked = np.array([select(c, x, 0.0) for c, x in zip(conditions, motion)])
-    return solve(factorize(regular, list(k)), list(k), masked)
+    k = len(conditions)
+    trace: Scalar = 0.0
+    for i in range(k):
+        trace = trace + select(conditions[i], A[i, i], 0.0)
+    least = REGULAR * trace
+
+    # Rows and columns of joints that are not held are those of the unit matrix.
+    regular = np.empty((k, k), dtype=object)
+    for i in range(k):
+        for j in range(k):
+            if i == j:
+                regular[i, j] = select(conditions[i], A[i, j] + least, 1.0)
+            else:
+                entry = select(conditions[j], A[i, j], 0.0)
+                regular[i, j] = select(conditions[i], entry, 0.0)
+    masked = [select(condition, x, 0.0) for condition, x in zip(conditions, motion)]
+    order = list(range(k))
+    return solve(factorize(regular, order), order, np.array(masked))
 
 
-def _unless(fixed: dict[int, Any], rows: tuple[int, ...], value: Any, otherwise: float) -> Any:
+def _unless(condition_of: dict[int, Scalar], rows: tuple[int, ...], value: Scalar,
+            otherwise: float) -> Scalar:
     """Return a value, or another one if one of the rows is that of a held joint."""
     for row in rows:
-        if row in fixed:
-            value = select(fixed[row], otherwise, value)
+        if row in condition_of:
+            value = select(condition_of[row], otherwise, value)
     return value

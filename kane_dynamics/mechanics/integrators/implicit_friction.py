@@ -3,105 +3,137 @@ Semi-implicit Euler steps with implicit friction, and their derivatives, for lon
 
     M (u+ - u) / h + rigid(q, u) + friction(u+) = tau,    q+ = q + h u+
 
-with the mass matrix M and the inverse dynamics without friction at rest acceleration, rigid, both
-at the step's beginning. Friction follows its law, `friction.friction_torque`, at the speed u+ of
-the step's end. So it neither limits the
-step, nor reverses a joint that stops. u+ is the minimum of a convex function, found by Newton's
-method, each step with the best of some lengths: full ones may cycle between two directions of
-sliding. The number of iterations is fixed, since programs do not branch. Of first order.
+with the mass matrix M and the inverse dynamics without friction at rest acceleration,
+rigid, both at the step's beginning. Friction follows its law,
+`friction.friction_torque`, at the speed u+ of the step's end. So it neither limits the
+step, nor reverses a joint that stops. u+ is the minimum of a convex function, found by
+Newton's method, each step with the best of some lengths: full ones may cycle between two
+directions of sliding. The number of iterations is fixed, since programs do not branch.
+Of first order.
 
 `mechanism_step` has the steps of other robots than trees of rigid bodies.
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
 
 ITERATIONS = 8
-LENGTHS = (1.0, 0.5, 0.2)  # of each
+LENGTHS = (1.0, 0.5, 0.2)  # of each iteration's Newton step
 
 
 class Resistance(NamedTuple):
     """
     Forces that are those of the speed at the step's end, in the space of the speeds.
 
-    `force` and `slope` take the speeds, (n,), and return (n,) and (n, n); `linear` is whether the
-    slope is constant.
+    `force` and `slope` take the speeds, (n,), and return (n,) and (n, n); `linear` is
+    whether the slope is constant.
     """
 
-    force: Any
-    slope: Any
+    force: Callable[[Vector], Vector]
+    slope: Callable[[Vector], Matrix]
     linear: bool
 
 
-def implicit_friction_step(equations: TreeEquations, q: Any, u: Any, tau: Any, h: Any,
-                           parameters: Any) -> tuple[Any, Any]:
+def implicit_friction_step(equations: TreeEquations, q: Vector, u: Vector, tau: Vector,
+                           h: Scalar, parameters: Vector) -> tuple[Vector, Vector]:
     """Return q and u after a step of length h, s, with the torque tau."""
-    after = _speed_after(equations, q, u, tau, h, parameters)
-    return q + h * after, after
+    u_end = _speed_at_end(equations, q, u, tau, h, parameters)
+    return q + h * u_end, u_end
 
 
-def implicit_friction_slopes(equations: TreeEquations, q: Any, u: Any, tau: Any, h: Any,
-                             parameters: Any) -> Any:
+def implicit_friction_slopes(equations: TreeEquations, q: Vector, u: Vector, tau: Vector,
+                             h: Scalar, parameters: Vector) -> Matrix:
     """
     Return the derivatives of (u+ - u) / h by q, u and tau, (3, n, n).
 
-    From the equation of the step and the derivatives of inverse dynamics, at a converged u+.
+    From the equation of the step and the derivatives of inverse dynamics, at a converged
+    u+.
     """
-    after = _speed_after(equations, q, u, tau, h, parameters)
-    slope = np.diag(equations.friction_slope(after))
-    by_q, by_u, M = equations.inverse_dynamics_derivatives(q, u, (1.0 / h) * (after - u),
-                                                           parameters)
+    u_end = _speed_at_end(equations, q, u, tau, h, parameters)
+    slope = np.diag(equations.friction_slope(u_end))
+
+    # Inverse dynamics has the friction of u; in the step it is that of u+.
+    udot = (1.0 / h) * (u_end - u)
+    by_q, by_u, M = equations.inverse_dynamics_derivatives(q, u, udot, parameters)
     by_u = by_u - np.diag(equations.friction_slope(u)) + slope
+
+    # W = (M + h dfriction/du)^-1 by implicit differentiation of the step.
     W = inverse(factorize(M + h * slope, equations.order), equations.order)
     return np.stack([-(W @ by_q), -(W @ by_u), W])
 
 
-def _speed_after(equations: TreeEquations, q: Any, u: Any, tau: Any, h: Any,
-                 parameters: Any) -> Any:
+def _speed_at_end(equations: TreeEquations, q: Vector, u: Vector, tau: Vector, h: Scalar,
+                  parameters: Vector) -> Vector:
     """Return u+, (n,)."""
     M = equations.mass_matrix(q, parameters)
-    momentum = M @ u + h * (tau - equations.rigid_dynamics(q, u, equations.zeros, None,
-                                                           parameters))
-    return resisted_speed(M, momentum, u, h, equations.order, Resistance(
-        equations.friction_force, lambda v: np.diag(equations.friction_slope(v)),
-        not slides(equations)))
+    start_momentum = M @ u
+    rigid = equations.rigid_dynamics(q, u, equations.zeros, None, parameters)
+    momentum = start_momentum + h * (tau - rigid)
+
+    def slope(v: Vector) -> Matrix:
+        return np.diag(equations.friction_slope(v))
+    friction = Resistance(equations.friction_force, slope, not slides(equations))
+    return resisted_speed(M, momentum, u, h, equations.order, friction)
 
 
 def slides(equations: TreeEquations) -> bool:
-    """Return whether a joint has Coulomb friction, for which an implicit step is linearized."""
-    return equations.friction and any(body.joint.friction for body in equations.model.bodies)
+    """Return whether a joint has Coulomb friction, which an implicit step linearizes."""
+    bodies = equations.model.bodies
+    return equations.friction and any(body.joint.friction for body in bodies)
 
 
-def resisted_speed(M: Any, momentum: Any, u: Any, h: Any, order: list[int],
-                   resistance: Resistance) -> Any:
+def resisted_speed(M: Matrix, momentum: Vector, u: Vector, h: Scalar, order: list[int],
+                   resistance: Resistance) -> Vector:
     """
     Return the speeds u+, (n,), with M u+ + h resistance(u+) = momentum.
 
     u is the initial guess, and `order` that of the factorization of M.
     """
     force, slope_of, linear = resistance
-    if linear:
+    if linear:  # one Newton step is exact
         slope = slope_of(u)
-        return solve(factorize(M + h * slope, order), order, momentum - h * (force(u) - slope @ u))
-    after, excess = u, M @ u + h * force(u) - momentum
+        factors = factorize(M + h * slope, order)
+        return solve(factors, order, momentum - h * (force(u) - slope @ u))
+
+    # Newton's method: `excess` is M u+ + h resistance(u+) - momentum, the gradient of
+    # the convex function, and M + h slope its Hessian.
+    u_end = u
+    excess = M @ u + h * force(u) - momentum
     for _ in range(ITERATIONS):
-        left = M + h * slope_of(after)
-        way = -solve(factorize(left, order), order, excess)
-        M_after, M_way, least = M @ after - momentum, M @ way, np.inf
-        start = after
+        hessian = M + h * slope_of(u_end)
+        newton_step = -solve(factorize(hessian, order), order, excess)
+        start = u_end
+        excess_of_start = M @ start - momentum
+        momentum_of_step = M @ newton_step
+
+        # Keep the length at which the slope along the step is smallest: 0 at the
+        # minimum. Without branches: all lengths are evaluated, and conditions select the
+        # best.
+        smallest: Scalar = None
         for length in LENGTHS:
-            there = start + length * way
-            rest = M_after + length * M_way + h * force(there)
-            slope = rest @ way  # 0 at the minimum along the way
-            better = slope * slope < least if least is not np.inf else None
-            if better is None:
-                after, excess, least = there, rest, slope * slope
+            trial = start + length * newton_step
+            trial_excess = (excess_of_start + length * momentum_of_step
+                            + h * force(trial))
+            slope = trial_excess @ newton_step
+            squared_slope = slope * slope
+            if smallest is None:
+                u_end = trial
+                excess = trial_excess
+                smallest = squared_slope
             else:
-                after, excess = (np.array([select(better, x, y) for x, y in zip(new, old)])
-                                 for new, old in ((there, after), (rest, excess)))
-                least = select(better, slope * slope, least)
-    return after
+                better = squared_slope < smallest
+                u_end = _selected(better, trial, u_end)
+                excess = _selected(better, trial_excess, excess)
+                smallest = select(better, squared_slope, smallest)
+    return u_end
+
+
+def _selected(condition: Scalar, x: Vector, y: Vector) -> Vector:
+    """Return x if the condition holds, else y."""
+    return np.array([select(condition, a, b) for a, b in zip(x, y)])

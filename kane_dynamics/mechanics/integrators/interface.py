@@ -2,31 +2,34 @@
 
 from typing import Any, Protocol
 
+from kane_dynamics._util.typing import Scalar, Vector
+
 
 class System(Protocol):
     """
-    System to integrate over one step; its state is q, u and further quantities (quadratures).
+    System to integrate over one step; its state is q, u and quadratures.
 
-    `moment` is 0 at the beginning of the step, 1 in the middle and 2 at the end: inputs such as a
-    desired motion differ between them.
+    `moment` is 0 at the beginning of the step, 1 in the middle and 2 at the end: inputs
+    such as a desired motion differ between them.
     """
 
     @property
     def equations(self) -> Any:
         """Return the equations of motion."""
 
-    def rates(self, state: Any, moment: int) -> Any:
+    def rates(self, state: Vector, moment: int) -> Vector:
         """Return the time derivative of the whole state."""
 
-    def torque(self, q: Any, u: Any, moment: int) -> Any:
+    def torque(self, q: Vector, u: Vector, moment: int) -> Vector:
         """Return the generalized force of actuators, (n,)."""
 
-    def implicit_stage(self, q: Any, u: Any, tau: Any, before: tuple[Any, Any], g: Any,
-                       moment: int) -> tuple[Any, Any]:
-        """Return joint rates and udot of a stage; see `rosenbrock.ImplicitStep.stage`."""
+    def implicit_stage(self, q: Vector, u: Vector, tau: Vector,
+                       first: tuple[Vector, Vector], g: Scalar,
+                       moment: int) -> tuple[Vector, Vector]:
+        """Return joint rates and udot of a stage, as `rosenbrock.ImplicitStep.stage`."""
 
-    def quadratures(self, q: Any, u: Any, moment: int) -> Any:
-        """Return the time derivative of the quadratures, which are integrated beside q and u."""
+    def quadratures(self, q: Vector, u: Vector, moment: int) -> Vector:
+        """Return the time derivative of what is integrated beside q and u."""
 
 
 class Integrator(Protocol):
@@ -38,8 +41,8 @@ class Integrator(Protocol):
     name : str
         Name by which users choose it.
     damps : bool
-        Whether it damps vibrations that the step does not resolve. Friction, springs and beams
-        then do not limit the step, but their vibrations lose energy.
+        Whether it damps vibrations that the step does not resolve. Friction, springs and
+        beams then do not limit the step, but their vibrations lose energy.
 
     """
 
@@ -51,5 +54,5 @@ class Integrator(Protocol):
     def damps(self) -> bool:
         """Return whether it damps unresolved vibrations."""
 
-    def step(self, system: System, state: Any, h: Any) -> Any:
+    def step(self, system: System, state: Vector, h: Scalar) -> Vector:
         """Return the state after one step of length h, s."""
