@@ -3,8 +3,10 @@
 from collections.abc import Sequence
 from typing import Any
 
+from kane_dynamics._util.typing import Matrix, Vector
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
-from kane_dynamics.mechanics.recursive.inverse_dynamics import JointStep, link_motion, LinkMotion
+from kane_dynamics.mechanics.recursive.inverse_dynamics import (JointStep, link_motion,
+                                                               LinkMotion)
 from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.mechanics.recursive.regressor import (link_state, on_joint, outward,
                                                          own_partial, PARAMETERS)
@@ -12,41 +14,59 @@ from kane_dynamics.model.model import WORLD
 import numpy as np
 
 
-def regressor(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any,
-              lanes: Any = Lanes) -> Any:
+def regressor(links: Sequence[Link], q: Vector, u: Vector, udot: Vector, gravity: Vector,
+              lanes: Any = Lanes) -> Matrix:
     """
     Return the regressor, (n, 10 n_bodies).
 
-    Arguments as `kane_dynamics.mechanics.recursive.regressor`, but each coordinate moves one link;
-    `lanes` has the functions of `Lanes`.
+    Arguments as `kane_dynamics.mechanics.recursive.regressor`, but each coordinate moves
+    one link; `lanes` has the functions of `Lanes`.
     """
+    n_parameters = len(PARAMETERS)
     motion: list[LinkMotion] = []
-    paths: list[list[Link]] = []  # to each link: the links whose joints carry it, its own last
-    partials: list[list[Any]] = []  # of each link: those joints' partial velocities, (6,) of rows
-    Y: Any = np.zeros((len(q), len(PARAMETERS) * len(links)), dtype=object)
+    # Of each link: the links whose joints carry it, itself last, and the partial
+    # velocities of these joints, (6,) of rows.
+    paths: list[list[Link]] = []
+    partials: list[list[Vector]] = []
+    Y: Matrix = np.zeros((len(q), n_parameters * len(links)), dtype=object)
     for k, link in enumerate(links):
-        step, root = JointStep(link, q), link.parent == WORLD
+        step = JointStep(link, q)
         motion.append(link_motion(link, step, motion, q, u, udot, gravity))
-        paths.append([*([] if root else paths[link.parent]), link])
-        moved = [] if root else [outward(step, rows) for rows in partials[link.parent]]
-        partials.append(_with_own(moved, own_partial(link), len(paths[k]) - 1, lanes))
+
+        # Partial velocities of the parent's carriers, moved to this link, and its own.
+        path: list[Link] = []
+        moved: list[Vector] = []
+        if link.parent != WORLD:
+            path = list(paths[link.parent])
+            moved = [outward(step, rows) for rows in partials[link.parent]]
+        partials.append(_appended(moved, own_partial(link), len(path), lanes))
+        paths.append([*path, link])
+
+        # Their dot products with the link's wrench for a unit of each parameter.
         state = link_state(step, motion[k])
         for g, rows in enumerate(partials[k]):
             joints = paths[k][g * LANES:(g + 1) * LANES]
             factor = lanes.pack([joint.multiplier for joint in joints])
             entries = factor * on_joint(link, rows, state)
-            for c in range(0, len(PARAMETERS), LANES):
-                tile = lanes.transposed(entries[c:c + LANES])
-                for joint, row in zip(joints, tile):
-                    for place in range(c, min(c + LANES, len(PARAMETERS))):
-                        Y[joint.coordinate, len(PARAMETERS) * k + place] = lanes.lane(
-                            row, place - c)
+            _place(Y[:, n_parameters * k:n_parameters * (k + 1)], entries, joints, lanes)
     return Y
 
 
-def _with_own(moved: Sequence[Any], own: Any, depth: int, lanes: Any) -> list[Any]:
-    """Return the partial velocities of a link's carriers with those of its own joint added."""
+def _place(columns: Matrix, entries: Vector, joints: Sequence[Link], lanes: Any) -> None:
+    """Write the entries of joints to the columns of a link, by blocks of parameters."""
+    for begin in range(0, len(entries), LANES):
+        tile = lanes.transposed(entries[begin:begin + LANES])
+        end = min(begin + LANES, len(entries))
+        for joint, row in zip(joints, tile):
+            for place in range(begin, end):
+                columns[joint.coordinate, place] = lanes.lane(row, place - begin)
+
+
+def _appended(moved: Sequence[Vector], partial: Vector, depth: int,
+              lanes: Any) -> list[Vector]:
+    """Return the partial velocities of a link's carriers with its own joint's added."""
     block, lane = divmod(depth, LANES)
     mask = [k == lane for k in range(LANES)]
-    before = moved[block] if lane else np.zeros(6)
-    return [*moved[:block], np.array([lanes.blend(mask, x, y) for x, y in zip(own, before)])]
+    present = moved[block] if lane else np.zeros(6)
+    rows = [lanes.blend(mask, x, y) for x, y in zip(partial, present)]
+    return [*moved[:block], np.array(rows)]

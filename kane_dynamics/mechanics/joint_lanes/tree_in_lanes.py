@@ -4,6 +4,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra import ltdl
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
 from kane_dynamics.mechanics.joint_lanes.derivatives import inverse_dynamics_derivatives
@@ -16,88 +17,120 @@ import numpy as np
 
 class TreeInLanes:
     """
-    The matrices of `TreeEquations` that take many joints' vectors; its methods have their names.
+    The matrices of `TreeEquations` that take many joints' vectors, by the same names.
 
     Parameters
     ----------
     equations : TreeEquations
         Of rigid bodies, each moved by a coordinate of its own: see `suits`.
     lanes : callable
-        Takes a scalar of q and returns an object with the functions of `Lanes` for its type.
+        Takes a scalar of q and returns an object with the functions of `Lanes` for its
+        type.
 
     """
 
     def __init__(self, equations: TreeEquations,
-                 lanes: Callable[[Any], Any] = lambda scalar: Lanes) -> None:
+                 lanes: Callable[[Scalar], Any] = lambda scalar: Lanes) -> None:
         """Store the equations."""
-        self.equations, self._lanes = equations, lanes
+        self.equations = equations
+        self._lanes = lanes
 
     @staticmethod
     def suits(equations: TreeEquations) -> bool:
-        """Return whether every body is rigid and has its own coordinate (no mimic joint)."""
+        """Return whether every body is rigid and has a coordinate (no mimic joint)."""
         model = equations.model
         return not model.flexible and len(model.bodies) == equations.n == equations.n_q
 
-    def inverse_mass_matrix(self, q: Any, parameters: Any) -> Any:
+    def inverse_mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the inverse mass matrix, (n, n)."""
-        lanes, equations = self._lanes(q[0]), self.equations
-        factors = equations.factors(q, parameters, partial(
-            factorize, lanes=lanes, rows=self._mass_matrix(q, parameters))
-            if self._long_branches() else ltdl.factorize)
+        lanes = self._lanes(q[0])
+        equations = self.equations
+        factorization: Callable[..., Any] = ltdl.factorize
+        if self._long_branches():
+            rows = self._mass_matrix(q, parameters)
+            factorization = partial(factorize, lanes=lanes, rows=rows)
+        factors = equations.factors(q, parameters, factorization)
         return inverse_mass_matrix(factors, equations.order, lanes)
 
-    def _mass_matrix(self, q: Any, parameters: Any) -> Any:
+    def _mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the mass matrix, (n, n), from the rows of the derivatives."""
-        none = self.equations.zeros
-        return self._matrix(self._derivative_rows(q, none, none, parameters)[2], q)
+        zeros = self.equations.zeros
+        _, _, M = self._derivative_rows(q, zeros, zeros, parameters)
+        return self._matrix(M, q)
 
     def _long_branches(self) -> bool:
-        """Return whether more than half of the lanes are used if L is computed in rows."""
+        """Return whether rows of L use more than half of their lanes."""
         rank = {r: k for k, r in enumerate(self.equations.order)}
-        paths = [[rank[r] for r in path]
-                 for path in TreeSums(self.equations.geometry, Lanes).paths]
-        entries = sum(len(path) * (len(path) - 1) / 2 for path in paths)
-        blocks = {path[0]: len({k // LANES for k in path}) for path in paths}
-        return entries > LANES / 2 * sum(blocks[k] for path in paths for k in path[1:])
+        paths = []
+        for path in TreeSums(self.equations.geometry, Lanes).paths:
+            paths.append([rank[r] for r in path])
 
-    def coriolis_matrix(self, q: Any, u: Any, parameters: Any) -> Any:
+        # Blocks of lanes of each joint's row.
+        blocks = {path[0]: len({k // LANES for k in path}) for path in paths}
+
+        # Eliminating a joint changes the rows of all that carry it: these entries, in
+        # these lanes.
+        entries = 0
+        lanes = 0
+        for path in paths:
+            entries += len(path) * (len(path) - 1) // 2
+            lanes += LANES * sum(blocks[k] for k in path[1:])
+        return 2 * entries > lanes
+
+    def coriolis_matrix(self, q: Vector, u: Vector, parameters: Vector) -> Matrix:
         """Return the Coriolis matrix, (n, n)."""
-        none, links = np.zeros(3).astype(object), self.equations.base_links(parameters)
-        by_u = inverse_dynamics_derivatives(links, q, u, self.equations.zeros, none,
-                                            self._lanes(q[0]))[1]
+        no_gravity = np.zeros(3).astype(object)
+        links = self.equations.base_links(parameters)
+        _, by_u, _ = inverse_dynamics_derivatives(links, q, u, self.equations.zeros,
+                                                  no_gravity, self._lanes(q[0]))
         return self._matrix(0.5 * by_u, q)
 
-    def inverse_dynamics_derivatives(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
+    def inverse_dynamics_derivatives(self, q: Vector, u: Vector, udot: Vector,
+                                     parameters: Vector) -> Matrix:
         """Return dtau/dq, dtau/du and M, (3, n, n)."""
         rows = self._derivative_rows(q, u, udot, parameters)
         return np.array([self._matrix(matrix, q) for matrix in rows])
 
-    def forward_dynamics_derivatives(self, q: Any, u: Any, tau: Any, parameters: Any) -> Any:
-        """Return dudot/dq, dudot/du and dudot/dtau = M^-1, (3, n, n), no external wrenches."""
+    def forward_dynamics_derivatives(self, q: Vector, u: Vector, tau: Vector,
+                                     parameters: Vector) -> Matrix:
+        """Return dudot/dq, dudot/du and M^-1, (3, n, n), without external wrenches."""
         equations = self.equations
         udot = equations.forward_dynamics(q, u, tau, None, parameters)
         by_q, by_u, _ = self._derivative_rows(q, u, udot, parameters)
-        L, reciprocal = equations.factors(q, parameters)
-        negated = L, [-x for x in reciprocal]  # factors of -M
-        return np.array([*(self._matrix(ltdl.solve(negated, equations.order, rows), q)
-                           for rows in (by_q, by_u)), self.inverse_mass_matrix(q, parameters)])
 
-    def _derivative_rows(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
+        # dudot/dx = -M^-1 dtau/dx, with the factors of -M.
+        L, reciprocal = equations.factors(q, parameters)
+        negated = L, [-x for x in reciprocal]
+        results = []
+        for rows in (by_q, by_u):
+            results.append(self._matrix(ltdl.solve(negated, equations.order, rows), q))
+        results.append(self.inverse_mass_matrix(q, parameters))
+        return np.array(results)
+
+    def _derivative_rows(self, q: Vector, u: Vector, udot: Vector,
+                         parameters: Vector) -> Any:
         """Return rows of dtau/dq, dtau/du and M, with springs, friction and armature."""
-        lanes, links = self._lanes(q[0]), self.equations.base_links(parameters)
+        lanes = self._lanes(q[0])
+        links = self.equations.base_links(parameters)
         rows = inverse_dynamics_derivatives(links, q, u, udot, parameters[:3], lanes)
         for m, diagonal in enumerate(self.equations.joint_slopes(u)):
             for r, slope in enumerate(diagonal):
-                block = [slope if k == r % LANES else 0.0 for k in range(LANES)]
+                block: list[Scalar] = [0.0] * LANES
+                block[r % LANES] = slope
                 rows[m, r, r // LANES] = rows[m, r, r // LANES] + lanes.pack(block)
         return rows
 
-    def regressor(self, q: Any, u: Any, udot: Any, parameters: Any) -> Any:
+    def regressor(self, q: Vector, u: Vector, udot: Vector,
+                  parameters: Vector) -> Matrix:
         """Return the joint torque regressor, (n, 10 n_bodies)."""
         return regressor(self.equations.joint_links, q, u, udot, parameters[:3],
                          self._lanes(q[0]))
 
-    def _matrix(self, rows: Any, q: Any) -> Any:
+    def _matrix(self, rows: Any, q: Vector) -> Matrix:
         """Return the scalars of rows, (n, n)."""
-        lane, n = self._lanes(q[0]).lane, len(rows)
-        return np.array([[lane(row[c // LANES], c % LANES) for c in range(n)] for row in rows])
+        lanes = self._lanes(q[0])
+        n = len(rows)
+        entries = []
+        for row in rows:
+            entries.append([lanes.lane(row[c // LANES], c % LANES) for c in range(n)])
+        return np.array(entries)
