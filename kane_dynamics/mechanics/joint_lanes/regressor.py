@@ -5,8 +5,8 @@ from typing import Any
 
 from kane_dynamics._util.typing import Matrix, Vector
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
-from kane_dynamics.mechanics.recursive.inverse_dynamics import (JointStep, link_motion,
-                                                               LinkMotion)
+from kane_dynamics.mechanics.recursive.inverse_dynamics import (
+    JointStep, link_motion, LinkMotion)
 from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.mechanics.recursive.regressor import (link_state, on_joint, outward,
                                                          own_partial, PARAMETERS)
