@@ -214,8 +214,11 @@ def _estimates(robot: Robot, motion: tuple[Array, ...], gain: float, held: bool)
 def _fitted_friction(estimates: _Estimates) -> tuple[tuple[Array, Array, Array, Array], list[int]]:
     """Return coulomb, damping, offset and friction speed of each joint, and unmoved joints."""
     n = estimates.u.shape[1]
-    coulomb, damping, offset = np.zeros(n), np.zeros(n), np.zeros(n)
-    speed, unmoved = np.full(n, float(SPEEDS[-1])), []
+    coulomb = np.zeros(n)
+    damping = np.zeros(n)
+    offset = np.zeros(n)
+    speed = np.full(n, float(SPEEDS[-1]))
+    unmoved = []
     rows = estimates.settled
     for j in range(n):
         # The estimate is external torque, which has the sign opposite to friction.
@@ -225,9 +228,12 @@ def _fitted_friction(estimates: _Estimates) -> tuple[tuple[Array, Array, Array, 
             unmoved.append(j)
             offset[j] = friction.mean()
             continue
-        fits = [_least_squares(shape, friction) for shape in _columns(estimates, j)]
-        best = int(np.argmin([missed for _, missed in fits]))
-        (coulomb[j], damping[j], offset[j]), speed[j] = fits[best][0], SPEEDS[best]
+        # One fit for each friction speed; the one with the smallest residual is kept.
+        fits = [_least_squares(columns, friction) for columns in _columns(estimates, j)]
+        residuals = [residual for _, residual in fits]
+        best = int(np.argmin(residuals))
+        coulomb[j], damping[j], offset[j] = fits[best][0]
+        speed[j] = SPEEDS[best]
     return (coulomb, damping, offset, speed), unmoved
 
 

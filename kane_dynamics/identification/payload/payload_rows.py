@@ -166,27 +166,35 @@ class PayloadRows:
         """
         robot = self.robot
         Y = self.regressor(q, u, udot, t)
-        left = tau - robot.inverse_dynamics(q, u, udot, t=t)
+        residual = tau - robot.inverse_dynamics(q, u, udot, t=t)
         if self._transmission is None:
-            return ActuatorRows(Y, u, left, self._slack(u))
-        moment = [np.broadcast_to(t, np.shape(q)[:-1])] if robot.equations.timed else []
-        found = self._transmission(q, u, *moment)
-        T, rates = found[..., :-1], found[..., -1]
-        slack, acting = self._slack(rates), None
+            return ActuatorRows(Y, u, residual, self._slack(u))
+
+        # One result holds T, (n_j, n), and, as its last column, the rates of all joints.
+        times = [np.broadcast_to(t, np.shape(q)[:-1])] if robot.equations.timed else []
+        transmission = self._transmission(q, u, *times)
+        T = transmission[..., :-1]
+        joint_rates = transmission[..., -1]
+        slack = self._slack(joint_rates)
+
+        # From independent speeds to the rates of the actuators T_a u, if these are others.
+        actuator_partials = None
         if self._places is not None:
-            # This refuses configurations where the actuators do not determine the
-            # motion.
-            torques = robot.joint_torques(left, q, t=t)
-            at_actuators = T[..., self._places, :]
+            # Refuses configurations where the actuators do not determine the motion.
+            torques = robot.joint_torques(residual, q, t=t)
+            T_a = T[..., self._places, :]
             if self.shared:
-                acting, per_actuator = at_actuators, np.linalg.pinv(at_actuators)
-                left = np.einsum('...na,...n->...a', per_actuator, left)
+                actuator_partials = T_a
+                speeds_per_rate = np.linalg.pinv(T_a)
+                residual = np.einsum('...na,...n->...a', speeds_per_rate, residual)
             else:
-                per_actuator, left = np.linalg.inv(at_actuators), torques[..., self._places]
-            Y, T = np.swapaxes(per_actuator, -1, -2) @ Y, T @ per_actuator
-            u = rates[..., self._places]
+                speeds_per_rate = np.linalg.inv(T_a)
+                residual = torques[..., self._places]
+            Y = np.swapaxes(speeds_per_rate, -1, -2) @ Y
+            T = T @ speeds_per_rate
+            u = joint_rates[..., self._places]
         held = np.einsum('...ja,...j->...a', np.abs(T), slack)
-        return ActuatorRows(Y, u, left, held, acting)
+        return ActuatorRows(Y, u, residual, held, actuator_partials)
 
     def compile(self) -> None:  # noqa: A003
         """Compile the kernels of single samples now instead of at the first one."""
