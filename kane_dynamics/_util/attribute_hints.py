@@ -1,4 +1,4 @@
-"""Errors for unknown attributes and for refused assignments, with the name that is meant."""
+"""Errors for unknown attributes and refused assignments, with the name that is meant."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import FrozenInstanceError
@@ -12,30 +12,35 @@ Function = TypeVar('Function', bound=Callable[..., Any])
 
 # Names in Pinocchio, Drake, MuJoCo and RBDL, in lower case without underscores.
 COUNTERPARTS = {
-    'inverse_dynamics(q, u, udot)': 'rnea rne calcinversedynamics inversedynamics id mjinverse '
-                                    'tau',
-    'forward_dynamics(q, u, tau)': 'aba forwarddynamics fd calcforwarddynamics mjforward',
-    'mass_matrix(q)': 'crba calcmassmatrix m inertiamatrix inertia jointspaceinertia massmatrix h',
+    'inverse_dynamics(q, u, udot)': 'rnea rne calcinversedynamics inversedynamics id '
+                                    'mjinverse tau',
+    'forward_dynamics(q, u, tau)': 'aba forwarddynamics fd calcforwarddynamics '
+                                   'mjforward',
+    'mass_matrix(q)': 'crba calcmassmatrix m inertiamatrix inertia jointspaceinertia '
+                      'massmatrix h',
     'inverse_mass_matrix(q)': 'computeminverse minverse minv',
     'bias_force(q, u)': 'nle nonlineareffects calcbiasterm bias qfrcbias biasforces',
     'gravity_force(q)': 'computegeneralizedgravity calcgravitygeneralizedforces '
-                        'gravitycompensation gravitytorque gravityvector g generalizedgravity '
-                        'gravload gravity_load gravityload',
+                        'gravitycompensation gravitytorque gravityvector g '
+                        'generalizedgravity gravload gravity_load gravityload',
     'coriolis_matrix(q, u)': 'computecoriolismatrix coriolis c',
-    'jacobian(frame, q)': 'jac framejacobian computeframejacobian getframejacobian jacobians '
-                          'computejointjacobians computejointjacobian mjjac j '
-                          'calcjacobianspatialvelocity geometricjacobian calcbodyjacobian',
+    'jacobian(frame, q)': 'jac framejacobian computeframejacobian getframejacobian '
+                          'jacobians computejointjacobians computejointjacobian mjjac j '
+                          'calcjacobianspatialvelocity geometricjacobian '
+                          'calcbodyjacobian',
     'jacobian_rate(frame, q, u)': 'jacobiandot jdot jacobiantimederivative djacobian '
-                                  'computejointjacobianstimevariation jacobianderivative '
-                                  'partialvelocityrates',
-    'forward_kinematics(frame, q)': 'fk fkine framesforwardkinematics updateframeplacements pose '
-                                    'omf framepose calcrelativetransform transform placement',
+                                  'computejointjacobianstimevariation '
+                                  'jacobianderivative partialvelocityrates',
+    'forward_kinematics(frame, q)': 'fk fkine framesforwardkinematics '
+                                    'updateframeplacements pose omf framepose '
+                                    'calcrelativetransform transform placement',
     'center_of_mass(q)': 'com centerofmass calccenterofmasspositioninworld subtreecom',
     'center_of_mass_jacobian(q)': 'jacobiancenterofmass comjacobian jcom '
                                   'calcjacobiancenterofmasstranslationalvelocity',
     'frame_velocity(frame, q, u)': 'getframevelocity velocity calcspatialvelocity twist',
     'frame_acceleration(frame, q, u, udot)': 'getframeacceleration '
-                                             'getframeclassicalacceleration acceleration',
+                                             'getframeclassicalacceleration '
+                                             'acceleration',
     'operational_space_inertia(frame, q)': 'lambda lambdamatrix taskspaceinertia '
                                            'operationalspaceinertiamatrix',
     'random_configuration()': 'randomconfiguration randomq',
@@ -49,8 +54,9 @@ COUNTERPARTS = {
     'n_q': 'nq numpositions',
     'joint_names': 'names joints jointnames',
     'frame_names': 'frames links linknames framenames bodies bodynames',
-    'limits': 'jointlimits lowerpositionlimit upperpositionlimit velocitylimit effortlimit '
-              'effortlimits torquelimits lowerlimits upperlimits positionlimits',
+    'limits': 'jointlimits lowerpositionlimit upperpositionlimit velocitylimit '
+              'effortlimit effortlimits torquelimits lowerlimits upperlimits '
+              'positionlimits',
     'parameters.gravity': 'gravity setgravity gravityfield',
     'parameters.payload': 'payload setpayload tool load',
     'model.name': 'name',
@@ -67,28 +73,36 @@ FUNCTIONS = {
         'addmodels addmodelfromfile load urdf read frommodel',
     'kane_dynamics.load_mjcf(path), and Robot(model, **options)':
         'frommjcf loadmjcf buildmodelfrommjcf fromxmlpath',
-    'the functions of kane_dynamics.plot': 'plot plots draw plottorque plottorques plotmotion',
+    'the functions of kane_dynamics.plot': 'plot plots draw plottorque plottorques '
+                                           'plotmotion',
     'kane_dynamics.pose_from(position, rpy=...), a (4, 4) array':
         'se3 transform pose homogeneous rigidtransform',
-    'kane_dynamics.view.Window(robot)': 'teach view show display viewer visualize render',
-    'sum(body.inertial.mass for body in model.bodies)': 'mass totalmass computetotalmass',
+    'kane_dynamics.view.Window(robot)': 'teach view show display viewer visualize '
+                                        'render',
+    'sum(body.inertial.mass for body in model.bodies)': 'mass totalmass '
+                                                        'computetotalmass',
     'kane_dynamics.Motion.from_points(times, positions, joint_names=...)':
         'trajectory jtraj plan',
 }
-_FUNCTION_BY_NAME = {name: ours for ours, names in FUNCTIONS.items() for name in names.split()}
+_FUNCTION_BY_NAME = {name: ours for ours, names in FUNCTIONS.items()
+                     for name in names.split()}
 # Keyword arguments of other libraries, with ours in the order of preference.
 KEYWORDS = {
     'dt': ('step',), 'timestep': ('step',), 'h': ('step',), 'stepsize': ('step',),
-    't': ('duration',), 'time': ('duration',), 'tf': ('duration',), 'tend': ('duration',),
-    'tau': ('torque',), 'torques': ('torque',), 'control': ('torque',), 'method': ('integrator',),
+    't': ('duration',), 'time': ('duration',), 'tf': ('duration',),
+    'tend': ('duration',),
+    'tau': ('torque',), 'torques': ('torque',), 'control': ('torque',),
+    'method': ('integrator',),
     'solver': ('integrator',), 'qd0': ('u0',), 'v0': ('u0',), 'dq0': ('u0',),
     'payloadlink': ('payload_frame',), 'toollink': ('payload_frame', 'tip'),
     'payload': ('payload_frame',), 'tool': ('tip', 'payload_frame'),
     'endeffector': ('tip', 'frame'), 'ee': ('tip', 'frame'), 'eelink': ('tip',),
     'tiplink': ('tip',), 'endlink': ('tip',), 'baselink': ('base',), 'root': ('base',),
     'rootlink': ('base',), 'lockedjoints': ('locked',), 'lock': ('locked',),
-    'jointstolock': ('locked',), 'activejoints': ('joints',), 'floatingbase': ('root_joint',),
-    'freeflyer': ('root_joint',), 'fixedbase': ('root_joint',), 'fts': ('wrench_frames',),
+    'jointstolock': ('locked',), 'activejoints': ('joints',),
+    'floatingbase': ('root_joint',),
+    'freeflyer': ('root_joint',), 'fixedbase': ('root_joint',),
+    'fts': ('wrench_frames',),
     'wrenches': ('wrench_frames',), 'pose': ('target',), 'goal': ('target',),
     'tol': ('tolerance',), 'maxiter': ('iterations',), 'maxiterations': ('iterations',),
     'q': ('q0',), 'qinit': ('q0',), 'initialguess': ('q0',),
@@ -97,7 +111,8 @@ KEYWORDS = {
 SHORT_NAMES = {name: ours for ours, names in {
     'tau': 'torque torques effort efforts', 'q': 'position positions configuration qpos',
     'u': 'velocity velocities speed speeds qd dq qdot v qvel',
-    'udot': 'acceleration accelerations qdd ddq qddot a qacc', 't': 'time times', 'times': 't',
+    'udot': 'acceleration accelerations qdd ddq qddot a qacc', 't': 'time times',
+    'times': 't',
     'com': 'centerofmass'}.items() for name in names.split()}
 
 
@@ -105,7 +120,8 @@ def guarded(cls: Class) -> Class:
     """
     Decorate a class: assigning an unknown attribute, or reading one, raises with a hint.
 
-    Attributes that `__init__` made can be replaced later; of a frozen dataclass none can.
+    Attributes that `__init__` made can be replaced later; of a frozen dataclass none
+    can.
     """
     return _guarded(cls, lambda self, name: name not in self.__dict__)
 
@@ -147,12 +163,12 @@ def _guarded(cls: Class, refuses: Callable[[Any, str], bool]) -> Class:
 
 
 def function_hint(name: str) -> str | None:
-    """Return what stands for a name of another library that is no attribute here, or None."""
+    """Return what replaces a name of another library that is no attribute, or None."""
     return _FUNCTION_BY_NAME.get(name.lower().replace('_', ''))
 
 
 def module_hint(name: str, public: Sequence[str]) -> str:
-    """Return a hint to what an unknown name of the package probably means, or an empty text."""
+    """Return a hint to what an unknown name of the package means, or an empty text."""
     if name.startswith('_'):
         return ''
     plain = name.lower().replace('_', '')
@@ -165,7 +181,7 @@ def module_hint(name: str, public: Sequence[str]) -> str:
 
 
 def keyword_error(what: str, given: Iterable[str], known: Sequence[str]) -> str | None:
-    """Return the message for the first unknown keyword argument, with the closest, or None."""
+    """Return the message for the first unknown keyword, with the closest, or None."""
     unknown = next((name for name in given if name not in known), None)
     if unknown is None:
         return None
@@ -179,7 +195,7 @@ def keyword_error(what: str, given: Iterable[str], known: Sequence[str]) -> str 
 
 
 def hinting(function: Function) -> Function:
-    """Decorate a function: an unknown keyword argument raises TypeError with the closest one."""
+    """Decorate a function: an unknown keyword raises TypeError with the closest one."""
     known = tuple(signature(function).parameters)
 
     @wraps(function)
@@ -192,7 +208,7 @@ def hinting(function: Function) -> Function:
 
 
 class HintingClass(type):
-    """Class of classes whose unknown keyword arguments and attributes raise errors with hints."""
+    """Class of classes whose unknown keywords and attributes raise errors with hints."""
 
     if not TYPE_CHECKING:  # type checkers report them themselves
         def __call__(cls, *values: Any, **named: Any) -> Any:
@@ -216,7 +232,8 @@ class HintingClass(type):
 
 def missing(owner: object, name: str) -> str:
     """Return the message for a missing attribute, with the closest existing one."""
-    return f"'{type(owner).__name__}' object has no attribute '{name}'{_hint(owner, name)}"
+    hint = _hint(owner, name)
+    return f"'{type(owner).__name__}' object has no attribute '{name}'{hint}"
 
 
 def refused(owner: object, name: str, options: tuple[str, ...] = ()) -> str:
@@ -229,7 +246,8 @@ def refused(owner: object, name: str, options: tuple[str, ...] = ()) -> str:
     known = hasattr(type(owner), name) or name in getattr(owner, '__dict__', ())
     why = 'it is not to be replaced' if known else 'no such attribute'
     if name in options:
-        why = f'it is fixed at construction; expected {type(owner).__name__}(..., {name}=...)'
+        expected = f'{type(owner).__name__}(..., {name}=...)'
+        why = f'it is fixed at construction; expected {expected}'
     elif setters:
         why += f'; expected {setters[0]}({name}=...)'
     elif not known:
@@ -246,7 +264,8 @@ def _hint(owner: object, name: str) -> str:
     plain = name.lower().replace('_', '')
     names = {known: known for known in dir(owner) if known[0] != '_'}
     prefix = ''
-    if hasattr(type(owner), 'inverse_dynamics') and hasattr(type(owner), 'bind'):  # a robot
+    is_robot = hasattr(type(owner), 'inverse_dynamics') and hasattr(type(owner), 'bind')
+    if is_robot:
         prefix = 'robot.'
         meant = _BY_NAME.get(plain)
         function = function_hint(name)

@@ -1,4 +1,4 @@
-"""Programs whose output cannot be written: the reader has ended (`| head`), the disk is full."""
+"""Output that cannot be written: the reader has ended (`| head`), the disk is full."""
 
 from collections.abc import Callable
 import os
@@ -12,9 +12,10 @@ NOT_WRITTEN = 1
 
 def without_broken_pipe(run: Callable[[], int]) -> int:
     """
-    Run a program; return its exit code, or `BROKEN_PIPE` if its output has no reader any more.
+    Run a program; return its exit code, or `BROKEN_PIPE` if its output has no reader.
 
-    Output is flushed here, because an interpreter that flushes at its end prints a traceback.
+    Output is flushed here, because an interpreter that flushes at its end prints a
+    traceback.
     """
     try:
         try:
@@ -26,13 +27,13 @@ def without_broken_pipe(run: Callable[[], int]) -> int:
         return BROKEN_PIPE
     except OSError as error:
         _discard(sys.stdout)
-        print(f'standard output: {str(error.strerror).lower()}; expected a file or terminal that '
-              'takes all of it', file=sys.stderr)
+        print(f'standard output: {str(error.strerror).lower()}; expected a file or '
+              'terminal that takes all of it', file=sys.stderr)
         return NOT_WRITTEN
 
 
 def _discard(*streams: TextIO) -> None:
-    """Connect streams with the null device, to which the interpreter flushes what is left."""
+    """Connect streams with the null device, to which the interpreter flushes."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in streams:
         os.dup2(nowhere, stream.fileno())

@@ -1,4 +1,4 @@
-"""Checks of arguments: shapes, finite numbers, ranges; errors name the argument and its value."""
+"""Checks of arguments: shapes, finite numbers, ranges; errors name what is wrong."""
 
 from collections.abc import Callable, Sequence
 import math
@@ -45,7 +45,8 @@ def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
             raise ValueError
         array = numbers.astype(np.float64)
     except (TypeError, ValueError):
-        raise InputError(f'{what}: {value!r}; expected one number, or one per joint') from None
+        raise InputError(f'{what}: {value!r}; expected one number, or one per '
+                         'joint') from None
     if array.shape not in ((), (len(names),)):
         raise InputError(f'{what}: {value!r}; expected one number, or {len(names)} '
                          f'({", ".join(names)})')
@@ -65,7 +66,8 @@ def finite_row(values: ArrayLike, what: str, names: Sequence[str]) -> Array:
     Raises
     ------
     InputError
-        If a number is missing or not finite; the message names `what`, the joint and its value.
+        If a number is missing or not finite; the message names `what`, the joint and its
+        value.
 
     """
     try:
@@ -79,7 +81,8 @@ def finite_row(values: ArrayLike, what: str, names: Sequence[str]) -> Array:
     if not all(map(math.isfinite, array.tolist())):  # short rows: faster than numpy
         for name, value in zip(names, array.tolist(), strict=True):
             if not math.isfinite(value):
-                raise InputError(f"{what} of joint '{name}': {value}; expected a finite number")
+                raise InputError(f"{what} of joint '{name}': {value}; expected a finite "
+                                 'number')
     return array
 
 
@@ -92,7 +95,8 @@ def integer(value: Any, what: str, least: int, most: int | None = None) -> int:
     raise InputError(f'{what}: {SHORT.repr(value)}; expected an integer {bounds}')
 
 
-def number(value: Any, what: str, expected: str, valid: Callable[[float], bool]) -> float:
+def number(value: Any, what: str, expected: str,
+           valid: Callable[[float], bool]) -> float:
     """Return a number that is `valid`; raise InputError for anything else."""
     try:
         result = float(value)
@@ -113,8 +117,8 @@ def warn_of_turns(angles: Array, what: str, stacklevel: int) -> None:
     """Warn of an angle of an orientation, rad, beyond a full turn, as degrees are."""
     largest = float(np.abs(angles).max(initial=0.0))
     if largest > FULL_TURN:
-        warnings.warn(f'{what}: {largest:g} rad; expected rad, at most a full turn: are these '
-                      'degrees?', ModelWarning, stacklevel=stacklevel + 1)
+        warnings.warn(f'{what}: {largest:g} rad; expected rad, at most a full turn: are '
+                      'these degrees?', ModelWarning, stacklevel=stacklevel + 1)
 
 
 def positive_time(value: Any, what: str, otherwise: str = '') -> float:
@@ -137,7 +141,8 @@ def positive_time(value: Any, what: str, otherwise: str = '') -> float:
     if is_number and math.isfinite(number) and number > 0.0:
         return number
     shown = f'{number:g} s' if is_number else SHORT.repr(value)
-    raise InputError(f'{what}: {shown}; expected a positive, finite time in s{otherwise}')
+    raise InputError(
+        f'{what}: {shown}; expected a positive, finite time in s{otherwise}')
 
 
 def increasing(t: ArrayLike, count: int, what: str) -> Array:
@@ -147,13 +152,14 @@ def increasing(t: ArrayLike, count: int, what: str) -> Array:
     Raises
     ------
     InputError
-        If their number differs, or one is not finite or not larger than the previous one; the
-        message names the row.
+        If their number differs, or one is not finite or not larger than the previous
+        one; the message names the row.
 
     """
     times = np.asarray(t, dtype=np.float64)
     if times.shape != (count,):
-        raise InputError(f'{what}: shape {times.shape}; expected ({count},), one time per row')
+        raise InputError(f'{what}: shape {times.shape}; expected ({count},), one time '
+                         'per row')
     finite = np.isfinite(times)
     if not finite.all():
         k = int(np.argmin(finite))
@@ -161,6 +167,6 @@ def increasing(t: ArrayLike, count: int, what: str) -> Array:
     rises = np.diff(times) > 0.0
     if not rises.all():
         k = int(np.argmin(rises)) + 1
-        raise InputError(f'{what}: {times[k]} in row {k + 1}, after {times[k - 1]}; expected '
-                         'times that increase from row to row')
+        raise InputError(f'{what}: {times[k]} in row {k + 1}, after {times[k - 1]}; '
+                         'expected times that increase from row to row')
     return times

@@ -12,30 +12,32 @@ import threading
 from types import ModuleType
 from typing import Any
 
-# A process that is forked during an import inherits locks that no thread of it releases, and would
-# wait for them for ever. So a fork waits until the import has ended.
+# A process that is forked during an import inherits locks that no thread of it releases,
+# and would wait for them for ever. So a fork waits until the import has ended.
 _IMPORTING = threading.RLock()
 os.register_at_fork(before=_IMPORTING.acquire, after_in_parent=_IMPORTING.release,
                     after_in_child=_IMPORTING.release)
 
 
 class _DeferredPackage(ModuleType):
-    """Stand-in for a package: forwards attributes to the real one once `ready` is set."""
+    """Stand-in for a package: forwards attributes to the real one if `ready` is set."""
 
     ready = False
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith('__'):
             raise AttributeError(name)
-        return getattr(import_module(self.__name__), name) if self.ready else Any  # annotations
+        # Annotations.
+        return getattr(import_module(self.__name__), name) if self.ready else Any
 
 
 class _PrivateCopies:
     """
     Private copies of a module and of the submodules that it imports from a package.
 
-    The copies are not in `sys.modules`: other threads never see them, and later imports of module
-    and package are ordinary ones. Import statements of the copies find a stand-in for the package.
+    The copies are not in `sys.modules`: other threads never see them, and later imports
+    of module and package are ordinary ones. Import statements of the copies find a
+    stand-in for the package.
 
     Parameters
     ----------
@@ -49,7 +51,7 @@ class _PrivateCopies:
         self._copies: dict[str, ModuleType] = {package: self.stand_in}
 
     def load(self, name: str) -> ModuleType:
-        """Execute a module, `package.module`, as a private copy; ImportError without its file."""
+        """Execute `package.module` as a private copy; ImportError without its file."""
         package, _, last = name.rpartition('.')
         parent = find_spec(package.partition('.')[0])
         folders = (parent and parent.submodule_search_locations) or ['']
@@ -65,9 +67,9 @@ class _PrivateCopies:
             vars(self._copies[package])[last] = copy
         return copy
 
-    def _import(self, name: str, variables: Any = None, local: Any = None, names: Any = (),
-                level: int = 0) -> Any:
-        """Import as the statement does, but with copies of the modules of the package."""
+    def _import(self, name: str, variables: Any = None, local: Any = None,
+                names: Any = (), level: int = 0) -> Any:
+        """Import as the statement does, with copies of the modules of the package."""
         absolute = name
         if level == 1:
             absolute = '.'.join(filter(None, [variables['__package__'], name]))
@@ -83,20 +85,22 @@ def import_deferring(module: str, package: str) -> Any:
     """
     Return a module; a package that it imports is imported at its first use.
 
-    The module is a private copy, and so are the submodules of the package that it imports itself.
-    If the module needs more of the package, or one of the two is imported already, this is a plain
-    import. Threads wait for one another.
+    The module is a private copy, and so are the submodules of the package that it
+    imports itself. If the module needs more of the package, or one of the two is
+    imported already, this is a plain import. Threads wait for one another.
 
     Parameters
     ----------
     module, package : str
-        Names of the module, `package.module`, and of the top-level package that it imports.
+        Names of the module, `package.module`, and of the top-level package that it
+        imports.
 
     """
     with _IMPORTING:
         if not {module, package} & set(sys.modules) and find_spec(package) is not None:
             copies = _PrivateCopies(package)
-            with suppress(Exception):  # it needs more of the package than names in annotations
+            # It needs more of the package than names in annotations.
+            with suppress(Exception):
                 copy = copies.load(module)
                 copies.stand_in.ready = True
                 return copy

@@ -2,9 +2,10 @@
 Cache of expensive results on disk: machine code, and models read from URDF.
 
 The directory is ``$KANE_DYNAMICS_CACHE`` if set (``off`` disables the cache), else
-``kane_dynamics`` under ``$XDG_CACHE_HOME`` or ``~/.cache``. It is private to its owner (0700).
-Files are written atomically; a damaged file or one of another owner is computed again. When the
-total size exceeds `MOST_BYTES` by some percent, the least recently used files are removed.
+``kane_dynamics`` under ``$XDG_CACHE_HOME`` or ``~/.cache``. It is private to its owner
+(0700). Files are written atomically; a damaged file or one of another owner is computed
+again. When the total size exceeds `MOST_BYTES` by some percent, the least recently used
+files are removed.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,8 +18,10 @@ import tempfile
 
 MAGIC = b'kane_dynamics object 1\n'
 MOST_BYTES = 256 * 2**20  # a kernel takes some 10 to 1000 kB, a model some 10 kB
-KEPT_SHARE = 0.75  # of MOST_BYTES after a removal, so that not every new file removes some
-LOOKS = 64  # at all files while MOST_BYTES are written: each takes tenths of seconds if it is full
+# Of MOST_BYTES after a removal, so that not every new file removes some.
+KEPT_SHARE = 0.75
+# At all files while MOST_BYTES are written: each takes tenths of seconds if it is full.
+LOOKS = 64
 OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -43,8 +46,8 @@ def _sources(folder: str, prefix: str) -> Iterator[tuple[str, str]]:
                 yield prefix + entry.name, entry.path
 
 
-# Hash of the whole package, so that no folder is missed. It is computed at import, because files
-# edited later are not the code that runs. It takes 5 ms.
+# Hash of the whole package, so that no folder is missed. It is computed at import,
+# because files edited later are not the code that runs. It takes 5 ms.
 VERSION = source_digest(Path(__file__).resolve().parent.parent)
 
 
@@ -59,11 +62,12 @@ def key(*parts: str) -> str:
 
 
 def directory() -> Path | None:
-    """Return the cache directory, created if needed; None if disabled or unsafe to use."""
+    """Return the cache directory, created if needed; None if disabled or unsafe."""
     setting = os.environ.get('KANE_DYNAMICS_CACHE', '')
     if setting.lower() == 'off':
         return None
-    root = os.environ.get('XDG_CACHE_HOME') or os.path.join(os.path.expanduser('~'), '.cache')
+    root = os.environ.get('XDG_CACHE_HOME') or os.path.join(os.path.expanduser('~'),
+                                                            '.cache')
     path = Path(setting) if setting else Path(root) / 'kane_dynamics'
     try:
         if not path.exists():
@@ -113,7 +117,8 @@ def store(name: str, body: bytes) -> None:
         except OSError:
             os.unlink(temporary)
             raise
-        chance = int.from_bytes(checksum[:4], 'big') / 2**32  # as good as random, but repeatable
+        # As good as random, but repeatable.
+        chance = int.from_bytes(checksum[:4], 'big') / 2**32
         if chance * MOST_BYTES <= LOOKS * len(body):
             _prune(path)
     except OSError:
@@ -122,9 +127,13 @@ def store(name: str, body: bytes) -> None:
 
 def _prune(path: Path) -> None:
     """Remove the least recently used files if the cache exceeds its size limit."""
+    files = []
     with os.scandir(path) as entries:
-        files = sorted((status.st_mtime_ns, status.st_size, entry.path) for entry in entries
-                       if stat.S_ISREG((status := entry.stat(follow_symlinks=False)).st_mode))
+        for entry in entries:
+            status = entry.stat(follow_symlinks=False)
+            if stat.S_ISREG(status.st_mode):
+                files.append((status.st_mtime_ns, status.st_size, entry.path))
+    files.sort()  # by the time of their last use
     total = sum(size for _, size, _ in files)
     if total <= MOST_BYTES:
         return

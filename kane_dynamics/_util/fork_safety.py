@@ -1,7 +1,8 @@
 """
 A lock and a lazy property that do not block a forked child.
 
-A forked child has one thread. What another thread of its parent had locked stays locked in it.
+A forked child has one thread. What another thread of its parent had locked stays locked
+in it.
 """
 
 from collections.abc import Iterator
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     lazy_property = functools.cached_property
 else:
     class lazy_property(functools.cached_property):  # noqa: N801
-        """`functools.cached_property` without the lock that it has before Python 3.12."""
+        """`functools.cached_property` without the lock of Python before 3.12."""
 
         def __get__(self, instance, owner=None):
             """Return the value; compute it at the first use."""

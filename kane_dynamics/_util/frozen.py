@@ -18,5 +18,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, tuple):
         return tuple(plain(item) for item in value)
     if hasattr(value, '__dataclass_fields__'):
-        return (type(value).__name__, *(plain(getattr(value, f.name)) for f in fields(value)))
+        values = [plain(getattr(value, field.name)) for field in fields(value)]
+        return (type(value).__name__, *values)
     return value

@@ -28,5 +28,5 @@ def extra(module: str, name: str, what: str) -> Any:
     try:
         return import_module(module)
     except ModuleNotFoundError as error:
-        raise InputError(f"{what}: '{error.name}' is not installed; expected pip install "
-                         f"'kane_dynamics[{name}]'") from None
+        raise InputError(f"{what}: '{error.name}' is not installed; expected pip "
+                         f"install 'kane_dynamics[{name}]'") from None

@@ -1,4 +1,4 @@
-"""Orientations as users state them, by roll, pitch and yaw or by a quaternion: one check."""
+"""Orientations as users state them: by roll, pitch and yaw, or by a quaternion."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import KaneError
 import numpy as np
 
-UNIT_LENGTH = 1e-3  # largest deviation of a quaternion's length from 1, as of rounded files
+# Largest deviation of a quaternion's length from 1, as of rounded files.
+UNIT_LENGTH = 1e-3
 
 
 def stated_rotation(rpy: Array | None, quaternion: Array | None, prefix: str,

@@ -16,8 +16,9 @@ def progress_bar(text: str, total: float) -> Iterator[Callable[[float], bool]]:
     """
     Show how much of `total` is done, on stderr, while the block runs.
 
-    Yields a function of the amount done that returns True, as `simulate` requires of `progress`.
-    Nothing is shown if stderr is no terminal, or if the work takes less than `DELAY`.
+    Yields a function of the amount done that returns True, as `simulate` requires of
+    `progress`. Nothing is shown if stderr is no terminal, or if the work takes less than
+    `DELAY`.
     """
     if not sys.stderr.isatty():
         yield lambda done: True

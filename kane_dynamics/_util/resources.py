@@ -40,7 +40,7 @@ def resource_path(folder: str, name: str) -> Path:
 
 
 def package_version() -> str:
-    """Return the version of this package: that of the checkout, else the installed one."""
+    """Return the version of this package: of the checkout, else the installed one."""
     from importlib import metadata  # slow to import, and rarely needed
     from xml.etree import ElementTree
     described = Path(__file__).resolve().parents[2] / 'package.xml'

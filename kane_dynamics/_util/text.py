@@ -15,7 +15,7 @@ def listing(names: Iterable[str], most: int = 40) -> str:
 
 
 def short(names: Sequence[str], most: int = 8) -> str:
-    """Return names in one line: all, or the first ones, the number of others, and the last."""
+    """Return names in one line: all, or the first ones, a number, and the last."""
     if len(names) <= most:
         return ', '.join(names) or 'no coordinates'
     return f'{", ".join(names[:most - 2])}, {len(names) - most + 1} more, {names[-1]}'

@@ -12,10 +12,11 @@ FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL
 @contextmanager
 def whole_file(path: str | os.PathLike[str], *, binary: bool = False) -> Iterator[Any]:
     """
-    Yield a stream whose content becomes the file at the end, unless an error occurs before.
+    Yield a stream whose content becomes the file at the end, unless an error occurs.
 
-    It is written beside the file and then takes its name. So a full disk leaves no part of a
-    file, and a former file stays. What is no regular file, such as a pipe, is written directly.
+    It is written beside the file and then takes its name. So a full disk leaves no part
+    of a file, and a former file stays. What is no regular file, such as a pipe, is
+    written directly.
 
     Parameters
     ----------

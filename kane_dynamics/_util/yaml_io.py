@@ -12,7 +12,7 @@ import yaml
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML loader that refuses duplicate keys, of which PyYAML silently uses the last."""
+    """YAML loader that refuses duplicate keys; PyYAML silently uses the last."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         """Return a mapping after checking that its scalar keys differ."""
@@ -39,18 +39,20 @@ def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any
 
     """
     if not isinstance(source, (str, os.PathLike)):
-        raise error(f'{what}: {SHORT.repr(source)}; expected the path of a YAML file, or a dict')
+        raise error(f'{what}: {SHORT.repr(source)}; expected the path of a YAML file, '
+                    'or a dict')
     try:
-        # `ros2 topic echo` ends its output with ---, which starts an empty document: ignored.
+        # `ros2 topic echo` ends its output with ---, which starts an empty document:
+        # ignored.
         contents = yaml.load_all(Path(source).read_bytes(), _Loader)
         documents = [document for document in contents if document is not None]
     except (OSError, ValueError) as fault:
         if isinstance(fault, FileNotFoundError):
-            raise error(f'no such file: {os.fspath(source)!r}; expected the path of a YAML file '
-                        f'({what}), or a dict') from None
+            raise error(f'no such file: {os.fspath(source)!r}; expected the path of a '
+                        f'YAML file ({what}), or a dict') from None
         reason = fault.strerror if isinstance(fault, OSError) else fault
-        raise error(f'{what} {os.fspath(source)!r}: {reason}; expected the path of a YAML '
-                    'file, or a dict') from None
+        raise error(f'{what} {os.fspath(source)!r}: {reason}; expected the path of a '
+                    'YAML file, or a dict') from None
     except (yaml.YAMLError, RecursionError) as fault:
         reason = ' '.join(str(fault).split()) or 'too deeply nested'
         raise error(f"{what} '{source}': not valid YAML: {reason}; expected a YAML "
@@ -62,7 +64,7 @@ def read_yaml(source: Any, what: str, error: type[KaneError] = UrdfError) -> Any
 
 def mapping(data: Any, what: str, valid: tuple[str, ...] | None = None,
             error: type[KaneError] = UrdfError) -> Mapping[str, Any]:
-    """Return a mapping whose keys are texts, all of them in `valid`; else raise `error`."""
+    """Return a mapping whose keys are texts in `valid`; else raise `error`."""
     expected = f'a mapping of {", ".join(valid)}' if valid else 'a mapping of names'
     if not isinstance(data, Mapping):
         raise error(f'{what}: {SHORT.repr(data)}; expected {expected}')

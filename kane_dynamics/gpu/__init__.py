@@ -1,8 +1,9 @@
 """
 Dynamics of batches of states in the memory of an NVIDIA GPU.
 
-`function` is a quantity of a robot, `rollout` its motion over many steps, as functions of arrays
-of CuPy, PyTorch, JAX and others. The kernels are made here; only the driver of the GPU is needed.
+`function` is a quantity of a robot, `rollout` its motion over many steps, as functions
+of arrays of CuPy, PyTorch, JAX and others. The kernels are made here; only the driver of
+the GPU is needed.
 """
 
 from kane_dynamics.gpu.device_function import DeviceFunction, function

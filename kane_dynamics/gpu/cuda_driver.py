@@ -1,9 +1,10 @@
-"""The driver of NVIDIA GPUs, `libcuda`, by ctypes: memory, streams, kernels of PTX text."""
+"""The driver of NVIDIA GPUs, `libcuda`, by ctypes: memory, streams, PTX kernels."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 import ctypes
-from ctypes import byref, c_char_p, c_float, c_int, c_size_t, c_uint, c_uint64, c_void_p, POINTER
+from ctypes import (byref, c_char_p, c_float, c_int, c_size_t, c_uint, c_uint64,
+                    c_void_p, POINTER)
 from functools import cache
 from typing import Any
 
@@ -68,8 +69,8 @@ class Driver:
             for name, signature in SIGNATURES.items():
                 getattr(self._library, name).argtypes = signature
         except (AttributeError, OSError) as error:
-            raise DeviceError(f'driver: {error}; expected a machine with an NVIDIA GPU and its '
-                              'driver') from None
+            raise DeviceError(f'driver: {error}; expected a machine with an NVIDIA GPU '
+                              'and its driver') from None
         self.call('cuInit', 0)
         self._contexts: dict[int, c_void_p] = {}
         self._kernels: dict[tuple[int, str], c_void_p] = {}  # by device and text
@@ -115,7 +116,8 @@ class Driver:
             context = self._contexts.get(device)
             if context is None:
                 context = c_void_p()
-                self.call('cuDevicePrimaryCtxRetain', byref(context), self._handle(device))
+                self.call('cuDevicePrimaryCtxRetain', byref(context),
+                          self._handle(device))
                 self._contexts[device] = context
         self.call('cuCtxPushCurrent_v2', context)
         try:
@@ -126,8 +128,10 @@ class Driver:
     def device_of(self, pointer: int) -> int | None:
         """Return the device of an address, or None if it is not memory of a device."""
         device = c_int(-1)
-        status = self._library.cuPointerGetAttribute(byref(device), DEVICE_OF_POINTER, pointer)
-        if status != INVALID_VALUE:  # such as after a kernel failed, or in a forked child
+        status = self._library.cuPointerGetAttribute(byref(device), DEVICE_OF_POINTER,
+                                                     pointer)
+        # Such as after a kernel failed, or in a forked child.
+        if status != INVALID_VALUE:
             self._require('cuPointerGetAttribute', status)
         return None if status or device.value < 0 else device.value
 
@@ -138,7 +142,7 @@ class Driver:
         return address.value
 
     def kernel(self, device: int, ptx: str, name: str) -> c_void_p:
-        """Return a kernel of a text, loaded into the context of a device, the current one."""
+        """Return a kernel of a text, loaded into the current context of a device."""
         with self._lock.held():
             found = self._kernels.get((device, ptx))
             if found is None:
@@ -149,24 +153,28 @@ class Driver:
             return found
 
     def _load(self, module: c_void_p, ptx: str) -> None:
-        """Load a module; on failure, DeviceError with what the driver's assembler says."""
+        """Load a module; on failure, DeviceError with the message of the assembler."""
         log = ctypes.create_string_buffer(MOST_LOG)
         options = (c_int * 2)(ERROR_LOG, ERROR_LOG_BYTES)
         values = (c_void_p * 2)(ctypes.addressof(log), MOST_LOG)
         try:
-            self.call('cuModuleLoadDataEx', byref(module), ptx.encode(), 2, options, values)
+            self.call('cuModuleLoadDataEx', byref(module), ptx.encode(), 2, options,
+                      values)
         except DeviceError as error:
-            raise DeviceError(f'{error}\n{log.value.decode(errors="replace")}'.strip()) from None
+            details = log.value.decode(errors='replace')
+            raise DeviceError(f'{error}\n{details}'.strip()) from None
 
-    def launch(self, kernel: c_void_p, count: int, values: Sequence[Any], stream: int) -> None:
+    def launch(self, kernel: c_void_p, count: int, values: Sequence[Any],
+               stream: int) -> None:
         """
-        Run a kernel with one thread for each of `count` states, after what is in the stream.
+        Run a kernel with one thread for each of `count` states.
 
-        `values` are the ctypes objects that it receives.
+        It begins after the earlier work of the stream. `values` are the ctypes objects
+        that it receives.
         """
         pointers = (c_void_p * len(values))(*(ctypes.addressof(x) for x in values))
-        self.call('cuLaunchKernel', kernel, -(-count // BLOCK), 1, 1, BLOCK, 1, 1, 0, stream,
-                  pointers, None)
+        self.call('cuLaunchKernel', kernel, -(-count // BLOCK), 1, 1, BLOCK, 1, 1, 0,
+                  stream, pointers, None)
 
     def synchronize(self, stream: int) -> None:
         """Wait until everything in a stream is done."""

@@ -77,7 +77,8 @@ def view(name: str, x: Any, driver: Driver, stream: int) -> DeviceArray:
     if hasattr(x, 'block_until_ready'):  # of JAX, which states no stream
         x.block_until_ready()
     if library_of(x) == 'torch' and x.is_neg():  # such as the imaginary part of x.conj()
-        raise InputError(f'{name}: a tensor that is negated lazily; expected x.resolve_neg()')
+        raise InputError(f'{name}: a tensor that is negated lazily; expected '
+                         'x.resolve_neg()')
     try:
         interface = getattr(x, '__cuda_array_interface__', None)
     except RuntimeError as error:  # PyTorch: the tensor requires a gradient
@@ -85,11 +86,14 @@ def view(name: str, x: Any, driver: Driver, stream: int) -> DeviceArray:
                          'x.detach()') from None
     if interface is not None:
         return _by_interface(name, x, interface, driver, stream)
-    kind, device = x.__dlpack_device__() if hasattr(x, '__dlpack_device__') else (None, 0)
+    kind, device = None, 0
+    if hasattr(x, '__dlpack_device__'):
+        kind, device = x.__dlpack_device__()
     if kind not in (dlpack.CUDA, dlpack.MANAGED):
         where = ' in host memory' if kind is not None else ''
-        raise InputError(f'{name}: a {type(x).__name__}{where}; expected an array in the memory '
-                         'of an NVIDIA GPU (__cuda_array_interface__ or DLPack)')
+        raise InputError(f'{name}: a {type(x).__name__}{where}; expected an array in '
+                         'the memory of an NVIDIA GPU (__cuda_array_interface__ or '
+                         'DLPack)')
     with driver.on(int(device)):  # the device of the stream
         capsule = x.__dlpack__(stream=stream or LEGACY)
     tensor = dlpack.read(capsule)
@@ -109,8 +113,8 @@ def _by_interface(name: str, x: Any, interface: Any, driver: Driver,
     in_bytes = interface.get('strides')
     if in_bytes is not None:
         if any(stride % item for stride in in_bytes):
-            raise InputError(f'{name}: strides of {in_bytes} bytes; expected multiples of '
-                             f'{item}')
+            raise InputError(f'{name}: strides of {in_bytes} bytes; expected multiples '
+                             f'of {item}')
         strides = tuple(stride // item for stride in in_bytes)
     if interface.get('mask') is not None:
         raise InputError(f'{name}: a masked array; expected one without a mask')
@@ -141,16 +145,16 @@ class DeviceMemory:
     Memory of a GPU as an array that other libraries take over without a copy.
 
     `torch.from_dlpack`, `cupy.from_dlpack`, `jax.dlpack.from_dlpack` and
-    `numba.cuda.as_cuda_array` accept it. It says that its content is ready: as ``out`` of a call
-    with a stream of your own, wait for that stream first.
+    `numba.cuda.as_cuda_array` accept it. It says that its content is ready: as ``out``
+    of a call with a stream of your own, wait for that stream first.
     """
 
     def __init__(self, driver: Driver, device: int, shape: tuple[int, ...],
                  strides: tuple[int, ...], dtype: str) -> None:
         """Allocate the memory on a device, whose context is the current one."""
         self._driver, self._device = driver, device
-        self._read = dlpack.Read(driver.allocate(ITEM[dtype] * math.prod(shape)), shape, strides,
-                                 dtype)
+        self._read = dlpack.Read(driver.allocate(ITEM[dtype] * math.prod(shape)), shape,
+                                 strides, dtype)
         finalize(self, _freed, driver, device, self._read.pointer).atexit = False
 
     def __repr__(self) -> str:
@@ -166,16 +170,18 @@ class DeviceMemory:
     def __cuda_array_interface__(self) -> dict[str, Any]:
         """Return the array by the protocol of Numba, version 3; its values are computed."""
         item = ITEM[self._read.dtype]
-        return {'shape': self.shape, 'strides': tuple(item * x for x in self._read.strides),
-                'typestr': f'<f{item}', 'data': (self._read.pointer, False), 'version': 3,
+        return {'shape': self.shape,
+                'strides': tuple(item * x for x in self._read.strides),
+                'typestr': f'<f{item}', 'data': (self._read.pointer, False),
+                'version': 3,
                 'stream': None}
 
     def __dlpack_device__(self) -> tuple[int, int]:
         """Return the kind and number of the device by the protocol of DLPack."""
         return dlpack.CUDA, self._device
 
-    def __dlpack__(self, *, stream: Any = None, max_version: Any = None, dl_device: Any = None,
-                   copy: bool | None = None) -> Any:
+    def __dlpack__(self, *, stream: Any = None, max_version: Any = None,
+                   dl_device: Any = None, copy: bool | None = None) -> Any:
         """
         Return a capsule by the protocol of DLPack; the content is ready for any stream.
 
@@ -186,7 +192,8 @@ class DeviceMemory:
 
         """
         if copy or dl_device not in (None, self.__dlpack_device__()):
-            raise BufferError(f'copy={copy}, dl_device={dl_device}; expected this memory itself')
+            raise BufferError(f'copy={copy}, dl_device={dl_device}; expected this '
+                              'memory itself')
         return dlpack.write(self, self._read, self._device)
 
 
@@ -207,7 +214,7 @@ def same_stream(a: int, b: int) -> bool:
 
 
 def current_stream(x: Any) -> int | None:
-    """Return the current stream of the library of an array; None if it has no such thing."""
+    """Return the current stream of the library of an array; None if it has none."""
     library = library_of(x)
     if library == 'torch' and x.is_cuda:
         return int(sys.modules['torch'].cuda.current_stream(x.device).cuda_stream)
@@ -222,7 +229,8 @@ def _allocating_on(like: Any, stream: int) -> Iterator[None]:
     """
     Make a stream the current one of PyTorch or CuPy, and the device of an array.
 
-    Their memory pools reuse a block at once for work on the stream that it was allocated on.
+    Their memory pools reuse a block at once for work on the stream that it was allocated
+    on.
     """
     library = library_of(like)
     current = current_stream(like)
@@ -242,8 +250,8 @@ def _allocating_on(like: Any, stream: int) -> Iterator[None]:
             yield
 
 
-def empty(like: Any, batch: Sequence[int], shape: Sequence[int], dtype: str, coalesced: bool,
-          driver: Driver, device: int, stream: int) -> Any:
+def empty(like: Any, batch: Sequence[int], shape: Sequence[int], dtype: str,
+          coalesced: bool, driver: Driver, device: int, stream: int) -> Any:
     """
     Return a new array of the library of another array, or a `DeviceMemory`.
 
@@ -280,7 +288,8 @@ def empty(like: Any, batch: Sequence[int], shape: Sequence[int], dtype: str, coa
         with _allocating_on(like, stream):
             return cupy.empty(stored, dtype=dtype).transpose(order)
     strides = dlpack.contiguous(stored)
-    return DeviceMemory(driver, device, (*batch, *shape), tuple(strides[k] for k in order), dtype)
+    return DeviceMemory(driver, device, (*batch, *shape),
+                        tuple(strides[k] for k in order), dtype)
 
 
 def handed_over(like: Any, result: Any) -> Any:

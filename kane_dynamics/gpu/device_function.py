@@ -8,7 +8,8 @@ from typing import Any
 from kane_dynamics.gpu.kernel_call import KernelCall, ptx_text, REALS, require_dtype, row
 from kane_dynamics.native.backends.gpu_kernel import kernel_text
 from kane_dynamics.robot.derivative_kernels import Derivative
-from kane_dynamics.robot.frameworks.quantity_function import QuantityFunction, require_shape
+from kane_dynamics.robot.frameworks.quantity_function import (QuantityFunction,
+                                                              require_shape)
 from kane_dynamics.robot.methods.dynamics_methods import place_of
 from kane_dynamics.robot.robot import Robot
 
@@ -16,8 +17,8 @@ from kane_dynamics.robot.robot import Robot
 class DeviceFunction(QuantityFunction):
     """A quantity as a function of arrays of a GPU; see `function`."""
 
-    def __init__(self, robot: Robot, quantity: str, at: str, parameters: str | Sequence[str],
-                 dtype: str) -> None:
+    def __init__(self, robot: Robot, quantity: str, at: str,
+                 parameters: str | Sequence[str], dtype: str) -> None:
         """Check the names; the kernel is made at the first use."""
         super().__init__(robot, quantity, at, parameters)
         self.dtype = require_dtype(dtype)
@@ -35,7 +36,8 @@ class DeviceFunction(QuantityFunction):
             def text() -> str:
                 program = robot.kernels.program(quantity, at, value)
                 return kernel_text(program, REALS[self.dtype])
-            self._ptx = ptx_text(f'{quantity}:{at} {names}', robot.kernels.key, self.dtype, text)
+            self._ptx = ptx_text(f'{quantity}:{at} {names}', robot.kernels.key,
+                                 self.dtype, text)
         return self._ptx
 
     def __call__(self, *arguments: Any, out: Any = None, stream: int | None = None,
@@ -67,18 +69,20 @@ def function(robot: Robot, name: str, *, parameters: str | Sequence[str] = (),
     """
     Return a quantity as a function of arrays in the memory of an NVIDIA GPU.
 
-    Its arguments are those of the quantity's method, in its order or by their names; then
-    'wrench', (k, 6), if the robot declares wrench frames and the quantity depends on them, and 't'
-    if the equations depend on time; then the `parameters`. Each has the same batch axes in front,
-    or is one state for all.
+    Its arguments are those of the quantity's method, in its order or by their names;
+    then 'wrench', (k, 6), if the robot declares wrench frames and the quantity depends
+    on them, and 't' if the equations depend on time; then the `parameters`. Each has the
+    same batch axes in front, or is one state for all.
 
-    Arrays are of PyTorch, CuPy, JAX or any library with `__cuda_array_interface__` or DLPack, all
-    of one device and of `dtype`, and are read where they are. Accesses coalesce where neighboring
-    states are neighbors in memory, as in ``torch.empty(n, N).T``; the result is then alike. Any
-    other strides will do if states, and entries, are at equal distances.
+    Arrays are of PyTorch, CuPy, JAX or any library with `__cuda_array_interface__` or
+    DLPack, all of one device and of `dtype`, and are read where they are. Accesses
+    coalesce where neighboring states are neighbors in memory, as in ``torch.empty(n,
+    N).T``; the result is then alike. Any other strides will do if states, and entries,
+    are at equal distances.
 
-    Where a state has an argument that is not finite or a position that is too large, or where the
-    robot's method raises an error that depends on the state, its result is NaN.
+    Where a state has an argument that is not finite or a position that is too large, or
+    where the robot's method raises an error that depends on the state, its result is
+    NaN.
 
     Parameters
     ----------
@@ -95,17 +99,17 @@ def function(robot: Robot, name: str, *, parameters: str | Sequence[str] = (),
     Returns
     -------
     DeviceFunction
-        Called with arrays. ``out=`` is an array for the result; by default it is a new one of
-        PyTorch, CuPy or JAX, or else a `DeviceMemory`. ``stream=`` is the handle of a CUDA stream,
-        by default the current one of PyTorch or CuPy, on which the call does not wait; with other
-        libraries, and with a new `DeviceMemory`, the call returns when the result is there.
-        ``ptx`` is the kernel as text.
+        Called with arrays. ``out=`` is an array for the result; by default it is a new
+        one of PyTorch, CuPy or JAX, or else a `DeviceMemory`. ``stream=`` is the handle
+        of a CUDA stream, by default the current one of PyTorch or CuPy, on which the
+        call does not wait; with other libraries, and with a new `DeviceMemory`, the call
+        returns when the result is there. ``ptx`` is the kernel as text.
 
     Raises
     ------
     InputError
-        An unknown quantity, frame, joint, parameter or type; at a call, a wrong array, which is
-        named.
+        An unknown quantity, frame, joint, parameter or type; at a call, a wrong array,
+        which is named.
     DeviceError
         At a call: there is no GPU or no driver, or it reports an error.
 

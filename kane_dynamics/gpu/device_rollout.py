@@ -31,7 +31,8 @@ class DeviceRollout:
         self._robot = robot.copy()
         self._integrator = integrator
         self._made_of = self._robot, parameters, dtype, integrator
-        batch_function(self._robot, 'forward_dynamics', '', parameters)  # checks the parameters
+        # This call checks the parameters.
+        batch_function(self._robot, 'forward_dynamics', '', parameters)
         names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
         parts = {name: PARAMETERS[name] for name in names}
         self._layout = StepLayout(robot.n_q, robot.n, robot.equations.timed,
@@ -110,37 +111,37 @@ class DeviceRollout:
         if steps is None:
             steps = torques
         if steps is None:
-            raise InputError('steps: missing; expected their number, since tau has no axis of '
-                             'steps')
+            raise InputError('steps: missing; expected their number, since tau has no '
+                             'axis of steps')
         count = integer(steps, 'steps', 1, MOST_STEPS)
         if torques is not None and torques != count:
-            raise InputError(f'steps: {count}; expected {torques}, the number of torques in '
-                             'tau')
+            raise InputError(f'steps: {count}; expected {torques}, the number of '
+                             'torques in tau')
         return count
 
 
-def rollout(robot: Robot, *, parameters: str | Sequence[str] = (), dtype: str = 'float64',
-            integrator: str = 'rk4') -> DeviceRollout:
+def rollout(robot: Robot, *, parameters: str | Sequence[str] = (),
+            dtype: str = 'float64', integrator: str = 'rk4') -> DeviceRollout:
     """
-    Return the motion over many steps as a function of arrays in the memory of an NVIDIA GPU.
+    Return the motion over many steps as a function of arrays on an NVIDIA GPU.
 
-    It is called as ``motion(q, u, tau, *parameters, h=..., steps=...)``. One thread takes all
-    steps of one state; the steps are those of `simulate` with torques that are held for a step.
-    External wrenches are zero.
+    It is called as ``motion(q, u, tau, *parameters, h=..., steps=...)``. One thread
+    takes all steps of one state; the steps are those of `simulate` with torques that are
+    held for a step. External wrenches are zero.
 
     - q, (..., n_q), and u, (..., n): states at the beginning.
     - tau: (..., steps, n), torques of each step, or (..., n), held over all steps.
     - the `parameters`, of each state, or one for all.
-    - h: length of a step, s. steps: their number, where tau does not state it. t: time at the
-      beginning, s, if the equations depend on it.
-    - every_step: return the states after each step, (..., steps, n_q + n), else those after the
-      last one, (..., n_q + n). Positions come first.
+    - h: length of a step, s. steps: their number, where tau does not state it. t: time
+      at the beginning, s, if the equations depend on it.
+    - every_step: return the states after each step, (..., steps, n_q + n), else those
+      after the last one, (..., n_q + n). Positions come first.
     - out, stream: as of `function`, and so are the arrays.
 
-    From where a state is not finite, a position is too large, a step ends with loops that are open
-    by more than ``robot.parameters.closure_tolerance``, before it closes them, or independent
-    speeds are singular, its results are NaN; `simulate` raises errors, or continues with other
-    speeds.
+    From where a state is not finite, a position is too large, a step ends with loops
+    that are open by more than ``robot.parameters.closure_tolerance``, before it closes
+    them, or independent speeds are singular, its results are NaN; `simulate` raises
+    errors, or continues with other speeds.
 
     Parameters
     ----------
@@ -156,7 +157,8 @@ def rollout(robot: Robot, *, parameters: str | Sequence[str] = (), dtype: str = 
     Raises
     ------
     InputError
-        An unknown parameter, type or integrator; at a call, a wrong array, which is named.
+        An unknown parameter, type or integrator; at a call, a wrong array, which is
+        named.
     DeviceError
         At a call: there is no GPU or no driver, or it reports an error.
 

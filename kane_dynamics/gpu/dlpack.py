@@ -5,8 +5,8 @@ The layout is that of ``dlpack.h``, version 0.8, `DLManagedTensor`.
 """
 
 import ctypes
-from ctypes import (c_char_p, c_int32, c_int64, c_uint16, c_uint64, c_uint8, c_void_p, POINTER,
-                    py_object)
+from ctypes import (c_char_p, c_int32, c_int64, c_uint16, c_uint64, c_uint8, c_void_p,
+                    POINTER, py_object)
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -21,7 +21,8 @@ NAME = b'dltensor'  # of a capsule that no library has taken yet
 class Tensor(ctypes.Structure):
     """A `DLTensor`."""
 
-    _fields_ = [('data', c_void_p), ('kind', c_int32), ('device', c_int32), ('ndim', c_int32),
+    _fields_ = [('data', c_void_p), ('kind', c_int32), ('device', c_int32),
+                ('ndim', c_int32),
                 ('code', c_uint8), ('bits', c_uint8), ('lanes', c_uint16),
                 ('shape', POINTER(c_int64)), ('strides', POINTER(c_int64)),
                 ('offset', c_uint64)]
@@ -48,7 +49,9 @@ _pointer.restype, _pointer.argtypes = c_void_p, [py_object, c_char_p]
 
 def read(capsule: Any) -> Read:
     """
-    Return the content of a capsule without taking it; it must be kept while the memory is in use.
+    Return the content of a capsule without taking it.
+
+    The capsule must be kept while the memory is in use.
 
     Raises
     ------
@@ -60,8 +63,12 @@ def read(capsule: Any) -> Read:
     if tensor.lanes != 1:
         raise InputError(f'array: numbers of {tensor.lanes} lanes; expected 1')
     shape = tuple(tensor.shape[:tensor.ndim])
-    strides = tuple(tensor.strides[:tensor.ndim]) if tensor.strides else contiguous(shape)
-    dtype = f'float{tensor.bits}' if tensor.code == FLOATING else f'type code {tensor.code}'
+    strides = contiguous(shape)
+    if tensor.strides:
+        strides = tuple(tensor.strides[:tensor.ndim])
+    dtype = f'type code {tensor.code}'
+    if tensor.code == FLOATING:
+        dtype = f'float{tensor.bits}'
     return Read((tensor.data or 0) + tensor.offset, shape, strides, dtype)
 
 
@@ -78,8 +85,9 @@ def write(owner: Any, array: Read, device: int) -> Any:
     """
     Return a capsule of memory of a GPU; `owner` lives as long as it is in use.
 
-    The capsule is one of NumPy, which does not touch the memory. It is released in C: consumers
-    release capsules while errors propagate, and at the exit, where no Python code can run.
+    The capsule is one of NumPy, which does not touch the memory. It is released in C:
+    consumers release capsules while errors propagate, and at the exit, where no Python
+    code can run.
     """
     item = int(array.dtype.removeprefix('float')) // 8
     held = SimpleNamespace(owner=owner, __array_interface__={

@@ -9,8 +9,8 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.gpu.cuda_driver import Driver, driver
-from kane_dynamics.gpu.device_arrays import (current_stream, DeviceArray, DeviceMemory, empty,
-                                             handed_over, ITEM, view)
+from kane_dynamics.gpu.device_arrays import (current_stream, DeviceArray, DeviceMemory,
+                                             empty, handed_over, ITEM, view)
 from kane_dynamics.native.backends.gpu_kernel import KERNEL
 from kane_dynamics.native.backends.real_types import DOUBLE, FLOAT, Real
 from kane_dynamics.native.machine_code import llvm
@@ -58,18 +58,19 @@ class KernelCall:
     Raises
     ------
     InputError
-        An array that is not in the memory of a GPU, of a wrong type, or on another device.
+        An array that is not in the memory of a GPU, of a wrong type, or on another
+        device.
     DeviceError
         There is no device or no driver.
 
     """
 
-    def __init__(self, name: str, arguments: Sequence[tuple[str, Shape]], arrays: Sequence[Any],
-                 dtype: str, stream: Any) -> None:
+    def __init__(self, name: str, arguments: Sequence[tuple[str, Shape]],
+                 arrays: Sequence[Any], dtype: str, stream: Any) -> None:
         """Check the arrays."""
         if not (stream is None or (isinstance(stream, int) and stream >= 0)):
-            raise InputError(f'stream: {stream!r}; expected the handle of a CUDA stream (int) or '
-                             'None')
+            raise InputError(f'stream: {stream!r}; expected the handle of a CUDA stream '
+                             '(int) or None')
         self._driver: Driver = driver()
         self.name = name
         self.dtype = dtype
@@ -89,25 +90,25 @@ class KernelCall:
         """Return a view of an array of the type of the kernel."""
         array = view(name, x, self._driver, self._stream)
         if array.dtype != self.dtype:
-            raise InputError(f'{name}: {array.dtype}; expected {self.dtype}, of which this '
-                             'function is (dtype=)')
+            raise InputError(f'{name}: {array.dtype}; expected {self.dtype}, of which '
+                             'this function is (dtype=)')
         return array
 
     def batch(self, batches: Sequence[Shape]) -> Shape:
         """
-        Return the batch axes of the result for those of each argument; check the devices.
+        Return the batch axes of the result for those of the arguments; check devices.
 
         The layout of the result is that of the first argument that has them.
         """
         for x in self.views:
             if x.device != self.device and 0 not in x.shape:
-                raise InputError(f'{x.name}: on device {x.device}; expected device {self.device}, '
-                                 f"that of '{self.views[0].name}'")
+                raise InputError(f'{x.name}: on device {x.device}; expected device '
+                                 f"{self.device}, that of '{self.views[0].name}'")
         several = dict.fromkeys(axes for axes in batches if math.prod(axes) != 1)
         if len(several) > 1:
             shapes = ', '.join(f'{x.name} {x.shape}' for x in self.views)
-            raise InputError(f'{self.name}: arguments {shapes}; expected the same batch axes, or '
-                             'one state for all')
+            raise InputError(f'{self.name}: arguments {shapes}; expected the same batch '
+                             'axes, or one state for all')
         batch = next(iter(several)) if several else max(batches, key=len)
         self._like = self.views[list(batches).index(batch)]
         return batch
@@ -118,16 +119,19 @@ class KernelCall:
         if out is None:
             like = self._like
             stride = collapsed(like.shape[:len(batch)], like.strides[:len(batch)])
-            result = empty(self._first, batch, shape, self.dtype, stride == 1, self._driver,
-                           self.device, self._stream)
-            self._waits |= isinstance(result, DeviceMemory)  # which says that it is ready
+            result = empty(self._first, batch, shape, self.dtype, stride == 1,
+                           self._driver, self.device, self._stream)
+            # The call returns when the content of a new `DeviceMemory` is there.
+            self._waits |= isinstance(result, DeviceMemory)
         written = self._view('out', result)
         if written.shape != (*batch, *shape):
             raise InputError(f'out: shape {written.shape}; expected {(*batch, *shape)}')
         if not written.writeable:
-            raise InputError('out: an array that cannot be written; expected one that can')
+            raise InputError(
+                'out: an array that cannot be written; expected one that can')
         if written.device != self.device and 0 not in written.shape:
-            raise InputError(f'out: on device {written.device}; expected device {self.device}')
+            raise InputError(f'out: on device {written.device}; expected device '
+                             f'{self.device}')
         if out is not None:
             self._require_apart(written)
             self._waits |= not self._chosen and current_stream(out) is None
@@ -135,19 +139,24 @@ class KernelCall:
 
     def _require_apart(self, out: DeviceArray) -> None:
         """Raise InputError if threads could overwrite what others read or write."""
-        axes = [(abs(stride), size) for stride, size in zip(out.strides, out.shape) if size > 1]
+        axes = []
+        for stride, size in zip(out.strides, out.shape):
+            if size > 1:
+                axes.append((abs(stride), size))
+        # From the axis of the smallest stride on, each must step over all inside it.
         extent = 1  # numbers of the axes with smaller strides
         for stride, size in sorted(axes):
             if stride < extent:
-                raise InputError(f'out: strides {out.strides} of shape {out.shape}; expected '
-                                 'entries that do not overlap')
+                raise InputError(f'out: strides {out.strides} of shape {out.shape}; '
+                                 'expected entries that do not overlap')
             extent = stride * size
         begin, end = out.extent
         for x in self.views:
-            same = (x.pointer, x.shape, x.strides) == (out.pointer, out.shape, out.strides)
+            memory = (x.pointer, x.shape, x.strides)
+            same = memory == (out.pointer, out.shape, out.strides)
             if x.extent[0] < end and begin < x.extent[1] and not same:
-                raise InputError(f"out: memory between that of '{x.name}'; expected memory of its "
-                                 'own, or the same array')
+                raise InputError(f"out: memory between that of '{x.name}'; expected "
+                                 'memory of its own, or the same array')
 
     def run(self, ptx: str, values: Sequence[Any], count: int, result: Any) -> Any:
         """Launch the kernel for `count` states and return the array of the result."""
@@ -159,7 +168,7 @@ class KernelCall:
         return handed_over(self._first, result)
 
     def on_device(self) -> Any:
-        """Return a context manager in which the context of the device is the current one."""
+        """Return a context manager that makes the context of the device current."""
         return self._driver.on(self.device)
 
     def numbers(self, values: Array | Sequence[float]) -> list[Any]:
@@ -183,8 +192,9 @@ def row(x: DeviceArray, shape: Shape, batch: Shape, steps: bool = False) -> list
     stride = 0 if math.prod(own) == 1 else collapsed(own, x.strides[:axes])
     pitch = collapsed(x.shape[entries:], x.strides[entries:])
     if stride is None or pitch is None:
-        raise InputError(f'{x.name}: strides {x.strides} of shape {x.shape}; expected states at '
-                         'equal distances, and so their entries: a contiguous copy')
+        raise InputError(f'{x.name}: strides {x.strides} of shape {x.shape}; expected '
+                         'states at equal distances, and so their entries: a contiguous '
+                         'copy')
     return [c_uint64(x.pointer), c_int64(stride), c_int64(pitch),
             *([c_int64(x.strides[axes])] if steps else [])]
 

@@ -17,12 +17,12 @@ IN_C = {'arctan': 'atan'}  # functions that C calls otherwise than numpy
 
 
 def constant(value: float, precision: Precision) -> str:
-    """Return a number as a C literal: the shortest decimal that reads back bit for bit."""
+    """Return a number as a C literal: the shortest decimal that reads back exactly."""
     if np.isnan(value):
         return f'({precision.c})NAN'  # of math.h, a float
     if not np.isfinite(value):
-        raise CompileError(f'constant: {value}; expected a finite number or NaN: C has no other '
-                           'literal')
+        raise CompileError(f'constant: {value}; expected a finite number or NaN: C has '
+                           'no other literal')
     return literal(value, precision)
 
 
@@ -57,12 +57,15 @@ class _Function:
         self.callees: list[Program] = []
         schedule = program.schedule()
         read = set()
-        for node in schedule:  # load inputs first: the result may overlap an argument in memory
+        # Load inputs first: the result may overlap an argument in memory.
+        for node in schedule:
             if node.op == 'input':
                 name, k = node.args
                 read.add(name)
                 self._define(node, f'{name}_{k}', f'{name}[{k}]')
-        self.lines += [f'    (void){name};' for name, _ in program.inputs if name not in read]
+        for name, _ in program.inputs:
+            if name not in read:
+                self.lines.append(f'    (void){name};')
         for node in self._elementary_first(schedule):
             if node.index not in self.names:
                 self._operation(node)
@@ -80,7 +83,8 @@ class _Function:
         # Values that need no elementary function: arithmetic on the inputs.
         plain: set[int] = set()
         for node in schedule:
-            is_arithmetic = node.op not in (*ELEMENTARY, 'call', 'output', 'sqrt', 'input')
+            is_arithmetic = node.op not in (*ELEMENTARY, 'call', 'output', 'sqrt',
+                                            'input')
             of_plain = all(x.index in plain for x in operands(node))
             if node.op == 'input' or (is_arithmetic and of_plain):
                 plain.add(node.index)
@@ -116,7 +120,8 @@ class _Function:
                     self.names[node.index] = f'{function}_{array}[{place}]'
         return schedule
 
-    def _elementary(self, function: str, angles: list[Expr], results: Sequence[str]) -> None:
+    def _elementary(self, function: str, angles: list[Expr],
+                    results: Sequence[str]) -> None:
         """Call an elementary function for all its arguments."""
         real = self.precision.c
         count = len(angles)
@@ -131,7 +136,9 @@ class _Function:
         self.names[node.index] = name
 
     def _value(self, x: Expr | float) -> str:
-        return self.names[x.index] if isinstance(x, Expr) else constant(x, self.precision)
+        if isinstance(x, Expr):
+            return self.names[x.index]
+        return constant(x, self.precision)
 
     def _operation(self, node: Expr) -> None:
         name = f'v{node.index}'
@@ -168,7 +175,8 @@ class _Function:
         for k, (_, shape) in enumerate(callee.inputs):
             entries = list(islice(remaining, size_of(shape)))
             values = ', '.join(self._value(x) for x in entries)
-            self.lines.append(f'    const {real} a{i}_{k}[{len(entries)}] = {{{values}}};')
+            self.lines.append(
+                f'    const {real} a{i}_{k}[{len(entries)}] = {{{values}}};')
             arguments.append(f'a{i}_{k}')
         arguments.append(f'r{i}')
         self.lines += [f'    {real} r{i}[{max(callee.n_outputs, 1)}];',
@@ -179,8 +187,8 @@ def _grouped(angles: list[Expr]) -> list[Expr]:
     """
     Return angles with some repeated, so that they fill vector registers.
 
-    The last register holds the last angles, which are adjacent in memory like the others: a
-    register assembled from separate values would wait for them to be stored.
+    The last register holds the last angles, which are adjacent in memory like the
+    others: a register assembled from separate values would wait for them to be stored.
     """
     missing = -len(angles) % FUNCTION_LANES
     if len(angles) < FUNCTION_LANES:
@@ -197,14 +205,15 @@ def prototype(program: Program, name: str, precision: Precision) -> str:
 def c_functions(program: Program, name: str, defaults: Mapping[str, str],
                 precision: Precision, versions: str) -> str:
     """
-    Return a program as the C function `name`, preceded by its subroutines as static functions.
+    Return a program as the C function `name`, after its subroutines, static functions.
 
     Parameters
     ----------
     program : Program
         The program to generate code for.
     name : str
-        Name of the function, a C identifier; also the prefix of the static functions' names.
+        Name of the function, a C identifier; also the prefix of the static functions'
+        names.
     defaults : mapping
         Input name to the C array that replaces the input when NULL is passed.
     precision : Precision
@@ -226,7 +235,8 @@ def c_functions(program: Program, name: str, defaults: Mapping[str, str],
               for argument, array in defaults.items()]
     # The body, as several versions where compilers can, and the function that calls it.
     body = [*heads, *main.lines, '}']
-    caller = [prototype(program, name, precision), '{', f'    {name}_body({arguments});', '}']
+    caller = [prototype(program, name, precision), '{', f'    {name}_body({arguments});',
+              '}']
     texts = ['\n'.join([*body, '', *caller])]
 
     # Subroutines stand before the functions that call them.

@@ -1,8 +1,9 @@
 """
 Sines, cosines and tanh of exported C: loops without branches that a compiler vectorises.
 
-The reduction of an angle subtracts a multiple of pi/2 in three parts, so that it needs no fused
-multiply-add; larger angles than `MOST`, fast-math and x87 arithmetic go to libm.
+The reduction of an angle subtracts a multiple of pi/2 in three parts, so that it needs
+no fused multiply-add; larger angles than `MOST`, fast-math and x87 arithmetic go to
+libm.
 """
 
 from dataclasses import dataclass
@@ -59,7 +60,8 @@ class Precision:
 
 PRECISIONS = {precision.name: precision for precision in (
     Precision('float64', 'double', '', 'uint64_t', 17,
-              (1.57079632673412561417e+00, 6.07710050630396597660e-11, 2.02226624879595063154e-21),
+              (1.57079632673412561417e+00, 6.07710050630396597660e-11,
+               2.02226624879595063154e-21),
               1e5, 1.5 * 2.0**52, 1023, 52, (6, 6, 12), 20.0, 2.0**-52),
     Precision('float32', 'float', 'f', 'uint32_t', 9,
               (1.5703125, 4.837512969970703125e-4, 7.54978995489188216e-08),
@@ -174,14 +176,16 @@ def literal(value: float, precision: Precision) -> str:
     """Return a number as a C literal of a precision."""
     if precision.suffix:
         text = f'{value:.{precision.digits}g}'
-        return (text if any(mark in text for mark in '.en') else f'{text}.0') + precision.suffix
+        if not any(mark in text for mark in '.en'):
+            text = f'{text}.0'
+        return text + precision.suffix
     return repr(float(value))
 
 
 def elementary_functions(upper: str, precision: Precision, names: set[str]) -> str:
-    """Return the named C functions for sine, cosine and tanh; macros begin with `upper`."""
+    """Return the named C elementary functions; macros begin with `upper`."""
     def polynomial(coefficients: tuple[float, ...], x: str, square: str) -> str:
-        """Return C code for sum c_k x^k by pairs: shorter dependency chains than Horner's."""
+        """Return C code for sum c_k x^k by pairs: shorter chains than Horner's."""
         texts = [literal(c, precision) for c in coefficients]
         pairs = [f'{low} + {x} * {high}' for low, high in zip(texts[::2], texts[1::2])]
         if len(texts) % 2:
@@ -199,7 +203,8 @@ def elementary_functions(upper: str, precision: Precision, names: set[str]) -> s
     numbers = {
         'most': precision.most, 'inverse': 2.0 / math.pi, 'round': precision.rounding,
         'quarter': 0.25, 'four': 4.0, 'one': 1.0, 'half': 0.5, 'zero': 0.0, 'two': 2.0,
-        'part0': precision.parts[0], 'part1': precision.parts[1], 'part2': precision.parts[2],
+        'part0': precision.parts[0], 'part1': precision.parts[1],
+        'part2': precision.parts[2],
         'saturated': precision.saturated, 'log2e': 1.0 / math.log(2.0), 'ln2high': high,
         'ln2low': low}
     words = {'UPPER': upper, 'real': precision.c, 'f': precision.suffix,

@@ -1,10 +1,11 @@
 """
 Generate LLVM IR of a function by CasADi's conventions for functions in shared libraries.
 
-For a function f these are `f` itself, which takes arrays of pointers to the nonzeros of arguments
-and results, null for zeros and for a result that is not wanted; and `f_n_in`, `f_name_in`,
-`f_sparsity_in`, the same for results, and `f_work`, which describe it.
-A result is NaN where the kernel's is, and where a position is too large for sines and cosines.
+For a function f these are `f` itself, which takes arrays of pointers to the nonzeros of
+arguments and results, null for zeros and for a result that is not wanted; and `f_n_in`,
+`f_name_in`, `f_sparsity_in`, the same for results, and `f_work`, which describe it. A
+result is NaN where the kernel's is, and where a position is too large for sines and
+cosines.
 """
 
 from collections.abc import Sequence
@@ -17,32 +18,36 @@ from kane_dynamics.native.tracing.matrix_function import Block, MatrixFunction
 KERNEL = 'kernel'
 KINDS = 'name', 'sparsity'
 COPY = '@llvm.memcpy.p0.p0.i64'
+ABS = '@llvm.fabs.f64'
 
 
 def casadi_text(function: MatrixFunction) -> str:
-    """Return a module with a function and its descriptions; other symbols are internal."""
-    kernel = module_text(function.program, KERNEL).replace('define void', 'define internal void')
+    """Return a module with a function and its descriptions; the rest is internal."""
+    kernel = module_text(function.program, KERNEL)
+    kernel = kernel.replace('define void', 'define internal void')
     lines = [kernel, *_evaluation(function)]
     for end, blocks in (('in', function.inputs), ('out', function.outputs)):
         lines += _description(f'{function.name}_', end, blocks)
     sizes = (len(function.inputs), len(function.outputs), 0,
              len(function.program.outputs))
-    lines += [f'define i32 @{function.name}_work(ptr %arg, ptr %res, ptr %iw, ptr %w) {{',
-              *(f'  store i64 {size}, ptr %{name}'
-                for name, size in zip(('arg', 'res', 'iw', 'w'), sizes)),
-              '  ret i32 0', '}']
+    work = 'ptr %arg, ptr %res, ptr %iw, ptr %w'
+    lines.append(f'define i32 @{function.name}_work({work}) {{')
+    for name, size in zip(('arg', 'res', 'iw', 'w'), sizes):
+        lines.append(f'  store i64 {size}, ptr %{name}')
+    lines += ['  ret i32 0', '}']
     return '\n'.join(lines)
 
 
 def _evaluation(function: MatrixFunction) -> list[str]:
-    """Return the function itself: it computes all results in work space, and copies them."""
+    """Return the function: it computes all results in work space, and copies them."""
     size = 8 * len(function.program.outputs)
+    signature = 'ptr %arg, ptr %res, ptr %iw, ptr %w, i32 %mem'
     read = [k for k, block in enumerate(function.inputs) if block.places]
     longest = max((len(block.places) for block in function.inputs), default=1)
     lines = [f'@zeros = internal constant [{max(longest, 1)} x double] zeroinitializer',
              'declare double @llvm.fabs.f64(double)',
              f'declare void {COPY}(ptr, ptr, i64, i1)',
-             f'define i32 @{function.name}(ptr %arg, ptr %res, ptr %iw, ptr %w, i32 %mem) {{',
+             f'define i32 @{function.name}({signature}) {{',
              f'  %args = alloca [{len(read) + 1} x ptr]']
     for place, k in enumerate(read):
         lines += [f'  %from{k} = getelementptr ptr, ptr %arg, i64 {k}',
@@ -61,20 +66,22 @@ def _evaluation(function: MatrixFunction) -> list[str]:
     offset = 0
     for k, block in enumerate(function.outputs):
         size = 8 * len(block.places)
+        copied = f'ptr %out{k}, ptr %from.w{k}'
         if size:
             lines += [f'  %to{k} = getelementptr ptr, ptr %res, i64 {k}',
                       f'  %out{k} = load ptr, ptr %to{k}',
                       f'  %unwanted{k} = icmp eq ptr %out{k}, null',
-                      f'  br i1 %unwanted{k}, label %next{k}, label %copy{k}', f'copy{k}:',
+                      f'  br i1 %unwanted{k}, label %next{k}, label %copy{k}',
+                      f'copy{k}:',
                       f'  %from.w{k} = getelementptr i8, ptr %w, i64 {offset}',
-                      f'  call void {COPY}(ptr %out{k}, ptr %from.w{k}, i64 {size}, i1 false)',
+                      f'  call void {COPY}({copied}, i64 {size}, i1 false)',
                       f'  br label %next{k}', f'next{k}:']
         offset += size
     return [*lines, '  ret i32 0', '}']
 
 
 def _check(function: MatrixFunction, read: Sequence[int]) -> list[str]:
-    """Return the code that finds whether an argument is beyond its limit, in `%invalid`."""
+    """Return the code that sets `%invalid`: an argument is beyond its limit."""
     lines = []
     worst = 'false'
     for k in read:
@@ -86,7 +93,7 @@ def _check(function: MatrixFunction, read: Sequence[int]) -> list[str]:
             value = f'%check{k}.{place}'
             lines += [f'  {value}.at = getelementptr double, ptr %in{k}, i64 {place}',
                       f'  {value}.load = load double, ptr {value}.at',
-                      f'  {value}.size = call double @llvm.fabs.f64(double {value}.load)',
+                      f'  {value}.size = call double {ABS}(double {value}.load)',
                       f'  {value}.over = fcmp ogt double {value}.size, {literal(limit)}',
                       f'  {value} = or i1 {worst}, {value}.over']
             worst = value
@@ -94,7 +101,7 @@ def _check(function: MatrixFunction, read: Sequence[int]) -> list[str]:
 
 
 def _description(prefix: str, end: str, blocks: Sequence[Block]) -> list[str]:
-    """Return the functions for number, names and sparsity of the arguments or results."""
+    """Return the functions for number, names, sparsity of arguments or results."""
     count = len(blocks)
     lines = [f'define i64 @{prefix}n_{end}() {{', f'  ret i64 {count}', '}']
     for k, block in enumerate(blocks):
@@ -112,7 +119,8 @@ def _description(prefix: str, end: str, blocks: Sequence[Block]) -> list[str]:
                   '  %place = select i1 %known, i64 %k, i64 0',
                   f'  %at = getelementptr ptr, ptr @{kind}.{end}, i64 %place',
                   '  %found = load ptr, ptr %at',
-                  '  %result = select i1 %known, ptr %found, ptr null', '  ret ptr %result', '}']
+                  '  %result = select i1 %known, ptr %found, ptr null',
+                  '  ret ptr %result', '}']
     return lines
 
 

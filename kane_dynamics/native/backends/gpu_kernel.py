@@ -1,16 +1,16 @@
 """
 Generate LLVM IR of GPU kernels: one thread evaluates a program for one state of a batch.
 
-A kernel receives, by value: the number of states; for each argument and for the result an address
-and two strides in numbers, from state to state and from entry to entry; the entries of the
-program's last input. A state stride of 0 shares an argument. Memory accesses of neighboring
-threads coalesce where the state stride is 1.
+A kernel receives, by value: the number of states; for each argument and for the result
+an address and two strides in numbers, from state to state and from entry to entry; the
+entries of the program's last input. A state stride of 0 shares an argument. Memory
+accesses of neighboring threads coalesce where the state stride is 1.
 
-A state with an argument or a result that is not finite, or a position that is too large, has NaN
-in all of its result.
+A state with an argument or a result that is not finite, or a position that is too large,
+has NaN in all of its result.
 
-The same kernel can be generated for the processor, where the number of the state is the first
-argument of each call; tests evaluate it there.
+The same kernel can be generated for the processor, where the number of the state is the
+first argument of each call; tests evaluate it there.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,8 @@ from kane_dynamics.native.tracing.program import Program, size_of
 
 KERNEL = 'kernel'  # name of the kernel in its module
 GLOBAL = 'ptr addrspace(1)'
-REGISTERS = ('ctaid', 'ntid', 'tid')  # the block, the threads of a block, the thread in its block
+# The block, the threads of a block, the thread in its block.
+REGISTERS = ('ctaid', 'ntid', 'tid')
 
 PLACE = """\
   %block = call i32 @llvm.nvvm.read.ptx.sreg.ctaid.x()
@@ -45,7 +46,7 @@ END = ['  br label %end', 'end:', '  ret void', '}']
 
 
 def definition(parameters: Sequence[str], host: bool) -> str:
-    """Return the first line of a kernel with these parameters after the number of states."""
+    """Return the first line of a kernel: the number of states, then parameters."""
     if host:  # the number of the state is the first argument
         arguments = ', '.join(['i64 %i', 'i64 %count', *parameters])
         return f'define void @{KERNEL}({arguments}) {{'
@@ -59,7 +60,7 @@ def entrance(host: bool) -> list[str]:
 
 
 def hoisted(lines: list[str]) -> list[str]:
-    """Return the lines of a function with its local memory allocated at its beginning."""
+    """Return the lines of a function that allocates its memory at its beginning."""
     local = [line for line in lines if ' = alloca ' in line]
     others = [line for line in lines[1:] if ' = alloca ' not in line]
     return [lines[0], *local, *others]

@@ -1,22 +1,24 @@
 """
-Generate LLVM IR of GPU kernels that integrate over time: one thread takes all steps of one state.
+Generate LLVM IR of GPU kernels that integrate over time: a thread takes all steps.
 
-The state of a thread is in its local memory, and a step is a subroutine of it. By value, the
-kernel receives: the numbers of states and of steps; an address and the strides, as
-`gpu_kernel`, of q, u, tau, of the run-time parameters that are arguments, and of the result;
-for tau and the result a stride from step to step; then the step length, the time at the beginning
-and the block of parameters. A step stride of 0 holds tau, or keeps the last result.
+The state of a thread is in its local memory, and a step is a subroutine of it. By value,
+the kernel receives: the numbers of states and of steps; an address and the strides, as
+`gpu_kernel`, of q, u, tau, of the run-time parameters that are arguments, and of the
+result; for tau and the result a stride from step to step; then the step length, the time
+at the beginning and the block of parameters. A step stride of 0 holds tau, or keeps the
+last result.
 
-From where a number is not finite, a position is too large or the margin of a constrained robot is
-not positive, the results of a state are NaN.
+From where a number is not finite, a position is too large or the margin of a constrained
+robot is not positive, the results of a state are NaN.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 
-from kane_dynamics.native.backends.gpu_kernel import (declarations, definition, END, entrance,
-                                                      entry_address, GLOBAL, row_address)
+from kane_dynamics.native.backends.gpu_kernel import (declarations, definition, END,
+                                                      entrance, entry_address, GLOBAL,
+                                                      row_address)
 from kane_dynamics.native.backends.llvm_math import Vector
 from kane_dynamics.native.backends.llvm_scalar import Function, with_callees
 from kane_dynamics.native.backends.real_types import Real
@@ -48,14 +50,16 @@ class StepLayout:
     parameters: Mapping[str, slice]
 
 
-def rollout_text(program: Program, layout: StepLayout, real: Real, host: bool = False) -> str:
+def rollout_text(program: Program, layout: StepLayout, real: Real,
+                 host: bool = False) -> str:
     """
     Return the LLVM IR of a roll-out.
 
     Parameters
     ----------
     program : Program
-        One step: state, torques and constants (step length, parameters) to the next state.
+        One step: state, torques and constants (step length, parameters) to the next
+        state.
     layout : StepLayout
         Of that program.
     real : Real
@@ -72,13 +76,15 @@ def rollout_text(program: Program, layout: StepLayout, real: Real, host: bool = 
 class _Rollout:
     """Kernel that loads a state, calls the step repeatedly and stores the results."""
 
-    def __init__(self, program: Program, layout: StepLayout, real: Real, host: bool) -> None:
+    def __init__(self, program: Program, layout: StepLayout, real: Real,
+                 host: bool) -> None:
         self._layout = layout
         self._type = real.name
         self._sizes = [size_of(shape) for _, shape in program.inputs]
         parameters = ['i64 %steps']
         for name in ('q', 'u', 'tau', *layout.parameters, 'result'):
-            parameters.append(f'{GLOBAL} %{name}.base, i64 %{name}.stride, i64 %{name}.pitch')
+            parameters.append(f'{GLOBAL} %{name}.base, i64 %{name}.stride, i64 '
+                              f'%{name}.pitch')
             if name in ('tau', 'result'):  # one row for each step
                 parameters.append(f'i64 %{name}.step')
         parameters += [f'{real.name} %h', f'{real.name} %time']
@@ -105,11 +111,13 @@ class _Rollout:
     def _put(self, value: str, memory: str, k: int) -> None:
         self.lines.append(f'  store {self._type} {value}, ptr {self._at(memory, k)}')
 
-    def _copy(self, name: str, count: int, memory: str, begin: int, step: str = '') -> None:
+    def _copy(self, name: str, count: int, memory: str, begin: int,
+              step: str = '') -> None:
         """Copy a row of an argument to local memory."""
         row = row_address(self._v, name, step)
         for k in range(count):
-            x = self._v.new(f'load {self._type}, {GLOBAL} {entry_address(self._v, name, row, k)}')
+            x = self._v.new(f'load {self._type}, {GLOBAL} '
+                            f'{entry_address(self._v, name, row, k)}')
             self._put(x, memory, begin + k)
 
     def _load(self) -> None:
@@ -140,7 +148,8 @@ class _Rollout:
             limit = v.real.size_limit('q' if k < layout.n_q else 'u')
             bits = v.new(f'or {v.integer} {bits}, {v.nonfinite_bits(x, limit)}')
         if layout.watched:
-            margin = v.new(f'load {self._type}, ptr {self._at("%x", self._sizes[0] - 1)}')
+            margin = v.new(f'load {self._type}, ptr '
+                           f'{self._at("%x", self._sizes[0] - 1)}')
             inside = v.new(f'fcmp ogt {self._type} {margin}, {v.const(0.0)}')
             left = v.new(f'select i1 {inside}, {v.integer} 0, {v.integer} 1')
             bits = v.new(f'or {v.integer} {bits}, {left}')
@@ -149,8 +158,10 @@ class _Rollout:
     def _loop(self) -> None:
         layout = self._layout
         v = self._v
-        self.lines += ['  br label %loop', 'loop:', '  %s = phi i64 [0, %state], [%next, %loop]',
-                       f'  %bad = phi {v.integer} [%bad.first, %state], [%bad.next, %loop]']
+        incoming = '[%bad.first, %state], [%bad.next, %loop]'
+        self.lines += ['  br label %loop', 'loop:',
+                       '  %s = phi i64 [0, %state], [%next, %loop]',
+                       f'  %bad = phi {v.integer} {incoming}']
         self._copy('tau', layout.n, '%f', 0, '%s')
         self.lines.append(f'  call void @{STEP}(ptr %args)')
         flags = self._flags()

@@ -1,18 +1,20 @@
-"""Elementary functions as branch-free LLVM IR on vectors or scalars of doubles or floats."""
+"""Elementary functions as branch-free LLVM IR on vectors or scalars."""
 
 import math
 
-from kane_dynamics.native.backends.real_types import (constant_vector, DOUBLE, intrinsic_end,
-                                                      overflow_scale, Real, splat,
-                                                      vector_type)
+from kane_dynamics.native.backends.real_types import (constant_vector, DOUBLE,
+                                                      intrinsic_end, overflow_scale,
+                                                      Real, splat, vector_type)
 
-FUNCTION_LANES = 4  # arguments of one state whose elementary functions are evaluated in one vector
+# Arguments of one state whose elementary functions are evaluated in one vector.
+FUNCTION_LANES = 4
 
 
 class Vector:
-    """Emits LLVM IR instructions on vectors of `width` numbers, each with a fresh name."""
+    """Emits LLVM IR instructions on vectors of `width` numbers, with fresh names."""
 
-    def __init__(self, lines: list[str], prefix: str, width: int, real: Real = DOUBLE) -> None:
+    def __init__(self, lines: list[str], prefix: str, width: int,
+                 real: Real = DOUBLE) -> None:
         """Emit into `lines`; `prefix` makes the names unique in the function."""
         self.lines = lines
         self.prefix = prefix
@@ -65,7 +67,7 @@ class Vector:
                         f'{self.type} {b}')
 
     def shuffle(self, a: str, b: str, places: list[int]) -> str:
-        """Return lanes selected from `a` (0 to width - 1) and `b` (width to 2 width - 1)."""
+        """Return lanes of `a` (0 to width - 1) and `b` (width to 2 width - 1)."""
         mask = ', '.join(f'i32 {place}' for place in places)
         return self.new(f'shufflevector {self.type} {a}, {self.type} {b}, '
                         f'<{self.width} x i32> <{mask}>')
@@ -104,7 +106,8 @@ class Vector:
         z = self.op('fmul', r, r)
         sine = self.fma(self.op('fmul', r, z), self.polynomial(self.real.sine, z), r)
         head = self.fma(z, self.const(-0.5), self.const(1.0))
-        cosine = self.fma(self.op('fmul', z, z), self.polynomial(self.real.cosine, z), head)
+        cosine = self.fma(self.op('fmul', z, z), self.polynomial(self.real.cosine, z),
+                          head)
         odd = self.new(f'icmp ne {self.integer} {self.integer_op("and", quadrant, 1)}, '
                        'zeroinitializer')
         result = []
@@ -118,13 +121,16 @@ class Vector:
         return result[0], result[1]
 
     def tanh(self, x: str) -> str:
-        """Return tanh x = sign(x) E / (E + 2) with E = expm1(2 |x|); the error is 3 ulp."""
+        """Return tanh x = sign(x) E / (E + 2) with E = expm1(2 |x|), to 3 ulp."""
         size = self.new(f'call {self.type} @llvm.fabs.{self.end}({self.type} {x})')
-        over = self.new(f'fcmp ogt {self.type} {size}, {self.const(20.0)}')  # NaN stays NaN
+        # NaN stays NaN.
+        over = self.new(f'fcmp ogt {self.type} {size}, {self.const(20.0)}')
         size = self.select(over, self.const(20.0), size)
         z = self.op('fadd', size, size)
-        shifted = self.fma(z, self.const(1.0 / math.log(2.0)), self.const(self.real.round))
-        k = self.new(f'fneg {self.type} ' + self.op('fsub', shifted, self.const(self.real.round)))
+        shifted = self.fma(z, self.const(1.0 / math.log(2.0)),
+                           self.const(self.real.round))
+        k = self.new(f'fneg {self.type} ' + self.op('fsub', shifted,
+                                                    self.const(self.real.round)))
         r = self.fma(k, self.const(self.real.log_2[0]), z)
         r = self.fma(k, self.const(self.real.log_2[1]), r)
         small = self.fma(self.op('fmul', r, r), self.polynomial(self.real.exp, r), r)
@@ -142,18 +148,22 @@ class Vector:
         for code, most in (('ogt', high), ('olt', low)):  # NaN stays NaN
             past = self.new(f'fcmp {code} {self.type} {x}, {self.const(most)}')
             x = self.select(past, self.const(most), x)
-        shifted = self.fma(x, self.const(1.0 / math.log(2.0)), self.const(self.real.round))
-        k = self.new(f'fneg {self.type} ' + self.op('fsub', shifted, self.const(self.real.round)))
+        shifted = self.fma(x, self.const(1.0 / math.log(2.0)),
+                           self.const(self.real.round))
+        k = self.new(f'fneg {self.type} ' + self.op('fsub', shifted,
+                                                    self.const(self.real.round)))
         r = self.fma(k, self.const(self.real.log_2[0]), x)
         r = self.fma(k, self.const(self.real.log_2[1]), r)
         power = self.op('fadd', self.const(1.0),
-                        self.fma(self.op('fmul', r, r), self.polynomial(self.real.exp, r), r))
+                        self.fma(self.op('fmul', r, r),
+                                 self.polynomial(self.real.exp, r), r))
         whole = self.new(f'sub {self.integer} {self.bits(shifted)}, '
                          + self.bits(self.const(self.real.round)))
         half = self.integer_op('ashr', whole, 1)
         for part in (half, self.new(f'sub {self.integer} {whole}, {half}')):
             power = self.op('fmul', power, self.number(self.integer_op(
-                'shl', self.integer_op('add', part, self.real.bias), self.real.mantissa)))
+                'shl', self.integer_op('add', part, self.real.bias),
+                self.real.mantissa)))
         return power
 
     def log(self, x: str) -> str:
@@ -176,13 +186,14 @@ class Vector:
         tail = self.op('fsub', half, self.fma(k, self.const(self.real.log_2[1]), tail))
         value = self.fma(k, self.const(self.real.log_2[0]), self.op('fsub', f, tail))
         for code, edge, result in (('oeq', 0.0, -math.inf), ('oeq', math.inf, math.inf),
-                                   ('ult', 0.0, math.nan)):  # and what is no number stays so
+                                   # Of a negative number, and of NaN.
+                                   ('ult', 0.0, math.nan)):
             there = self.new(f'fcmp {code} {self.type} {x}, {self.const(edge)}')
             value = self.select(there, self.const(result), value)
         return value
 
     def arctan(self, x: str) -> str:
-        """Return arctan x = b + arctan r, b one of 0, pi/4, pi/2, with the sign of x; 2 ulp."""
+        """Return arctan x = b + arctan r, b one of 0, pi/4, pi/2, to 2 ulp."""
         size = self.new(f'call {self.type} @llvm.fabs.{self.end}({self.type} {x})')
         r = size
         base = self.const(0.0)
@@ -201,8 +212,8 @@ class Vector:
         z = self.op('fmul', r, r)
         tail = self.fma(self.op('fmul', r, z), self.polynomial(self.real.arctan, z), low)
         value = self.op('fadd', base, self.op('fadd', r, tail))
-        return self.new(f'call {self.type} @llvm.copysign.{self.end}({self.type} {value}, '
-                        f'{self.type} {x})')
+        return self.new(f'call {self.type} @llvm.copysign.{self.end}({self.type} '
+                        f'{value}, {self.type} {x})')
 
 
 def transpose(v: Vector, rows: list[str]) -> list[str]:
@@ -213,8 +224,9 @@ def transpose(v: Vector, rows: list[str]) -> list[str]:
 def exchange_blocks(v: Vector, rows: list[str], distance: int) -> list[str]:
     """Exchange off-diagonal blocks of this size, then of half the size, and so on."""
     while distance:
-        # Of a pair of rows a distance apart, the first takes the low lanes of both, and the
-        # second the high ones. Lanes of the second row are numbered from the width on.
+        # Of a pair of rows a distance apart, the first takes the low lanes of both, and
+        # the second the high ones. Lanes of the second row are numbered from the width
+        # on.
         low = []
         for lane in range(v.width):
             if lane & distance:

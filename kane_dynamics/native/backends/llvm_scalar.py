@@ -1,12 +1,13 @@
 """
 Generate LLVM IR: one straight-line function per program.
 
-With `lanes` > 1 every scalar of the program is a vector of `lanes` numbers, one state per lane,
-in registers and in the memory of arguments and results. For one state, `abreast` arguments of
-elementary functions are packed into a vector; processors without SIMD registers have 1.
+With `lanes` > 1 every scalar of the program is a vector of `lanes` numbers, one state
+per lane, in registers and in the memory of arguments and results. For one state,
+`abreast` arguments of elementary functions are packed into a vector; processors without
+SIMD registers have 1.
 
-A program of one state may also compute with rows (`tracing.wide`): `LANES` doubles in SIMD
-registers, which `Rows` generates. `Function` generates everything else.
+A program of one state may also compute with rows (`tracing.wide`): `LANES` doubles in
+SIMD registers, which `Rows` generates. `Function` generates everything else.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,15 +15,17 @@ from typing import Any
 
 from kane_dynamics.mechanics.algebra.lanes import LANES
 from kane_dynamics.native.backends.llvm_math import FUNCTION_LANES, transpose, Vector
-from kane_dynamics.native.backends.real_types import (DOUBLE, intrinsic_end, literal, Real, splat,
-                                                      vector_type)
+from kane_dynamics.native.backends.real_types import (DOUBLE, intrinsic_end, literal,
+                                                      Real, splat, vector_type)
 from kane_dynamics.native.tracing.expression import Expr, operands
 from kane_dynamics.native.tracing.program import PLACING, Program, ROWS, size_of
 
-MEMSET_ZEROS = 16  # structurally zero results from which memset is smaller than single stores
+# Structurally zero results from which memset is smaller than single stores.
+MEMSET_ZEROS = 16
 ARITHMETIC = {'add': 'fadd', 'sub': 'fsub', 'mul': 'fmul', 'div': 'fdiv'}
-TOGETHER = (('sc', ('sin', 'cos')), ('th', ('tanh',)), ('ex', ('exp',)), ('lg', ('log',)),
-            ('at', ('arctan',)))  # elementary functions that share their work, and a label
+# Elementary functions that share their work, and a label.
+TOGETHER = (('sc', ('sin', 'cos')), ('th', ('tanh',)), ('ex', ('exp',)),
+            ('lg', ('log',)), ('at', ('arctan',)))
 ELEMENTARY = frozenset(op for _, ops in TOGETHER for op in ops)
 ROW_TYPE = vector_type(LANES)
 ROW_ARITHMETIC = {'wide_add': 'fadd', 'wide_sub': 'fsub', 'wide_mul': 'fmul'}
@@ -44,12 +47,13 @@ class Rows:
     Attributes
     ----------
     stored : set of int
-        Results that are stored with their row: in memory instead of registers for the rest of
-        the function.
+        Results that are stored with their row: in memory instead of registers for the
+        rest of the function.
 
     """
 
-    def __init__(self, lines: list[str], names: dict[int, str], outputs: Sequence[Any]) -> None:
+    def __init__(self, lines: list[str], names: dict[int, str],
+                 outputs: Sequence[Any]) -> None:
         """Generate into a function."""
         self.lines = lines
         self.names = names
@@ -62,7 +66,7 @@ class Rows:
             self.stored.update(range(place, place + count))
 
     def value(self, node: Expr) -> str:
-        """Append the instructions of a node and of its stores; return the IR name of its value."""
+        """Append the instructions of a node and its stores; return its IR name."""
         name = self._value(node)
         self._store(node, name)
         return name
@@ -89,7 +93,8 @@ class Rows:
             return v.shuffle(rows[0], 'zeroinitializer', list(args[1]))
         if node.op == 'wide_neg':
             return v.new(f'fneg {ROW_TYPE} {rows[0]}')
-        return v.new(f'{ROW_ARITHMETIC[node.op]} contract {ROW_TYPE} {rows[0]}, {rows[1]}')
+        return v.new(f'{ROW_ARITHMETIC[node.op]} contract {ROW_TYPE} {rows[0]}, '
+                     f'{rows[1]}')
 
     def _packed(self, v: Vector, entries: Sequence[Expr | float]) -> str:
         """Return a row of scalars."""
@@ -120,7 +125,7 @@ class Rows:
         return v.new(f'load double, ptr {at}')
 
     def _store(self, node: Expr, name: str) -> None:
-        """Store the results that are consecutive values of a row, now that they are computed."""
+        """Store the results that are consecutive values of a computed row."""
         for place, first, count in self._runs.get(node.index, ()):
             v = Vector(self.lines, f'to{place}', LANES)
             part = name
@@ -137,7 +142,8 @@ def _runs(outputs: Sequence[Any]) -> Iterator[tuple[int, Expr, int, int]]:
     """
     Yield (place, row, first lane, length) of each run of outputs.
 
-    A run is a sequence of outputs, from `place` on, that are consecutive lanes of one row.
+    A run is a sequence of outputs, from `place` on, that are consecutive lanes of one
+    row.
     """
     k = 0
     while k < len(outputs):
@@ -145,7 +151,8 @@ def _runs(outputs: Sequence[Any]) -> Iterator[tuple[int, Expr, int, int]]:
         count = 1
         if isinstance(x, Expr) and x.op == 'lane':
             row, lane = x.args
-            while k + count < len(outputs) and _is_lane(outputs[k + count], row, lane + count):
+            while k + count < len(outputs) and _is_lane(outputs[k + count], row,
+                                                        lane + count):
                 count += 1
             if count > 1:
                 yield k, row, lane, count
@@ -153,11 +160,15 @@ def _runs(outputs: Sequence[Any]) -> Iterator[tuple[int, Expr, int, int]]:
 
 
 def _is_lane(x: Any, row: Expr, lane: int) -> bool:
-    return isinstance(x, Expr) and x.op == 'lane' and x.args[0] is row and x.args[1] == lane
+    """Return whether a scalar is this lane of a row."""
+    if not (isinstance(x, Expr) and x.op == 'lane'):
+        return False
+    source, place = x.args
+    return source is row and bool(place == lane)
 
 
 def _levels(schedule: list[Expr]) -> Iterator[list[Expr]]:
-    """Group a schedule by the depth of nested functions, so that each depth uses vectors."""
+    """Group a schedule by the depth of nested functions; a depth uses vectors."""
     level: dict[int, int] = {}
     groups: dict[int, tuple[list[Expr], list[Expr]]] = {}
     for node in schedule:
@@ -176,8 +187,8 @@ class Function:
 
     in_place: tuple[str, ...] = ('input', 'output')  # values in memory
 
-    def __init__(self, program: Program, symbol: str, lanes: int = 1, real: Real = DOUBLE,
-                 abreast: int = FUNCTION_LANES) -> None:
+    def __init__(self, program: Program, symbol: str, lanes: int = 1,
+                 real: Real = DOUBLE, abreast: int = FUNCTION_LANES) -> None:
         """Generate the function; `lines` holds the IR."""
         self.program = program
         self.lanes = lanes
@@ -188,7 +199,8 @@ class Function:
         self.names: dict[int, str] = {}
         self.lines: list[str] = []
         self.callees: list[Program] = []
-        self._stored: dict[tuple[object, ...], str] = {}  # pointer to stored arguments, by entries
+        # Pointer to stored arguments, by entries.
+        self._stored: dict[tuple[object, ...], str] = {}
         self._wide = Rows(self.lines, self.names, program.outputs)
         schedule = program.schedule()
         self._load_inputs(schedule)
@@ -204,7 +216,8 @@ class Function:
         self.lines.insert(0, self._head(symbol))
 
     def _head(self, symbol: str) -> str:
-        aligned = f' alignstack({8 * LANES})' if self._wide.stored else ''  # of spilled rows
+        # Of spilled rows.
+        aligned = f' alignstack({8 * LANES})' if self._wide.stored else ''
         return f'define void @{symbol}(ptr %args){aligned} {{'
 
     def callee(self, program: Program) -> 'Function':
@@ -227,20 +240,24 @@ class Function:
         for node in used:
             name, k = node.args
             at = f'%at.{name}.{k}'
-            self.lines += [f'  {at} = getelementptr {self.type}, ptr %in.{name}, i64 {k}',
+            row = f'ptr %in.{name}'
+            self.lines += [f'  {at} = getelementptr {self.type}, {row}, i64 {k}',
                            f'  %{name}.{k} = load {self.type}, ptr {at}']
             self.names[node.index] = f'%{name}.{k}'
 
     def _clear_results(self) -> None:
-        """Set all results to zero at once, where single stores would dominate a sparse matrix."""
+        """Set all results of a sparse matrix to zero at once, instead of one by one."""
         outputs = self.program.outputs
-        self._zeros = {k for k, x in enumerate(outputs) if not isinstance(x, Expr) and x == 0.0}
+        self._zeros = set()
+        for k, x in enumerate(outputs):
+            if not isinstance(x, Expr) and x == 0.0:
+                self._zeros.add(k)
         if len(self._zeros) < MEMSET_ZEROS:
             self._zeros = set()
             return
         size = self.real.bits // 8 * self.lanes * len(outputs)
-        self.lines.append(f'  call void @llvm.memset.p0.i64(ptr %in.result, i8 0, i64 {size}, '
-                          'i1 false)')
+        self.lines.append('  call void @llvm.memset.p0.i64(ptr %in.result, i8 0, i64 '
+                          f'{size}, i1 false)')
 
     def _store_outputs(self) -> None:
         if not self._wide.stored:
@@ -248,7 +265,8 @@ class Function:
         for k, x in enumerate(self.program.outputs):
             if k in self._zeros or k in self._wide.stored:
                 continue
-            self.lines += [f'  %to.{k} = getelementptr {self.type}, ptr %in.result, i64 {k}',
+            row = 'ptr %in.result'
+            self.lines += [f'  %to.{k} = getelementptr {self.type}, {row}, i64 {k}',
                            f'  store {self.type} {self.value(x)}, ptr %to.{k}']
         self.lines += ['  ret void', '}']
 
@@ -263,13 +281,15 @@ class Function:
         elif node.op == 'output':
             source, k = node.args
             at = f'%got{node.index}'
-            self.lines += [f'  {at} = getelementptr {self.type}, ptr %ret{source.index}, i64 {k}',
+            row = f'ptr %ret{source.index}'
+            self.lines += [f'  {at} = getelementptr {self.type}, {row}, i64 {k}',
                            f'  {name} = load {self.type}, ptr {at}']
         elif node.op == 'neg':
             self.lines.append(f'  {name} = fneg {self.type} {self.value(node.args[0])}')
         elif node.op in ('sqrt', 'floor'):
             kind = intrinsic_end(self.lanes, self.real)
-            self.lines.append(f'  {name} = call {self.type} @llvm.{node.op}.{kind}({self.type} '
+            self.lines.append(f'  {name} = call {self.type} '
+                              f'@llvm.{node.op}.{kind}({self.type} '
                               f'{self.value(node.args[0])})')
         elif node.op == 'less':
             a, b = (self.value(arg) for arg in node.args)
@@ -282,7 +302,8 @@ class Function:
                          f'fcmp une {self.type} {chosen}, {self._constant(0.0)}', a, b)
         else:
             a, b = (self.value(arg) for arg in node.args)
-            self.lines.append(f'  {name} = {ARITHMETIC[node.op]} contract {self.type} {a}, {b}')
+            self.lines.append(f'  {name} = {ARITHMETIC[node.op]} contract {self.type} '
+                              f'{a}, {b}')
         self.names[node.index] = name
 
     def _choice(self, name: str, comparison: str, a: str, b: str) -> None:
@@ -313,7 +334,7 @@ class Function:
         self.lines.append(f'  call void @{callee.name}(ptr %ptrs{i})')
 
     def _argument(self, i: int, k: int, entries: list[Expr | float]) -> str:
-        """Return a pointer to the entries; store them only if they are not contiguous yet."""
+        """Return a pointer to the entries; store them unless they are contiguous."""
         where = self._contiguous(i, k, entries)
         if where is not None:
             return where
@@ -331,7 +352,7 @@ class Function:
         return where
 
     def _contiguous(self, i: int, k: int, entries: list[Expr | float]) -> str | None:
-        """Return a pointer into an argument or a result that holds the entries, or None."""
+        """Return a pointer into an argument or result with the entries, or None."""
         if not entries:
             return None
         first = entries[0]
@@ -345,18 +366,23 @@ class Function:
         row = f'%in.{source}' if op == 'input' else f'%ret{source.index}'
         if place == 0:
             return row
-        self.lines.append(f'  %row{i}.{k} = getelementptr {self.type}, ptr {row}, i64 {place}')
+        self.lines.append(f'  %row{i}.{k} = getelementptr {self.type}, ptr {row}, i64 '
+                          f'{place}')
         return f'%row{i}.{k}'
 
     def _functions(self, group: list[Expr]) -> None:
         """Evaluate the elementary functions of a group."""
         for label, ops in TOGETHER:
             chosen = [node for node in group if node.op in ops]
-            arguments = list({node.args[0].index: node.args[0] for node in chosen}.values())
-            abreast = self.abreast if self.lanes == 1 else 1  # lanes hold different states
+            # Sine and cosine of one argument are evaluated together.
+            by_index = {node.args[0].index: node.args[0] for node in chosen}
+            arguments = list(by_index.values())
+            # Lanes hold different states.
+            abreast = self.abreast if self.lanes == 1 else 1
             for start in range(0, len(arguments), abreast):
                 chunk = arguments[start:start + abreast]
-                vector = Vector(self.lines, f'{label}{chunk[0].index}', self.width, self.real)
+                vector = Vector(self.lines, f'{label}{chunk[0].index}', self.width,
+                                self.real)
                 packed = self._packed(vector, chunk)
                 if label == 'sc':
                     results = dict(zip(ops, vector.sin_cos(packed)))

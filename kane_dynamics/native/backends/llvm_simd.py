@@ -1,10 +1,11 @@
 """
-Generate SIMD LLVM IR that evaluates a program for several states of a batch, one per lane.
+Generate SIMD LLVM IR that evaluates a program for several states, one per lane.
 
-A batch is stored row by row, one state per row. A lane kernel, ``void kernel(double *rows[][W],
-void *bad)``, receives the address of each lane's row of every argument and of the result. It
-loads the rows, transposes them in registers to one vector per entry, and stores the results the
-same way. `bad` accumulates bits that are set where an argument or a result is not finite.
+A batch is stored row by row, one state per row. A lane kernel, ``void kernel(double
+*rows[][W], void *bad)``, receives the address of each lane's row of every argument and
+of the result. It loads the rows, transposes them in registers to one vector per entry,
+and stores the results the same way. `bad` accumulates bits that are set where an
+argument or a result is not finite.
 """
 
 from functools import cache
@@ -80,7 +81,8 @@ class RowFunction(Function):
         computed = {x.index: x for x in outputs if isinstance(x, Expr)}
         self._add_flags(1, [v.nonfinite_bits(self.value(x)) for x in computed.values()])
         self._prefetch(rows, len(outputs), writing=True)
-        # Tiles of as many entries as lanes: their transpose holds a part of each lane's row.
+        # Tiles of as many entries as lanes: their transpose holds a part of each lane's
+        # row.
         for c in range(0, len(outputs), v.width):
             tile = [self.value(x) for x in outputs[c:c + v.width]]
             mask = _mask(v.width, len(tile))
@@ -88,8 +90,8 @@ class RowFunction(Function):
             for row, vector in zip(rows, transpose(v, tile)):
                 at = v.new(f'getelementptr double, ptr {row}, i64 {c}')
                 v.lines.append(
-                    f'  call void @llvm.masked.store.v{v.width}f64.p0({v.type} {vector}, '
-                    f'ptr {at}, i32 8, {mask})')
+                    f'  call void @llvm.masked.store.v{v.width}f64.p0({v.type} '
+                    f'{vector}, ptr {at}, i32 8, {mask})')
         self.lines += ['  ret void', '}']
 
     def _rows(self, slot: int) -> list[str]:
@@ -109,8 +111,9 @@ class RowFunction(Function):
         one = v.new(f'insertelement {v.type} poison, double {entry}, i32 0')
         return v.shuffle(one, 'poison', [0] * v.width)
 
-    def _columns(self, rows: list[str], size: int, most: float, bits: list[str]) -> list[str]:
-        """Load rows of `size` entries, return one vector per entry, extend the flag bits."""
+    def _columns(self, rows: list[str], size: int, most: float,
+                 bits: list[str]) -> list[str]:
+        """Load rows of `size` entries as a vector per entry; extend the flag bits."""
         v = self._vector
         columns: list[str] = []
         self._prefetch(rows, size, writing=False)
@@ -127,7 +130,7 @@ class RowFunction(Function):
         return columns[:size]
 
     def _load_halves(self, first: str, second: str, place: int, size: int) -> str:
-        """Load half a vector from each of two rows at an offset; zeros past their end."""
+        """Load half a vector from either of two rows; zeros past their end."""
         v = self._vector
         half = self.lanes // 2
         remaining = size - place
@@ -151,7 +154,7 @@ class RowFunction(Function):
                      f'<{self.lanes} x i32> <{places}>')
 
     def _add_flags(self, place: int, bits: list[str]) -> None:
-        """Combine bits with the flags of the arguments (place 0) or of the result (1)."""
+        """Combine bits with the flags of arguments (place 0) or of the result (1)."""
         v = self._vector
         at = v.new(f'getelementptr {v.integer}, ptr %bad, i64 {place}')
         bits = [*bits, v.new(f'load {v.integer}, ptr {at}')]
@@ -171,8 +174,8 @@ class RowFunction(Function):
         for row in rows:
             for k in range(0, size, CACHE_LINE):
                 at = v.new(f'getelementptr double, ptr {row}, i64 {distance + k}')
-                v.lines.append(f'  call void @llvm.prefetch.p0(ptr {at}, i32 {int(writing)}, '
-                               'i32 3, i32 1)')
+                v.lines.append(f'  call void @llvm.prefetch.p0(ptr {at}, i32 '
+                               f'{int(writing)}, i32 3, i32 1)')
 
 
 def _mask(lanes: int, live: int) -> str:
@@ -182,12 +185,14 @@ def _mask(lanes: int, live: int) -> str:
 
 
 def lane_text(program: Program, symbol: str, lanes: int) -> str:
-    """Return the LLVM IR of a lane kernel; all states share the program's last argument."""
+    """Return the LLVM IR of a lane kernel; all states share the last argument."""
     main = RowFunction(program, symbol, lanes, program.inputs[-1][0])
     half = max(lanes // 2, 2)
     v = vector_type(lanes)
     part = vector_type(half)
+    half_mask = f'<{half} x i1>'
+    mask = f'<{lanes} x i1>'
     return with_callees(main, [
         'declare void @llvm.prefetch.p0(ptr, i32, i32, i32)',
-        f'declare {part} @llvm.masked.load.v{half}f64.p0(ptr, i32, <{half} x i1>, {part})',
-        f'declare void @llvm.masked.store.v{lanes}f64.p0({v}, ptr, i32, <{lanes} x i1>)'])
+        f'declare {part} @llvm.masked.load.v{half}f64.p0(ptr, i32, {half_mask}, {part})',
+        f'declare void @llvm.masked.store.v{lanes}f64.p0({v}, ptr, i32, {mask})'])

@@ -1,12 +1,13 @@
 """
 Generate LLVM IR of a handler by which XLA calls a lane kernel for a batch.
 
-XLA calls ``XLA_FFI_Error *handler(XLA_FFI_CallFrame *)`` with buffers in host memory. Their layout
-is that of ``xla/ffi/api/c_api.h``, major version 0: offsets in bytes below are of its structures.
-The operands are the arguments of the kernel, each with the entries of one state, which all share,
-or those of every state; then the bytes of the kernel's shared parameters. Arguments and result
-are float64, or float32, which is converted. A state with an argument or a result that is not
-finite, or a position that is too large, has NaN in all of its result.
+XLA calls ``XLA_FFI_Error *handler(XLA_FFI_CallFrame *)`` with buffers in host memory.
+Their layout is that of ``xla/ffi/api/c_api.h``, major version 0: offsets in bytes below
+are of its structures. The operands are the arguments of the kernel, each with the
+entries of one state, which all share, or those of every state; then the bytes of the
+kernel's shared parameters. Arguments and result are float64, or float32, which is
+converted. A state with an argument or a result that is not finite, or a position that is
+too large, has NaN in all of its result.
 """
 
 from collections.abc import Sequence
@@ -169,8 +170,8 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
     kernel, driver : Address
         The lane kernel, and `run_shares` of `runtime.loops`.
     sizes, limits : sequences
-        Of each operand, the parameters included, and of the result: entries of a state, and the
-        largest valid number.
+        Of each operand, the parameters included, and of the result: entries of a state,
+        and the largest valid number.
     minor : int
         Minor version of XLA's interface.
     threads : int
@@ -192,15 +193,16 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
     text += SUPPORT + HEAD.replace('WORDS', str(words * threads))
     text += '  %before.0 = add i64 0, 0\n'
     for k, size in enumerate(sizes[:-2]):
-        text += OPERAND.replace('SIZE', str(size)).replace('BYTES', str(8 * size)).replace(
-            'NEXT', str(k + 1)).replace('K', str(k))
+        operand = OPERAND.replace('SIZE', str(size)).replace('BYTES', str(8 * size))
+        text += operand.replace('NEXT', str(k + 1)).replace('K', str(k))
     text += PARAMETERS.replace('K', str(last - 1)) + SCRATCH
     label = 'place'
     for k in range(last - 1):
         text += PLACE.replace('FROM', label).replace('K', str(k))
         label = f'placed{k}'
     # The words of a share; see `runtime.loops`.
-    values = [f'i64 {kernel}', 'ptr %table', f'i64 {last + 1}', 'i64 0', 'i64 0', 'i64 0',
+    values = [f'i64 {kernel}', 'ptr %table', f'i64 {last + 1}', 'i64 0', 'i64 0',
+              'i64 0',
               'i64 %begin', 'i64 %stop', 'i64 1']
     stores = '\n'.join(f'  %own{k} = getelementptr i64, ptr %own, i64 {k}\n'
                        f'  store {value}, ptr %own{k}' for k, value in enumerate(values))
@@ -209,8 +211,8 @@ def handler_text(kernel: Address, driver: Address, sizes: Sequence[int],
     grain = max(1, WORK // max(operations, 1))
     for name, number in (('GRAIN', grain), ('THREADS', threads),
                          ('FLAGS', flags), ('DRIVER', driver), ('MAJOR', MAJOR),
-                         ('MINOR', minor), ('ROW', row), ('SLOTS', last + 1), ('LAST', last),
-                         ('ARGUMENTS', last - 1),
+                         ('MINOR', minor), ('ROW', row), ('SLOTS', last + 1),
+                         ('LAST', last), ('ARGUMENTS', last - 1),
                          ('BYTES', 8 * sizes[-1]), ('SIZE', max(sizes[-1], 1))):
         text = text.replace(name, str(number))
     return text.replace('HANDLER', HANDLER)

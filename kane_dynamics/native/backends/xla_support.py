@@ -1,5 +1,7 @@
-"""LLVM IR functions of an XLA handler: sizes, conversion of float32, NaN for bad states."""
+"""LLVM IR functions of an XLA handler: sizes, float32, NaN for bad states."""
 
+# @sizes and @limits are those of the handler; SLOTS is the number of operands and the
+# result.
 SUPPORT = """
 declare ptr @malloc(i64)
 declare void @free(ptr)
@@ -123,4 +125,4 @@ state.done:
 end:
   ret void
 }
-"""  # @sizes and @limits are those of the handler; SLOTS is the number of operands and the result
+"""

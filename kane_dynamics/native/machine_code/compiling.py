@@ -24,8 +24,9 @@ def gc_paused() -> Iterator[None]:
     """
     Disable the garbage collector; restore its state when the last thread leaves.
 
-    Tracing creates tens of thousands of objects without cycles, which reference counting frees.
-    They would trigger full collections, which can take longer than the compilation.
+    Tracing creates tens of thousands of objects without cycles, which reference counting
+    frees. They would trigger full collections, which can take longer than the
+    compilation.
     """
     global _enabled
     with _lock.held():

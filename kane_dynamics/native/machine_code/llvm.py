@@ -3,8 +3,8 @@ Compile LLVM IR to machine code with llvmlite, and keep the machine code on disk
 
 Only this module imports llvmlite.
 
-A fork waits until no other thread is inside LLVM, so that LLVM and its lock are usable in the
-child.
+A fork waits until no other thread is inside LLVM, so that LLVM and its lock are usable
+in the child.
 """
 
 from collections.abc import Callable, Iterator
@@ -24,11 +24,12 @@ Address = int
 # Fixed target, so that the reported code size does not depend on the machine.
 REFERENCE_TRIPLE = 'x86_64-unknown-linux-gnu'
 REFERENCE_CPU = 'x86-64-v3'
-# Of GPUs: the oldest that current tools assemble for. A driver compiles its text for newer ones.
+# Of GPUs: the oldest that current tools assemble for. A driver compiles its text for
+# newer ones.
 GPU_TRIPLE = 'nvptx64-nvidia-cuda'
 GPU = 'sm_75'
-# The pass manager of older llvmlite fails at pointers without an element type. Without passes,
-# batches are some percent slower.
+# The pass manager of older llvmlite fails at pointers without an element type. Without
+# passes, batches are some percent slower.
 PASSES = hasattr(llvm, 'create_pass_builder')
 LONG = 10_000  # lines of IR: without instruction scheduling
 PIECE = 400  # instructions of a basic block of a long program
@@ -92,7 +93,7 @@ def cache_key(*parts: str) -> str:
 
 
 def cached(make: Callable[[], bytes], *parts: str) -> bytes:
-    """Return the machine code of these parts from the cache on disk; make it if it is missing."""
+    """Return the machine code of these parts from the cache, made if it is missing."""
     return disk_cache.fetch(cache_key(*parts), make)
 
 
@@ -106,8 +107,8 @@ def assemble(text: str, level: int = 1, optimise: bool = False,
     text : str
         LLVM IR of a module.
     level : int
-        Optimization level of the code generator, 0 to 3. Straight-line code gains nothing
-        above 1.
+        Optimization level of the code generator, 0 to 3. Straight-line code gains
+        nothing above 1.
     optimise : bool
         Run LLVM's optimization passes first. Traced programs are folded already; only
         hand-written loops profit.
@@ -132,10 +133,10 @@ def assemble_long(text: str) -> bytes:
     """
     Compile LLVM IR for a shared library, quickly if it is long.
 
-    The register allocator takes a time that grows faster than a program: with more than `LONG`
-    lines it is that for code without optimization, in basic blocks of `PIECE` instructions. That
-    takes less than a tenth of the time; the code of first derivatives is about a tenth slower,
-    that of second derivatives about a half.
+    The register allocator takes a time that grows faster than a program: with more than
+    `LONG` lines it is that for code without optimization, in basic blocks of `PIECE`
+    instructions. That takes less than a tenth of the time; the code of first derivatives
+    is about a tenth slower, that of second derivatives about a half.
 
     Raises
     ------
@@ -174,9 +175,14 @@ def code_size(text: str) -> int:
         If LLVM rejects the text or cannot generate code for that processor.
 
     """
-    machine = _foreign(REFERENCE_TRIPLE).create_target_machine(cpu=REFERENCE_CPU, opt=1, jit=True)
+    machine = _foreign(REFERENCE_TRIPLE).create_target_machine(cpu=REFERENCE_CPU, opt=1,
+                                                               jit=True)
     objects = llvm.ObjectFileRef.from_data(_assembled(text, machine))
-    return sum(int(section.size()) for section in objects.sections() if section.is_text())
+    size = 0
+    for section in objects.sections():
+        if section.is_text():
+            size += int(section.size())
+    return size
 
 
 def ptx(text: str) -> str:
@@ -191,7 +197,8 @@ def ptx(text: str) -> str:
     """
     machine = _foreign(GPU_TRIPLE).create_target_machine(cpu=GPU, opt=2)
     module = _parsed(text, machine)
-    # As by default on a GPU, which the scheduler's switch overrides once it has been used.
+    # As by default on a GPU, which the scheduler's switch overrides once it has been
+    # used.
     with _in_program_order():
         return str(machine.emit_assembly(module))
 
@@ -204,7 +211,8 @@ def _foreign(triple: str) -> Any:
         llvm.initialize_all_asmprinters()
         return llvm.Target.from_triple(triple)
     except RuntimeError as error:
-        raise CompileError(f'{triple}: {error}; expected a target that LLVM supports') from None
+        raise CompileError(f'{triple}: {error}; expected a target that LLVM '
+                           'supports') from None
 
 
 def _parsed(text: str, machine: Any) -> Any:
@@ -234,10 +242,11 @@ def _assembled(text: str, machine: Any, optimise: bool = False,
 @contextmanager
 def _in_program_order() -> Iterator[None]:
     """
-    Switch LLVM's instruction scheduler off, as the processor has one; no other thread compiles.
+    Switch LLVM's instruction scheduler off, while no other thread compiles.
 
-    It lengthens the lives of the values of a long program, of which the register allocator then
-    spills more: a third more time to compile, a tenth more code and time to run.
+    The processor schedules instructions itself. LLVM's scheduler lengthens the lives of
+    the values of a long program, of which the register allocator then spills more: a
+    third more time to compile, a tenth more code and time to run.
     """
     with _lock:
         llvm.set_option('', '-enable-misched=false')
@@ -251,24 +260,27 @@ class Code:
     """
     Machine code in executable memory; must outlive every use of its addresses.
 
-    The code is unloaded when an array that only this object holds is freed. The garbage collector
-    does not track arrays. An engine that it could find would be finalized, hence unloaded, before
-    other finalizers of the same garbage, which may call the code.
+    The code is unloaded when an array that only this object holds is freed. The garbage
+    collector does not track arrays. An engine that it could find would be finalized,
+    hence unloaded, before other finalizers of the same garbage, which may call the code.
     """
 
     def __init__(self, objects: bytes) -> None:
         """Load an object file into memory."""
-        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(''), _target_machine(1))
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(''),
+                                                  _target_machine(1))
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(objects))
         self._engine.finalize_object()
         self._loaded = np.empty(0)
-        finalize(self._loaded, self._engine.close).atexit = False  # threads may still run it
+        # Threads may still run it.
+        finalize(self._loaded, self._engine.close).atexit = False
 
     def address(self, name: str) -> Address:
         """Return the address of a function; raise CompileError if it does not exist."""
         address = int(self._engine.get_function_address(name))
         if not address:
-            raise CompileError(f"object file: no function '{name}'; expected one of that name")
+            raise CompileError(f"object file: no function '{name}'; expected one of "
+                               'that name')
         return address
 
     def function(self, name: str, prototype: Callable[[Address], Any]) -> Any:

@@ -32,9 +32,11 @@ def linked(program: str, objects: Sequence[bytes]) -> bytes:
         for file, content in zip(files, objects):
             file.write_bytes(content)
         result = Path(folder, 'linked.so')
-        done = subprocess.run([program, '-shared', '-o', result, *files], capture_output=True,
+        done = subprocess.run([program, '-shared', '-o', result, *files],
+                              capture_output=True,
                               text=True, errors='replace', check=False)
         if done.returncode or not result.exists():
-            raise CompileError(f"linker '{program}': {done.stderr.strip() or done.returncode}; "
-                               'expected a shared library')
+            raise CompileError(f"linker '{program}': "
+                               f'{done.stderr.strip() or done.returncode}; expected a '
+                               'shared library')
         return result.read_bytes()

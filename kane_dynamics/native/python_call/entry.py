@@ -1,40 +1,43 @@
 """
 Native entry points of kernels: built-in functions and methods, with a Python fallback.
 
-A function created here is a CPython built-in whose machine code is part of the kernel's module
-(`entry_code`). It accepts contiguous, finite float64 ndarrays of the declared lengths, which a
-control loop passes. For any other argument it calls the Python fallback, which converts it or
-raises an error. The machine code reads ndarray fields at their public offsets (numpy's ABI) and
-the object header of CPython builds with a GIL. A self-test verifies this on the running
-interpreter; if it fails, the fallback serves every call.
+A function created here is a CPython built-in whose machine code is part of the kernel's
+module (`entry_code`). It accepts contiguous, finite float64 ndarrays of the declared
+lengths, which a control loop passes. For any other argument it calls the Python
+fallback, which converts it or raises an error. The machine code reads ndarray fields at
+their public offsets (numpy's ABI) and the object header of CPython builds with a GIL. A
+self-test verifies this on the running interpreter; if it fails, the fallback serves
+every call.
 
 Lifetime
     A function's `self` is its table, which holds the code, the arrays, and the fallback
-    (`EntryTable`). A method's object holds the tables of its methods. So the code lives as long as
-    its callers. It is unloaded when the last reference is gone, after all finalizers of the same
-    garbage (`llvm.Code`). The definitions of functions lie in the tables; those of methods are
-    never freed.
+    (`EntryTable`). A method's object holds the tables of its methods. So the code lives
+    as long as its callers. It is unloaded when the last reference is gone, after all
+    finalizers of the same garbage (`llvm.Code`). The definitions of functions lie in the
+    tables; those of methods are never freed.
 Reference counts
-    `bound` and methods return the array of the result, with one more reference. `entry` returns a
-    new reference; it reuses an array only while it holds the one reference to it and nothing
-    refers to it weakly. Before it releases an old array, whose finalization may run any code, it
-    has stored the new one and holds its own reference to it. Only arrays are counted, which are
-    never immortal. A reference that the interpreter borrows (Python 3.14) is of a variable that
-    holds one.
+    `bound` and methods return the array of the result, with one more reference. `entry`
+    returns a new reference; it reuses an array only while it holds the one reference to
+    it and nothing refers to it weakly. Before it releases an old array, whose
+    finalization may run any code, it has stored the new one and holds its own reference
+    to it. Only arrays are counted, which are never immortal. A reference that the
+    interpreter borrows (Python 3.14) is of a variable that holds one.
 GIL
-    A single call holds the GIL throughout, so nothing changes beside it. Batches release it
-    (`runtime.loops`); their callers hold kernel and arrays until all threads have ended.
+    A single call holds the GIL throughout, so nothing changes beside it. Batches release
+    it (`runtime.loops`); their callers hold kernel and arrays until all threads have
+    ended.
 Exceptions
-    The machine code raises nothing itself. It returns what the fallback returns or raises. An
-    object without tables (made by ``object.__new__``) is refused with TypeError.
+    The machine code raises nothing itself. It returns what the fallback returns or
+    raises. An object without tables (made by ``object.__new__``) is refused with
+    TypeError.
 Shutdown
-    No code is unloaded once the functions of `atexit` have run, so that finalizers and other
-    threads may call until the end. A function that was not called before then may be unable to
-    load its code, as modules are gone.
+    No code is unloaded once the functions of `atexit` have run, so that finalizers and
+    other threads may call until the end. A function that was not called before then may
+    be unable to load its code, as modules are gone.
 Not supported
-    Free-threaded builds and subinterpreters use the fallback. numpy refuses interpreters that have
-    a GIL of their own. A pickled function is the method of its pickled robot; one of fixed arrays
-    is refused.
+    Free-threaded builds and subinterpreters use the fallback. numpy refuses interpreters
+    that have a GIL of their own. A pickled function is the method of its pickled robot;
+    one of fixed arrays is refused.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -47,14 +50,16 @@ import sysconfig
 from typing import Any
 
 from kane_dynamics.native.machine_code import llvm
-from kane_dynamics.native.python_call.entry_ir import (ALL_FINITE, bound_code, DATA, DTYPE,
-                                                       entry_code, FLAGS, FRESH, method_code,
-                                                       NDIM, placeholder_code, SHAPE, TABLE, TYPE,
-                                                       WEAKREFS)
+from kane_dynamics.native.python_call.entry_ir import (ALL_FINITE, bound_code, DATA,
+                                                       DTYPE, entry_code, FLAGS, FRESH,
+                                                       method_code, NDIM,
+                                                       placeholder_code, SHAPE, TABLE,
+                                                       TYPE, WEAKREFS)
 from kane_dynamics.native.tracing.program import Shape
 import numpy as np
 
-METH_FASTCALL = 0x0080  # calls of METH_NOARGS are slower: CPython does not specialize them
+# Calls of METH_NOARGS are slower: CPython does not specialize them.
+METH_FASTCALL = 0x0080
 METH_KEYWORDS = 0x0002
 PY_ARRAY_NEW = 93  # slot of PyArray_New in numpy's C API table, fixed since numpy 1.0
 
@@ -71,11 +76,12 @@ DEFINITION = ctypes.sizeof(MethodDef) // 8  # words of a definition
 
 class EntryTable(np.ndarray):
     """
-    Table of 64-bit words that a native function reads; `owned` keeps the referenced objects.
+    Table of 64-bit words that a native function reads.
 
-    The function's PyMethodDef is stored at the end of the table. CPython reads it when it frees
-    the function, possibly after the garbage collector has cleared `owned`, so it must share the
-    memory of the table.
+    `owned` and `fallback` keep the objects to which the words refer.
+    The function's PyMethodDef is stored at the end of the table. CPython reads it when
+    it frees the function, possibly after the garbage collector has cleared `owned`, so
+    it must share the memory of the table.
     """
 
     owned: tuple[Any, ...]
@@ -83,7 +89,9 @@ class EntryTable(np.ndarray):
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         """
-        Pickle the object whose method the function replaces, since addresses are of one process.
+        Pickle the object whose method the function replaces.
+
+        Addresses, which the words are, belong to one process.
 
         Raises
         ------
@@ -93,8 +101,9 @@ class EntryTable(np.ndarray):
         """
         owner = getattr(self.fallback, '__self__', None)
         if owner is None:
-            raise TypeError('compiled function of fixed arrays: cannot be pickled; expected a '
-                            'method of the robot, or robot.bind() in the other process')
+            raise TypeError('compiled function of fixed arrays: cannot be pickled; '
+                            'expected a method of the robot, or robot.bind() in the '
+                            'other process')
         return _itself, (owner,)
 
 
@@ -125,8 +134,9 @@ def _symbol(name: str) -> int:
 
 
 def new_table(words: Mapping[str, int], fallback: Callable[..., Any], code: llvm.Code,
-              blocks: Sequence[np.ndarray] = (), owned: tuple[Any, ...] = ()) -> EntryTable:
-    """Return a table with these words and the addresses of the fallback and of the blocks."""
+              blocks: Sequence[np.ndarray] = (),
+              owned: tuple[Any, ...] = ()) -> EntryTable:
+    """Return a table of these words and addresses of the fallback and the blocks."""
     words = {**interpreter_words(), 'FALLBACK': id(fallback), **words}
     numbers = [words.get(word, 0) for word in TABLE]
     numbers += [block.ctypes.data for block in blocks]
@@ -143,7 +153,8 @@ def built_in(name: str, doc: str, address: llvm.Address, flags: int,
     """Create a built-in function from machine code and its table."""
     at = table.ctypes.data + 8 * (len(table) - DEFINITION)
     definition = MethodDef.from_address(at)
-    definition.__init__(name.encode(), address, flags, doc.encode())  # type: ignore[misc]
+    definition.__init__(  # type: ignore[misc]
+        name.encode(), address, flags, doc.encode())
     table.owned = (definition, *table.owned)  # keeps the name and doc alive
     make = ctypes.pythonapi.PyCFunction_NewEx
     make.restype = ctypes.py_object
@@ -154,12 +165,12 @@ def built_in(name: str, doc: str, address: llvm.Address, flags: int,
 
 def bound_table(code: llvm.Code, blocks: Sequence[np.ndarray],
                 fallback: Callable[..., Any]) -> EntryTable:
-    """Return the table of a method for one object, which must keep it alive; see `bound`."""
+    """Return the table of a method of an object that keeps it alive; see `bound`."""
     if any(block.size == 0 for block in blocks):
         code = assembled('stand-ins', placeholder_code())
         return new_table({'CODE': code.address('refer')}, fallback, code)
-    return new_table({'CODE': code.address('bound'), 'RESULT': id(blocks[-1])}, fallback, code,
-                     blocks)
+    return new_table({'CODE': code.address('bound'), 'RESULT': id(blocks[-1])}, fallback,
+                     code, blocks)
 
 
 def unmade_table(make: Callable[[Any], Any]) -> EntryTable:
@@ -176,8 +187,8 @@ def refusal() -> EntryTable:
 
 def refuse(owner: Any) -> None:
     """Raise TypeError: the object was not initialized."""
-    raise TypeError(f'{type(owner).__name__}: not initialized; expected an object made by its '
-                    'class, such as robot.bind()')
+    raise TypeError(f'{type(owner).__name__}: not initialized; expected an object made '
+                    'by its class, such as robot.bind()')
 
 
 @cache
@@ -186,8 +197,8 @@ def assembled(name: str, text: str) -> llvm.Code:
     return llvm.Code(llvm.cached(lambda: llvm.assemble(text), name, text))
 
 
-def _entry(name: str, doc: str, code: llvm.Code, defaults: Sequence[np.ndarray], shape: Shape,
-           fallback: Callable[..., Any]) -> Callable[..., Any]:
+def _entry(name: str, doc: str, code: llvm.Code, defaults: Sequence[np.ndarray],
+           shape: Shape, fallback: Callable[..., Any]) -> Callable[..., Any]:
     lengths = np.array(shape, dtype=np.int64)
     ring = np.array([None, None])  # holds references to the results
     ring[:] = [np.empty(shape), np.empty(shape)] if shape else None
@@ -203,7 +214,7 @@ def _bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
 
 
 class NativeMethods:
-    """Base class of objects with native methods; its first slot holds their table addresses."""
+    """Base class of objects with native methods; its first slot holds their tables."""
 
     __slots__ = ('_tables',)
     _tables: np.ndarray
@@ -211,9 +222,10 @@ class NativeMethods:
 
 @cache
 def supported() -> bool:
-    """Return whether native entry points work here: check the object layout, then a call."""
+    """Return whether native entry points work: check the object layout, then a call."""
     if (sys.implementation.name != 'cpython' or sys.byteorder != 'little'
-            or sysconfig.get_config_var('Py_GIL_DISABLED') or not _in_main_interpreter()):
+            or sysconfig.get_config_var('Py_GIL_DISABLED')
+            or not _in_main_interpreter()):
         return False
     try:
         interpreter_words()
@@ -225,7 +237,8 @@ def supported() -> bool:
     count_of_one = count.value
     another = probe
     readable = (count.value == count_of_one + 1 and head[TYPE // 8] == id(np.ndarray)
-                and head[DATA // 8] == probe.ctypes.data and head[NDIM // 8] & 0xFFFFFFFF == 1
+                and head[DATA // 8] == probe.ctypes.data
+                and head[NDIM // 8] & 0xFFFFFFFF == 1
                 and ctypes.c_int64.from_address(head[SHAPE // 8]).value == 3
                 and head[DTYPE // 8] == id(np.dtype(np.float64))
                 and head[FLAGS // 8] & FRESH == FRESH and head[WEAKREFS // 8] == 0)
@@ -233,7 +246,7 @@ def supported() -> bool:
 
 
 def _in_main_interpreter() -> bool:
-    """Return whether this is not a subinterpreter, whose objects may be of another GIL."""
+    """Return whether this is the main interpreter; others may have another GIL."""
     current, main = (getattr(ctypes.pythonapi, f'PyInterpreterState_{name}')
                      for name in ('Get', 'Main'))
     current.restype = main.restype = ctypes.c_void_p
@@ -244,13 +257,15 @@ def _self_test(probe: np.ndarray) -> bool:
     """Return whether a test kernel works through each entry point and its fallback."""
     text = '\n'.join(['define void @twice(ptr %args) {', '  %x = load ptr, ptr %args',
                       '  %slot = getelementptr ptr, ptr %args, i64 1',
-                      '  %y = load ptr, ptr %slot', '  %a = load <3 x double>, ptr %x, align 8',
+                      '  %y = load ptr, ptr %slot',
+                      '  %a = load <3 x double>, ptr %x, align 8',
                       '  %b = fadd <3 x double> %a, %a',
                       '  store <3 x double> %b, ptr %y, align 8', '  ret void', '}',
                       entry_code('twice', [3], [math.inf], 0, (3,)),
                       bound_code('twice', [3], [math.inf], 0, (3,))])
     code = assembled('self-test', text)
-    twice = _entry('twice', '', code, [], (3,), lambda *args, **keywords: (args, keywords))
+    twice = _entry('twice', '', code, [], (3,), lambda *args,
+                   **keywords: (args, keywords))
     bad = np.array([1.0, np.nan, 0.0])
     first = twice(probe)
     second = twice(probe)
@@ -317,8 +332,8 @@ def bound(name: str, doc: str, code: llvm.Code, blocks: Sequence[np.ndarray],
     code : Code
         Machine code that includes the result of `entry_points`.
     blocks : sequence of array
-        The kernel's arguments, its parameters, its result, all C-contiguous. The function
-        returns the last one (as a float if it has no dimension).
+        The kernel's arguments, its parameters, its result, all C-contiguous. The
+        function returns the last one (as a float if it has no dimension).
     fallback : callable
         Called when an argument or the result is not finite.
 
@@ -340,11 +355,13 @@ def methods(cls: type[NativeMethods], docs: Mapping[str, str],
     docs : mapping
         Method name to docstring.
     make : callable
-        Called with the object and the method name at the first use. Creates the table with
-        `bound_table`, stores its `id` in the object's `_tables`, keeps and returns it.
+        Called with the object and the method name at the first use. Creates the table
+        with `bound_table`, stores its `id` in the object's `_tables`, keeps and returns
+        it.
 
     """
-    # A bound method reads its definition even after the class is freed: keep one reference.
+    # A bound method reads its definition even after the class is freed: keep one
+    # reference.
     definitions = (MethodDef * len(docs))()
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(definitions))
     code = assembled('methods', method_code(len(docs)))
@@ -377,8 +394,8 @@ def entry_points(symbol: str, lengths: Sequence[int], default_sizes: Sequence[in
     symbol : str
         Name of the kernel function.
     lengths, default_sizes : sequence of int
-        Numbers of entries of the arguments of a call and of the default arguments; one block
-        of parameters follows.
+        Numbers of entries of the arguments of a call and of the default arguments; one
+        block of parameters follows.
     limits : sequence of float
         Largest absolute value allowed in each argument.
     shape : tuple of int

@@ -1,31 +1,34 @@
 """
 LLVM IR of the native entry points, generated for one kernel's signature.
 
-Two C functions are added to the kernel's module. `entry` takes arrays as positional arguments,
-checks them, allocates the result, and calls the kernel; `bound` takes no argument and calls the
-kernel on fixed memory. Both call the Python fallback for calls that they do not support.
+Two C functions are added to the kernel's module. `entry` takes arrays as positional
+arguments, checks them, allocates the result, and calls the kernel; `bound` takes no
+argument and calls the kernel on fixed memory. Both call the Python fallback for calls
+that they do not support.
 
-CPython calls a method faster than a function stored as an attribute. The methods of all kernels
-share one code, which forwards a call to the `bound` of the object's kernel.
+CPython calls a method faster than a function stored as an attribute. The methods of all
+kernels share one code, which forwards a call to the `bound` of the object's kernel.
 
-`entry` reuses result arrays: it owns its last two results and returns one again once it holds the
-only reference, as CPython's `zip` does with its tuples. Two are needed because in ``tau = f(...)``
-the old result exists until the new one is assigned.
+`entry` reuses result arrays: it owns its last two results and returns one again once it
+holds the only reference, as CPython's `zip` does with its tuples. Two are needed because
+in ``tau = f(...)`` the old result exists until the new one is assigned.
 
-The code reads CPython and numpy objects at fixed offsets. `entry.supported` must verify every
-assumption about them on the running interpreter.
+The code reads CPython and numpy objects at fixed offsets. `entry.supported` must verify
+every assumption about them on the running interpreter.
 """
 
 from collections.abc import Sequence
 import math
 
-from kane_dynamics.native.backends.real_types import constant_vector, literal, overflow_scale
+from kane_dynamics.native.backends.real_types import (constant_vector, literal,
+                                                      overflow_scale)
 from kane_dynamics.native.tracing.program import Shape
 
-# 64-bit words of the table that a function receives as `self`, in order. Pointers follow: for
-# `entry`, those of the default arguments; for `bound`, those of all arguments and of the result.
-# CODE is the function to which a method forwards its call.
-TABLE = ('CODE', 'FALLBACK', 'VECTORCALL', 'NDARRAY', 'FLOAT64', 'NEW_ARRAY', 'NEW_FLOAT',
+# 64-bit words of the table that a function receives as `self`, in order. Pointers
+# follow: for `entry`, those of the default arguments; for `bound`, those of all
+# arguments and of the result. CODE is the function to which a method forwards its call.
+TABLE = ('CODE', 'FALLBACK', 'VECTORCALL', 'NDARRAY', 'FLOAT64', 'NEW_ARRAY',
+         'NEW_FLOAT',
          'RELEASE', 'RESULT_SHAPE', 'RING', 'RESULT')
 
 # Byte offsets of the fields of a CPython object and of an ndarray.
@@ -110,7 +113,7 @@ class Assembly:
         self.put(f'  br i1 {both}, label %{then}, label %{otherwise}')
 
     def add_to_count(self, thing: str) -> None:
-        """Increment a reference count: 32 bits, since newer CPythons use the rest for flags."""
+        """Increment a reference count: its 32 bits, beside flags in newer CPythons."""
         count = self.load('i32', thing, COUNT)
         self.put(f'  store i32 {self.new(f"add i32 {count}, 1")}, ptr {thing}, align 8')
 
@@ -125,18 +128,19 @@ class Assembly:
         for pointer, size, limit in blocks:
             if size > LOOP_SIZE:
                 scale = literal(overflow_scale(limit))
-                conditions.append(self.new(f'call i1 @all_finite(ptr {pointer}, i64 {size}, '
-                                           f'double {scale})'))
+                conditions.append(self.new(f'call i1 @all_finite(ptr {pointer}, i64 '
+                                           f'{size}, double {scale})'))
 
-        # Short blocks: sums by width of x - x, which is NaN for NaN and infinity. Numbers beyond
-        # a limit become infinite by a factor.
+        # Short blocks: sums by width of x - x, which is NaN for NaN and infinity.
+        # Numbers beyond a limit become infinite by a factor.
         totals: dict[int, str] = {}
         for pointer, size, limit in blocks:
             if size > LOOP_SIZE:
                 continue
             width = next(w for w in (8, 4, 2, 1) if w <= size)
             vector = f'<{width} x double>'
-            for place in [*range(0, size - width, width), size - width]:  # the last may overlap
+            # The last may overlap.
+            for place in [*range(0, size - width, width), size - width]:
                 x = self.load(vector, pointer, 8 * place)
                 if math.isfinite(limit):
                     scale = literal(overflow_scale(limit))
@@ -146,18 +150,21 @@ class Assembly:
                 if width in totals:
                     zero = self.new(f'fadd {vector} {totals[width]}, {zero}')
                 totals[width] = zero
-        conditions += [self._all_ordered(total, width) for width, total in totals.items()]
+        for width, total in totals.items():
+            conditions.append(self._all_ordered(total, width))
         return conditions
 
     def _all_ordered(self, total: str, width: int) -> str:
         lanes = self.new(f'fcmp uno <{width} x double> {total}, zeroinitializer')
-        return self.equal(f'i{width}', self.new(f'bitcast <{width} x i1> {lanes} to i{width}'), 0)
+        return self.equal(f'i{width}',
+                          self.new(f'bitcast <{width} x i1> {lanes} to i{width}'), 0)
 
     def slow(self, keywords: str) -> None:
         """Emit the call of the fallback and the end of the function."""
         self.put('slow:')
-        answer = self.new(f'call ptr {self.word("VECTORCALL")}(ptr {self.word("FALLBACK")}, '
-                          f'ptr %args, i64 %nargs, ptr {keywords})')
+        answer = self.new(f'call ptr {self.word("VECTORCALL")}(ptr '
+                          f'{self.word("FALLBACK")}, ptr %args, i64 %nargs, ptr '
+                          f'{keywords})')
         self.put(f'  ret ptr {answer}', '}')
 
 
@@ -195,7 +202,8 @@ def _new_result(a: Assembly, shape: Shape) -> None:
           f'  %failed = icmp eq ptr {array}, null',
           '  br i1 %failed, label %failure, label %keep',
           'failure:', '  ret ptr null', 'keep:')
-    # The ring moves on before the oldest array is released, whose finalization may run any code.
+    # The ring moves on before the oldest array is released, whose finalization may run
+    # any code.
     a.add_to_count(array)
     second = a.new(f'getelementptr ptr, ptr {ring}, i64 1')
     oldest = a.load('ptr', ring)
@@ -213,15 +221,16 @@ def _return_float(a: Assembly, number_at: str) -> None:
     a.put(f'  ret ptr {result}')
 
 
-def entry_code(symbol: str, lengths: Sequence[int], limits: Sequence[float], n_defaults: int,
-               shape: Shape) -> str:
+def entry_code(symbol: str, lengths: Sequence[int], limits: Sequence[float],
+               n_defaults: int, shape: Shape) -> str:
     """
     Return the LLVM IR of `entry`.
 
     Parameters
     ----------
     symbol : str
-        The kernel function, ``void symbol(double **pointers)``: arguments, defaults, result.
+        The kernel function, ``void symbol(double **pointers)``: arguments, defaults,
+        result.
     lengths : sequence of int
         Length of each positional argument, all one-dimensional; none may be 0.
     limits : sequence of float
@@ -237,7 +246,8 @@ def entry_code(symbol: str, lengths: Sequence[int], limits: Sequence[float], n_d
     a.put('define ptr @entry(ptr %self, ptr %args, i64 %nargs, ptr %kwnames) {',
           f'  %pointers = alloca [{slots} x ptr]', '  %scalar = alloca double',
           *TABLE_OF_SELF)
-    a.branch([a.equal('ptr', '%kwnames', 'null'), a.equal('i64', '%nargs', len(lengths))],
+    a.branch([a.equal('ptr', '%kwnames', 'null'),
+              a.equal('i64', '%nargs', len(lengths))],
              'types', 'slow')
     a.put('types:')
     arrays = [a.load('ptr', '%args', 8 * k) for k in range(len(lengths))]
@@ -270,7 +280,8 @@ def entry_code(symbol: str, lengths: Sequence[int], limits: Sequence[float], n_d
         a.put(f'  store ptr {pointer}, ptr {slot}')
     result = a.new(f'getelementptr ptr, ptr %pointers, i64 {slots - 1}')
     if not shape:
-        a.put(f'  store ptr %scalar, ptr {result}', f'  call void @{symbol}(ptr %pointers)')
+        a.put(f'  store ptr %scalar, ptr {result}',
+              f'  call void @{symbol}(ptr %pointers)')
         _return_float(a, '%scalar')
         a.slow('%kwnames')
         return '\n'.join(a.lines)
@@ -278,8 +289,9 @@ def entry_code(symbol: str, lengths: Sequence[int], limits: Sequence[float], n_d
     a.put('second:')
     _reuse_result(a, 'second', shape, 'make')
     _new_result(a, shape)
-    a.put('run:', '  %out = phi ptr [%first.array, %first.taken], [%second.array, %second.taken], '
-          '[%made.array, %keep]')
+    a.put('run:',
+          '  %out = phi ptr [%first.array, %first.taken], [%second.array, '
+          '%second.taken], [%made.array, %keep]')
     memory = a.load('ptr', '%out', DATA)
     a.put(f'  store ptr {memory}, ptr {result}', f'  call void @{symbol}(ptr %pointers)')
     a.branch(a.finite([(memory, math.prod(shape), math.inf)]), 'good', 'discard')
@@ -289,15 +301,16 @@ def entry_code(symbol: str, lengths: Sequence[int], limits: Sequence[float], n_d
     return '\n'.join(a.lines)
 
 
-def bound_code(symbol: str, sizes: Sequence[int], limits: Sequence[float], n_parameters: int,
-               shape: Shape) -> str:
+def bound_code(symbol: str, sizes: Sequence[int], limits: Sequence[float],
+               n_parameters: int, shape: Shape) -> str:
     """
     Return the LLVM IR of `bound`.
 
     Parameters
     ----------
     symbol : str
-        The kernel function, ``void symbol(double **pointers)``: arguments, parameters, result.
+        The kernel function, ``void symbol(double **pointers)``: arguments, parameters,
+        result.
     sizes : sequence of int
         Number of entries of each argument; none may be 0.
     limits : sequence of float
@@ -332,9 +345,9 @@ def method_code(count: int) -> str:
     """
     Return the LLVM IR of `method0`, `method1`, ...
 
-    The first slot of a method's `self` holds an array of table addresses. Method k calls the
-    function that table k names and passes it the table and the object. An object without tables
-    was not initialized; the table given to `refuse_by` serves it.
+    The first slot of a method's `self` holds an array of table addresses. Method k calls
+    the function that table k names and passes it the table and the object. An object
+    without tables was not initialized; the table given to `refuse_by` serves it.
     """
     a = Assembly()
     a.put('@refusal = internal global ptr null', 'define void @refuse_by(ptr %table) {',
@@ -358,20 +371,22 @@ def placeholder_code() -> str:
     """
     Return the LLVM IR of two placeholders for `bound` in a table: `refer` and `unmade`.
 
-    `refer` calls the fallback, for kernels without entry points. `unmade` serves the first call
-    of a method: its fallback takes the object and returns the table to use.
+    `refer` calls the fallback, for kernels without entry points. `unmade` serves the
+    first call of a method: its fallback takes the object and returns the table to use.
     """
     a = Assembly()
     a.put('define ptr @refer(ptr %self, ptr %args, i64 %nargs) {', *TABLE_OF_SELF,
           '  br label %slow')
     a.slow('null')
-    a.put('define ptr @unmade(ptr %self, ptr %args, i64 %nargs, ptr %owner) {', *TABLE_OF_SELF,
+    a.put('define ptr @unmade(ptr %self, ptr %args, i64 %nargs, ptr %owner) {',
+          *TABLE_OF_SELF,
           '  %given = alloca ptr', '  store ptr %owner, ptr %given')
-    a.put(f'  %made = call ptr {a.word("VECTORCALL")}(ptr {a.word("FALLBACK")}, ptr %given, '
-          'i64 1, ptr null)', '  %failed = icmp eq ptr %made, null',
-          '  br i1 %failed, label %failure, label %go', 'failure:', '  ret ptr null', 'go:')
-    answer = a.new(f'call ptr {_code_word(a, "%made")}(ptr %made, ptr %args, i64 %nargs, '
-                   'ptr %owner)')
+    a.put(f'  %made = call ptr {a.word("VECTORCALL")}(ptr {a.word("FALLBACK")}, ptr '
+          '%given, i64 1, ptr null)', '  %failed = icmp eq ptr %made, null',
+          '  br i1 %failed, label %failure, label %go', 'failure:', '  ret ptr null',
+          'go:')
+    answer = a.new(f'call ptr {_code_word(a, "%made")}(ptr %made, ptr %args, i64 '
+                   '%nargs, ptr %owner)')
     a.put(f'  call void {a.word("RELEASE")}(ptr %made)', f'  ret ptr {answer}', '}')
     return '\n'.join(a.lines)
 

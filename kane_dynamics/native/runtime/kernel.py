@@ -1,9 +1,9 @@
 """
 Kernel: one compiled program with its input checks, parameters and entry points.
 
-An `Argument` is the name, shape and default of an input, and checks the values given for it. A
-`Kernel` compiles a program and calls it for one state, a batch, or rows one after the other.
-`batch_kernel` makes the kernel of a function of arrays alone.
+An `Argument` is the name, shape and default of an input, and checks the values given for
+it. A `Kernel` compiles a program and calls it for one state, a batch, or rows one after
+the other. `batch_kernel` makes the kernel of a function of arrays alone.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,8 +22,10 @@ from kane_dynamics.native.machine_code import llvm
 from kane_dynamics.native.machine_code.compiling import gc_paused, logged
 from kane_dynamics.native.python_call import entry
 from kane_dynamics.native.python_call.entry import EntryTable
-from kane_dynamics.native.runtime.loops import address, BAD_INPUT, driver, repeat, run_batch
-from kane_dynamics.native.tracing.program import origin, Program, Shape, size_of, trace_program
+from kane_dynamics.native.runtime.loops import (address, BAD_INPUT, driver, repeat,
+                                                run_batch)
+from kane_dynamics.native.tracing.program import (origin, Program, Shape, size_of,
+                                                  trace_program)
 import numpy as np
 from numpy.typing import NDArray
 
@@ -58,7 +60,7 @@ class Argument:
 
 
 def checked(argument: Argument, value: Any) -> Array:
-    """Return a value as a finite C-contiguous float64 array; raise InputError otherwise."""
+    """Return a value as a finite C-contiguous float64 array; else raise InputError."""
     array = converted(argument, value)
     require_finite(argument, array)
     return array
@@ -72,14 +74,16 @@ def converted(argument: Argument, value: Any) -> Array:
     # By the attribute, since numpy.ma is slow to import.
     masked = getattr(value, 'mask', None) if isinstance(value, np.ndarray) else None
     if masked is not None and np.any(masked):
-        raise InputError(f'{name}: a masked array with {np.count_nonzero(masked)} masked '
-                         f'entries; expected numbers of shape {expected}')
+        raise InputError(f'{name}: a masked array with {np.count_nonzero(masked)} '
+                         f'masked entries; expected numbers of shape {expected}')
     try:
         array = np.asarray(value)
     except ValueError:
-        raise InputError(f'{name}: not a rectangular array; expected shape {expected}') from None
+        raise InputError(f'{name}: not a rectangular array; expected shape '
+                         f'{expected}') from None
     if array.dtype.kind not in 'fiu':
-        raise InputError(f'{name}: dtype {array.dtype}; expected numbers of shape {expected}')
+        raise InputError(f'{name}: dtype {array.dtype}; expected numbers of shape '
+                         f'{expected}')
     if array.shape != shape and array.shape[1:] != shape:
         raise InputError(f'{name}: shape {array.shape}; expected {expected}')
     return np.asarray(array, dtype=np.float64, order='C')
@@ -124,11 +128,12 @@ class Kernel:
     name : str
         Name used in messages.
     program : callable
-        Traces the program; called if the cache does not hold its code for single states or
-        for batches.
+        Traces the program; called if the cache does not hold its code for single states
+        or for batches.
     key : str or None
-        Everything the program depends on, for the cache, beside its inputs, its result and what
-        `origin` tells. None always traces and uses the generated code as the key.
+        Everything the program depends on, for the cache, beside its inputs, its result
+        and what `origin` tells. None always traces and uses the generated code as the
+        key.
     arguments : sequence of Argument
         In the program's order; those with a default come last.
     parameters : array
@@ -136,20 +141,22 @@ class Kernel:
     shape : tuple of int
         Shape of the result for one state.
     reason : callable, optional
-        Called with the arguments of a state whose result is not finite; raises an error that
-        explains it, or returns another kernel that answers in its place, or None.
+        Called with the arguments of a state whose result is not finite; raises an error
+        that explains it, or returns another kernel that answers in its place, or None.
     single : callable, optional
         Traces the program for single states, if it is another one of the same function.
     in_order : bool
-        Keep the order of the program in the machine code of single states. LLVM's scheduler
-        would move uses of constraint rows and of their inverse apart, and spill more of them.
+        Keep the order of the program in the machine code of single states. LLVM's
+        scheduler would move uses of constraint rows and of their inverse apart, and
+        spill more of them.
 
     """
 
     def __init__(self, name: str, program: Callable[[], Program], key: str | None,
                  arguments: Sequence[Argument], parameters: Array, shape: Shape,
                  reason: ResultCheck | None = None,
-                 single: Callable[[], Program] | None = None, in_order: bool = False) -> None:
+                 single: Callable[[], Program] | None = None,
+                 in_order: bool = False) -> None:
         """Compile the program or load it from the cache."""
         self.name = name
         self.shape = shape
@@ -217,7 +224,8 @@ class Kernel:
     def _entry_points(self) -> str:
         default_sizes = [default.size for default in self.defaults]
         limits = [size_limit(a.name) for a in self.arguments]
-        return entry.entry_points(SYMBOL, self._lengths, default_sizes, limits, self.shape)
+        return entry.entry_points(SYMBOL, self._lengths, default_sizes, limits,
+                                  self.shape)
 
     def compile_lanes(self) -> llvm.Address:
         """Compile the lane kernel for batches, if not done yet; return its address."""
@@ -239,13 +247,15 @@ class Kernel:
         return self.compile_lanes()
 
     def entry(self, doc: str, fallback: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a native entry point, or the fallback if the interpreter is not supported."""
+        """Return a native entry point, or the fallback without support for it."""
         return entry.entry(self.name, doc, self.code, self._lengths,
                            [*self.defaults, self.parameters], self.shape, fallback)
 
-    def bind(self, arguments: Sequence[Array], result: Array, doc: str) -> Callable[[], Any]:
+    def bind(self, arguments: Sequence[Array], result: Array, doc: str) -> Callable[[],
+                                                                                    Any]:
         """Return a function without arguments that calls the kernel on fixed arrays."""
-        return entry.bound(self.name, doc, self.code, [*arguments, self.parameters, result],
+        return entry.bound(self.name, doc, self.code,
+                           [*arguments, self.parameters, result],
                            self._fallback(arguments, result))
 
     def table(self, arguments: Sequence[Array], result: Array) -> EntryTable:
@@ -259,8 +269,9 @@ class Kernel:
                 places = ', '.join(a.name for a in self.arguments)
                 types = [type(x).__name__ for x in values]
                 words = ', '.join([*types, *named])
-                raise InputError(f'workspace: {self.name}({words}); expected no arguments: it '
-                                 f'reads the arrays of the workspace ({places})')
+                raise InputError(f'workspace: {self.name}({words}); expected no '
+                                 'arguments: it reads the arrays of the workspace '
+                                 f'({places})')
             return self(*arguments, out=result if self.shape else None)
         return call
 
@@ -273,8 +284,8 @@ class Kernel:
         Raises
         ------
         InputError
-            If an argument has a wrong type or shape or is not finite, or the result is not
-            finite.
+            If an argument has a wrong type or shape or is not finite, or the result is
+            not finite.
 
         """
         values += (None,) * (len(self.arguments) - len(values))
@@ -283,13 +294,14 @@ class Kernel:
         count = self._count(values, arrays)
         shape = self.shape if count is None else (count, *self.shape)
         if size_of(shape) > MAX_RESULTS:
-            raise InputError(f'{self.name}: {count} states give {size_of(shape)} numbers; '
-                             f'expected at most {MAX_RESULTS} per call')
+            raise InputError(f'{self.name}: {count} states give {size_of(shape)} '
+                             f'numbers; expected at most {MAX_RESULTS} per call')
         result = self._result(out, shape)
         if count is None:
             self._single(arrays, result)
         else:
-            if any(np.may_share_memory(result, x) and not _same_rows(result, x) for x in arrays):
+            if any(np.may_share_memory(result, x) and not _same_rows(result,
+                                                                     x) for x in arrays):
                 result = np.empty(shape)  # a row would be overwritten before it is read
             self._batch(arrays, result, count)
         if out is not None:
@@ -315,19 +327,22 @@ class Kernel:
         if flags:
             self._check(result, arrays, count)
 
-    def scan(self, inputs: Sequence[Array], result: Array, *, constants: Array | None = None,
-             reverse: bool = False) -> None:
+    def scan(self, inputs: Sequence[Array], result: Array, *,
+             constants: Array | None = None, reverse: bool = False) -> None:
         """
-        Compute the rows of a result one after the other, without checks and without the GIL.
+        Compute the rows of a result one after the other.
 
-        A row may depend on an earlier one (a carry): pass views of one array that are shifted by
-        a row, such as ``states[:-1]`` as an input and ``states[1:]`` as the result.
+        Nothing is checked; the GIL is released.
+
+        A row may depend on an earlier one (a carry): pass views of one array that are
+        shifted by a row, such as ``states[:-1]`` as an input and ``states[1:]`` as the
+        result.
 
         Parameters
         ----------
         inputs : sequence of float64 arrays
-            The arguments, each with a row for each row of the result, or of one state, which all
-            share. Each row is C-contiguous.
+            The arguments, each with a row for each row of the result, or of one state,
+            which all share. Each row is C-contiguous.
         result : float64 array
             Each row is C-contiguous; at least one row.
         constants : float64 array, optional
@@ -358,8 +373,8 @@ class Kernel:
         Parameters
         ----------
         inputs : sequence of float64 arrays
-            The arguments, each (N, steps, ...), or of one state; all states share an axis N of
-            length 1, all steps an axis of steps of length 1.
+            The arguments, each (N, steps, ...), or of one state; all states share an
+            axis N of length 1, all steps an axis of steps of length 1.
         result : float64 array
             (N, steps, ...), or (N, 1, ...), where each step overwrites the last one.
         steps : int
@@ -387,7 +402,8 @@ class Kernel:
             if block.ndim > rank and block.shape[1] > 1:
                 step = block.strides[1]
             rows.append((address(block), lane, step, 0))
-        return run_batch(self.lane_address, rows, len(result), steps=steps, extremes=extremes)
+        return run_batch(self.lane_address, rows, len(result), steps=steps,
+                         extremes=extremes)
 
     def run(self, arrays: Sequence[Array], result: Array, count: int,
             numbers: Mapping[str, NDArray[np.intp]] = NO_NUMBERS,
@@ -398,14 +414,15 @@ class Kernel:
         Parameters
         ----------
         arrays : sequence of float64 arrays
-            The arguments, each of one state, which all share, or of `count` states. Each state is
-            C-contiguous.
+            The arguments, each of one state, which all share, or of `count` states. Each
+            state is C-contiguous.
         result : float64 array
             Of `count` results, each C-contiguous.
         count : int
             At least 1.
         numbers : mapping
-            By name of an argument, the number of the row of each of the states, (count,).
+            By name of an argument, the number of the row of each of the states,
+            (count,).
         constants : float64 array, optional
             In place of the kernel's parameters.
 
@@ -435,7 +452,7 @@ class Kernel:
 
     def answer(self, result: Array, arrays: Sequence[Array], count: int | None,
                places: Sequence[int]) -> None:
-        """Compute the results of some states in another way, or raise an error that explains."""
+        """Compute the results of some states by another kernel, or raise InputError."""
         rows = result.reshape(count or 1, -1)
         for bad in places:
             state = {}
@@ -445,19 +462,20 @@ class Kernel:
             if kernel is None:
                 place = '' if count is None else f' of state {bad}'
                 raise InputError(
-                    f'{self.name}: the result{place} is not finite: the arguments are too large, '
-                    'or the mass matrix is singular at this configuration (a body without mass '
-                    'moves alone, or a thin rod turns about itself); expected a finite result')
+                    f'{self.name}: the result{place} is not finite: the arguments are '
+                    'too large, or the mass matrix is singular at this configuration (a '
+                    'body without mass moves alone, or a thin rod turns about itself); '
+                    'expected a finite result')
             rows[bad] = np.ravel(kernel(*state.values()))
 
     def _default(self, argument: Argument) -> Array:
         if argument.default is None:
-            raise InputError(f'{self.name}: {argument.name} is missing; expected an array of '
-                             f'shape {argument.shape}')
+            raise InputError(f'{self.name}: {argument.name} is missing; expected an '
+                             f'array of shape {argument.shape}')
         return argument.default
 
     def _count(self, values: Sequence[Any], arrays: Sequence[Array]) -> int | None:
-        """Return the length of the batch, None for a single state; all arguments must agree."""
+        """Return the length of the batch, None for one state; arguments must agree."""
         lengths: list[int | None] = []
         shapes = []
         for argument, value, array in zip(self.arguments, values, arrays):
@@ -467,27 +485,27 @@ class Kernel:
             lengths.append(array.shape[0] if is_batch else None)
             shapes.append(f'{argument.name} {array.shape}')
         if len(set(lengths)) > 1:
-            raise InputError(f'{self.name}: arguments {", ".join(shapes)}; expected all single '
-                             'states or all batches of one length')
+            raise InputError(f'{self.name}: arguments {", ".join(shapes)}; expected all '
+                             'single states or all batches of one length')
         return lengths[0]
 
     def _result(self, out: Any, shape: Shape) -> Array:
-        """Check `out` and return the array to write to: `out` itself if its layout allows."""
+        """Check `out`; return the array to write to, `out` itself if possible."""
         if out is None:
             return np.empty(shape)
-        if not (isinstance(out, np.ndarray) and out.dtype == np.float64 and out.shape == shape
-                and out.flags.writeable):
+        if not (isinstance(out, np.ndarray) and out.dtype == np.float64
+                and out.shape == shape and out.flags.writeable):
             described = type(out).__name__
             if isinstance(out, np.ndarray):
                 described = f'{out.dtype} array of shape {out.shape}'
-            raise InputError(f'{self.name}: out: {described}; expected a writeable float64 array '
-                             f'of shape {shape}')
+            raise InputError(f'{self.name}: out: {described}; expected a writeable '
+                             f'float64 array of shape {shape}')
         direct = out.flags.c_contiguous and out.flags.aligned and out.dtype.isnative
         return out if direct else np.empty(shape)
 
 
-def batch_kernel(name: str, function: Callable[..., Any], inputs: Sequence[tuple[str, Shape]],
-                 shape: Shape) -> Kernel:
+def batch_kernel(name: str, function: Callable[..., Any],
+                 inputs: Sequence[tuple[str, Shape]], shape: Shape) -> Kernel:
     """
     Return the kernel of a function without parameters.
 
@@ -506,5 +524,5 @@ def batch_kernel(name: str, function: Callable[..., Any], inputs: Sequence[tuple
     def program() -> Program:
         return trace_program(name, lambda *arrays: function(*arrays[:-1]), [
             *inputs, ('parameters', (0,))])
-    return Kernel(name, program, f'{name} {inputs}', [Argument(*each) for each in inputs],
-                  np.zeros(0), shape)
+    return Kernel(name, program, f'{name} {inputs}',
+                  [Argument(*each) for each in inputs], np.zeros(0), shape)

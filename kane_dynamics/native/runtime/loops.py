@@ -1,16 +1,17 @@
 """
-Native loops over kernels: one state after the other, or a batch in SIMD lanes and threads.
+Native loops over kernels: one state after the other, or a batch in lanes and threads.
 
-A kernel is ``void kernel(double **pointers)``: arguments first, result last. `repeat` calls it
-for one state after the other. `run_batch` calls a lane kernel for blocks of states, which
-threads share.
+A kernel is ``void kernel(double **pointers)``: arguments first, result last. `repeat`
+calls it for one state after the other. `run_batch` calls a lane kernel for blocks of
+states, which threads share.
 
-The machine code starts the threads and joins them before it returns. No exception, signal, fork
-or shutdown of the interpreter can come between, so no thread outlives the call whose memory it
-uses.
+The machine code starts the threads and joins them before it returns. No exception,
+signal, fork or shutdown of the interpreter can come between, so no thread outlives the
+call whose memory it uses.
 
-The last block of a batch is filled by repeating its last state, whose result is then written
-several times with equal bits. So a result depends only on its own state, not on its position.
+The last block of a batch is filled by repeating its last state, whose result is then
+written several times with equal bits. So a result depends only on its own state, not on
+its position.
 """
 
 from array import array
@@ -100,7 +101,7 @@ def _repeat(release_gil: bool) -> Callable[..., None]:
 
 
 def _address_reader() -> Callable[[NDArray[Any]], int]:
-    """Return `address`; `ctypes.data`, which takes ten times as long, where objects differ."""
+    """Return `address`; the slower `ctypes.data` where objects differ."""
     word = ctypes.c_size_t.from_address
     offset = object.__basicsize__
     probe = np.zeros(1)
@@ -116,10 +117,11 @@ address = _address_reader()  # of the first entry of an array
 def repeat(kernel: llvm.Address, pointers: Sequence[int], strides: Sequence[int],
            count: int) -> None:
     """
-    Call a kernel `count` times and advance each pointer by its stride (bytes) after each call.
+    Call a kernel `count` times; after a call, advance pointers by their strides (bytes).
 
-    More than one call releases the GIL. A single call keeps it, because reacquiring it beside a
-    busy Python thread takes milliseconds. The caller provides memory that is large enough.
+    More than one call releases the GIL. A single call keeps it, because reacquiring it
+    beside a busy Python thread takes milliseconds. The caller provides memory that is
+    large enough.
     """
     table = array('q', (kernel, count, len(pointers), *pointers, *strides))
     _repeat(count > 1)(table.buffer_info()[0])
@@ -326,8 +328,8 @@ def run_shares() -> str:
         f'  %given{k} = load {kind}, ptr %at{k}'))
     passed = ', '.join(f'{kind} %given{k}' for k, kind in enumerate(kinds))
     text = RUN_SHARES.replace('ARGUMENTS', arguments).replace('PASSED', passed)
-    for name, number in (('WORDS', WORDS), ('STACK', STACK), ('FLAGS', FLAGS), ('THREAD', THREAD),
-                         ('FAILED', FAILED)):
+    for name, number in (('WORDS', WORDS), ('STACK', STACK), ('FLAGS', FLAGS),
+                         ('THREAD', THREAD), ('FAILED', FAILED)):
         text = text.replace(name, str(number))
     return text
 
@@ -343,7 +345,8 @@ class Strided(NamedTuple):
     lane, step : int
         Bytes between states and between steps; 0 where they share a row.
     numbers : int
-        Address of the number of each state's row, int64; 0 where it is that of the state.
+        Address of the number of each state's row, int64; 0 where it is that of the
+        state.
 
     """
 
@@ -360,8 +363,8 @@ ROW = len(Strided._fields)  # words of a row of the table
 def driver(width: int) -> llvm.Code:
     """Return the machine code of `RUN_BATCH` and of its threads."""
     counting = '<' + ', '.join(f'i64 {lane}' for lane in range(width)) + '>'
-    text = RUN_BATCH.replace('COUNTING', counting).replace('SLOTS', str(POINTER_SLOTS)).replace(
-        'ROW', str(ROW))
+    text = RUN_BATCH.replace('COUNTING', counting)
+    text = text.replace('SLOTS', str(POINTER_SLOTS)).replace('ROW', str(ROW))
     text = text.replace('EVERY', '<' + ', '.join(['i1 true'] * width) + '>')
     for name in ('<W x', 'vWi64', 'vWp0'):
         text = text.replace(name, name.replace('W', str(width)))
@@ -372,13 +375,13 @@ def driver(width: int) -> llvm.Code:
 @cache
 def _driver_function(width: int) -> Callable[..., None]:
     """Return `run_shares` as a function that releases the GIL."""
-    function: Callable[..., None] = driver(width).function('run_shares', ctypes.CFUNCTYPE(
-        None, ctypes.c_void_p, ctypes.c_int64))
+    prototype = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64)
+    function: Callable[..., None] = driver(width).function('run_shares', prototype)
     return function
 
 
-def run_batch(kernel: llvm.Address, rows: Sequence[tuple[int, int, int, int]], count: int, *,
-              steps: int = 1, extremes: tuple[Array, Array] | None = None,
+def run_batch(kernel: llvm.Address, rows: Sequence[tuple[int, int, int, int]],
+              count: int, *, steps: int = 1, extremes: tuple[Array, Array] | None = None,
               width: int | None = None) -> int:
     """
     Call a lane kernel for `count` states and one or more steps, without the GIL.
@@ -418,10 +421,11 @@ def run_batch(kernel: llvm.Address, rows: Sequence[tuple[int, int, int, int]], c
         size = lowest.shape[1]
 
     def work(ranges: Sequence[Range]) -> int:
-        shares = array('q')  # a row of words for each thread, which writes its flags there
+        # A row of words for each thread, which writes its flags there.
+        shares = array('q')
         for begin, end in ranges:
-            shares.extend((kernel, address, len(rows), size, low, high, begin, end, steps,
-                           *[0] * (WORDS - FLAGS)))
+            shares.extend((kernel, address, len(rows), size, low, high, begin, end,
+                           steps, *[0] * (WORDS - FLAGS)))
         function(shares.buffer_info()[0], len(ranges))
         return reduce(or_, shares[FLAGS::WORDS])
     return run_in_threads(work, count, width, max(1, PROBE_CALLS // steps))

@@ -21,7 +21,7 @@ Range = tuple[int, int]
 
 def thread_count() -> int:
     """
-    Return the number of threads for a batch: `KANE_DYNAMICS_THREADS`, else the processors.
+    Return the number of threads: `KANE_DYNAMICS_THREADS`, else that of the processors.
 
     Raises
     ------
@@ -35,7 +35,8 @@ def thread_count() -> int:
                      else os.cpu_count() or 1)
         return min(available, MAX_THREADS)
     if not (setting.isdecimal() and 1 <= int(setting) <= MAX_THREADS):
-        raise InputError(f'{VARIABLE}: {setting!r}; expected an integer from 1 to {MAX_THREADS}')
+        raise InputError(f'{VARIABLE}: {setting!r}; expected an integer from 1 to '
+                         f'{MAX_THREADS}')
     return int(setting)
 
 
@@ -49,13 +50,15 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
     Parameters
     ----------
     work : callable
-        Takes ranges, runs each in a thread of its own, and returns flags when all have ended.
+        Takes ranges, runs each in a thread of its own, and returns flags when all have
+        ended.
     count : int
         Size of the range.
     quantum : int
         Ranges begin at multiples of this.
     probe : int
-        Quanta of the first range, whose time per quantum determines the number of threads.
+        Quanta of the first range, whose time per quantum determines the number of
+        threads.
 
     Returns
     -------
@@ -94,11 +97,11 @@ def run_in_threads(work: Callable[[Sequence[Range]], int], count: int, quantum: 
 
 def run_concurrently(jobs: Sequence[Callable[[], object]]) -> None:
     """
-    Run jobs that compile, several at once; raise the first one's error when all have ended.
+    Run jobs that compile, several at once; then raise the first one's error.
 
-    While LLVM works on one, without the GIL, another is traced. An interrupt is raised when the
-    running jobs have ended; the others do not start. Where no thread can start, as at the exit of
-    the interpreter, the calling thread runs all jobs.
+    While LLVM works on one, without the GIL, another is traced. An interrupt is raised
+    when the running jobs have ended; the others do not start. Where no thread can start,
+    as at the exit of the interpreter, the calling thread runs all jobs.
     """
     waiting = deque(enumerate(jobs))
     running: set[int] = set()  # threads
@@ -123,7 +126,8 @@ def run_concurrently(jobs: Sequence[Callable[[], object]]) -> None:
     def wait() -> None:
         waiting.clear()
         running.discard(get_ident())
-        while running:  # an interrupted `Thread.join` may take a running thread for ended
+        # An interrupted `Thread.join` may take a running thread for ended.
+        while running:
             time.sleep(POLL)
     count = thread_count()
     try:
@@ -142,7 +146,7 @@ def run_concurrently(jobs: Sequence[Callable[[], object]]) -> None:
 
 
 def uninterrupted(wait: Callable[[], object]) -> None:
-    """Call `wait`, and again after each exception until it returns; then raise the last one."""
+    """Call `wait` until it returns without an exception; then raise the last one."""
     interrupt = None
     while True:
         try:

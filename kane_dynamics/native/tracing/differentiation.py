@@ -1,20 +1,22 @@
 """
 Differentiation of traced values: forward and reverse mode, one rule for each operation.
 
-Every operation y = f(a, b) has one rule: its slopes dy/da and dy/db, traced values themselves.
-Both modes multiply and add these slopes along the graph, in opposite orders:
+Every operation y = f(a, b) has one rule: its slopes dy/da and dy/db, traced values
+themselves. Both modes multiply and add these slopes along the graph, in opposite orders:
 
     forward:   dy = dy/da da + dy/db db           from the inputs to the outputs
     reverse:   a* += y* dy/da,  b* += y* dy/db    from the outputs to the inputs
 
-Forward mode gives the product of the Jacobian and a tangent vector, reverse mode the product of a
-cotangent vector and the Jacobian, each for a few times the operations of the function. The
-results are traced values, so passes can be applied to results of passes, for second derivatives.
-Source: A. Griewank, A. Walther, "Evaluating Derivatives", 2nd ed., SIAM 2008, chapters 3 and 4.
+Forward mode gives the product of the Jacobian and a tangent vector, reverse mode the
+product of a cotangent vector and the Jacobian, each for a few times the operations of
+the function. The results are traced values, so passes can be applied to results of
+passes, for second derivatives. Source: A. Griewank, A. Walther, "Evaluating
+Derivatives", 2nd ed., SIAM 2008, chapters 3 and 4.
 
-Where a function is not smooth, the derivative is that of the branch which computes its value:
-of `less` and `floor` it is 0, of `select(c, x, y)` that of the selected value. So the derivative
-of abs(x) is 1 at 0, and that of min(x, y) and max(x, y) at x = y is that of x.
+Where a function is not smooth, the derivative is that of the branch which computes its
+value: of `less` and `floor` it is 0, of `select(c, x, y)` that of the selected value. So
+the derivative of abs(x) is 1 at 0, and that of min(x, y) and max(x, y) at x = y is that
+of x.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -65,7 +67,9 @@ def forward(outputs: Iterable[Any], inputs: Sequence[Expr], tangents: Iterable[A
 
     """
     outputs = list(outputs)
-    tangent: dict[int, Any] = {x.index: dx for x, dx in zip(inputs, tangents, strict=True)}
+    tangent: dict[int, Any] = {}
+    for x, dx in zip(inputs, tangents, strict=True):
+        tangent[x.index] = dx
     for y in _between(inputs, outputs):
         if y.op == 'call':  # the tangents of all of its results
             of_arguments = [_of(tangent, a) for a in y.args[1:]]
@@ -101,7 +105,8 @@ def reverse(outputs: Iterable[Any], cotangents: Iterable[Any], inputs: Sequence[
             cotangent[x.index] = _plus(cotangent.get(x.index, 0.0), weight)
     for y, weight in zip(outputs, cotangents, strict=True):
         add(y, weight)
-    of_results: dict[int, dict[int, Any]] = {}  # of a call: cotangents of its results by place
+    # Of a call: cotangents of its results by place.
+    of_results: dict[int, dict[int, Any]] = {}
     for y in reversed(_between(inputs, outputs)):
         weight = cotangent.get(y.index, 0.0)
         if y.op == 'call':
@@ -121,9 +126,10 @@ def jacobian(outputs: Any, inputs: Sequence[Expr], share: Subroutines) -> Any:
     """
     Return the Jacobian of outputs by inputs, of the outputs' shape and one more axis.
 
-    By forward mode, a pass for each input, or by reverse mode, a pass for each output: whichever
-    are fewer. Together the passes share the function's values, and each has only its own nonzero
-    entries; but where that code would be large, they are calls of one subroutine.
+    By forward mode, a pass for each input, or by reverse mode, a pass for each output:
+    whichever are fewer. Together the passes share the function's values, and each has
+    only its own nonzero entries; but where that code would be large, they are calls of
+    one subroutine.
     """
     flat = list(np.ravel(np.asarray(outputs, dtype=object)))
     by_inputs = len(inputs) <= len(flat)
@@ -140,8 +146,9 @@ def jacobian(outputs: Any, inputs: Sequence[Expr], share: Subroutines) -> Any:
 
 
 def _by_calls(one_pass: Callable[..., list[Any]], outputs: Sequence[Any],
-              inputs: Sequence[Expr], passes: int, share: Subroutines) -> list[list[Any]]:
-    """Return the results of passes by calls of a subroutine, which computes any one of them."""
+              inputs: Sequence[Expr], passes: int,
+              share: Subroutines) -> list[list[Any]]:
+    """Return the results of passes by calls of one subroutine."""
     function = Program('function', (), tuple(outputs), (len(outputs),))
     # The values that the function is computed from: its inputs first.
     place = {x.index: k for k, x in enumerate(inputs)}
@@ -154,12 +161,13 @@ def _by_calls(one_pass: Callable[..., list[Any]], outputs: Sequence[Any],
     def traced(values: Any, seed: Any) -> Any:
         results = replayed(function, lambda node: values[place[node.index]])
         return np.array(one_pass(results, values[:len(inputs)], seed))
-    subroutine = share.trace('row', traced, [('values', (len(leaves),)), ('seed', (passes,))])
+    subroutine = share.trace('row', traced, [('values', (len(leaves),)),
+                                             ('seed', (passes,))])
     return [call(subroutine, leaves, unit) for unit in np.eye(passes)]
 
 
 def _between(inputs: Sequence[Expr], outputs: Sequence[Any]) -> list[Expr]:
-    """Return the nodes after the inputs that depend on them and lead to outputs, in order."""
+    """Return the nodes that depend on inputs and lead to outputs, in order."""
     roots = [y for y in outputs if isinstance(y, Expr)]
     if not roots:
         return []
@@ -193,7 +201,8 @@ def _forward_call(node: Expr, tangents: list[Any], share: Subroutines) -> Any:
         moving = [k for k, x in enumerate(values) if isinstance(x, Expr)]
         moving_values = [values[k] for k in moving]
         moving_rates = [rates[k] for k in moving]
-        return np.array(forward(inlined(callee, values), moving_values, moving_rates, share))
+        return np.array(forward(inlined(callee, values), moving_values, moving_rates,
+                                share))
     return share(f'{callee.name}_forward', derived, arguments, tangents)
 
 
@@ -226,7 +235,7 @@ def _times(x: Any, y: Any) -> Any:
 
 
 def _plus(x: Any, y: Any) -> Any:
-    """Return x + y; the sum of two factors that the same condition masks is masked, too."""
+    """Return x + y; the sum of two factors masked by one condition is masked, too."""
     if _masked(x) and _masked(y) and x.args[0] is y.args[0]:
         c, a, b = x.args
         return c.select(_plus(a, y.args[1]), _plus(b, y.args[2]))
@@ -234,6 +243,6 @@ def _plus(x: Any, y: Any) -> Any:
 
 
 def _masked(x: Any) -> bool:
-    """Return whether a scalar is a selection of which one alternative is the constant 0."""
+    """Return whether a scalar is a selection with the constant 0 as alternative."""
     return isinstance(x, Expr) and x.op == 'select' and any(
         not isinstance(a, Expr) and a == 0.0 for a in x.args[1:])

@@ -1,11 +1,11 @@
 """
 Traced scalars: numeric code run on `Expr` records its arithmetic as an expression graph.
 
-An `Expr` is a node of a directed acyclic graph. Nodes are hash-consed: the same operation on the
-same operands is the same node, which eliminates common subexpressions. Constants are folded:
-arithmetic with 0, 1, -1 and between constants creates no node. A result that does not depend on
-any input is a plain float. Arrays of dtype object hold expressions, and numpy's ``@``, ``+``,
-``*``, ``sin`` and so on work on them.
+An `Expr` is a node of a directed acyclic graph. Nodes are hash-consed: the same
+operation on the same operands is the same node, which eliminates common subexpressions.
+Constants are folded: arithmetic with 0, 1, -1 and between constants creates no node. A
+result that does not depend on any input is a plain float. Arrays of dtype object hold
+expressions, and numpy's ``@``, ``+``, ``*``, ``sin`` and so on work on them.
 
 The graph is independent of dynamics, differentiation and LLVM.
 """
@@ -29,7 +29,7 @@ class Trace:
         self._table: dict[tuple[Any, ...], Expr] = {}
 
     def node(self, op: str, *args: Any) -> 'Expr':
-        """Return the node that applies `op` to `args`; create it if it does not exist."""
+        """Return the node that applies `op` to `args`, created if it is missing."""
         key = (op, *args)
         node = self._table.get(key)
         if node is None:
@@ -43,7 +43,7 @@ class Trace:
         return (op, *args) in self._table
 
     def inputs(self, name: str, *shape: int) -> Any:
-        """Return an object array of `shape` with the input nodes of the argument `name`."""
+        """Return an object array of `shape` with the input nodes of argument `name`."""
         size = math.prod(shape)
         flat = np.empty(size, dtype=object)
         for k in range(size):
@@ -57,7 +57,7 @@ class Expr:
     __slots__ = ('args', 'index', 'op', 'trace')
 
     def __init__(self, trace: Trace, index: int, op: str, args: tuple[Any, ...]) -> None:
-        """Create a node; use `Trace.node` or arithmetic instead, which fold and share."""
+        """Create a node; use `Trace.node` or arithmetic, which fold and share."""
         self.trace = trace
         self.index = index
         self.op = op
@@ -70,13 +70,13 @@ class Expr:
 
     def __bool__(self) -> bool:
         """Raise TypeError: a traced program must not branch on a value."""
-        raise TypeError('traced value: used as a bool; expected arithmetic that does not branch '
-                        'on values')
+        raise TypeError('traced value: used as a bool; expected arithmetic that does '
+                        'not branch on values')
 
     def __float__(self) -> float:
         """Raise TypeError: the value is not known during tracing."""
-        raise TypeError('traced value: used as a float; expected arithmetic on the expression, '
-                        'whose value is known only when the kernel runs')
+        raise TypeError('traced value: used as a float; expected arithmetic on the '
+                        'expression, whose value is known only when the kernel runs')
 
     def __neg__(self) -> Scalar:
         return _negative(self)
@@ -116,7 +116,8 @@ class Expr:
             return 1.0 / self ** -power
         if power == 0.5:
             return self.sqrt()
-        if not power.is_integer():  # of a negative number: not a number, as for floats of numpy
+        # NaN of a negative number, as for floats of numpy.
+        if not power.is_integer():
             return np.exp(power * self.log())
         return math.prod([self] * int(power), start=1.0)
 
@@ -133,7 +134,7 @@ class Expr:
         return self.trace.node('less', float(other), self)
 
     def select(self, x: Scalar, y: Scalar) -> Scalar:
-        """Return x if this is not 0, else y; the value that is not selected may be NaN."""
+        """Return x if this is not 0, else y; the unselected value may be NaN."""
         if x is y or (not isinstance(x, Expr) and not isinstance(y, Expr) and x == y):
             return x
         if not isinstance(x, Expr):
@@ -234,7 +235,7 @@ def _sum(x: Scalar, y: Scalar) -> Scalar:
 
 
 def _commutative(op: str, x: Expr, y: Expr) -> Scalar:
-    """Return a node with its operands in order of creation, so that x y and y x are one."""
+    """Return a node with operands in order of creation: x y and y x are one."""
     if x.index > y.index:
         x, y = y, x
     return x.trace.node(op, x, y)

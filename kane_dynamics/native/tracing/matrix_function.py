@@ -1,4 +1,4 @@
-"""Functions of matrices with their derivatives, as traced programs with sparse results."""
+"""Functions of matrices with derivatives: traced programs with sparse results."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -52,8 +52,9 @@ class MatrixFunction:
     """
     A function of matrices, column by column, as a program.
 
-    The derivatives have the names, arguments and results by which CasADi looks for them. Results
-    of the function itself are arguments of its derivatives there; they are not read here.
+    The derivatives have the names, arguments and results by which CasADi looks for them.
+    Results of the function itself are arguments of its derivatives there; they are not
+    read here.
 
     Attributes
     ----------
@@ -98,14 +99,15 @@ class MatrixFunction:
             x = _joined(arrays[:count])
             weights = _joined(arrays[count:])
             return reverse(inlined(self.program, x), weights, x, Subroutines())
-        return _traced(f'adj1_{self.name}', [*self._nominal(), *seeds], gradients, function)
+        return _traced(f'adj1_{self.name}', [*self._nominal(), *seeds], gradients,
+                       function)
 
     def jacobian(self, program: Program | None = None) -> 'MatrixFunction':
         """
-        Return the derivative of every result by every argument, with its structural zeros.
+        Return the derivative of results by arguments, with its structural zeros.
 
-        `program`, if given, computes the entries, a row of all arguments for each entry of the
-        results. By default passes over the function do.
+        `program`, if given, computes the entries, a row of all arguments for each entry
+        of the results. By default passes over the function do.
         """
         def dense_function(*arrays: Any) -> Any:
             x = _joined(arrays)
@@ -132,7 +134,7 @@ class MatrixFunction:
 
     def jacobian_by_columns(self) -> 'MatrixFunction':
         """
-        Return the same as `jacobian`, by a call of the forward derivative for every column.
+        Return the same as `jacobian`, by calls of the forward derivative.
 
         The program is short where that of `jacobian` is long, as for second derivatives.
         """
@@ -147,15 +149,16 @@ class MatrixFunction:
         return _traced(f'jac_{self.name}', self._nominal(), blocks, function)
 
     def _nominal(self) -> list[Block]:
-        """Return the arguments of derivatives: those of the function, and its results."""
+        """Return the arguments of derivatives: the function's, and its results."""
         return [*self.inputs, *(unused(f'out_{y.name}', y) for y in self.outputs)]
 
-    def _slopes(self, depends: Sequence[int]) -> tuple[list[Block], list[tuple[int, int]]]:
+    def _slopes(self, depends: Sequence[int]
+                ) -> tuple[list[Block], list[tuple[int, int]]]:
         """
-        Return the blocks of the Jacobian, and the row and column of each of their nonzeros.
+        Return the blocks of the Jacobian, and row and column of their nonzeros.
 
-        `depends` has a number for every nonzero of the results; its bit k is set if that depends
-        on nonzero k of the arguments.
+        `depends` has a number for every nonzero of the results; its bit k is set if that
+        depends on nonzero k of the arguments.
         """
         blocks = []
         entries = []
@@ -177,7 +180,8 @@ class MatrixFunction:
         return blocks, entries
 
 
-def retraced(program: Program, arguments: Sequence[Block], parts: Mapping[str, Sequence[Any]],
+def retraced(program: Program, arguments: Sequence[Block],
+             parts: Mapping[str, Sequence[Any]],
              arranged: Callable[[Any], Any]) -> Program:
     """
     Return a program with matrices, column by column, as its arguments.
@@ -189,10 +193,11 @@ def retraced(program: Program, arguments: Sequence[Block], parts: Mapping[str, S
     arguments : sequence of Block
         Arguments without structural zeros: inputs of the program, or named in `parts`.
     parts : mapping
-        The entries of inputs that are no arguments: numbers, or (name, k) for entry k of an
-        argument.
+        The entries of inputs that are no arguments: numbers, or (name, k) for entry k of
+        an argument.
     arranged : callable
-        Takes the result of the program, of its shape; returns the entries in the new order.
+        Takes the result of the program, of its shape; returns the entries in the new
+        order.
 
     """
     def function(*columns: Any) -> Any:
@@ -216,14 +221,15 @@ def retraced(program: Program, arguments: Sequence[Block], parts: Mapping[str, S
 
 
 def dependence(program: Program) -> list[int]:
-    """Return a number for each output; its bit k is set if that depends on input entry k."""
+    """Return a number for each output; bit k: it depends on input entry k."""
     # The number of the first entry of each input, among the entries of all.
     first = {}
     count = 0
     for name, shape in program.inputs:
         first[name] = count
         count += math.prod(shape)
-    of_results: dict[int, list[int]] = {}  # of a call: those of its results by its arguments
+    # Of a call: the dependence of its results on its arguments.
+    of_results: dict[int, list[int]] = {}
     depends: dict[int, int] = {}
     for node in program.schedule():
         if node.op == 'input':

@@ -16,9 +16,11 @@ Shape = tuple[int, ...]
 STRUCTURE = ('input', 'output', 'call')  # nodes that are not operations
 ROWS = {'wide_mul': 'multiplications', 'wide_add': 'additions', 'wide_sub': 'additions',
         'wide_neg': 'negations'}  # operations on the rows of `wide`
-PLACING = ('pack', 'lane', 'blend', 'gather', 'transposed', 'column')  # of scalars in rows
+# Nodes that place scalars in rows.
+PLACING = ('pack', 'lane', 'blend', 'gather', 'transposed', 'column')
 KEPT = frozenset([*STRUCTURE, *ROWS, *PLACING])  # nodes without folding
-OPERATORS: dict[str, Any] = {'add': operator.add, 'sub': operator.sub, 'mul': operator.mul,
+OPERATORS: dict[str, Any] = {'add': operator.add, 'sub': operator.sub,
+                             'mul': operator.mul,
                              'div': operator.truediv, 'neg': operator.neg}
 
 PLAIN = (str, int, float, bool, type(None))  # values that `origin` describes
@@ -57,7 +59,8 @@ class Program:
     name : str
         A C identifier.
     inputs : tuple of (str, shape)
-        Arguments in order. Entry k of an argument, in C order, is the node ``input(name, k)``.
+        Arguments in order. Entry k of an argument, in C order, is the node
+        ``input(name, k)``.
     outputs : tuple of Expr or float
         Entries of the result, in C order.
     shape : tuple of int
@@ -109,8 +112,8 @@ class Program:
         """
         Return about how many instructions one call of the machine code takes.
 
-        `width` is the number of doubles in a SIMD register. Moves to and from memory and fused
-        operations, which are about as frequent in all programs, do not count.
+        `width` is the number of doubles in a SIMD register. Moves to and from memory and
+        fused operations, which are about as frequent in all programs, do not count.
         """
         registers = LANES // width
         total = 0
@@ -156,9 +159,9 @@ def origin(program: Callable[..., Any]) -> str:
     """
     Return a text of the code of a function and of the plain values that it is bound to.
 
-    These are the values of `functools.partial` and of enclosing functions that are functions,
-    texts, numbers or tuples of these. Other objects do not count: a key names what they are. The
-    text is the same in each process.
+    These are the values of `functools.partial` and of enclosing functions that are
+    functions, texts, numbers or tuples of these. Other objects do not count: a key names
+    what they are. The text is the same in each process.
     """
     parts: list[str] = []
     _describe(program, parts, set())
@@ -182,7 +185,8 @@ def _describe(value: Any, parts: list[str], seen: set[int]) -> None:
         code = getattr(function, '__code__', None)
         if isinstance(code, CodeType) and id(function) not in seen:
             seen.add(id(function))
-            parts.append(f'{function.__module__}.{function.__qualname__}:{code.co_firstlineno}')
+            name = f'{function.__module__}.{function.__qualname__}'
+            parts.append(f'{name}:{code.co_firstlineno}')
             for cell in function.__closure__ or ():
                 try:
                     content = cell.cell_contents
@@ -229,7 +233,8 @@ def _number_of_uses(program: Program) -> dict[int, int]:
 def _common_factor(node: Expr, uses: dict[int, int]) -> tuple[Any, Any, Any] | None:
     """Return (c, a, b) if the node is a*c +- b*c and both products have no other use."""
     for product in node.args:
-        if not (isinstance(product, Expr) and product.op == 'mul' and uses[product.index] == 1):
+        is_product = isinstance(product, Expr) and product.op == 'mul'
+        if not (is_product and uses[product.index] == 1):
             return None
     p, q = node.args[0].args
     r, s = node.args[1].args
@@ -285,14 +290,16 @@ def evaluate(program: Program, inputs: Sequence[Any], dtype: Any = np.float64) -
             callee, *arguments = node.args
             flat = np.array([value_of(x) for x in arguments])
             ends = np.cumsum([size_of(shape) for _, shape in callee.inputs])
-            values[node.index] = evaluate(callee, np.split(flat, ends[:-1]), dtype).ravel()
+            values[node.index] = evaluate(callee, np.split(flat, ends[:-1]),
+                                          dtype).ravel()
         elif node.op == 'output':
             results, k = node.args
             values[node.index] = values[results.index][k]
         else:
             function = NUMPY.get(node.op) or getattr(np, node.op)
             values[node.index] = function(*map(value_of, node.args))
-    return np.array([value_of(x) for x in program.outputs], dtype=dtype).reshape(program.shape)
+    outputs = np.array([value_of(x) for x in program.outputs], dtype=dtype)
+    return outputs.reshape(program.shape)
 
 
 def size_of(shape: Shape) -> int:

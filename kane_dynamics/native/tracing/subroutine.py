@@ -1,4 +1,4 @@
-"""Subroutines: parts of a traced function that are compiled once and called repeatedly."""
+"""Subroutines: parts of a traced function, compiled once and called repeatedly."""
 
 from collections.abc import Callable, Iterable, Sequence
 from itertools import count
@@ -17,8 +17,8 @@ class Subroutines:
     Registry of subroutines; calling it evaluates a function through a subroutine.
 
     Inlined code repeats a part at every use, which can exceed the instruction cache; a
-    subroutine avoids that. Constant entries of the arguments are folded into the subroutine, so
-    each pattern of constants has its own.
+    subroutine avoids that. Constant entries of the arguments are folded into the
+    subroutine, so each pattern of constants has its own.
     """
 
     def __init__(self) -> None:
@@ -43,7 +43,9 @@ class Subroutines:
         """
         # Constants are part of the subroutine, traced entries are its inputs.
         patterns = tuple(_constants(argument) for argument in arguments)
-        traced_entries = [[x for x in argument if isinstance(x, Expr)] for argument in arguments]
+        traced_entries = []
+        for argument in arguments:
+            traced_entries.append([x for x in argument if isinstance(x, Expr)])
         inputs = [(f'x{k}', (len(entries),))
                   for k, entries in enumerate(traced_entries) if entries]
         if not inputs:
@@ -53,7 +55,8 @@ class Subroutines:
             def with_constants(*entries: Any) -> Any:
                 return function(*_filled_arguments(patterns, entries))
 
-            program = self._programs[name, patterns] = self.trace(name, with_constants, inputs)
+            program = self._programs[name, patterns] = self.trace(name, with_constants,
+                                                                  inputs)
         results: list[Any] = list(call(program, *filter(None, traced_entries)))
         for k, output in enumerate(program.outputs):
             if not isinstance(output, Expr):
@@ -71,8 +74,9 @@ def _constants(argument: Any) -> Pattern:
     return tuple(None if isinstance(x, Expr) else float(x) for x in argument)
 
 
-def _filled_arguments(patterns: tuple[Pattern, ...], entries: Sequence[Any]) -> list[Any]:
-    """Return arguments with the constants of the patterns, and traced entries in their order."""
+def _filled_arguments(patterns: tuple[Pattern, ...],
+                      entries: Sequence[Any]) -> list[Any]:
+    """Return arguments with the constants of the patterns and traced entries."""
     remaining = iter(entries)
     arguments: list[Any] = []
     for pattern in patterns:
@@ -107,14 +111,15 @@ def call(program: Any, *arguments: Iterable[Any]) -> list[Expr]:
 
 def inlined(program: Program, values: Sequence[Any]) -> list[Any]:
     """
-    Return the outputs of a program as a flat list, computed in place instead of by a call.
+    Return the outputs of a program as a list, computed in place, without a call.
 
     Parameters
     ----------
     program : Program
         The program to trace again.
     values : sequence of scalars
-        The entries of all of its inputs, in order: traced values of another program, or numbers.
+        The entries of all of its inputs, in order: traced values of another program, or
+        numbers.
 
     """
     remaining = iter(values)
@@ -130,8 +135,9 @@ def inlined(program: Program, values: Sequence[Any]) -> list[Any]:
 
 
 def replayed(program: Program, leaf: Callable[[Expr], Any]) -> list[Any]:
-    """Return the outputs of a program as a flat list, with `leaf(node)` for its input nodes."""
-    values: dict[int, Any] = {}  # by the index of a node; of a call the list of its results
+    """Return the outputs of a program as a list, with `leaf(node)` for inputs."""
+    # By the index of a node; of a call the list of its results.
+    values: dict[int, Any] = {}
 
     def value_of(x: Any) -> Any:
         return values[x.index] if isinstance(x, Expr) else x

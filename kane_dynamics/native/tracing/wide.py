@@ -1,9 +1,9 @@
 """
-Traced lanes: rows of scalars whose operations are SIMD instructions of a program of one state.
+Traced lanes: rows of scalars whose operations are SIMD instructions.
 
-`WideLanes` has the functions of `kane_dynamics.mechanics.algebra.lanes.Lanes`. Its nodes are part
-of the graph beside those of scalars: 'pack' makes a row of scalars, 'lane' takes a scalar out of
-one. Only the LLVM back end for single states generates them.
+`WideLanes` has the functions of `kane_dynamics.mechanics.algebra.lanes.Lanes`. Its nodes
+are part of the graph beside those of scalars: 'pack' makes a row of scalars, 'lane'
+takes a scalar out of one. Only the LLVM back end for single states generates them.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ import numpy as np
 
 
 class WideLanes:
-    """Rows of `LANES` traced scalars of one graph; a plain scalar stands for equal ones."""
+    """Rows of `LANES` traced scalars; a plain scalar stands for equal ones."""
 
     def __init__(self, trace: Trace) -> None:
         """Record in a graph."""
@@ -43,19 +43,21 @@ class WideLanes:
             self.trace.node('lane', row.node, k))
 
     def blend(self, mask: Sequence[bool], a: Any, b: Any) -> Any:
-        """Return a row with the values of `a` where the mask is true, and of `b` elsewhere."""
+        """Return a row of `a` where the mask is true, and of `b` elsewhere."""
         if all(mask) or not any(mask):
             return a if all(mask) else b
-        return Wide(self.trace.node('blend', row_of(self.trace, a), row_of(self.trace, b),
-                                    tuple(mask)))
+        return Wide(self.trace.node('blend', row_of(self.trace, a),
+                                    row_of(self.trace, b), tuple(mask)))
 
-    def gathered(self, rows: Sequence[Any], places: Sequence[tuple[int, int] | None]) -> Any:
+    def gathered(self, rows: Sequence[Any],
+                 places: Sequence[tuple[int, int] | None]) -> Any:
         """Return a row of values of rows, each from its (row, lane), or 0."""
         result: Any = 0.0
         for source in sorted({place[0] for place in places if place is not None}):
             chosen = tuple(LANES if place is None or place[0] != source else place[1]
                            for place in places)
-            result = result + Wide(self.trace.node('gather', row_of(self.trace, rows[source]),
+            result = result + Wide(self.trace.node('gather',
+                                                   row_of(self.trace, rows[source]),
                                                    chosen))
         return result
 
@@ -79,7 +81,8 @@ class Wide:
         if isinstance(other, np.ndarray):
             return NotImplemented
         pair = self.node, row_of(self.node.trace, other)
-        return Wide(self.node.trace.node(f'wide_{op}', *(pair[::-1] if reverse else pair)))
+        return Wide(self.node.trace.node(f'wide_{op}',
+                                         *(pair[::-1] if reverse else pair)))
 
     def __add__(self, other: Any) -> Any:
         return self if is_zero(other) else self._with('add', other)
