@@ -13,16 +13,19 @@ STEP = 0.01  # s, between samples of a motion given by points
 def _torque(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_constraints(sub)
-    for name, text, default in (('q', 'positions, rad or m', WITHIN), ('u', 'speeds', 'zeros'),
+    for name, text, default in (('q', 'positions, rad or m', WITHIN),
+                                ('u', 'speeds', 'zeros'),
                                 ('udot', 'accelerations', 'zeros')):
-        sub.add_argument(f'--{name}', nargs='+', metavar='X', help=f'{text} (default: {default})')
+        sub.add_argument(f'--{name}', nargs='+', metavar='X',
+                         help=f'{text} (default: {default})')
     _add_motion(sub, 'CSV or YAML file; prints the torques of every row')
     sub.add_argument('--step', type=float, metavar='S', help='time between samples of '
                      f'the motion (default: {STEP:g} between points of a YAML file; '
                      'rows of a CSV file)')
     sub.add_argument('-o', '--out', metavar='CSV',
                      help='write the torques of the motion to this file')
-    add_plot(sub, 'torque-by-source', *(kind for kind in KINDS if kind != 'torque-by-source'))
+    add_plot(sub, 'torque-by-source',
+             *(kind for kind in KINDS if kind != 'torque-by-source'))
 
 
 def _simulate(sub: ArgumentParser) -> None:
@@ -30,7 +33,8 @@ def _simulate(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_constraints(sub)
     sub.add_argument('--q0', nargs='+', metavar='X',
-                     help=f'initial positions (default: those of the motion, else {WITHIN})')
+                     help='initial positions (default: those of the motion, else '
+                          f'{WITHIN})')
     sub.add_argument('--u0', nargs='+', metavar='X',
                      help='initial speeds (default: those of the motion, else zeros)')
     sub.add_argument('--duration', type=float, metavar='S',
@@ -44,12 +48,15 @@ def _simulate(sub: ArgumentParser) -> None:
                      help='joints hit rigid, inelastic stops at their position limits')
     source = sub.add_mutually_exclusive_group()
     _add_motion(source, 'CSV or YAML file; followed by computed torque')
-    source.add_argument('--torque', nargs='+', metavar='X', help='constant torques, or a CSV file')
+    source.add_argument('--torque', nargs='+', metavar='X',
+                        help='constant torques, or a CSV file')
     sub.add_argument('--kp', type=float, nargs='+', default=[100.0], metavar='X',
-                     help='for --motion, one value or one per joint, 1/s^2; default: 100')
+                     help='for --motion, one value or one per joint, 1/s^2; default: '
+                          '100')
     sub.add_argument('--kd', type=float, nargs='+', default=[20.0], metavar='X',
                      help='for --motion, one value or one per joint, 1/s; default: 20')
-    sub.add_argument('-o', '--out', metavar='FILE', help='.npz or .csv file for the trajectory')
+    sub.add_argument('-o', '--out', metavar='FILE',
+                     help='.npz or .csv file for the trajectory')
     add_plot(sub, *KINDS, 'tracking')
 
 
@@ -57,7 +64,8 @@ def _sweep(sub: ArgumentParser) -> None:
     sub.add_argument('sweep', metavar='YAML', help='description of the sweep; see below')
     sub.add_argument('-o', '--out', required=True, metavar='FOLDER',
                      help='folder of the parquet files: new, or that of this sweep')
-    sub.add_argument('--workers', type=int, metavar='N', help='processes (default: all cores)')
+    sub.add_argument('--workers', type=int, metavar='N',
+                     help='processes (default: all cores)')
     sub.add_argument('--dask', metavar='ADDRESS',
                      help='address of a Dask scheduler whose workers run it')
     add_plot(sub, 'torques and errors over the values that vary')
@@ -78,7 +86,8 @@ def _inspect(sub: ArgumentParser) -> None:
 def _jacobian(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_constraints(sub)
-    sub.add_argument('frame', metavar='FRAME', help='a frame, such as a link of the URDF')
+    sub.add_argument('frame', metavar='FRAME',
+                     help='a frame, such as a link of the URDF')
     sub.add_argument('--q', nargs='+', metavar='X',
                      help=f'positions, rad or m (default: {WITHIN})')
     sub.add_argument('--axes', choices=('world', 'frame'), default='world',
@@ -88,8 +97,10 @@ def _jacobian(sub: ArgumentParser) -> None:
 def _inverse_kinematics(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_constraints(sub)
-    sub.add_argument('frame', metavar='FRAME', help='a frame, such as a link of the URDF')
-    sub.add_argument('--position', nargs=3, type=float, required=True, metavar=('X', 'Y', 'Z'),
+    sub.add_argument('frame', metavar='FRAME',
+                     help='a frame, such as a link of the URDF')
+    sub.add_argument('--position', nargs=3, type=float, required=True,
+                     metavar=('X', 'Y', 'Z'),
                      help='origin of the frame in the world, m')
     turn = sub.add_mutually_exclusive_group()
     turn.add_argument('--rpy', nargs=3, type=float, metavar=('R', 'P', 'Y'),
@@ -111,13 +122,15 @@ def _export(sub: ArgumentParser) -> None:
     sub.add_argument('-o', '--out', required=True, metavar='FILE.c',
                      help='C source; the header is written beside it')
     sub.add_argument('--kernel', nargs='+', default=DEFAULT_KERNELS, metavar='NAME',
-                     help='functions to export, also frame_pose:LINK, jacobian:LINK; default: '
+                     help='functions to export, also frame_pose:LINK, jacobian:LINK; '
+                          'default: '
                           + ' '.join(DEFAULT_KERNELS))
     sub.add_argument('--float32', action='store_true', help='single precision')
     sub.add_argument('--no-self-test', action='store_true', help='export no self-test')
     sub.add_argument('--wrench-frames', nargs='+', default=(), metavar='LINK',
                      help='links on which external wrenches act')
-    sub.add_argument('--payload-frame', metavar='LINK', help='link that carries a payload')
+    sub.add_argument('--payload-frame', metavar='LINK',
+                     help='link that carries a payload')
 
 
 def _equations(sub: ArgumentParser) -> None:
@@ -128,13 +141,15 @@ def _equations(sub: ArgumentParser) -> None:
     for name in ('latex', 'markdown', 'csv'):
         form.add_argument(f'--{name}', dest='format', action='store_const', const=name)
     sub.set_defaults(format='text')
-    sub.add_argument('-o', '--out', metavar='FILE', help='write to this file instead of printing')
+    sub.add_argument('-o', '--out', metavar='FILE',
+                     help='write to this file instead of printing')
 
 
 def _add_efforts(sub: ArgumentParser) -> None:
     """Add the options that state what efforts are."""
     from kane_dynamics.analysis.known_arms import EffortKind
-    sub.add_argument('--efforts', choices=[str(kind) for kind in EffortKind], metavar='KIND',
+    sub.add_argument('--efforts', choices=[str(kind) for kind in EffortKind],
+                     metavar='KIND',
                      help='what the efforts are: motor_current, motor_torque (default), '
                      'joint_torque of a sensor, external_torque')
     sub.add_argument('--efforts-without-gravity', action='store_true',
@@ -161,13 +176,15 @@ def _identify(sub: ArgumentParser) -> None:
                      help='ignore rows in which a joint is slower; rad/s or m/s; '
                      'default: %(default)g')
     sub.add_argument('--weight', type=float, metavar='W',
-                     help="weight of the URDF's inertials as prior (default: by cross-validation)")
+                     help="weight of the URDF's inertials as prior (default: by "
+                          'cross-validation)')
     sub.add_argument('--base-parameters', action='store_true',
                      help='estimate base parameters only, by weighted least squares')
     sub.add_argument('--payload', metavar='LINK',
                      help='identify the payload of this link; the arm is known')
     sub.add_argument('-o', '--out', metavar='FILE',
-                     help='write the identified model: a URDF; with --payload a supplement')
+                     help='write the identified model: a URDF; with --payload a '
+                          'supplement')
     add_plot(sub, 'measured torques, and those of the identified model')
 
 
@@ -181,7 +198,8 @@ def _length_or_none(text: str) -> float | None:
 
 def _excite(sub: ArgumentParser) -> None:
     _add_model(sub)
-    sub.add_argument('-o', '--out', metavar='CSV', required=True, help='write the motion')
+    sub.add_argument('-o', '--out', metavar='CSV', required=True,
+                     help='write the motion')
     for name, kind, default, text in (
             ('duration', float, 10.0, 'duration in s'),
             ('periods', int, 1, 'number of equal periods in the duration'),
@@ -192,13 +210,16 @@ def _excite(sub: ArgumentParser) -> None:
             ('rate', float, 100.0, 'rows per second')):
         sub.add_argument(f'--{name}', type=kind, default=default, metavar='X',
                          help=f'{text}; default: %(default)s')
-    for name, unit in (('velocity', 'rad/s or m/s'), ('acceleration', 'rad/s^2 or m/s^2')):
-        sub.add_argument(f'--{name}', type=float, nargs='+', default=[math.inf], metavar='X',
+    for name, unit in (('velocity', 'rad/s or m/s'),
+                       ('acceleration', 'rad/s^2 or m/s^2')):
+        sub.add_argument(f'--{name}', type=float, nargs='+', default=[math.inf],
+                         metavar='X',
                          help=f'further limit, one value or one per joint, {unit}')
     sub.add_argument('--floor', type=_length_or_none, default=0.0, metavar='X',
                      help='lowest height of any link, m, or none; default: %(default)g')
     sub.add_argument('--distance', type=_length_or_none, default=SUPPRESS, metavar='X',
-                     help='smallest distance between links, m, or none; default: 0.05, or '
+                     help='smallest distance between links, m, or none; default: 0.05, '
+                          'or '
                      'less for links that are near each other at rest')
 
 
@@ -206,7 +227,8 @@ def _replay(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_recording(sub)
     _add_efforts(sub)
-    sub.add_argument('-o', '--out', metavar='CSV', help='write the motion and its torques')
+    sub.add_argument('-o', '--out', metavar='CSV',
+                     help='write the motion and its torques')
     add_plot(sub, 'measured and computed torques')
 
 
@@ -216,7 +238,8 @@ def _collision_thresholds(sub: ArgumentParser) -> None:
     _add_constraints(sub)
     sub.add_argument('recording', metavar='RECORDING', help='CSV or npz file, or a ROS '
                      '2 bag, of motion without contact; unfiltered')
-    sub.add_argument('--topic', help='topic of joint states in a bag (default: the only one)')
+    sub.add_argument('--topic',
+                     help='topic of joint states in a bag (default: the only one)')
     _add_efforts(sub)
     sub.add_argument('--commands', action='store_true', help='the torques are commands '
                      'that act until the next row (default: they are measured)')
@@ -226,7 +249,8 @@ def _collision_thresholds(sub: ArgumentParser) -> None:
             ('drift', DRIFT, 'relative change of friction that raises no alarm')):
         sub.add_argument(f'--{name}', type=float, default=default, metavar='X',
                          help=f'{text}; default: %(default)g')
-    sub.add_argument('-o', '--out', metavar='YAML', help='write a parameter file for the node')
+    sub.add_argument('-o', '--out', metavar='YAML',
+                     help='write a parameter file for the node')
     sub.set_defaults(cutoff=None, resample=None)
 
 
@@ -238,19 +262,23 @@ def _feasible(sub: ArgumentParser) -> None:
     sub.add_argument('--speed', type=float, default=1.0, metavar='S',
                      help='check the motion at S times its speed; default: %(default)g')
     sub.add_argument('--power', type=float, nargs='+', default=[math.inf], metavar='W',
-                     help='largest mechanical power, one value or one per joint (default: none)')
+                     help='largest mechanical power, one value or one per joint '
+                          '(default: none)')
     sub.add_argument('--time-optimal', action='store_true',
                      help='compute the fastest timing of the path of the motion')
     for name, what, unit in (('acceleration', 'acceleration', 'rad/s^2 or m/s^2'),
                              ('jerk', 'jerk', 'rad/s^3 or m/s^3'),
-                             ('torque-rate', 'torque rate (without Coulomb friction)', 'N m/s')):
-        sub.add_argument(f'--{name}', type=float, nargs='+', default=[math.inf], metavar='L',
+                             ('torque-rate', 'torque rate (without Coulomb friction)',
+                              'N m/s')):
+        sub.add_argument(f'--{name}', type=float, nargs='+', default=[math.inf],
+                         metavar='L',
                          help=f'largest {what} with --time-optimal, one value or one '
                          f'per joint, {unit} (default: none)')
     sub.add_argument('--payload-frame', metavar='LINK',
                      help='compute the largest payload of this link')
     sub.add_argument('--payload-com', type=float, nargs=3, default=(0.0, 0.0, 0.0),
-                     metavar=('X', 'Y', 'Z'), help='center of mass of the payload in that link, m')
+                     metavar=('X', 'Y', 'Z'),
+                     help='center of mass of the payload in that link, m')
     sub.add_argument('--step', type=float, default=FINE, metavar='S',
                      help='time between samples in s; default: %(default)g')
     sub.add_argument('-o', '--out', metavar='CSV',
@@ -263,17 +291,21 @@ def _fill(sub: ArgumentParser) -> None:
     _add_model(sub)
     _add_constraints(sub)
     _add_motion(sub, 'YAML, CSV or npz file, or a ROS 2 bag', required=True)
-    sub.add_argument('--topic', help='topic of the trajectories in a bag (default: the only one)')
+    sub.add_argument('--topic',
+                     help='topic of the trajectories in a bag (default: the only one)')
     sub.add_argument('--tolerance', type=float, nargs='+', metavar='X',
                      help='insert points where the interpolated effort is wrong by '
                      'more, one value or one per joint, N m or N (default: insert none)')
     sub.add_argument('--rest', dest='pose', type=float, nargs='+', metavar='X',
-                     help='positions of all joints; joints that the trajectory lacks rest there')
+                     help='positions of all joints; joints that the trajectory lacks '
+                          'rest there')
     sub.add_argument('--without', nargs='+', default=(), metavar='TERM',
                      choices=('gravity', 'coriolis', 'inertia', 'friction'),
-                     help='terms that the arm adds itself: gravity, coriolis, inertia, friction')
+                     help='terms that the arm adds itself: gravity, coriolis, inertia, '
+                          'friction')
     sub.add_argument('--clip', action='store_true',
-                     help='clamp efforts to their limits instead of exiting with an error')
+                     help='clamp efforts to their limits instead of exiting with an '
+                          'error')
     sub.add_argument('-o', '--out', metavar='FILE',
                      help='.yaml or .csv file; for a bag the folder of the new bag')
 
@@ -284,9 +316,12 @@ def _doctor(sub: ArgumentParser) -> None:
     sub.add_argument('--config', metavar='YAML', help='parameters of the dynamics node')
     _add_efforts(sub)
     sub.add_argument('--live', type=float, metavar='S',
-                     help='examine the ROS graph for S seconds after its nodes are found')
-    sub.add_argument('--namespace', default='', help='namespace of the arm in the ROS graph')
-    sub.add_argument('--prefix', default='', help='prefix of its joint names in the ROS graph')
+                     help='examine the ROS graph for S seconds after its nodes are '
+                          'found')
+    sub.add_argument('--namespace', default='',
+                     help='namespace of the arm in the ROS graph')
+    sub.add_argument('--prefix', default='',
+                     help='prefix of its joint names in the ROS graph')
     for name, what in (('commands', 'torques'), ('joint_states', 'joint states')):
         sub.add_argument(f'--{name.replace("_", "-")}', default=name, metavar='TOPIC',
                          help=f'topic of the {what}; default: %(default)s')
@@ -302,7 +337,8 @@ def _send(sub: ArgumentParser) -> None:
                      'round for joints that would leave their limits')
     sub.add_argument('--duration', type=float, default=2.0, metavar='S',
                      help='duration of the motion of --by in s; default: %(default)g')
-    sub.add_argument('--namespace', default='', help='namespace of the arm in the ROS graph')
+    sub.add_argument('--namespace', default='',
+                     help='namespace of the arm in the ROS graph')
     sub.add_argument('--node', default='kane_dynamics', metavar='NAME',
                      help='name of the dynamics node; default: %(default)s')
 
@@ -316,7 +352,8 @@ def _view(sub: ArgumentParser) -> None:
     sub.add_argument('--port', type=int, default=8080,
                      help='port, or the next free one; default: 8080')
     sub.add_argument('--no-open', action='store_true', help='do not open a browser')
-    sub.add_argument('--export', metavar='FILE.html', help='write a page instead of serving one')
+    sub.add_argument('--export', metavar='FILE.html',
+                     help='write a page instead of serving one')
 
 
 def add_plot(parser: ArgumentParser, *kinds: str) -> None:
@@ -338,17 +375,22 @@ def _add_motion(sub: Any, text: str, **options: Any) -> None:
 
 
 def _add_recording(parser: ArgumentParser) -> None:
-    parser.add_argument('recording', metavar='RECORDING', help='CSV or npz file, or a ROS 2 bag')
-    parser.add_argument('--topic', help='topic of joint states in a bag (default: the only one)')
+    parser.add_argument('recording', metavar='RECORDING',
+                        help='CSV or npz file, or a ROS 2 bag')
+    parser.add_argument('--topic',
+                        help='topic of joint states in a bag (default: the only one)')
     parser.add_argument('--cutoff', type=float, metavar='HZ',
-                        help='filter q, tau and measured u without delay; differentiate the rest')
+                        help='filter q, tau and measured u without delay; differentiate '
+                             'the rest')
     parser.add_argument('--resample', type=float, metavar='HZ',
-                        help='resample at this rate (default: with --cutoff, the mean rate)')
+                        help='resample at this rate (default: with --cutoff, the mean '
+                             'rate)')
 
 
 def _add_model(sub: ArgumentParser) -> None:
     """Add the arguments that choose the robot, and --json."""
-    sub.add_argument('urdf', metavar='URDF', help="path of the URDF or .xacro file, or '-' for "
+    sub.add_argument('urdf', metavar='URDF',
+                     help="path of the URDF or .xacro file, or '-' for "
                      'standard input')
     sub.add_argument('--xacro', nargs='+', metavar='NAME:=VALUE',
                      help='arguments of a .xacro file')
@@ -362,11 +404,13 @@ def _add_model(sub: ArgumentParser) -> None:
                        default='fixed', help='joint between the world and the base; '
                        'free: a floating base with a quaternion, floating: with three '
                        'angles')
-    group.add_argument('--gravity', nargs=3, type=float, default=GRAVITY, metavar=('X', 'Y', 'Z'),
+    group.add_argument('--gravity', nargs=3, type=float, default=GRAVITY,
+                       metavar=('X', 'Y', 'Z'),
                        help='m/s^2; default: 0 0 -9.81')
     group.add_argument('--supplement', metavar='YAML',
                        help='springs, armature and friction, which URDF lacks')
-    group.add_argument('--no-friction', action='store_true', help='ignore damping and friction')
+    group.add_argument('--no-friction', action='store_true',
+                       help='ignore damping and friction')
     group.add_argument('--no-strict', action='store_true',
                        help='accept impossible inertias with a warning')
     _add_output(sub)

@@ -21,23 +21,28 @@ from kane_dynamics.native.machine_code import compiling
 COMMANDS = {
     'torque': ('Inverse dynamics of a state or of a motion', 'torque_command.torque'),
     'simulate': ('Forward dynamics over time', 'simulate_command.simulation'),
-    'sweep': ('Many simulations with values that vary, as a table', 'sweep_command.sweep'),
+    'sweep': ('Many simulations with values that vary, as a table',
+              'sweep_command.sweep'),
     'inspect': ('Tree, masses, limits, operation counts', 'inspect_command.inspect'),
     'jacobian': ('Pose and Jacobian of a frame', 'kinematics_command.jacobian'),
     'inverse-kinematics': ('Joint positions at which a frame has a pose',
                            'kinematics_command.inverse'),
     'bench': ('Times of calls on this machine', 'bench_command.bench'),
-    'export': ('C99 source and header of the compiled dynamics', 'export_command.export'),
+    'export': ('C99 source and header of the compiled dynamics',
+               'export_command.export'),
     'equations': ('Mass matrix and bias in closed form', 'export_command.equations'),
-    'identify': ('Friction and inertials from a recording', 'identify_command.identification'),
+    'identify': ('Friction and inertials from a recording',
+                 'identify_command.identification'),
     'excite': ('A motion to record for identify', 'excite_command.excitation'),
     'replay': ('Computed and measured torques of a recording', 'replay_command.replay'),
-    'collision-thresholds': ('Collision detection calibrated to a recording without contact',
+    'collision-thresholds': ('Collision detection calibrated to a recording',
                              'collision_thresholds_command.collision_thresholds'),
     'feasible': ('Check of a motion against the limits of the joints',
                  'feasible_command.feasible'),
-    'fill': ('Efforts for a trajectory of joint_trajectory_controller', 'fill_command.fill'),
-    'doctor': ('Problems of a URDF, its node and its ROS graph', 'doctor_command.doctor'),
+    'fill': ('Efforts for a trajectory of joint_trajectory_controller',
+             'fill_command.fill'),
+    'doctor': ('Problems of a URDF, its node and its ROS graph',
+               'doctor_command.doctor'),
     'send': ('A motion for the running node, and how well the arm follows it',
              'send_command.send'),
     'view': ('The robot, its motion and its loads in the browser', 'view_command.view'),
@@ -45,10 +50,12 @@ COMMANDS = {
 }
 
 SYNONYMS = {  # names of options in other tools
-    'qdd': 'udot', 'ddq': 'udot', 'acc': 'udot', 'acceleration': 'udot', 'accelerations': 'udot',
-    'a': 'udot', 'qd': 'u', 'dq': 'u', 'velocity': 'u', 'velocities': 'u', 'v': 'u', 'speed': 'u',
+    'qdd': 'udot', 'ddq': 'udot', 'acc': 'udot', 'acceleration': 'udot',
+    'accelerations': 'udot', 'a': 'udot',
+    'qd': 'u', 'dq': 'u', 'velocity': 'u', 'velocities': 'u', 'v': 'u', 'speed': 'u',
     'position': 'q', 'positions': 'q', 'tau': 'torque', 'dt': 'step', 'timestep': 'step',
-    'time': 'duration', 'output': 'out', 'tool': 'tip', 'ee': 'tip', 'end-effector': 'tip'}
+    'time': 'duration', 'output': 'out', 'tool': 'tip', 'ee': 'tip',
+    'end-effector': 'tip'}
 
 
 INVALID = 2  # exit code of invalid input
@@ -99,7 +106,8 @@ def _run(options: argparse.Namespace) -> int:
     return 0 if code is None else int(code)
 
 
-def _options(parser: argparse.ArgumentParser, arguments: list[str]) -> argparse.Namespace:
+def _options(parser: argparse.ArgumentParser,
+             arguments: list[str]) -> argparse.Namespace:
     """
     Return the options; `rest` has the arguments that the command does not know.
 
@@ -146,7 +154,8 @@ class _Parser(argparse.ArgumentParser):
 def _as_expected(message: str) -> str:
     """Return an error of argparse in the form of the library: what was given, what is expected."""
     message = re.sub(r'^argument (?:-\w/)?', '', message)
-    choice = re.fullmatch(r"(.*?): invalid choice: '(.*?)' \(choose from (.*)\)", message)
+    choice = re.fullmatch(r"(.*?): invalid choice: '(.*?)' \(choose from (.*)\)",
+                          message)
     if choice is not None:
         name, value, listed = choice.groups()
         choices = re.findall(r"'(.*?)'", listed)
@@ -188,7 +197,8 @@ def _with_option_names(parser: argparse.ArgumentParser, command: str, text: str)
     return dashes + in_options(text)
 
 
-def _refuse_unknown(parser: argparse.ArgumentParser, options: argparse.Namespace) -> NoReturn:
+def _refuse_unknown(parser: argparse.ArgumentParser,
+                    options: argparse.Namespace) -> NoReturn:
     """Exit with an error for unknown options; the message names the closest option."""
     flags = _flags(parser, options.command)
     options_only = [word for word in options.rest if word.startswith('--')]
@@ -221,7 +231,8 @@ def _parser(chosen: str) -> argparse.ArgumentParser:
     parser.add_argument('--version', action='store_true', help='print the version')
     parsers = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for name, (text, function) in COMMANDS.items():
-        sub = parsers.add_parser(name, help=text, description=f'{text}.', epilog=EXAMPLES[name],
+        sub = parsers.add_parser(name, help=text, description=f'{text}.',
+                                 epilog=EXAMPLES[name],
                                  formatter_class=argparse.RawDescriptionHelpFormatter,
                                  add_help=name != 'demo')
         sub.set_defaults(run=function)

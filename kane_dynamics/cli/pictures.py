@@ -32,15 +32,18 @@ def draw(plot: Any, options: Namespace, robot: Robot, trajectory: Trajectory,
     sliding = robot.model.sliding
     name = robot.model.name
     if what == 'trajectory':
-        plot.plot_trajectory(trajectory, options.plot, prismatic=sliding, limits=robot.limits,
+        plot.plot_trajectory(trajectory, options.plot, prismatic=sliding,
+                             limits=robot.limits,
                              title=f'{name}: motion over time')
     elif what == 'tracking' and desired is not None:
         q_desired, _, _ = desired.sample(trajectory.t)
         joints = [robot.coordinate_names.index(joint) for joint in desired.joint_names]
-        plot.plot_tracking({'simulated': (trajectory.t, q_desired, trajectory.q[:, joints])},
+        plot.plot_tracking({'simulated': (trajectory.t, q_desired,
+                                          trajectory.q[:, joints])},
                            desired.joint_names, options.plot, prismatic=sliding,
                            title=f'{name}: tracking of the desired motion')
     else:
-        draws = {'torque-by-source': plot.plot_torque_by_source, 'energy': plot.plot_energy,
+        draws = {'torque-by-source': plot.plot_torque_by_source,
+                 'energy': plot.plot_energy,
                  'reactions': plot.plot_reactions, 'phase': plot.plot_phase}
         draws[what](robot, trajectory, options.plot)

@@ -80,7 +80,8 @@ def print_table(header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
     """Print a table: texts aligned left, numbers right, with six digits."""
     lines = [list(header)]
     for row in rows:
-        lines.append([cell if isinstance(cell, str) else f'{cell + 0.0:.6g}' for cell in row])
+        lines.append([cell if isinstance(cell,
+                                         str) else f'{cell + 0.0:.6g}' for cell in row])
     columns = list(zip(*lines, strict=True))
     widths = [max(map(len, column)) for column in columns]
     numeric = [all(map(_is_number, column[1:])) for column in columns]

@@ -68,13 +68,15 @@ def _chosen(options: Namespace) -> tuple[Model, dict[str, Any]]:
     """Return the model and the arguments of Robot."""
     if is_mjcf(options.urdf):
         return _chosen_mjcf(options)
-    model = load_urdf(source_of(options), supplement=options.supplement, **selection(options))
+    model = load_urdf(source_of(options), supplement=options.supplement,
+                      **selection(options))
     return model, {'friction': not options.no_friction, **constraints_of(options)}
 
 
 def _chosen_mjcf(options: Namespace) -> tuple[Model, dict[str, Any]]:
     """Return the model of an MJCF file and the arguments of Robot."""
-    for name in ('base', 'tip', 'joints', 'supplement', 'xacro', 'constraints', 'root_joint'):
+    for name in ('base', 'tip', 'joints', 'supplement', 'xacro', 'constraints',
+                 'root_joint'):
         if getattr(options, name, None) not in (None, 'fixed'):
             option = name.replace('_', '-')
             raise InputError(f"--{option}: given with the MJCF file '{options.urdf}'; "
@@ -151,7 +153,8 @@ def vector(options: Namespace, name: str, robot: Robot) -> Array:
     return _numbers(options, name, [robot.speed_names])
 
 
-def positions(options: Namespace, name: str, robot: Robot, default: Array | None = None) -> Array:
+def positions(options: Namespace, name: str, robot: Robot,
+              default: Array | None = None) -> Array:
     """
     Return an argument as the positions of all joints, (n_q,).
 
@@ -172,7 +175,8 @@ def positions(options: Namespace, name: str, robot: Robot, default: Array | None
     return _closed_near(robot, robot.speed_names, q)
 
 
-def _free_positions(options: Namespace, name: str, robot: Robot, default: Array | None) -> Array:
+def _free_positions(options: Namespace, name: str, robot: Robot,
+                    default: Array | None) -> Array:
     """Return the positions of a robot without constraints."""
     if getattr(options, name) is not None:
         return _numbers(options, name, [robot.coordinate_names])
@@ -223,7 +227,8 @@ def _numbers(options: Namespace, name: str, orders: Sequence[Sequence[str]]) -> 
             raise InputError(f'--{name}: {part!r}; expected '
                              f'{_in_orders(orders, " numbers")}') from None
     if len(values) not in [len(names) for names in orders]:
-        raise InputError(f'--{name}: {len(values)} numbers; expected {_in_orders(orders)}')
+        raise InputError(f'--{name}: {len(values)} numbers; expected '
+                         f'{_in_orders(orders)}')
     return values
 
 

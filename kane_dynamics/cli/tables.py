@@ -54,8 +54,10 @@ def read_motion(path: str | Path, joint_names: Sequence[str]) -> Motion:
         return _read_yaml(path, joint_names)
     states = read_states(path, joint_names)
     if states.t is None or states.q is None:
-        raise InputError(f"{path}: no column 't' or 'q.<joint>'; expected both for a motion")
-    return _motion(path, states.t, [states.q, states.u, states.udot], joint_names, joint_names)
+        raise InputError(f"{path}: no column 't' or 'q.<joint>'; expected both for a "
+                         'motion')
+    return _motion(path, states.t, [states.q, states.u, states.udot], joint_names,
+                   joint_names)
 
 
 def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
@@ -69,9 +71,11 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
         a bad number, the joints without a column, or a duplicate column.
 
     """
-    lines = [line for line in csv.reader(_text(path).splitlines(), skipinitialspace=True) if line]
+    lines = [line for line in csv.reader(_text(path).splitlines(),
+                                         skipinitialspace=True) if line]
     if len(lines) < 2:
-        raise InputError(f'{path}: {len(lines)} lines; expected a header and rows of numbers')
+        raise InputError(f'{path}: {len(lines)} lines; expected a header and rows of '
+                         'numbers')
     header = [name.strip() for name in lines[0]]
     no_header(path, header, f't,q.{joint_names[0]},...')
     distinct(path, header)
@@ -147,10 +151,11 @@ def sampled(motion: Motion, step: float) -> Rows:
         raise InputError(f'--step: {step}; expected a positive time in s')
     counts = np.maximum(np.ceil(np.diff(motion.times) / step - 1e-9), 1.0).astype(int)
     if counts.sum() > MOST_SAMPLES:
-        raise InputError(f'--step: {step:g}, {counts.sum()} samples of {motion.duration:g} s; '
-                         f'expected at most {MOST_SAMPLES}')
+        raise InputError(f'--step: {step:g}, {counts.sum()} samples of '
+                         f'{motion.duration:g} s; expected at most {MOST_SAMPLES}')
     pieces = []
-    for begin, end, count in zip(motion.times[:-1], motion.times[1:], counts, strict=True):
+    for begin, end, count in zip(motion.times[:-1], motion.times[1:], counts,
+                                 strict=True):
         pieces.append(np.linspace(begin, end, count, endpoint=False))
     t = np.concatenate([*pieces, motion.times[-1:]])
     until = t.copy()
@@ -189,7 +194,8 @@ def joint_rows(robot: Robot, state: State) -> dict[str, Array]:
     tau = robot.inverse_dynamics(q, u, udot)
     if not robot.constraint_names:
         return {'q': q, 'u': u, 'udot': udot, 'tau': tau}
-    return {'q': q, 'u': robot.joint_rates(q, u), 'udot': robot.joint_accelerations(q, u, udot),
+    return {'q': q, 'u': robot.joint_rates(q, u),
+            'udot': robot.joint_accelerations(q, u, udot),
             'tau': robot.joint_torques(tau, q)}
 
 
@@ -228,7 +234,8 @@ def _column(header: list[str], quantity: str, joint: str) -> int | None:
     return None
 
 
-def _numbers(path: str | Path, lines: list[list[str]], columns: Sequence[int | None]) -> Array:
+def _numbers(path: str | Path, lines: list[list[str]],
+             columns: Sequence[int | None]) -> Array:
     """Return the (K, n) numbers of some columns."""
     out = np.empty((len(lines) - 1, len(columns)))
     for i, line in enumerate(lines[1:]):
@@ -238,8 +245,8 @@ def _numbers(path: str | Path, lines: list[list[str]], columns: Sequence[int | N
                 out[i, k] = float(line[column])
             except (ValueError, IndexError):
                 value = repr(line[column]) if column < len(line) else 'missing'
-                raise InputError(f"{path}: row {i + 1}, column '{lines[0][column]}': {value}; "
-                                 'expected a number') from None
+                raise InputError(f"{path}: row {i + 1}, column '{lines[0][column]}': "
+                                 f'{value}; expected a number') from None
     return out
 
 
@@ -251,7 +258,8 @@ def _read_yaml(path: str | Path, joint_names: Sequence[str]) -> Motion:
 
 def read_yaml_points(path: str | Path) -> tuple[list[str], list[float], list[Any]]:
     """Return joint names, times, and rows of positions, velocities and accelerations."""
-    content = mapping(read_yaml(path, 'motion', InputError), str(path), MESSAGE, InputError)
+    content = mapping(read_yaml(path, 'motion', InputError), str(path), MESSAGE,
+                      InputError)
     for key, what in (('joint_names', 'names'),
                       ('points', "points, each with 'time_from_start' and 'positions'")):
         if not isinstance(content.get(key), list):

@@ -30,7 +30,8 @@ class Points(NamedTuple):
     message: Any = None
 
 
-def read_points(path: str, joint_names: Sequence[str], topic: str | None) -> list[Points]:
+def read_points(path: str, joint_names: Sequence[str],
+                topic: str | None) -> list[Points]:
     """
     Return the trajectories of a file: one, or all of a topic of a bag.
 
@@ -47,13 +48,15 @@ def read_points(path: str, joint_names: Sequence[str], topic: str | None) -> lis
         raise InputError(f"--topic: '{topic}' for a file; expected it for a bag only")
     if path.endswith('.npz'):
         saved = Trajectory.load_npz(Path(path))
-        return [Points(tuple(saved.joint_names), saved.t, (saved.q, saved.u, saved.udot))]
+        return [Points(tuple(saved.joint_names), saved.t,
+                       (saved.q, saved.u, saved.udot))]
     if Path(path).suffix in ('.yaml', '.yml'):
         stated_names, times, (q, u, udot) = read_yaml_points(path)
         return [Points(tuple(stated_names), times, (q, u, udot))]
     states = read_states(path, names)
     if states.t is None or states.q is None:
-        raise InputError(f"{path}: no column 't' or 'q.<joint>'; expected both for a motion")
+        raise InputError(f"{path}: no column 't' or 'q.<joint>'; expected both for a "
+                         'motion')
     return [Points(names, states.t, (states.q, states.u, states.udot))]
 
 
@@ -84,7 +87,8 @@ def write_yaml(stream: TextIO, filled: FilledTrajectory) -> None:
                        'velocities': filled.velocities[k].tolist(),
                        'accelerations': filled.accelerations[k].tolist(),
                        'effort': filled.efforts[k].tolist(),
-                       'time_from_start': {'sec': int(sec[k]), 'nanosec': int(nanosec[k])}})
+                       'time_from_start': {'sec': int(sec[k]),
+                                           'nanosec': int(nanosec[k])}})
     yaml.safe_dump({'joint_names': list(filled.joint_names), 'points': points}, stream,
                    default_flow_style=None, sort_keys=False, width=1000)
 
@@ -104,11 +108,13 @@ def write_bag(path: Path, trajectories: Sequence[Points],
                                            typestore=types)
         for points, result in zip(trajectories, filled, strict=True):
             tables = [np.ascontiguousarray(table) for table in (
-                result.positions, result.velocities, result.accelerations, result.efforts)]
+                result.positions, result.velocities, result.accelerations,
+                result.efforts)]
             nanoseconds = np.rint(result.times * 1e9).astype(np.int64).tolist()
             rows = []
             for *values, time in zip(*tables, nanoseconds, strict=True):
-                rows.append(Point(*values, time_from_start=Duration(*divmod(time, 10**9))))
+                rows.append(Point(*values, time_from_start=Duration(*divmod(time,
+                                                                            10**9))))
             message = Message(points.message.header, list(result.joint_names), rows)
             writer.write(connection, points.logged,
                          types.serialize_cdr(message, JOINT_TRAJECTORY))

@@ -4,8 +4,9 @@ OPTIONS = {  # arguments as messages of the library name them, and the options
     'strict=False': '--no-strict',
     'construct it with payload_frame=': 'give --payload-frame',
     'construct the Robot with wrench_frames=': 'give --wrench-frames',
-    ", integrator='implicit'": ', --integrator implicit', "integrator='implicit'":
-    '--integrator implicit', "integrator 'implicit' is used": '--integrator implicit is used',
+    ", integrator='implicit'": ', --integrator implicit',
+    "integrator='implicit'": '--integrator implicit',
+    "integrator 'implicit' is used": '--integrator implicit is used',
     ', or its XML as str or bytes': '', ', or a dict': ''}
 
 

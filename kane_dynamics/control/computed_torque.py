@@ -149,8 +149,8 @@ def require_closed(robot: Robot, positions: Array, times: Array) -> None:
     point, row = np.unravel_index(np.argmax(residual / allowed), residual.shape)
     raise InputError(f"motion: the residual of '{robot.constraint_names[row]}' is "
                      f'{residual[point, row]:.3g} (m or rad) in point {point + 1}; '
-                     'expected closed configurations, as from robot.closed_configuration, or '
-                     'a motion of the independent joints')
+                     'expected closed configurations, as from '
+                     'robot.closed_configuration, or a motion of the independent joints')
 
 
 # -------------------------------------------------------------------------------------
@@ -241,7 +241,8 @@ def law_kernel(robot: Robot, followed: Sequence[int] | None = None,
         if regular is None or regular.equations.in_joint_rates:
             return None
         choice = regular.equations.mechanism
-        return law_kernel(in_choice(robot, choice.free, choice.kept), followed, commanded)
+        return law_kernel(in_choice(robot, choice.free, choice.kept), followed,
+                          commanded)
     law = _law(robot, followed, commanded)
     return robot.kernels.compiled(law, name, _inputs(robot), (size,), reason=reason)
 

@@ -1,6 +1,7 @@
 """Identification of inertial parameters and friction from recordings: extra `identify`."""
 
-from kane_dynamics.identification.base_regressor import (base_parameters, base_speeds, BaseFit,
+from kane_dynamics.identification.base_regressor import (base_parameters, base_speeds,
+                                                         BaseFit,
                                                          BaseParameters, fit_base)
 from kane_dynamics.identification.collision_calibration import (calibrate_collision,
                                                                 CollisionCalibration)
@@ -16,8 +17,10 @@ from kane_dynamics.identification.recordings.torque_delay import torque_delays, 
 from kane_dynamics.identification.regression import friction_speeds, rows
 
 __all__ = ['BaseFit', 'BaseParameters', 'CollisionCalibration', 'Efforts', 'Excitation',
-           'Identification', 'Payload', 'PayloadEstimator', 'Recording', 'RecordingFault',
+           'Identification', 'Payload', 'PayloadEstimator', 'Recording',
+           'RecordingFault',
            'TorqueDelays',
            'base_parameters', 'base_speeds', 'calibrate_collision', 'diagnose', 'excite',
-           'fit_base', 'friction_speeds', 'identify', 'identify_payload', 'read_recording',
+           'fit_base', 'friction_speeds', 'identify', 'identify_payload',
+           'read_recording',
            'rows', 'torque_delays']

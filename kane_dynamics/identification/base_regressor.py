@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
-from kane_dynamics.identification.regression import (compressed, FRICTION, full_regressor,
-                                                     RegressionRows, rows, settled_speeds, stacked,
+from kane_dynamics.identification.regression import (compressed, FRICTION,
+                                                     full_regressor,
+                                                     RegressionRows, rows,
+                                                     settled_speeds, stacked,
                                                      UNBOUNDED, weights, without_losses)
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.mechanics.ball_joints import require_angles
@@ -82,7 +84,8 @@ def unknown_names(model: Model) -> list[str]:
 
 def true_unknowns(model: Model) -> Array:
     """Return the values of the unknowns of a model, (10 bodies + 4 n,)."""
-    losses = [[getattr(joint, name) for name in FRICTION] for joint in model.coordinate_joints]
+    losses = [[getattr(joint,
+                       name) for name in FRICTION] for joint in model.coordinate_joints]
     return np.concatenate([inertial_parameters(model), np.ravel(losses)])
 
 
@@ -108,7 +111,8 @@ def base_parameters(model: Model, speeds: Sequence[float] | Array, *, states: in
     rng = np.random.default_rng(0)
     q, u, udot = rng.uniform(-2.0, 2.0, (3, states, model.n))
     sample = Recording(np.arange(float(states)), q, u, udot, np.zeros((states, model.n)))
-    X = full_regressor(rows(without_losses(model), sample), np.asarray(speeds, dtype=float))
+    X = full_regressor(rows(without_losses(model), sample),
+                       np.asarray(speeds, dtype=float))
     X = X.reshape(-1, X.shape[2])
     # Without scaling, pivots prefer columns of bodies late in the tree.
     _, R, order = scientific('scipy.linalg').qr(X, mode='economic', pivoting=True)
@@ -166,8 +170,9 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
         A, b = stacked(equations, sigma)
         scale = np.linalg.norm(A, axis=0)
         if not scale.all():
-            raise InputError(f"motion: does not excite '{base.names[int(np.argmin(scale))]}'; "
-                             'expected an exciting motion')
+            raise InputError('motion: does not excite '
+                             f"'{base.names[int(np.argmin(scale))]}'; expected an "
+                             'exciting motion')
         _, singular, Vt = np.linalg.svd(A / scale, full_matrices=False)
         if singular[-1] < 1e-12 * singular[0]:
             worst = int(np.argmax(np.abs(Vt[-1])))
@@ -206,7 +211,8 @@ def base_speeds(data: RegressionRows, model: Model) -> Array:
         """Return the fitted rigid-body torque at given friction speeds."""
         fit = fit_base(data, model, speeds)
         inertial = fit.base.columns < bodies
-        return np.asarray(data.Y[:, :, fit.base.columns[inertial]] @ fit.values[inertial])
+        return np.asarray(data.Y[:, :,
+                                 fit.base.columns[inertial]] @ fit.values[inertial])
     return settled_speeds(data, np.full(model.n, USUAL), rigid, UNBOUNDED)
 
 

@@ -78,7 +78,8 @@ class CollisionCalibration:
 
     def friction_error(self, *, memory: float = MEMORY) -> FrictionError:
         """Return the friction beyond the model, for `MomentumObserver`; memory in s."""
-        return FrictionError(self.joint_names, coulomb=self.coulomb, damping=self.damping,
+        return FrictionError(self.joint_names, coulomb=self.coulomb,
+                             damping=self.damping,
                              offset=self.offset, friction_speed=self.friction_speed,
                              memory=memory, largest=self.threshold)
 
@@ -98,7 +99,8 @@ class _Estimates:
     def rows(self, chosen: slice) -> '_Estimates':
         """Return some of the rows."""
         return _Estimates(self.t[chosen], self.u[chosen], self.torque[chosen],
-                          self.coulomb[:, chosen], self.damping[chosen], self.offset[chosen],
+                          self.coulomb[:, chosen], self.damping[chosen],
+                          self.offset[chosen],
                           self.settled[chosen])
 
 
@@ -142,7 +144,8 @@ def calibrate_collision(robot: Robot, recording: Recording, *, gain: float = 50.
     """
     instance(robot, Robot, 'robot')
     gain = number(gain, 'gain', 'a positive number, 1/s', lambda x: 0.0 < x < np.inf)
-    margin = number(margin, 'margin', 'a number of at least 1.25', lambda x: 1.25 <= x < np.inf)
+    margin = number(margin, 'margin', 'a number of at least 1.25',
+                    lambda x: 1.25 <= x < np.inf)
     drift = number(drift, 'drift', 'a finite number >= 0', lambda x: 0.0 <= x < np.inf)
     if not isinstance(held, bool):
         raise InputError(f'held: {held!r}; expected True or False')
@@ -165,7 +168,8 @@ def calibrate_collision(robot: Robot, recording: Recording, *, gain: float = 50.
     coulomb, damping, offset, speed = friction
     return CollisionCalibration(
         names_of, margin * (error + allowed), error,
-        np.abs(estimates.torque[estimates.settled]).max(axis=0), error_time, coulomb, damping,
+        np.abs(estimates.torque[estimates.settled]).max(axis=0), error_time, coulomb,
+        damping,
         offset, speed, tuple(name for name, is_so in zip(names_of, suspected) if is_so),
         tuple(names_of[j] for j in unmoved),
         _held_out_alarms(estimates, names_of, allowed, margin), float(gain))
@@ -188,7 +192,8 @@ def _largest_friction(robot: Robot, estimates: _Estimates,
     return largest
 
 
-def _estimates(robot: Robot, motion: tuple[Array, ...], gain: float, held: bool) -> _Estimates:
+def _estimates(robot: Robot, motion: tuple[Array, ...], gain: float,
+               held: bool) -> _Estimates:
     """Run the observer along a motion; apply its low-pass to the regressors of friction too."""
     q, u, _, tau, t = motion
     longest = STEPS * float(np.diff(t).mean())
@@ -207,11 +212,13 @@ def _estimates(robot: Robot, motion: tuple[Array, ...], gain: float, held: bool)
         filtered[:, k] = forgotten * filtered[:, k - 1] + (1.0 - forgotten) * mean
         settled[k] = t[k] - start > SETTLED / gain
     count = len(SPEEDS)
-    return _Estimates(t, u, torque, filtered[:count], filtered[count], filtered[count + 1],
+    return _Estimates(t, u, torque, filtered[:count], filtered[count],
+                      filtered[count + 1],
                       settled)
 
 
-def _fitted_friction(estimates: _Estimates) -> tuple[tuple[Array, Array, Array, Array], list[int]]:
+def _fitted_friction(estimates: _Estimates) -> tuple[tuple[Array, Array, Array, Array],
+                                                     list[int]]:
     """Return coulomb, damping, offset and friction speed of each joint, and unmoved joints."""
     n = estimates.u.shape[1]
     coulomb = np.zeros(n)
@@ -251,7 +258,8 @@ def _least_squares(A: Array, b: Array) -> tuple[Array, float]:
     return x, float(np.linalg.norm(b - A @ x))
 
 
-def _remaining(estimates: _Estimates, friction: tuple[Array, Array, Array, Array]) -> Array:
+def _remaining(estimates: _Estimates, friction: tuple[Array, Array, Array,
+                                                      Array]) -> Array:
     """Return the external torques with friction beyond the model removed, (N, n)."""
     coulomb, damping, offset, speed = friction
     chosen = np.searchsorted(SPEEDS, speed)
@@ -264,14 +272,16 @@ def _held_out_alarms(estimates: _Estimates, names: tuple[str, ...], allowed: Arr
                      margin: float) -> int:
     """Return how many collisions a calibration to the first half raises in the second."""
     middle = len(estimates.t) // 2
-    first, second = estimates.rows(slice(None, middle)), estimates.rows(slice(middle, None))
+    first, second = estimates.rows(slice(None, middle)), estimates.rows(slice(middle,
+                                                                              None))
     if not first.settled.any():
         return 0
     friction, _ = _fitted_friction(first)
     error = np.abs(_remaining(first, friction))[first.settled].max(axis=0)
     detector = CollisionDetector(names, margin * (error + allowed))
     alarms = 0
-    for t, torque, settled in zip(second.t, _remaining(second, friction), second.settled):
+    for t, torque, settled in zip(second.t, _remaining(second, friction),
+                                  second.settled):
         if settled and detector.update(t, torque) and detector.collision:
             alarms += 1
     return alarms

@@ -57,7 +57,8 @@ class Efforts:
     def __post_init__(self) -> None:
         """Check the kind, and that there are constants for currents."""
         if self.kind not in list(EffortKind):
-            raise InputError(f'efforts: {self.kind!r}; expected one of {", ".join(EffortKind)}')
+            raise InputError(f'efforts: {self.kind!r}; expected one of '
+                             f'{", ".join(EffortKind)}')
         object.__setattr__(self, 'kind', EffortKind(self.kind))
         if not isinstance(self.gravity, bool):
             raise InputError(f'gravity: {self.gravity!r}; expected True or False')
@@ -166,7 +167,8 @@ class Efforts:
                     'unit (efforts.kind, efforts.constants)?')
         return ''
 
-    def share_of_weight(self, robot: Robot, q: ArrayLike, effort: ArrayLike) -> float | None:
+    def share_of_weight(self, robot: Robot, q: ArrayLike,
+                        effort: ArrayLike) -> float | None:
         """Return the share of the weight that efforts at rest hold; None where nothing weighs."""
         weight = robot.gravity_force(q)
         if np.abs(weight).max(initial=0.0) < WEIGHTLESS:

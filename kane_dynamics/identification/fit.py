@@ -11,10 +11,13 @@ from kane_dynamics.identification.base_regressor import true_unknowns
 from kane_dynamics.identification.physical_consistency import physical, pseudo_inertia_of
 from kane_dynamics.identification.recordings.diagnosis import diagnose
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
-from kane_dynamics.identification.regression import (compressed, factorized, fit_friction,
-                                                     FRICTION, friction_speeds, full_regressor,
+from kane_dynamics.identification.regression import (compressed, factorized,
+                                                     fit_friction,
+                                                     FRICTION, friction_speeds,
+                                                     full_regressor,
                                                      LOWEST, RegressionRows, rms, rows,
-                                                     settled_speeds, stacked, STANDSTILL, triangle,
+                                                     settled_speeds, stacked, STANDSTILL,
+                                                     triangle,
                                                      UNBOUNDED, weights)
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.identification.standard_deviations import friction_statistics, statistics
@@ -107,7 +110,8 @@ class Identification:
 
         """
         data = rows(self.given, recording)
-        return np.asarray(recording.tau - _error(data, self.friction_speed, self.unknowns))
+        return np.asarray(recording.tau - _error(data, self.friction_speed,
+                                                 self.unknowns))
 
     @property
     def losses(self) -> Array:
@@ -117,7 +121,8 @@ class Identification:
 
 @on_one_processor
 def identify(model: Model, recording: Recording, *, friction_only: bool = False,
-             bounded: bool = True, weight: float | None = None, standstill: float = STANDSTILL,
+             bounded: bool = True, weight: float | None = None,
+             standstill: float = STANDSTILL,
              diagnosed: bool = False,
              progress: Callable[[float], object] = lambda done: None) -> Identification:
     """
@@ -185,7 +190,8 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     if friction_only:
         deviations, inertial_deviations, condition = friction_statistics(A, model)
     else:
-        deviations, inertial_deviations, condition = statistics(A, model, x, speeds, weight)
+        deviations, inertial_deviations, condition = statistics(A, model, x, speeds,
+                                                                weight)
     fitted = _error(first, speeds, x)
     held_out = _error(second, speeds, x)
     return Identification(
@@ -195,10 +201,12 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
         inertial_deviations, condition, float(weight))
 
 
-def identified(model: Model, x: Array, speeds: Array, *, inertials: bool = True) -> Model:
+def identified(model: Model, x: Array, speeds: Array, *,
+               inertials: bool = True) -> Model:
     """Return the model with the values of the unknowns."""
     losses = {}
-    for name, row, speed in zip(model.joint_names, x[-4 * model.n:].reshape(-1, 4), speeds,
+    for name, row, speed in zip(model.joint_names, x[-4 * model.n:].reshape(-1, 4),
+                                speeds,
                                 strict=True):
         losses[name] = dict(zip(FRICTION, row.tolist(), strict=True),
                             friction_speed=float(speed))
@@ -219,7 +227,8 @@ def recording_error(model: Model, recording: Recording) -> Array:
                                                          recording.udot)
 
 
-def _friction_alone(model: Model, data: RegressionRows, speeds: Array, lowest: Array) -> Array:
+def _friction_alone(model: Model, data: RegressionRows, speeds: Array,
+                    lowest: Array) -> Array:
     """Return the unknowns with the model's inertials and fitted friction."""
     x = true_unknowns(model)
     for j, speed in enumerate(speeds):
@@ -228,7 +237,8 @@ def _friction_alone(model: Model, data: RegressionRows, speeds: Array, lowest: A
     return x
 
 
-def _with_bodies(model: Model, data: RegressionRows, speeds: Array, x: Array, weight: float | None,
+def _with_bodies(model: Model, data: RegressionRows, speeds: Array, x: Array,
+                 weight: float | None,
                  progress: Callable[[float], object]) -> tuple[Array, Array, float]:
     """
     Return the unknowns, the friction speeds, and the weight of the prior.

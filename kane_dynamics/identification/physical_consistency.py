@@ -28,7 +28,8 @@ MASSLESS = 1e-3  # kg m^2 and kg, eigenvalues for P0 = 0
 # Its order is that of semidefinite matrices in Clarabel: the lower triangle, row by row.
 SYMMETRIC = np.zeros((10, 4, 4))
 for _k, (_r, _s) in enumerate(zip(*np.tril_indices(4), strict=True)):
-    SYMMETRIC[_k, _r, _s] = SYMMETRIC[_k, _s, _r] = 1.0 if _r == _s else 1.0 / np.sqrt(2.0)
+    SYMMETRIC[_k, _r, _s] = SYMMETRIC[_k, _s,
+                                      _r] = 1.0 if _r == _s else 1.0 / np.sqrt(2.0)
 
 
 def parameters_of(P: Array) -> Array:
@@ -96,7 +97,8 @@ def physical(A: Array, b: Array, prior: Sequence[Inertial], joints: int, weight:
         columns.append(A[:, 10 * k:10 * k + 10] @ change)
     start = np.concatenate(starts)
     data = np.column_stack([*columns, A[:, size:], b - A[:, :size] @ start])
-    nearness = np.hstack([np.sqrt(weight) * np.eye(size), np.zeros((size, 4 * joints + 1))])
+    nearness = np.hstack([np.sqrt(weight) * np.eye(size),
+                          np.zeros((size, 4 * joints + 1))])
     R = triangle(np.vstack([data, nearness]))
     x = _unconstrained(R, len(prior), lowest)
     if x is None:
@@ -153,12 +155,13 @@ def _constrained(R: Array, bodies: int, lowest: Array) -> Array:
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.static_regularization_constant = REGULARIZATION
-    P = sparse.block_diag([sparse.csc_matrix((count, count)), sparse.eye(rows)], format='csc')
+    P = sparse.block_diag([sparse.csc_matrix((count, count)), sparse.eye(rows)],
+                          format='csc')
     solver = clarabel.DefaultSolver(P, np.zeros(count + rows), A, above, cones, settings)
     solution = solver.solve()
     if str(solution.status) != 'Solved':
-        raise InputError(f'physical parameters: solver status {solution.status}; expected '
-                         'Solved')
+        raise InputError(f'physical parameters: solver status {solution.status}; '
+                         'expected Solved')
     return np.asarray(solution.x[:count]) / scale
 
 

@@ -73,7 +73,8 @@ class RegressionRows:
 
     def part(self, chosen: slice) -> 'RegressionRows':
         """Return the rows of a slice."""
-        return RegressionRows(self.recording.rows(chosen), self.joint_names, self.rigid[chosen],
+        return RegressionRows(self.recording.rows(chosen), self.joint_names,
+                              self.rigid[chosen],
                               self.rest[chosen], self.Y[chosen], self.moving[chosen])
 
     @lazy_property
@@ -118,7 +119,8 @@ def without_losses(model: Model) -> Model:
     return replace(model, bodies=tuple(bodies))
 
 
-def rows(model: Model, recording: Recording, standstill: float = STANDSTILL) -> RegressionRows:
+def rows(model: Model, recording: Recording,
+         standstill: float = STANDSTILL) -> RegressionRows:
     """Return the regression data of a recording; raise InputError for other joints."""
     check_recording(model, recording)
     robot = Robot(without_losses(model))
@@ -133,7 +135,8 @@ def rows(model: Model, recording: Recording, standstill: float = STANDSTILL) -> 
 def friction_columns(recording: Recording, joint: int, speed: float) -> Array:
     """Return the torques of unit damping, friction, armature and offset of a joint, (N, 4)."""
     u = recording.u[:, joint]
-    return np.column_stack([u, coulomb(u, speed), recording.udot[:, joint], np.ones(len(u))])
+    return np.column_stack([u, coulomb(u, speed), recording.udot[:, joint],
+                            np.ones(len(u))])
 
 
 def fit_friction(data: RegressionRows, joint: int, speed: float, lowest: Array = LOWEST
@@ -180,7 +183,8 @@ def friction_speeds(data: RegressionRows, lowest: Array = LOWEST) -> Array:
 
     It is searched among `SPEEDS`, then between the neighbors of the best one.
     """
-    return np.array([_friction_speed(data, joint, lowest) for joint in range(data.rigid.shape[1])])
+    return np.array([_friction_speed(data, joint,
+                                     lowest) for joint in range(data.rigid.shape[1])])
 
 
 def _friction_speed(data: RegressionRows, joint: int, lowest: Array) -> float:
@@ -221,7 +225,8 @@ def settled_speeds(data: RegressionRows, speeds: Array, rigid: Callable[[Array],
 
     """
     for _ in range(TURNS):
-        before, speeds = speeds, friction_speeds(replace(data, rigid=rigid(speeds)), lowest)
+        before, speeds = speeds, friction_speeds(replace(data, rigid=rigid(speeds)),
+                                                 lowest)
         if np.abs(np.log(speeds / before)).max() < STAYS:
             break
     return speeds
@@ -274,7 +279,8 @@ def factorized(data: RegressionRows, speeds: Array) -> list[Array]:
             for factor, speed in zip(data.factors, speeds, strict=True)]
 
 
-def weights(equations: list[tuple[Array, Array]], floor: Array, counts: Array, x: Array) -> Array:
+def weights(equations: list[tuple[Array, Array]], floor: Array, counts: Array,
+            x: Array) -> Array:
     """Return the standard deviation of each joint's residual at x, (n,), N m or N."""
     missed = np.array([np.sum((z - R @ x)**2) for R, z in equations]) + floor
     return np.asarray(np.sqrt(np.maximum(missed / counts, 1e-24)))

@@ -13,7 +13,8 @@ from kane_dynamics.urdf.supplement import INERTIA_KEYS, read_supplement
 import numpy as np
 import yaml
 
-PASSIVE = ('damping', 'friction', 'friction_speed', 'friction_offset', 'armature', 'stiffness',
+PASSIVE = ('damping', 'friction', 'friction_speed', 'friction_offset', 'armature',
+           'stiffness',
            'rest')
 
 
@@ -67,7 +68,8 @@ def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, 
     return urdf, yaml.safe_dump({'joints': joints}, sort_keys=False)
 
 
-def _link_inertials(source: str | bytes | os.PathLike[str], model: Model) -> dict[str, Inertial]:
+def _link_inertials(source: str | bytes | os.PathLike[str], model: Model) -> dict[str,
+                                                                                  Inertial]:
     """Return the inertials of all links that joints of the URDF move, also locked joints."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', ModelWarning)
@@ -75,8 +77,8 @@ def _link_inertials(source: str | bytes | os.PathLike[str], model: Model) -> dic
     stated = {body.name: body.inertial for body in whole.bodies}
     inertials = {body.name: body.inertial for body in model.bodies}
     for number, body in enumerate(model.bodies):
-        # Links behind locked joints are parts of the body: they keep their stated inertials, and
-        # the link of the body gets the rest.
+        # Links behind locked joints are parts of the body: they keep their stated
+        # inertials, and the link of the body gets the rest.
         heavy = []
         of_locked = np.zeros((4, 4))
         for frame in model.frames:
@@ -104,7 +106,8 @@ def _link_inertials(source: str | bytes | os.PathLike[str], model: Model) -> dic
     return inertials
 
 
-def written_payload(supplement: str | os.PathLike[str] | None, link: str, payload: Inertial
+def written_payload(supplement: str | os.PathLike[str] | None, link: str,
+                    payload: Inertial
                     ) -> str:
     """
     Return the text of a supplement with the payload of a link.
@@ -138,4 +141,5 @@ def written_payload(supplement: str | os.PathLike[str] | None, link: str, payloa
 
 def six(payload: Inertial) -> list[float]:
     """Return the inertia as ixx, ixy, ixz, iyy, iyz, izz: the order of supplement and node."""
-    return [float(payload.inertia[r, s]) for r, s in zip(*np.triu_indices(3), strict=True)]
+    return [float(payload.inertia[r, s]) for r,
+            s in zip(*np.triu_indices(3), strict=True)]

@@ -24,7 +24,8 @@ def friction_statistics(A: Array, model: Model) -> tuple[Array, Array, float]:
     information = A.T @ A
     own = slice(10 * len(model.bodies), None)
     inverse, condition = _inverse(information[own, own])
-    return (_deviations(inverse).reshape(-1, 4), np.full((len(model.bodies), 10), np.nan),
+    return (_deviations(inverse).reshape(-1, 4),
+            np.full((len(model.bodies), 10), np.nan),
             condition)
 
 
@@ -72,7 +73,8 @@ def statistics(A: Array, model: Model, x: Array, speeds: Array, weight: float
     every = _deviations(P @ (information + weight * overdone * G) @ P)
     base = base_parameters(model, speeds)
     single = np.full(A.shape[1], np.nan)
-    single[base.columns] = np.maximum(base_deviations(A[:, base.columns]), every[base.columns])
+    single[base.columns] = np.maximum(base_deviations(A[:, base.columns]),
+                                      every[base.columns])
     single[~base.single] = np.nan
     return every[size:].reshape(-1, 4), single[:size].reshape(-1, 10), condition
 

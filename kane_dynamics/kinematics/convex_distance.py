@@ -23,7 +23,8 @@ CLOSE = 1e-10  # relative error of the squared distance
 TOUCHING = 1e-24  # m^2: squared distance of shapes that touch
 FLAT = 1e-14  # relative determinant of a simplex without area or volume
 Rows = NDArray[np.intp]  # numbers of rows
-SUBSETS = tuple(subset for size in range(1, 5) for subset in combinations(range(4), size))
+SUBSETS = tuple(subset for size in range(1, 5) for subset in combinations(range(4),
+                                                                          size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +68,8 @@ class ConvexShapes:
         points = np.where(direction >= 0.0, self.half, -self.half)
         across = direction[:, :2]
         length = np.linalg.norm(across, axis=1, keepdims=True)
-        points[:, :2] += self.disc[:, None] * across / np.maximum(length, np.finfo(float).tiny)
+        points[:, :2] += self.disc[:, None] * across / np.maximum(length,
+                                                                  np.finfo(float).tiny)
         return points
 
 

@@ -94,7 +94,8 @@ class LinkDistances:
         _check_shapes(obstacles, 'obstacles')
         self._robot = robot
         model = robot.model
-        q_rest = robot.feasible_configuration() if rest is None else np.asarray(rest, dtype=float)
+        q_rest = robot.feasible_configuration() if rest is None else np.asarray(rest,
+                                                                                dtype=float)
         self._place(model, shapes, obstacles, q_rest)
         self._shape_pairs = self._pairs_to_compare(model, ignored)
 
@@ -105,7 +106,8 @@ class LinkDistances:
         self._shape_pairs = self._shape_pairs[~overlapping]
         self.pairs = self._named(self._shape_pairs)
         numbers = {pair: k for k, pair in enumerate(self.pairs)}
-        self._pair_numbers = [numbers[self._name_pair(i, j)] for i, j in self._shape_pairs]
+        self._pair_numbers = [numbers[self._name_pair(i, j)] for i,
+                              j in self._shape_pairs]
 
     def __call__(self, q: ArrayLike) -> Array:
         """
@@ -150,7 +152,8 @@ class LinkDistances:
                             self._name_pair(*self._shape_pairs[pair]), points,
                             int(state))
 
-    def _place(self, model: Model, shapes: Sequence[LinkShape], obstacles: Sequence[LinkShape],
+    def _place(self, model: Model, shapes: Sequence[LinkShape],
+               obstacles: Sequence[LinkShape],
                rest: Array) -> None:
         """Collect the shapes of the bodies, then the obstacles, with names and bodies."""
         placed = shapes_of_bodies(model, shapes, _size(self._robot, rest))
@@ -186,7 +189,8 @@ class LinkDistances:
                     raise InputError(f"ignored: '{name}' has no shape; expected names "
                                      f'of {listing(dict.fromkeys(self._names))}')
             without |= {(first, second), (second, first)}
-        carriers = {body: _carrier(model, body, set(self._bodies)) for body in self._bodies}
+        carriers = {body: _carrier(model, body,
+                                   set(self._bodies)) for body in self._bodies}
         pairs = []
         for j, body in enumerate(self._bodies):
             is_obstacle = j >= self._links
@@ -235,7 +239,8 @@ class LinkDistances:
             on_body = np.eye(4)
             on_body[:3, :3] = frame.rotation
             on_body[:3, 3] = frame.translation
-            of_bodies[body] = self._robot.frame_pose(frame.name, q) @ np.linalg.inv(on_body)
+            of_bodies[body] = self._robot.frame_pose(frame.name,
+                                                     q) @ np.linalg.inv(on_body)
         poses = [of_bodies[body] @ shape.pose
                  for body, shape in zip(self._bodies, self._shapes, strict=True)]
         return np.stack(poses, axis=1)
@@ -278,8 +283,8 @@ def _check_shapes(shapes: Sequence[LinkShape], what: str) -> None:
                              'boxes of meshes')
         number = KINDS[shape.kind]
         if sizes.shape != (number,) or not (np.isfinite(sizes) & (sizes >= 0.0)).all():
-            raise InputError(f"{what}: '{shape.link}': size {sizes.tolist()} of a {shape.kind}; "
-                             f'expected {number} finite numbers >= 0, m')
+            raise InputError(f"{what}: '{shape.link}': size {sizes.tolist()} of a "
+                             f'{shape.kind}; expected {number} finite numbers >= 0, m')
         pose = np.asarray(shape.pose, dtype=np.float64)
         if pose.shape != (4, 4) or not np.isfinite(pose).all():
             raise InputError(f"{what}: '{shape.link}': pose of shape {pose.shape}; "

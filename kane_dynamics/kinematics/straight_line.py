@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 JUMP = 0.5  # rad or m between two points: the configuration has changed, not followed
 
 
-def straight_line(robot: Robot, frame: str, q: ArrayLike, target: ArrayLike, duration: float, *,
+def straight_line(robot: Robot, frame: str, q: ArrayLike, target: ArrayLike,
+                  duration: float, *,
                   points: int = 51) -> Motion:
     """
     Return a motion of the joints in which a frame moves on a straight line, from rest to rest.
@@ -85,4 +86,5 @@ def straight_line(robot: Robot, frame: str, q: ArrayLike, target: ArrayLike, dur
         configurations.append(solution.q)
     names = robot.speed_names if robot.constraint_names else robot.coordinate_names
     columns = [robot.coordinate_names.index(name) for name in names]
-    return Motion.from_points(times, np.array(configurations)[:, columns], joint_names=names)
+    return Motion.from_points(times, np.array(configurations)[:, columns],
+                              joint_names=names)

@@ -8,7 +8,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.loop_error import BRANCH, LoopError, SINGULAR
 from kane_dynamics.loop_tracking.loop_tracker import (CONDITIONING, FIGURES,
                                                       INDEPENDENT_RESIDUAL, LoopTracker,
-                                                      MOTION, SHARE, STRIDE, tracking_kernel)
+                                                      MOTION, SHARE, STRIDE,
+                                                      tracking_kernel)
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints import conditioning
 from kane_dynamics.robot.robot import Robot

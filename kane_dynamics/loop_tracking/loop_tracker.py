@@ -215,7 +215,8 @@ def tracking_kernel(robot: Robot, places: Sequence[int]) -> Kernel:
     """
     n_q, n = robot.n_q, robot.n
     size = n_q + n_q * n + n + FIGURES
-    return robot.compiled(tracking_step(robot, places), name=f'tracking_{_joined(places)}',
+    return robot.compiled(tracking_step(robot, places),
+                          name=f'tracking_{_joined(places)}',
                           q=(n_q,), T=(n_q, n), measured=(n,), rates=(n,), seen=(n_q,),
                           weights=(n_q,), shape=(size,))
 

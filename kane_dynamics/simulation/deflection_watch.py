@@ -100,7 +100,8 @@ class DeflectionWatch(Observer):
         excesses = np.flatnonzero(deflection > beam.admissible_deflection)
         if len(excesses):
             k = excesses[0]
-            self._first[simulation] = DeflectionExcess(float(t[k]), simulation, watched.name,
+            self._first[simulation] = DeflectionExcess(float(t[k]), simulation,
+                                                       watched.name,
                                                        float(deflection[k]),
                                                        beam.admissible_deflection)
 

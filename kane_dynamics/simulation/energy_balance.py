@@ -257,7 +257,8 @@ class EnergyBalance(Observer):
             rows = np.ascontiguousarray(ends)
             results = power.reshape(-1)
             self._driven.run([rows.reshape(-1, rows.shape[2]),
-                              torques.reshape(len(results), tau.shape[2])], results, len(results),
+                              torques.reshape(len(results), tau.shape[2])], results,
+                             len(results),
                              constants=self._parameters)
         return powers.swapaxes(1, 2)
 

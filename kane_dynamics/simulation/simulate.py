@@ -31,8 +31,8 @@ from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.runtime.kernel import Argument, checked
 from kane_dynamics.native.runtime.loops import driver, support
 from kane_dynamics.native.runtime.threads import run_concurrently
-from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.kernel_set import CONSTRAINED, IN_LOOPS
+from kane_dynamics.robot.methods.configuration_methods import warn_of_degrees
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.deflection_watch import DeflectionWatch
 from kane_dynamics.simulation.discontinuities import JumpWatch

@@ -31,14 +31,18 @@ def collision_thresholds(options: Namespace) -> None:
     if options.out:
         content = {'/**': {'ros__parameters': {'observer': parameters}}}
         with whole_file(options.out) as stream:
-            stream.write(yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
+            stream.write(yaml.safe_dump(content, sort_keys=False,
+                                        default_flow_style=None))
     data = {'joint_names': list(calibration.joint_names), 'rows': len(recording),
             'threshold': calibration.threshold, 'error': calibration.error,
-            'error_time': calibration.error_time, 'error_before': calibration.error_before,
+            'error_time': calibration.error_time,
+            'error_before': calibration.error_before,
             'coulomb': calibration.coulomb, 'damping': calibration.damping,
             'offset': calibration.offset, 'friction_speed': calibration.friction_speed,
-            'suspected': list(calibration.suspected), 'unmoved': list(calibration.unmoved),
-            'held_out_alarms': calibration.held_out_alarms, 'node_parameters': parameters,
+            'suspected': list(calibration.suspected),
+            'unmoved': list(calibration.unmoved),
+            'held_out_alarms': calibration.held_out_alarms,
+            'node_parameters': parameters,
             'files': [options.out] if options.out else []}
     if options.json:
         print_json(data)
@@ -83,7 +87,8 @@ def _print_data(data: dict[str, Any]) -> None:
     table = []
     for j, name in enumerate(data['joint_names']):
         table.append([name, *(f'{data[column][j]:.3g}' for column in columns)])
-    print_table(['joint', 'as modelled', 'error', 'threshold', *CURVES, 'friction speed'], table)
+    print_table(['joint', 'as modelled', 'error', 'threshold', *CURVES,
+                 'friction speed'], table)
     print(f'\nalarms in the second half by thresholds of the first: {data["held_out_alarms"]}')
     if not data['files']:
         print('\nparameters of the node:')

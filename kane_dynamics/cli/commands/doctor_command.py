@@ -18,7 +18,8 @@ from kane_dynamics.urdf.document import read_source
 def doctor(options: Namespace) -> int:
     """Examine a URDF, a configuration, a live graph; return 1 if there is a problem."""
     if options.live is not None and not 0.0 < options.live < math.inf:
-        raise InputError(f'--live: {options.live}; expected a positive, finite time in s')
+        raise InputError(f'--live: {options.live}; expected a positive, finite time in '
+                         's')
     model_texts: list[str] = []
     model, robot = load(options, model_texts)
     if model.flexible:  # modes have no limits and are in no message
@@ -27,7 +28,8 @@ def doctor(options: Namespace) -> int:
     of_configuration: list[Finding] = []
     node_robot: Robot | None = None
     if options.config:
-        configuration = extra('kane_dynamics.ros.doctor.configuration', 'ros', '--config')
+        configuration = extra('kane_dynamics.ros.doctor.configuration', 'ros',
+                              '--config')
         of_configuration, node_robot = configuration.examine_configuration(
             Path(options.config), read_source(source_of(options)), prefix=options.prefix,
             namespace=options.namespace, told=model_texts)
@@ -41,14 +43,17 @@ def doctor(options: Namespace) -> int:
             node_robot = Robot(model.prefixed(options.prefix), **constraints)
         live_graph = extra('kane_dynamics.ros.doctor.live_graph', 'ros', '--live')
         findings += live_graph.examine_graph(
-            node_robot, options.live, options.namespace, options.commands, options.joint_states,
+            node_robot, options.live, options.namespace, options.commands,
+            options.joint_states,
             _stated_efforts(options))
     if options.json:
-        print_json([{'level': finding.level, 'words': finding.words} for finding in findings])
+        print_json([{'level': finding.level,
+                     'words': finding.words} for finding in findings])
     elif options.verbose:
         print_findings(findings)
     else:
-        print_findings([Finding(finding.level, brief(finding.words)) for finding in findings])
+        print_findings([Finding(finding.level,
+                                brief(finding.words)) for finding in findings])
     return int(any(finding.level == 'problem' for finding in findings))
 
 

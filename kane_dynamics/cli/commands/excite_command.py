@@ -21,7 +21,8 @@ def excitation(options: Namespace) -> int:
     """Write an exciting motion for `identify`; return 1 if its links come nearer than stated."""
     model, _ = load(options)
     if not 0.0 < options.rate < np.inf:
-        raise InputError(f'--rate: {options.rate}; expected a positive, finite number of Hz')
+        raise InputError(f'--rate: {options.rate}; expected a positive, finite number '
+                         'of Hz')
     with model_warnings():
         shapes = load_collision_shapes(source_of(options))
     distance_stated = 'distance' in options
@@ -56,19 +57,19 @@ def missed_distance(motion: Excitation, distance: float | None) -> str | None:
     first, second, nearest = motion.nearest
     if nearest >= distance:
         return None
-    return (f"--distance: {distance:g} m is missed, exit code 1: '{first}' and '{second}' come "
-            f'to {nearest:.3f} m, because they are near each other at rest and keep '
-            f'half of their distance there; expected --distance {nearest:.3f} or less, which '
-            'these links keep')
+    return (f"--distance: {distance:g} m is missed, exit code 1: '{first}' and "
+            f"'{second}' come to {nearest:.3f} m, because they are near each other at "
+            'rest and keep half of their distance there; expected --distance '
+            f'{nearest:.3f} or less, which these links keep')
 
 
 def bad_condition(motion: Excitation) -> str | None:
     """Return a warning if the motion determines some parameters badly."""
     if motion.condition <= BAD_CONDITION:
         return None
-    return (f'condition number: {motion.condition:.3g}; expected at most {BAD_CONDITION:g} for '
-            'accurate inertial parameters: a longer motion, more harmonics or starts, '
-            'higher limits')
+    return (f'condition number: {motion.condition:.3g}; expected at most '
+            f'{BAD_CONDITION:g} for accurate inertial parameters: a longer motion, more '
+            'harmonics or starts, higher limits')
 
 
 def _one_or_all(values: list[float]) -> float | list[float]:
@@ -100,6 +101,7 @@ def _print_data(data: dict[str, Any]) -> None:
         print(f"lowest point: {height:.3f} m ('{link}'; the base is at 0)")
     if data['nearest'] is not None:
         first, second, distance = data['nearest']
-        print(f"smallest distance between links: {distance:.3f} m ('{first}' and '{second}')")
+        print(f"smallest distance between links: {distance:.3f} m ('{first}' and "
+              f"'{second}')")
     for path in data['files']:
         print(f'wrote {path}')

@@ -11,7 +11,8 @@ from kane_dynamics.cli.printing import print_files, print_json, print_table
 from kane_dynamics.cli.robot_options import load_rigid, warn_degrees
 from kane_dynamics.cli.tables import QUANTITIES, read_motion, write_states
 from kane_dynamics.errors import InputError
-from kane_dynamics.feasibility import (Demand, demand, fastest, largest_payload, time_optimal,
+from kane_dynamics.feasibility import (Demand, demand, fastest, largest_payload,
+                                       time_optimal,
                                        TimeOptimal)
 from kane_dynamics.feasibility.samples import NONE
 from kane_dynamics.feasibility.time_scale import LOWEST, TimeScale
@@ -34,11 +35,13 @@ def feasible(options: Namespace) -> int:
                              'deflection a path does not state; expected rigid links, '
                              'or the highest speed without --time-optimal')
         return _time_path(options, robot, motion, plot, power)
-    conditions: dict[str, Any] = {'bending': bending, 'step': options.step, 'power': power}
+    conditions: dict[str, Any] = {'bending': bending, 'step': options.step,
+                                  'power': power}
     needed = demand(robot, motion, speed=options.speed, **conditions)
     scale = fastest(robot, motion, **conditions)
     data = {**demand_data(needed), 'speed': options.speed,
-            'fastest': None if scale is None else vars(scale), 'payload': None, 'files': []}
+            'fastest': None if scale is None else vars(scale), 'payload': None,
+            'files': []}
     if scale is None:
         data['hopeless'] = _hopeless(robot, motion, conditions)
     if options.payload_frame and needed.fits:
@@ -49,7 +52,8 @@ def feasible(options: Namespace) -> int:
         data['files'].append(options.out)
     if plot is not None:
         plot.plot_demand(needed, options.plot, prismatic=robot.model.sliding,
-                         title=f'{robot.model.name}: torque, speed and power against the limits')
+                         title=f'{robot.model.name}: torque, speed and power against '
+                               'the limits')
         data['files'].append(options.plot)
     if options.json:
         print_json(data)
@@ -80,7 +84,8 @@ def _write_fitting(path: str, robot: Robot, motion: Motion, scale: TimeScale | N
     if math.isinf(scale.speed):
         raise InputError('--out: no limit of the speed; expected a motion with a '
                          'highest feasible speed')
-    needed = demand_at(robot, motion, scale.speed, conditions['step'], conditions['power'], NONE,
+    needed = demand_at(robot, motion, scale.speed, conditions['step'],
+                       conditions['power'], NONE,
                        conditions['bending'])
     # Of two samples at one time keep the later; at both ends those of the motion, not of
     # rest.
@@ -119,12 +124,14 @@ def demand_data(needed: Demand) -> dict[str, Any]:
 def _print_demand(data: dict[str, Any]) -> None:
     """Print the demand of a motion, its highest speed and the largest payload."""
     torque, velocity, power = data['torque'], data['velocity'], data['power']
-    print(f'{data["duration"]:.6g} s, {data["samples"]} samples; rad or m, s, N m or N, W')
+    print(f'{data["duration"]:.6g} s, {data["samples"]} samples; rad or m, s, N m or N, '
+          'W')
     table = []
     for j, name in enumerate(data['joint_names']):
         table.append([name, torque['peak'][j], _percent(torque, j), torque['rms'][j],
                       velocity['peak'][j], _percent(velocity, j), power['peak'][j]])
-    print_table(['joint', 'peak torque', 'of limit', 'RMS torque', 'peak speed', 'of limit',
+    print_table(['joint', 'peak torque', 'of limit', 'RMS torque', 'peak speed',
+                 'of limit',
                  'peak power'], table)
     print(f'\npeak power of all joints together {power["peak_of_all"]:.4g} W')
     print('the motion is feasible' if data['fits'] else 'the motion is NOT feasible:')
@@ -158,12 +165,14 @@ def _bound_in_words(bound: dict[str, Any], name: str, unit: str) -> str:
 
 # The fastest timing of a path.
 
-def _time_path(options: Namespace, robot: Robot, motion: Motion, plot: Any, power: Any) -> int:
+def _time_path(options: Namespace, robot: Robot, motion: Motion, plot: Any,
+               power: Any) -> int:
     """Compute the fastest timing of the path of a motion; write, plot and print it."""
     if options.speed != 1.0:
         raise InputError('--speed: given with --time-optimal; expected one of them')
     if options.payload_frame is not None:
-        raise InputError('--payload-frame: given with --time-optimal; expected one of them')
+        raise InputError('--payload-frame: given with --time-optimal; expected one of '
+                         'them')
     timing = time_optimal(robot, motion, power=power,
                           acceleration=_one_or_all(options.acceleration),
                           jerk=_one_or_all(options.jerk),
@@ -174,7 +183,8 @@ def _time_path(options: Namespace, robot: Robot, motion: Motion, plot: Any, powe
         data['files'].append(options.out)
     if plot is not None:
         plot.plot_timing(timing, options.plot,
-                         title=f'{robot.model.name}: use of the limits by the fastest timing')
+                         title=f'{robot.model.name}: use of the limits by the fastest '
+                               'timing')
         data['files'].append(options.plot)
     if options.json:
         print_json(data)

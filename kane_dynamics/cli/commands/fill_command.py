@@ -52,7 +52,8 @@ def _check_out(out: str, is_bag: bool) -> None:
         raise InputError(f"--out: '{out}'; expected a .yaml or .csv file")
 
 
-def _write(out: str, trajectories: Sequence[Any], filled: Sequence[FilledTrajectory]) -> None:
+def _write(out: str, trajectories: Sequence[Any],
+           filled: Sequence[FilledTrajectory]) -> None:
     """Write a bag with all trajectories, or a file with the only one."""
     from kane_dynamics.cli.tables import write_states  # slow imports
     from kane_dynamics.cli.trajectory_files import write_bag, write_yaml
@@ -98,14 +99,16 @@ def _filled(options: Namespace, robot: Robot, bending: QuasiStatic | None,
     if tolerance is not None and len(tolerance) == 1:
         tolerance = tolerance[0]
     return fill_trajectory(
-        robot, points.times, *points.rows, joint_names=points.joint_names, rest=options.pose,
+        robot, points.times, *points.rows, joint_names=points.joint_names,
+        rest=options.pose,
         tolerance=tolerance, compensate=Terms(**dict.fromkeys(options.without, False)),
         clip=options.clip, bending=bending)
 
 
 def _print(filled: FilledTrajectory, robot: Robot) -> None:
     """Print the largest efforts of a trajectory."""
-    print(f'{len(filled.times)} points in {filled.times[-1]:g} s, {filled.inserted} inserted')
+    print(f'{len(filled.times)} points in {filled.times[-1]:g} s, {filled.inserted} '
+          'inserted')
     header = ['joint', 'largest effort', 'limit']
     largest = np.abs(filled.efforts).max(axis=0)
     columns = [largest, [robot.limits.effort[robot.joint_names.index(name)]

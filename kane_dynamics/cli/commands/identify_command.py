@@ -61,7 +61,8 @@ def identification(options: Namespace) -> None:
     data = outcome.data
     if plot is not None:
         names = data['joint_names']
-        plot.plot_replay(outcome.t, outcome.measured, outcome.computed, names, options.plot,
+        plot.plot_replay(outcome.t, outcome.measured, outcome.computed, names,
+                         options.plot,
                          prismatic=model.sliding, limits=_effort_limits(robot, names),
                          title=f'{model.name}: measured torque, and torque {title}')
         data['files'] = [*data['files'], options.plot]
@@ -89,12 +90,14 @@ def _effort_limits(robot: Robot, names: Sequence[str]) -> Array:
 
 # The recording that a fit takes.
 
-def recorded(options: Namespace, model: Model, joints: Sequence[str] | None = None) -> Recording:
+def recorded(options: Namespace, model: Model,
+             joints: Sequence[str] | None = None) -> Recording:
     """Return the recording of all joints, or of some, resampled and filtered on request."""
     numbered = every_joint(options)
     if numbered is None and joints is not None:
         numbered = model.joint_names
-    recording = read_recording(options.recording, joints or model.joint_names, options.topic,
+    recording = read_recording(options.recording, joints or model.joint_names,
+                               options.topic,
                                numbered=numbered)
     if options.resample is not None:
         recording = recording.resampled(options.resample)
@@ -121,7 +124,8 @@ def examined_recording(options: Namespace, model: Model) -> Recording:
     recording = efforts.applied(Robot(model), recorded(options, model))
     refused = () if options.as_recorded else ('impossible', 'wrong')
     try:
-        faults = refuse_faulty(model, recording, refused, gravity_added=not efforts.gravity)
+        faults = refuse_faulty(model, recording, refused,
+                               gravity_added=not efforts.gravity)
     except InputError as error:
         raise InputError(f'{error} (--as-recorded fits it unchanged)') from None
     for fault in faults:
@@ -129,7 +133,8 @@ def examined_recording(options: Namespace, model: Model) -> Recording:
     return recording
 
 
-def _without_doubtful_gravity(options: Namespace, model: Model) -> tuple[Model, Recording]:
+def _without_doubtful_gravity(options: Namespace, model: Model) -> tuple[Model,
+                                                                         Recording]:
     """
     Return model and recording for a fit of the model.
 
@@ -174,7 +179,8 @@ def model_data(result: Identification, recording: Recording) -> dict[str, Any]:
         'rms_before': result.before, 'rms_fitted': result.fitted,
         'rms_held_out': result.held_out, 'rms_fitted_moving': result.fitted_moving,
         'rms_held_out_moving': result.held_out_moving, 'friction': friction,
-        'standard_deviations': dict(zip(FRICTION, result.deviations.T.tolist(), strict=True)),
+        'standard_deviations': dict(zip(FRICTION, result.deviations.T.tolist(),
+                                        strict=True)),
         'inertials': _identifiable(result),
         'masses': {body.name: body.inertial.mass for body in bodies},
         'condition': result.condition, 'prior_weight': result.weight}
@@ -186,12 +192,14 @@ def _identifiable(result: Identification) -> dict[str, dict[str, dict[str, float
         return {}
     values = inertial_parameters(result.model).reshape(-1, 10)
     table: dict[str, dict[str, dict[str, float]]] = {}
-    for body, row, deviations in zip(result.model.bodies, values, result.inertial_deviations,
+    for body, row, deviations in zip(result.model.bodies, values,
+                                     result.inertial_deviations,
                                      strict=True):
         table[body.name] = {}
         for name, value, deviation in zip(PARAMETERS, row, deviations, strict=True):
             if np.isfinite(deviation):
-                table[body.name][name] = {'value': float(value), 'deviation': float(deviation)}
+                table[body.name][name] = {'value': float(value),
+                                          'deviation': float(deviation)}
     return table
 
 
@@ -201,14 +209,16 @@ def print_model(data: dict[str, Any]) -> None:
           'of torque error, of all rows and of those in motion')
     errors = ('rms_before', 'rms_fitted', 'rms_held_out', 'rms_fitted_moving',
               'rms_held_out_moving')
-    print_table(['joint', 'before', 'fitted', 'held out', 'fitted, moving', 'held out, moving'],
+    print_table(['joint', 'before', 'fitted', 'held out', 'fitted, moving',
+                 'held out, moving'],
                 zip(data['joint_names'], *(data[name] for name in errors), strict=True))
     print()
     _print_friction(data)
     identifiable = []
     for body, row in data['inertials'].items():
         for name, pair in row.items():
-            identifiable.append((f'{body}.{name}', pair['value'], f'{pair["deviation"]:.1g}'))
+            identifiable.append((f'{body}.{name}', pair['value'],
+                                 f'{pair["deviation"]:.1g}'))
     if identifiable:
         print('\ninertial parameters that are identifiable one by one; kg, m, about the origin')
         print_table(['parameter', 'value', '+-'], identifiable)
@@ -282,7 +292,8 @@ def print_base(data: dict[str, Any]) -> None:
                 zip(data['values'], deviations, data['names'], strict=True))
     print()
     print_table(['joint', 'RMS fitted', 'held out'],
-                zip(data['joint_names'], data['rms_fitted'], data['rms_held_out'], strict=True))
+                zip(data['joint_names'], data['rms_fitted'], data['rms_held_out'],
+                    strict=True))
     print(f'\ncondition number {data["condition"]:.3g}')
     _print_files(data)
 
@@ -290,7 +301,8 @@ def print_base(data: dict[str, Any]) -> None:
 def _refuse_unused(options: Namespace, kind: str) -> None:
     """Raise InputError if an option is given that the chosen kind of fit does not use."""
     unused = {'--friction-only': options.friction_only, '--unbounded': options.unbounded,
-              '--weight': options.weight is not None, '--no-friction': options.no_friction}
+              '--weight': options.weight is not None,
+              '--no-friction': options.no_friction}
     for name, present in unused.items():
         if present:
             raise InputError(f'{kind}: given with {name}; expected it without {name}')
@@ -317,12 +329,14 @@ def _fit_payload(options: Namespace, robot: Robot) -> Outcome:
     return Outcome(data, recording.t, recording.tau, computed)
 
 
-def _payload_recording(options: Namespace, robot: Robot, names: Sequence[str]) -> Recording:
+def _payload_recording(options: Namespace, robot: Robot,
+                       names: Sequence[str]) -> Recording:
     """Return the recording of the arm with its payload, examined where the arm is a tree."""
     if not robot.constraint_names:
         return examined_recording(options, robot.model)
     # The torques of single joints of a loop are not those of the tree.
-    recording = stated_efforts(options).applied(robot, recorded(options, robot.model, names))
+    recording = stated_efforts(options).applied(robot,
+                                                recorded(options, robot.model, names))
     q = np.zeros((len(recording), robot.n_q))
     q[:, [robot.joint_names.index(name) for name in names]] = recording.q
     warn_degrees(robot, q, options.recording)
@@ -343,13 +357,16 @@ def payload_data(payload: Payload, frame: str) -> dict[str, Any]:
     """Return an identified payload as plain data."""
     inertial = payload.inertial
     return {
-        'frame': frame, 'mass': inertial.mass, 'com': inertial.com, 'inertia': inertial.inertia,
-        'standard_deviations': {'mass': payload.mass_deviation, 'com': payload.com_deviation,
+        'frame': frame, 'mass': inertial.mass, 'com': inertial.com,
+        'inertia': inertial.inertia,
+        'standard_deviations': {'mass': payload.mass_deviation,
+                                'com': payload.com_deviation,
                                 'inertia': payload.inertia_deviation},
         'rms_residual': payload.residual, 'rms_held_out': payload.held_out,
         'condition': payload.condition,
         'node_parameters': {'payload.frame': frame, 'payload.mass': inertial.mass,
-                            'payload.com': inertial.com, 'payload.inertia': six(inertial)}}
+                            'payload.com': inertial.com,
+                            'payload.inertia': six(inertial)}}
 
 
 def print_payload(data: dict[str, Any]) -> None:

@@ -30,7 +30,8 @@ def inspect(options: Namespace) -> int:
     model, robot = load(options, model_texts)
     if not options.verbose:
         model_texts = [brief(text) for text in model_texts]
-    facts = describe(model, robot, model_texts, operations=options.operations or options.json,
+    facts = describe(model, robot, model_texts,
+                     operations=options.operations or options.json,
                      frames=options.frames or options.json)
     agrees = True
     if options.against:
@@ -63,7 +64,8 @@ def describe(model: Model, robot: Robot, model_texts: Sequence[str] = (), *,
     The problems are defects that make the dynamics impossible. Operation counts of the
     kernels are added on request; kernels that a problem makes impossible are left out.
     """
-    facts = {'name': model.name, 'joint_names': list(model.joint_names), 'base': model.base_name,
+    facts = {'name': model.name, 'joint_names': list(model.joint_names),
+             'base': model.base_name,
              'base_mass': model.base_inertial.mass,
              'moving_mass': math.fsum(body.inertial.mass for body in model.bodies),
              'gravity': model.gravity.tolist(),
@@ -168,9 +170,11 @@ def _print_bodies(bodies: list[dict[str, Any]]) -> None:
         indent = '  ' * min(body['depth'], DEEPEST)
         kind = body['kind'] if body['mimics'] is None else f'mimics {body["mimics"]}'
         limits = body['limits']
-        table.append([indent + body['joint'], kind, body['body'], body['mass'], _range(limits),
+        table.append([indent + body['joint'], kind, body['body'], body['mass'],
+                      _range(limits),
                       _limit(limits['velocity']), _limit(limits['effort'])])
-    print_table(['joint', 'kind', 'body', 'mass [kg]', f'range [{angle}]', f'speed [{rate}]',
+    print_table(['joint', 'kind', 'body', 'mass [kg]', f'range [{angle}]',
+                 f'speed [{rate}]',
                  f'effort [{torque}]'], table)
 
 

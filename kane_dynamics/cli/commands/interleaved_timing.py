@@ -48,7 +48,8 @@ def interleaved(contenders: Mapping[str, Contender], turns: int = TURNS,
     for _ in range(turns):
         shuffle(order)
         for name in order:
-            seconds[name].append(_time(contenders[name], counts[name], clock) / counts[name])
+            seconds[name].append(_time(contenders[name], counts[name],
+                                       clock) / counts[name])
     return Timing({name: np.array(values) for name, values in seconds.items()})
 
 

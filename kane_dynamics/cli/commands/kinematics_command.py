@@ -51,7 +51,8 @@ def inverse(options: Namespace) -> int:
                     'converged': result.converged, 'distance': distance, 'angle': angle,
                     'iterations': result.iterations})
     else:
-        print_table(['coordinate', 'q'], zip(robot.coordinate_names, result.q, strict=True))
+        print_table(['coordinate', 'q'], zip(robot.coordinate_names, result.q,
+                                             strict=True))
         if not result.converged:
             print(f'not reached: {distance:.4g} m and {angle:.4g} rad remain, at the '
                   'closest configuration within the limits that was found')

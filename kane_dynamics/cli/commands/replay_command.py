@@ -32,8 +32,10 @@ def replay(options: Namespace) -> None:
         with whole_file(options.out) as stream:
             write_states(stream, recording.t, states, robot.joint_names)
     if plot is not None:
-        plot.plot_replay(data['t'], data['measured'], data['computed'], robot.joint_names,
-                         options.plot, prismatic=model.sliding, limits=robot.limits.effort,
+        plot.plot_replay(data['t'], data['measured'], data['computed'],
+                         robot.joint_names,
+                         options.plot, prismatic=model.sliding,
+                         limits=robot.limits.effort,
                          title=f'{model.name}: measured and computed torque')
     data['files'] = [path for path in (options.out, options.plot) if path]
     if options.json:
@@ -53,16 +55,20 @@ def compared(robot: Robot, recording: Recording, *, gravity_added: bool = False
         If positions, speeds and times contradict each other.
 
     """
-    faults = refuse_faulty(robot.model, recording, ('impossible',), gravity_added=gravity_added)
+    faults = refuse_faulty(robot.model, recording, ('impossible',),
+                           gravity_added=gravity_added)
     delays = torque_delays(robot.model, recording)
     tau = robot.inverse_dynamics(recording.q, recording.u, recording.udot)
     error = recording.tau - tau
-    return {'joint_names': list(robot.joint_names), 'rows': len(recording), 't': recording.t,
-            'computed': tau, 'measured': recording.tau, 'rms_measured': rms(recording.tau),
+    return {'joint_names': list(robot.joint_names), 'rows': len(recording),
+            't': recording.t,
+            'computed': tau, 'measured': recording.tau,
+            'rms_measured': rms(recording.tau),
             'rms_error': rms(error), 'mean_error': error.mean(axis=0),
             'largest_error': np.abs(error).max(axis=0),
             'torque_delay': np.where(delays.judged, delays.delay, np.nan).tolist(),
-            'torque_delay_deviation': np.where(delays.judged, delays.deviation, np.nan).tolist(),
+            'torque_delay_deviation': np.where(delays.judged, delays.deviation,
+                                               np.nan).tolist(),
             'common_torque_delay': delays.common,
             'common_torque_delay_deviation': delays.common_deviation,
             'remarks': [fault.words for fault in faults]}
@@ -70,9 +76,11 @@ def compared(robot: Robot, recording: Recording, *, gravity_added: bool = False
 
 def _print_comparison(data: dict[str, Any]) -> None:
     """Print the result of `compared`, and the files."""
-    print(f'{data["rows"]} rows over {data["t"][-1] - data["t"][0]:.6g} s; torques in N m or N')
+    print(f'{data["rows"]} rows over {data["t"][-1] - data["t"][0]:.6g} s; torques in N '
+          'm or N')
     columns = ('joint_names', 'rms_measured', 'rms_error', 'mean_error', 'largest_error')
-    print_table(['joint', 'RMS measured', 'RMS difference', 'mean difference', 'largest'],
+    print_table(['joint', 'RMS measured', 'RMS difference', 'mean difference',
+                 'largest'],
                 zip(*(data[name] for name in columns), strict=True))
     print(f'\ndelay of the torques after the motion: {_delay_in_words(data)}')
     for remark in data['remarks']:

@@ -22,7 +22,8 @@ def send(options: Namespace) -> int:
     if (options.motion is None) == (options.by is None):
         raise InputError('--motion, --by: expected one of them')
     if not 0.0 < options.duration < np.inf:
-        raise InputError(f'--duration: {options.duration}; expected a positive, finite time in s')
+        raise InputError(f'--duration: {options.duration}; expected a positive, finite '
+                         'time in s')
     _, robot = load(options)
     names = robot.actuated_names or robot.joint_names
     motion = None
@@ -45,7 +46,8 @@ def send(options: Namespace) -> int:
     lost = tracking.largest_error > FOLLOWED * tracking.travel
     if not lost.any():
         return 0
-    names_lost = ', '.join(name for name, is_lost in zip(names, lost, strict=True) if is_lost)
+    names_lost = ', '.join(name for name, is_lost in zip(names, lost,
+                                                         strict=True) if is_lost)
     reasons = '; '.join(tracking.warnings) or 'none'
     warn(f'the motion was not followed by {names_lost}; warnings of the node '
          f'meanwhile: {reasons}')
@@ -56,14 +58,17 @@ def print_tracking(tracking: Any) -> None:
     """Print how far the arm was from the motion."""
     print(f'{tracking.states} joint states during the motion; rad or m')
     print_table(['joint', 'travel', 'largest error'],
-                zip(tracking.joint_names, tracking.travel, tracking.largest_error, strict=True))
+                zip(tracking.joint_names, tracking.travel, tracking.largest_error,
+                    strict=True))
     print(f'largest error: {1e3 * tracking.largest_error.max():.2g} mrad or mm')
 
 
-def there_and_back(q: Array, travel: Array, duration: float, names: tuple[str, ...]) -> Motion:
+def there_and_back(q: Array, travel: Array, duration: float,
+                   names: tuple[str, ...]) -> Motion:
     """Return a motion from q by some travel and back, at rest at the start, turn and end."""
     still = np.zeros((3, len(q)))
-    return Motion.from_points([0.0, 0.5 * duration, duration], [q, q + travel, q], still, still,
+    return Motion.from_points([0.0, 0.5 * duration, duration], [q, q + travel, q], still,
+                              still,
                               joint_names=names)
 
 

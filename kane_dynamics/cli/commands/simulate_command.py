@@ -9,7 +9,8 @@ from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics._util.typing import Array
 from kane_dynamics.cli import pictures
-from kane_dynamics.cli.printing import (model_warnings, print_files, print_json, print_table,
+from kane_dynamics.cli.printing import (model_warnings, print_files, print_json,
+                                        print_table,
                                         without_rounding)
 from kane_dynamics.cli.robot_options import load, positions, split, vector
 from kane_dynamics.cli.tables import read_motion, read_states
@@ -35,7 +36,8 @@ class Plan(NamedTuple):
 def simulation(options: Namespace) -> None:
     """Simulate; save and plot on request; print a summary."""
     if options.out and not options.out.endswith(('.npz', '.csv')):
-        raise InputError(f"--out: '{options.out}'; expected a name that ends in .npz or .csv")
+        raise InputError(f"--out: '{options.out}'; expected a name that ends in .npz or "
+                         '.csv')
     plot = pictures.plotter(options)  # errors early
     _, robot = load(options)
     with model_warnings(verbose=options.verbose):
@@ -68,7 +70,8 @@ def _data(robot: Robot, result: Trajectory, wall_time: float) -> dict[str, Any]:
     first_energy, last_energy = result.energy[[0, -1]].sum(axis=1).tolist()
     data = {'joint_names': robot.joint_names, 'duration': float(result.t[-1]),
             'wall_time': wall_time, 'q': result.q[-1], 'u': result.u[-1],
-            'tau': result.tau[-1], 'energy_before': first_energy, 'energy_after': last_energy,
+            'tau': result.tau[-1], 'energy_before': first_energy,
+            'energy_after': last_energy,
             'limit_events': [str(event) for event in result.limit_events],
             'stop_events': [str(event) for event in result.stop_events]}
     if robot.constraint_names:
@@ -80,7 +83,8 @@ def _print_last_state(robot: Robot, result: Trajectory) -> None:
     """Print positions, speeds and torques at the end."""
     q, u, tau = (without_rounding(rows[-1]) for rows in (result.q, result.u, result.tau))
     if robot.constraint_names:
-        print(f'largest residual of the constraints: {result.drift:.3g} m or rad, or per s')
+        print(f'largest residual of the constraints: {result.drift:.3g} m or rad, or '
+              'per s')
         print_table(['joint', 'q'], zip(robot.joint_names, q, strict=True))
         print_table(['independent joint', 'u', 'tau'],
                     zip(robot.speed_names, u, tau, strict=True))
@@ -88,7 +92,8 @@ def _print_last_state(robot: Robot, result: Trajectory) -> None:
         print_table(['coordinate', 'q'], zip(robot.coordinate_names, q, strict=True))
         print_table(['speed', 'u', 'tau'], zip(robot.speed_names, u, tau, strict=True))
     else:
-        print_table(['joint', 'q', 'u', 'tau'], zip(robot.joint_names, q, u, tau, strict=True))
+        print_table(['joint', 'q', 'u', 'tau'],
+                    zip(robot.joint_names, q, u, tau, strict=True))
 
 
 def _print_events(result: Trajectory) -> None:
@@ -109,7 +114,8 @@ def _plan(options: Namespace, robot: Robot) -> Plan:
     if options.motion:
         motion = read_motion(options.motion, robot.speed_names)
         q_desired, u_desired, _ = motion.sample(0.0)
-        torque = ComputedTorque(robot, motion, _one_or_all(options.kp), _one_or_all(options.kd))
+        torque = ComputedTorque(robot, motion, _one_or_all(options.kp),
+                                _one_or_all(options.kd))
         if duration is None and motion.duration > 0.0 and options.step > 0.0:
             steps = math.ceil(motion.duration / options.step - 1e-6)
             duration = steps * options.step
@@ -133,8 +139,9 @@ def _one_or_all(gains: list[float]) -> float | list[float]:
 def require_own_actuators(robot: Robot) -> None:
     """Raise InputError unless each independent joint has the actuator whose torque is given."""
     if set(robot.actuated_names) != set(robot.speed_names):
-        raise InputError(f'--torque: given for actuators at {", ".join(robot.actuated_names)}; '
-                         'expected constraints whose actuated joints are the '
+        raise InputError('--torque: given for actuators at '
+                         f'{", ".join(robot.actuated_names)}; expected constraints '
+                         'whose actuated joints are the '
                          f'independent ones, {", ".join(robot.speed_names)}')
 
 

@@ -24,7 +24,8 @@ from kane_dynamics.urdf.xacro_file import argument_text
 import numpy as np
 
 FILES = ('urdf', 'supplement', 'constraints', 'motion')  # relative to the sweep's file
-ROBOT = ('urdf', 'xacro', 'supplement', 'constraints', 'base', 'tip', 'joints', 'root_joint',
+ROBOT = ('urdf', 'xacro', 'supplement', 'constraints', 'base', 'tip', 'joints',
+         'root_joint',
          'gravity')
 SWEEP = tuple(field.name for field in fields(Sweep) if field.init and field.name != 'model')
 SHOWN = 5  # different errors in the summary
@@ -64,7 +65,8 @@ def sweep(options: Namespace) -> None:
     described = read_sweep(options.sweep, options.verbose)
     start = time.perf_counter()
     with model_warnings():
-        run = run_sweep(described, options.out, workers=options.workers, dask=options.dask)
+        run = run_sweep(described, options.out, workers=options.workers,
+                        dask=options.dask)
     data = _summary(options.out, run, time.perf_counter() - start)
     if options.json:
         print_json(data)
@@ -132,7 +134,8 @@ def _robot(path: Any, entries: Mapping[str, Any], verbose: bool) -> Robot:
     _, robot = load(Namespace(
         urdf=entries['urdf'], xacro=_assignments(entries.get('xacro')),
         supplement=entries.get('supplement'), constraints=entries.get('constraints'),
-        base=entries.get('base'), tip=entries.get('tip'), joints=_names(entries.get('joints')),
+        base=entries.get('base'), tip=entries.get('tip'),
+        joints=_names(entries.get('joints')),
         root_joint='fixed' if root_joint is None else root_joint,
         gravity=_gravity(entries.get('gravity')), no_strict=False, no_friction=False,
         verbose=verbose))
@@ -147,7 +150,8 @@ def _followed_joints(robot: Robot) -> tuple[str, ...]:
 
 def _names(joints: Any) -> list[str] | None:
     """Return joints as a list of names."""
-    if joints is None or (isinstance(joints, list) and all(isinstance(x, str) for x in joints)):
+    if joints is None or (isinstance(joints, list) and all(isinstance(x,
+                                                                      str) for x in joints)):
         return joints
     raise InputError(f'joints: {joints!r}; expected a list of names')
 

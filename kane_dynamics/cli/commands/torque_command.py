@@ -92,7 +92,8 @@ def _print_state(options: Namespace, robot: Robot) -> None:
         data: dict[str, Any] = {'joint_names': robot.joint_names}
         if robot.constraint_names:
             data |= {'q': q, 'speed_names': robot.speed_names}
-        print_json({**data, 'tau': tau, 'terms': dict(zip(TORQUE_TERMS, terms, strict=True))})
+        print_json({**data, 'tau': tau, 'terms': dict(zip(TORQUE_TERMS, terms,
+                                                          strict=True))})
         return
     rows = without_rounding(np.column_stack([tau, *terms]), torque_size(robot.model))
     table = []

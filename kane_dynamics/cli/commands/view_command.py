@@ -14,7 +14,8 @@ from kane_dynamics.urdf.link_shapes import load_visuals
 def view(options: Namespace) -> None:
     """Serve the page until interrupted, or write it to a file."""
     if options.export and not options.export.endswith('.html'):
-        raise InputError(f"--export: '{options.export}'; expected a name that ends in .html")
+        raise InputError(f"--export: '{options.export}'; expected a name that ends in "
+                         '.html')
     page = extra('kane_dynamics.view', 'view', 'the view')  # report a missing extra early
     _, robot = load(options)
     with model_warnings(verbose=options.verbose):

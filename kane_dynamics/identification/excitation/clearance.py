@@ -106,13 +106,15 @@ class Clearance:
         half = np.zeros(3)
         if visual.kind == 'box':
             k = int(np.argmax(sizes))
-            half[k], radius = 0.5 * sizes[k], 0.5 * float(np.linalg.norm(np.delete(sizes, k)))
+            half[k], radius = 0.5 * sizes[k], 0.5 * float(np.linalg.norm(np.delete(sizes,
+                                                                                   k)))
         elif visual.kind == 'cylinder':
             half[2], radius = 0.5 * sizes[1], float(sizes[0])
         else:
             radius = float(sizes[0])
         name = model.base_name if body == WORLD else model.bodies[body].name
-        return Shape(visual.link or name, body, visual.kind, sizes, R, center, R @ half, radius)
+        return Shape(visual.link or name, body, visual.kind, sizes, R, center, R @ half,
+                     radius)
 
     def _poses(self, q: Array) -> dict[int, Array]:
         """Return the poses of the bodies' frames, (N, 4, 4) each."""
@@ -148,8 +150,10 @@ class Clearance:
                 point = 0.5 * np.sign(down) * shape.size
             elif shape.kind == 'cylinder':
                 flat = np.linalg.norm(down[:, :2], axis=1, keepdims=True)
-                point = np.concatenate([shape.size[0] * down[:, :2] / np.maximum(flat, SMALL),
-                                        0.5 * shape.size[1] * np.sign(down[:, 2:])], axis=1)
+                point = np.concatenate([shape.size[0] * down[:, :2] / np.maximum(flat,
+                                                                                 SMALL),
+                                        0.5 * shape.size[1] * np.sign(down[:, 2:])],
+                                       axis=1)
             else:
                 point = shape.size[0] * down
             center = pose[:, :3, :3] @ shape.center + pose[:, :3, 3]
@@ -164,9 +168,11 @@ class Clearance:
         """Return the closest points of each pair, (N, pairs, 3), and their distances, m."""
         centers, halves = self._segments(poses)
         i, j = self.pairs.T
-        first, second = closest_points(centers[:, i], halves[:, i], centers[:, j], halves[:, j])
+        first, second = closest_points(centers[:, i], halves[:, i], centers[:, j],
+                                       halves[:, j])
         radii = np.array([shape.radius for shape in self.shapes])
-        return first, second, np.linalg.norm(first - second, axis=2) - radii[i] - radii[j]
+        return first, second, np.linalg.norm(first - second,
+                                             axis=2) - radii[i] - radii[j]
 
     def distances(self, q: Array) -> Array:
         """Return the distance between the capsules of each pair, (N, pairs), m, for q (N, n)."""
@@ -189,8 +195,9 @@ class Clearance:
                 arm = point[short] - poses[body][short, :3, 3]
                 force = direction[short]
                 wrench = np.concatenate([force, np.cross(arm, force)], axis=1)
-                slope[short] -= 2.0 / (UNIT**2 * len(q)) * shortfall[short, None] * np.einsum(
-                    'si,sij->sj', wrench, J)
+                per_shortfall = np.einsum('si,sij->sj', wrench, J)
+                scale = 2.0 / (UNIT**2 * len(q))
+                slope[short] -= scale * shortfall[short, None] * per_shortfall
         return total, slope
 
     def _low(self, poses: dict[int, Array]
@@ -212,7 +219,8 @@ class Clearance:
             gap = np.linalg.norm(a - b, axis=1, keepdims=True)
             direction = (a - b) / np.maximum(gap, SMALL)
             yield (self.needed[k] + AIM - distances[:, k],
-                   [(self.shapes[i].body, a, direction), (self.shapes[j].body, b, -direction)])
+                   [(self.shapes[i].body, a, direction),
+                    (self.shapes[j].body, b, -direction)])
 
     def lowest(self, q: Array) -> tuple[str, float] | None:
         """Return the lowest link along a periodic motion's samples, and its height, m."""
@@ -267,7 +275,8 @@ def closest_points(center_1: Array, half_1: Array, center_2: Array, half_2: Arra
     b, c, f = dot(half_1, half_2), dot(half_1, r), dot(half_2, r)
     determinant = a * e - b * b
     parallel = determinant < 1e-9 * a * e
-    s = np.clip(np.where(parallel, 0.0, (b * f - c * e) / np.where(parallel, 1.0, determinant)),
+    s = np.clip(np.where(parallel, 0.0, (b * f - c * e) / np.where(parallel, 1.0,
+                                                                   determinant)),
                 -1.0, 1.0)
     t = np.clip((b * s + f) / e, -1.0, 1.0)
     s = np.clip((b * t - c) / a, -1.0, 1.0)

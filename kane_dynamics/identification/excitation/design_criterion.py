@@ -57,7 +57,8 @@ class DesignCriterion:
 
     """
 
-    def __init__(self, model: Model, basis: FourierBasis, share: float, velocity: ArrayLike,
+    def __init__(self, model: Model, basis: FourierBasis, share: float,
+                 velocity: ArrayLike,
                  acceleration: ArrayLike, floor: float | None,
                  floor_frames: Sequence[str] | None,
                  clearance: Clearance | None = None) -> None:
@@ -73,16 +74,19 @@ class DesignCriterion:
         stated = per_joint(velocity, 'velocity', names, finite=False)
         self.velocity = np.minimum(limits.velocity, stated)
         self.acceleration = per_joint(acceleration, 'acceleration', names, finite=False)
-        for name, speed, acceleration_limit in zip(names, self.velocity, self.acceleration,
+        for name, speed, acceleration_limit in zip(names, self.velocity,
+                                                   self.acceleration,
                                                    strict=True):
             if not 0.0 < speed < math.inf or acceleration_limit == 0.0:
                 raise InputError(f"joint '{name}': limits {speed} of speed and "
-                                 f'{acceleration_limit} of acceleration; expected positive '
-                                 'ones, and a finite speed (velocity=)')
+                                 f'{acceleration_limit} of acceleration; expected '
+                                 'positive ones, and a finite speed (velocity=)')
         self.effort = limits.effort
         # A joint that is bounded on one side gets a turn from there.
-        lower = np.where(np.isfinite(limits.lower), limits.lower, limits.upper - 2.0 * math.pi)
-        upper = np.where(np.isfinite(limits.upper), limits.upper, limits.lower + 2.0 * math.pi)
+        lower = np.where(np.isfinite(limits.lower), limits.lower,
+                         limits.upper - 2.0 * math.pi)
+        upper = np.where(np.isfinite(limits.upper), limits.upper,
+                         limits.lower + 2.0 * math.pi)
         free = ~np.isfinite(lower)
         self.middle = np.where(free, 0.0, 0.5 * (lower + upper))
         self.reach = np.where(free, math.inf, 0.5 * (upper - lower))
@@ -132,8 +136,8 @@ class DesignCriterion:
         value, G = worth(W)
         if math.isinf(value):
             return value, np.zeros_like(p)
-        # Differences of the regressor along every component of q, u and udot: the regressor of
-        # all 3 n displaced motions is computed at once.
+        # Differences of the regressor along every component of q, u and udot: the
+        # regressor of all 3 n displaced motions is computed at once.
         n = self.model.n
         displaced: list[list[Array]] = [[], [], []]
         for component in range(3 * n):
@@ -167,9 +171,12 @@ class DesignCriterion:
         slopes[0] += excess((q - self.middle) / self.reach) / self.reach
         slopes[1] += excess(u / self.velocity) / self.velocity
         slopes[2] += excess(udot / self.acceleration) / self.acceleration
-        by_torque = excess(self.robot.inverse_dynamics(q, u, udot) / self.effort) / self.effort
+        by_torque = excess(self.robot.inverse_dynamics(q, u,
+                                                       udot) / self.effort) / self.effort
         if by_torque.any():
-            for slope, matrix in zip(slopes, self.robot.inverse_dynamics_derivatives(q, u, udot),
+            for slope, matrix in zip(slopes, self.robot.inverse_dynamics_derivatives(q,
+                                                                                     u,
+                                                                                     udot),
                                      strict=True):
                 slope += np.einsum('sj,sji->si', by_torque, matrix)
         for frame in self.frames:
@@ -197,10 +204,12 @@ class DesignCriterion:
     def uses(self, p: Array) -> dict[str, Array]:
         """Return the largest share of each limit that a motion uses at any time, (n,) arrays."""
         q, u, udot = (matrix @ p for matrix in self.dense)
-        values = {'position': (q - self.middle) / self.reach, 'velocity': u / self.velocity,
+        values = {'position': (q - self.middle) / self.reach,
+                  'velocity': u / self.velocity,
                   'acceleration': udot / self.acceleration,
                   'effort': self.robot.inverse_dynamics(q, u, udot) / self.effort}
-        return {name: BETWEEN * np.abs(value).max(axis=0) for name, value in values.items()}
+        return {name: BETWEEN * np.abs(value).max(axis=0) for name,
+                value in values.items()}
 
 
 def worth(W: Array) -> tuple[float, Array]:

@@ -84,9 +84,11 @@ class Excitation:
 
 @on_one_processor
 def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods: int = 1,
-           seed: int = 0, starts: int = 2, share: float = 0.9, velocity: ArrayLike = math.inf,
+           seed: int = 0, starts: int = 2, share: float = 0.9,
+           velocity: ArrayLike = math.inf,
            acceleration: ArrayLike = math.inf, floor: float | None = None,
-           floor_frames: Sequence[str] | None = None, shapes: Sequence[LinkShape] | None = None,
+           floor_frames: Sequence[str] | None = None,
+           shapes: Sequence[LinkShape] | None = None,
            distance: float | None = DISTANCE,
            progress: Callable[[float], object] = lambda done: None) -> Excitation:
     """
@@ -165,7 +167,8 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
     if shapes is not None:
         clearance = Clearance(model, shapes, floor, distance)
         floor = None if floor_frames is None else floor
-    design = DesignCriterion(model, FourierBasis(duration / periods, harmonics), share, velocity,
+    design = DesignCriterion(model, FourierBasis(duration / periods, harmonics), share,
+                             velocity,
                              acceleration, floor, floor_frames, clearance)
     found = []
     for k in range(starts):
@@ -178,8 +181,10 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
                          'lower share, or other limits')
     best = min(found, key=lambda p: design.cost(p, 0.0)[0])
     q = design.dense[0] @ best
-    return Excitation(model.joint_names, design.basis, best, periods, design.condition(best),
-                      design.uses(best), None if clearance is None else clearance.lowest(q),
+    return Excitation(model.joint_names, design.basis, best, periods,
+                      design.condition(best),
+                      design.uses(best),
+                      None if clearance is None else clearance.lowest(q),
                       None if clearance is None else clearance.nearest(q))
 
 

@@ -64,7 +64,8 @@ class PayloadEquations:
 
     """
 
-    def __init__(self, speeds: Array, uncertainty: Array, belief: Array, least: float = 0.0,
+    def __init__(self, speeds: Array, uncertainty: Array, belief: Array,
+                 least: float = 0.0,
                  kept: float = 1.0, shared: int = 0) -> None:
         """Start without rows."""
         self._speeds = speeds
@@ -101,7 +102,8 @@ class PayloadEquations:
         weighted = acting * deviations
         white = np.linalg.solve(np.linalg.cholesky(weighted.T @ weighted), acting.T)
         coupled = (white[:, :, None] * own).reshape(len(white), -1)
-        return np.concatenate([white @ Y, coupled, (white @ left)[:, None]], axis=1)[None]
+        return np.concatenate([white @ Y, coupled, (white @ left)[:, None]],
+                              axis=1)[None]
 
     def add(self, row: Array) -> None:
         """Add the equations of one sample."""
@@ -132,22 +134,26 @@ class PayloadEquations:
         for _ in range(ROUNDS):
             information, weighted, own = self._reduced()
             x: Array = np.asarray(np.linalg.solve(information + self._belief, weighted))
-            self._variance = self._residual_variance(x, own[:, :, -1] - own[:, :, :-1] @ x)
+            self._variance = self._residual_variance(x,
+                                                     own[:, :, -1] - own[:, :, :-1] @ x)
         return self._reduced()[:2]
 
     def _reduced(self) -> tuple[Array, Array, Array]:
         """Return the results of `solve`, and the friction unknowns as functions of the payload."""
         G = (self._products[0] / self._variance[:, :, None, None]).sum(axis=1)
         x, own, others = slice(LOAD), slice(LOAD, -1), [*range(LOAD), -1]
-        by_x = np.linalg.solve(G[:, own, own] + self._uncertainty, G[:, own][:, :, others])
+        by_x = np.linalg.solve(G[:, own, own] + self._uncertainty,
+                               G[:, own][:, :, others])
         reduced = (G[:, x][:, :, others] - G[:, x, own] @ by_x).sum(axis=0)
         return 0.5 * (reduced[:, :-1] + reduced[:, :-1].T), reduced[:, -1], by_x
 
     def _residual_variance(self, x: Array, own: Array) -> Array:
         """Return the variance of sums of residuals per row, the largest over blocks."""
         shape, rows = self._variance.shape, self._variance.size
-        z = np.concatenate([np.tile(-x, (len(own), 1)), -own, np.ones((len(own), 1))], axis=1)
-        squares = np.einsum('ja,ljrab,jb->ljr', z, self._products, z).reshape(LEVELS, rows)
+        z = np.concatenate([np.tile(-x, (len(own), 1)), -own, np.ones((len(own), 1))],
+                           axis=1)
+        squares = np.einsum('ja,ljrab,jb->ljr', z, self._products, z).reshape(LEVELS,
+                                                                              rows)
         free = self._counts - (own.size + LOAD) / rows
         enough = free > FEWEST
         total = self._products[0, ..., -1, -1].ravel() / max(self._counts[0], 1.0)
@@ -166,4 +172,5 @@ class PayloadEquations:
             # too.
             growth = np.where(correlated, limit, variance[0]).max(axis=0) / variance[0]
             variance = variance[:1] * np.maximum(growth, growth.mean())
-        return np.asarray(np.maximum(variance.max(axis=0, initial=0.0), least).reshape(shape))
+        return np.asarray(np.maximum(variance.max(axis=0, initial=0.0),
+                                     least).reshape(shape))

@@ -76,7 +76,8 @@ class PayloadEstimator:
     def reset(self) -> None:
         """Forget all samples."""
         self._equations = PayloadEquations(self._rows.friction_speed, self._doubt,
-                                           self._belief, 1.0, self._kept, self._rows.shared)
+                                           self._belief, 1.0, self._kept,
+                                           self._rows.shared)
         self._solved: tuple[Array, Array] | None = None
 
     def compile(self) -> None:  # noqa: A003
@@ -125,7 +126,8 @@ class PayloadEstimator:
                                  f'sample, {argument.shape}')
         time = constant(t, (), 't (s)', InputError)
         with np.errstate(over='ignore', invalid='ignore'):  # asked for below
-            Y, rates, left, held, acting = self._rows(state[0], state[1], state[2], state[3],
+            Y, rates, left, held, acting = self._rows(state[0], state[1], state[2],
+                                                      state[3],
                                                       time)
             # A joint at rest may hold by friction what the model says it must hold by
             # torque.
@@ -157,8 +159,9 @@ class PayloadEstimator:
     def com_deviation(self) -> Array:
         """Return the standard deviation of the center of mass, (3,), m; NaN as `com`."""
         x = self._parameters
-        return load_deviations(x, self.covariance)[1] if x[0] > 3.0 * self.mass_deviation else (
-            np.full(3, np.nan))
+        return load_deviations(x,
+                               self.covariance)[1] if x[0] > 3.0 * self.mass_deviation else (
+         np.full(3, np.nan))
 
     @property
     def covariance(self) -> Array:

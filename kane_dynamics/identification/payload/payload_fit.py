@@ -106,12 +106,14 @@ def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> 
     effort = np.asarray(robot.limits.effort)[[robot.joint_names.index(name) for name in names]]
     largest = np.where(np.isfinite(effort), effort, np.abs(recording.tau).max(axis=0))
     uncertainty = np.maximum(DOUBT * largest, 1e-6)
-    equations = PayloadEquations(rows.friction_speed, uncertainty, belief, shared=rows.shared)
+    equations = PayloadEquations(rows.friction_speed, uncertainty, belief,
+                                 shared=rows.shared)
     samples: list[Array] = [Y, rates, torque]
     if acting is not None:  # the noise of actuators that share a load: as their effort limits
         samples += [np.broadcast_to(uncertainty, torque.shape), acting]
 
-    # After the first half of the rows the estimate is that which predicts the second half.
+    # After the first half of the rows the estimate is that which predicts the second
+    # half.
     middle = len(torque) // 2
     for row in zip(*(sample[:middle] for sample in samples), strict=True):
         equations.add(equations.row(*row))
@@ -139,7 +141,8 @@ def _physical(information: Array, weighted: Array) -> Array:
     """Return the physical parameters, (10,), that fit `PayloadEquations` best."""
     values, axes = np.linalg.eigh(information)
     root = np.sqrt(np.maximum(values, 1e-15 * values[-1]))
-    return physical(root[:, None] * axes.T, (axes.T @ weighted) / root, [START], 0, BELIEF)
+    return physical(root[:, None] * axes.T, (axes.T @ weighted) / root, [START], 0,
+                    BELIEF)
 
 
 def covariance_of(information: Array) -> Array:
@@ -158,14 +161,15 @@ def load_deviations(x: Array, covariance: Array) -> tuple[float, Array]:
 
 def _inertia_deviation(x: Array, covariance: Array) -> Array:
     """Return standard deviations of the inertia about the center of mass, (3, 3), linearized."""
-    # The inertia about the center of mass is I - (h.h 1 - h h^T) / m: its derivatives with
-    # respect to the mass, the first moment h = m c, and the entries of I.
+    # The inertia about the center of mass is I - (h.h 1 - h h^T) / m: its derivatives
+    # with respect to the mass, the first moment h = m c, and the entries of I.
     mass = x[0]
     h = x[1:4]
     one = np.eye(3)
     slopes = [(h @ h * one - np.outer(h, h)) / mass**2]
     for axis in one:
-        slopes.append((np.outer(axis, h) + np.outer(h, axis) - 2.0 * (axis @ h) * one) / mass)
+        slopes.append((np.outer(axis, h) + np.outer(h,
+                                                    axis) - 2.0 * (axis @ h) * one) / mass)
     for r, s in ENTRIES:
         unit = np.zeros((3, 3))
         unit[r, s] = unit[s, r] = 1.0

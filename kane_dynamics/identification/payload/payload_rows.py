@@ -85,7 +85,8 @@ class PayloadRegressor:
         self._moments = np.column_stack([
             _second_moments(pseudo_inertia_of(unit)) for unit in np.eye(10)])
 
-    def __call__(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, t: ArrayLike = 0.0) -> Array:
+    def __call__(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
+                 t: ArrayLike = 0.0) -> Array:
         """Return Y, (n, 10) or (N, n, 10): the payload's torque is Y times its parameters."""
         Y = self.robot.derivative('inverse_dynamics', q, u, udot, by='payload', t=t)
         return np.asarray(Y @ self._moments)
@@ -177,7 +178,8 @@ class PayloadRows:
         joint_rates = transmission[..., -1]
         slack = self._slack(joint_rates)
 
-        # From independent speeds to the rates of the actuators T_a u, if these are others.
+        # From independent speeds to the rates of the actuators T_a u, if these are
+        # others.
         actuator_partials = None
         if self._places is not None:
             # Refuses configurations where the actuators do not determine the motion.
@@ -199,8 +201,10 @@ class PayloadRows:
     def compile(self) -> None:  # noqa: A003
         """Compile the kernels of single samples now instead of at the first one."""
         robot = self.robot
-        robot.compile('inverse_dynamics', *([] if self._places is None else ['joint_torques']))
-        robot.kernels.kernel('inverse_dynamics', '', Derivative('derivative', ('payload',)))
+        robot.compile('inverse_dynamics',
+                      *([] if self._places is None else ['joint_torques']))
+        robot.kernels.kernel('inverse_dynamics', '',
+                             Derivative('derivative', ('payload',)))
 
     def _slack(self, rates: Array) -> Array:
         """Return what friction of joints at these rates may hold beyond the smoothed law."""

@@ -71,7 +71,8 @@ def recorded_motion(robot: Robot, names: Sequence[str], recording: Recording
                          f'follows from the other joints, within {LOOP_TOLERANCE:g}')
     torques = np.zeros((len(recording), robot.model.n))
     torques[:, places] = recording.tau
-    return *motion, robot.generalized_force(torques, motion.q, t=recording.t), recording.t
+    return *motion, robot.generalized_force(torques, motion.q,
+                                            t=recording.t), recording.t
 
 
 def _driving(robot: Robot, names: Sequence[str]) -> list[int]:

@@ -55,8 +55,8 @@ def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
         states.append(state)
     total = len(states) + dropped
     if dropped > MOST_OUT_OF_ORDER * total:
-        raise InputError(f'{path}: {dropped} of {total} joint states repeat a stamp or come '
-                         'out of order; expected a single publisher on the topic')
+        raise InputError(f'{path}: {dropped} of {total} joint states repeat a stamp or '
+                         'come out of order; expected a single publisher on the topic')
     t = np.array(stamps, dtype=np.float64)
     columns = {'t': (t - t[:1]) * 1e-9}
     for part, (name, what) in enumerate((('q', 'position'), ('u', 'velocity'),
@@ -66,8 +66,8 @@ def read_bag(path: Path, joint_names: Sequence[str], topic: str | None = None
         if is_complete:
             columns[name] = np.array(values).reshape(len(states), len(joint_names))
         elif name != 'u':
-            raise InputError(f'{path}: joint states without {what}; expected positions and '
-                             'efforts')
+            raise InputError(f'{path}: joint states without {what}; expected positions '
+                             'and efforts')
     return columns
 
 
@@ -90,7 +90,8 @@ def typestore() -> Any:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def bag_messages(path: Path, kind: str, topic: str | None) -> Iterator[tuple[str, int, Any]]:
+def bag_messages(path: Path, kind: str, topic: str | None) -> Iterator[tuple[str, int,
+                                                                             Any]]:
     """
     Yield topic, time of recording, ns, and message of each message of a type on one topic.
 
@@ -116,12 +117,14 @@ def bag_messages(path: Path, kind: str, topic: str | None) -> Iterator[tuple[str
         raise InputError(f'no such file: {os.fspath(path)!r}; expected the folder of a '
                          'ROS 2 bag, or its .mcap or .db3 file')
     if not (folder / 'metadata.yaml').exists():
-        raise InputError(f'{path}: no metadata.yaml beside it; expected the folder of a ROS 2 bag')
+        raise InputError(f'{path}: no metadata.yaml beside it; expected the folder of a '
+                         'ROS 2 bag')
     try:
         with AnyReader([folder], default_typestore=types) as reader:
             chosen = _connections(reader.connections, path, kind, topic)
             for connection, logged, data in reader.messages(connections=chosen):
-                yield connection.topic, logged, reader.deserialize(data, connection.msgtype)
+                yield connection.topic, logged, reader.deserialize(data,
+                                                                   connection.msgtype)
     except AnyReaderError as error:
         raise InputError(f'{path}: {error}; expected a readable ROS 2 bag') from None
 
@@ -136,7 +139,8 @@ def _connections(connections: Sequence[Any], path: Path, kind: str,
         found = 'several topics' if topic is None and topics else f"no topic '{topic}'"
         if topic is None and not topics:
             found = 'no topic'
-        raise InputError(f"{path}: {found} of {kind}; expected one of {topics or 'none'}")
+        raise InputError(f'{path}: {found} of {kind}; expected one of '
+                         f"{topics or 'none'}")
     return [c for c in connections if c.topic == topic and c.msgtype == kind]
 
 
@@ -145,12 +149,14 @@ def _of_joints(message: Any, joint_names: Sequence[str], path: Path) -> list[Any
     places = {name: k for k, name in enumerate(message.name)}
     missing = [name for name in joint_names if name not in places]
     if missing:
-        raise InputError(f'{path}: joint states of {list(message.name)}; expected also {missing}')
+        raise InputError(f'{path}: joint states of {list(message.name)}; expected also '
+                         f'{missing}')
     index = [places[name] for name in joint_names]
     parts: list[Any] = []
     for values in (message.position, message.velocity, message.effort):
         if len(values) not in (0, len(message.name)):
             raise InputError(f'{path}: a joint state with {len(values)} values; '
                              f'expected {len(message.name)}, one per name')
-        parts.append(np.asarray(values, dtype=np.float64)[index] if len(values) else None)
+        parts.append(np.asarray(values,
+                                dtype=np.float64)[index] if len(values) else None)
     return parts

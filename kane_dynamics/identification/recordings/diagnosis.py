@@ -17,12 +17,15 @@ from typing import Literal, NamedTuple
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
-from kane_dynamics.identification.recordings.signal_faults import (beyond_limits, frozen_rows,
+from kane_dynamics.identification.recordings.signal_faults import (beyond_limits,
+                                                                   frozen_rows,
                                                                    interruptions,
-                                                                   longest_stretch, rows_of,
+                                                                   longest_stretch,
+                                                                   rows_of,
                                                                    without_outliers)
 from kane_dynamics.identification.recordings.torque_delay import (NOISE, smoothed,
-                                                                  torque_delays, TorqueDelays)
+                                                                  torque_delays,
+                                                                  TorqueDelays)
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Model
@@ -53,8 +56,10 @@ WINDOWS = 200  # number of windows in which positions and speeds are compared
 EXPECTED = 'expected it, in rad/s or m/s'
 UNITS = ((math.degrees(1.0), 'are they in degrees a second?'),
          (math.radians(1.0), 'are the positions in degrees?'),
-         (1e3, 'are the times in milliseconds?'), (1e6, 'are the times in microseconds?'),
-         (1e9, 'are the times in nanoseconds?'), (1e-3, 'are they in units 1000 times as large?'))
+         (1e3, 'are the times in milliseconds?'),
+         (1e6, 'are the times in microseconds?'),
+         (1e9, 'are the times in nanoseconds?'),
+         (1e-3, 'are they in units 1000 times as large?'))
 
 
 @dataclass(frozen=True)
@@ -153,15 +158,17 @@ def _motion(model: Model, recording: Recording) -> Iterator[str]:
     step = float(np.median(np.diff(recording.t)))
     if 'u' in recording.derived:  # differences of the positions contradict them nowhere
         if step >= LONG_STEP:
-            yield (f'times: rows are {step:g} s apart; expected seconds: are the times in '
-                   'milliseconds?')
+            yield (f'times: rows are {step:g} s apart; expected seconds: are the times '
+                   'in milliseconds?')
         return
     displacement, integral = _displacements(recording)
     size = np.linalg.norm(displacement, axis=0)
     with np.errstate(invalid='ignore', divide='ignore'):
-        # The cosine of the angle between the integrated speeds of joint k and the displacements
-        # of joint j, and the factor of the speeds over the derivatives of the positions.
-        cosines = (integral.T @ displacement) / np.outer(np.linalg.norm(integral, axis=0), size)
+        # The cosine of the angle between the integrated speeds of joint k and the
+        # displacements of joint j, and the factor of the speeds over the derivatives of
+        # the positions.
+        cosines = (integral.T @ displacement) / np.outer(np.linalg.norm(integral,
+                                                                        axis=0), size)
         factors = np.sum(integral * displacement, axis=0) / size**2
     moves = np.flatnonzero(np.abs(recording.q - recording.q[0]).max(axis=0) > MOVES)
     joints_by_fault: dict[str, list[int]] = {}
@@ -185,8 +192,9 @@ def _suspected_degrees(model: Model, recording: Recording) -> str | None:
     fits_in_degrees = (np.radians(largest) <= 1.1 * reach)[turning].all()
     if not len(beyond) or not fits_in_degrees:
         return None
-    return (f'positions of {_named(model, beyond)} reach {largest[beyond].max():.4g} rad, '
-            f'limits {reach[beyond].max():.4g} rad; expected rad: are these degrees?')
+    return (f'positions of {_named(model, beyond)} reach {largest[beyond].max():.4g} '
+            f'rad, limits {reach[beyond].max():.4g} rad; expected rad: are these '
+            'degrees?')
 
 
 def _displacements(recording: Recording) -> tuple[Array, Array]:
@@ -219,8 +227,8 @@ def _speed_fault(model: Model, j: int, cosines: Array, factor: float) -> str | N
     of_other_joints = np.where(np.arange(len(cosines)) == j, -1.0, cosines)
     nearest = int(np.nanargmax(of_other_joints))
     if cosines[nearest] > LIKE:
-        return (f"the derivative of the positions of joint '{model.joint_names[nearest]}'; "
-                'expected those of their own joint')
+        return ('the derivative of the positions of joint '
+                f"'{model.joint_names[nearest]}'; expected those of their own joint")
     return f'not the derivative of the positions; {EXPECTED}'
 
 
@@ -243,11 +251,13 @@ def _interruptions(recording: Recording) -> Iterator[RecordingFault]:
     text = ', '.join(places)
     if len(rows) > MOST_PAUSES:
         text += f' and {len(rows) - MOST_PAUSES} more'
-    yield RecordingFault('remark', f'times: interruption of {text}; expected a recording '
+    yield RecordingFault('remark',
+                         f'times: interruption of {text}; expected a recording '
                          'without interruptions, as filters and differences need it')
 
 
-def _signals(model: Model, recording: Recording) -> tuple[Recording, list[RecordingFault]]:
+def _signals(model: Model, recording: Recording) -> tuple[Recording,
+                                                          list[RecordingFault]]:
     """Return a recording without faults of single effort signals, and these faults."""
     joints_by_fault: dict[str, list[int]] = {}
     sound, outliers = without_outliers(longest_stretch(recording))
@@ -269,7 +279,8 @@ def _signals(model: Model, recording: Recording) -> tuple[Recording, list[Record
     sound_rows: Flags = ~np.asarray((frozen & ~dead).any(axis=1))
     sound = rows_of(sound, sound_rows)
     if dead.any():
-        rigid = Robot(model, friction=False).inverse_dynamics(sound.q, sound.u, sound.udot)
+        rigid = Robot(model, friction=False).inverse_dynamics(sound.q, sound.u,
+                                                              sound.udot)
         sound = replace(sound, tau=np.where(dead, rigid, sound.tau))
     faults = []
     for fault, joints in joints_by_fault.items():
@@ -326,7 +337,8 @@ def _best_repair(robot: Robot, recording: Recording, errors: Array, gravity_adde
     return best
 
 
-def _within_limits(robot: Robot, r: Recording) -> tuple[Recording, list[tuple[str, int]]]:
+def _within_limits(robot: Robot, r: Recording) -> tuple[Recording,
+                                                        list[tuple[str, int]]]:
     """Return the efforts in N m where they exceed the limits by far, with fault and joint."""
     rigid = robot.inverse_dynamics(r.q, r.u, r.udot)
     tau = r.tau.copy()
@@ -400,7 +412,8 @@ def _with_torque(r: Recording, joints: tuple[int, ...], tau: Array) -> Recording
     return replace(r, tau=corrected)
 
 
-def _sign_and_gravity_repairs(robot: Robot, r: Recording, joint_sets: Sequence[tuple[int, ...]],
+def _sign_and_gravity_repairs(robot: Robot, r: Recording,
+                              joint_sets: Sequence[tuple[int, ...]],
                               gravity_added: bool) -> Iterator[_Repair]:
     """Yield recordings with torques of the other sign, with gravity, or without it."""
     gravity = robot.gravity_force(r.q)
@@ -413,16 +426,17 @@ def _sign_and_gravity_repairs(robot: Robot, r: Recording, joint_sets: Sequence[t
         if not loaded:
             continue
         yield _Repair('efforts of {} fit the torques without gravity: the arm holds its '
-                      'weight by itself, or reports efforts without it; expected efforts '
-                      'with gravity, or a statement that they lack it '
+                      'weight by itself, or reports efforts without it; expected '
+                      'efforts with gravity, or a statement that they lack it '
                       '(--efforts-without-gravity)', joints,
                       _with_torque(r, joints, r.tau + gravity), ONCE * loaded)
-        yield _Repair('efforts of {} have the opposite sign of torques on the joints, and '
-                      'fit these without gravity', joints,
+        yield _Repair('efforts of {} have the opposite sign of torques on the joints, '
+                      'and fit these without gravity', joints,
                       _with_torque(r, joints, gravity - r.tau), ONCE * len(joints))
         if gravity_added:  # else it is a payload that makes gravity larger
-            yield _Repair('efforts of {} fit the torques with gravity twice: they hold the '
-                          'weight already; expected no --efforts-without-gravity', joints,
+            yield _Repair('efforts of {} fit the torques with gravity twice: they hold '
+                          'the weight already; expected no --efforts-without-gravity',
+                          joints,
                           _with_torque(r, joints, r.tau - gravity), ONCE * loaded)
 
 
@@ -433,7 +447,8 @@ def _scale_repairs(robot: Robot, r: Recording, rigid: Array, errors: Array,
     factors = np.zeros(robot.n)
     for j in range(robot.n):
         residuals[j], factors[j] = _fitted(r, j, r.tau[:, j], rigid[:, j])
-    # The factor is known where rigid bodies cause most of the torque, or where it matters.
+    # The factor is known where rigid bodies cause most of the torque, or where it
+    # matters.
     from_bodies = factors * np.abs(rigid).max(axis=0) > 0.5 * np.abs(r.tau).max(axis=0)
     matters = (residuals < CLEARLY * errors) & (factors > 0.0)
     is_known = from_bodies | matters
@@ -443,7 +458,8 @@ def _scale_repairs(robot: Robot, r: Recording, rigid: Array, errors: Array,
             continue
         factor = float(np.median(factors[known]))
         if not 0.4 < factor < 2.5:
-            yield _Repair(_scale_words(factor), joints, _with_torque(r, joints, r.tau / factor),
+            yield _Repair(_scale_words(factor), joints,
+                          _with_torque(r, joints, r.tau / factor),
                           ONCE * len(known), factor)
 
 
@@ -466,7 +482,8 @@ def _exchanged_joints(robot: Robot, r: Recording) -> Iterator[_Repair]:
         pair = first, second
         positions = {name: getattr(r, name)[:, order] for name in ('q', 'u', 'udot')}
         efforts = r.tau[:, order]
-        yield _Repair('efforts of {} are exchanged', pair, replace(r, tau=efforts), 2.0 * ONCE)
+        yield _Repair('efforts of {} are exchanged', pair, replace(r, tau=efforts),
+                      2.0 * ONCE)
         yield _Repair('positions of {} are exchanged', pair, replace(r, **positions),
                       3.0 * ONCE)
         yield _Repair('{} are exchanged', pair, replace(r, **positions, tau=efforts),
@@ -488,7 +505,8 @@ def _torque_offsets(robot: Robot, r: Recording, torque: Array) -> Iterator[_Repa
         columns = np.column_stack([Y[:, j], _friction_columns(r, j), np.ones(len(r))])
         columns = columns[:, columns.any(axis=0)]
         size = np.linalg.norm(columns, axis=0)
-        solution = scientific('scipy.linalg').lstsq(columns / size, torque[:, j], cond=RANK,
+        solution = scientific('scipy.linalg').lstsq(columns / size, torque[:, j],
+                                                    cond=RANK,
                                                     lapack_driver='gelsy')
         x = solution[0] / size
         offset = float(x[-1])
@@ -561,7 +579,8 @@ def _delays(model: Model, delays: TorqueDelays) -> Iterator[RecordingFault]:
         common = [int(j) for j in np.flatnonzero(delays.judged) if int(j) not in different]
         yield _delay(model, common, delays.common, delays.common_deviation, remark)
     for j in different:
-        yield _delay(model, [j], float(delays.delay[j]), float(delays.deviation[j]), remark)
+        yield _delay(model, [j], float(delays.delay[j]), float(delays.deviation[j]),
+                     remark)
 
 
 def _delay(model: Model, joints: list[int], delay: float, deviation: float, remark: str
@@ -569,5 +588,5 @@ def _delay(model: Model, joints: list[int], delay: float, deviation: float, rema
     """Return the delay of the torques of some joints."""
     side = 'after' if delay > 0.0 else 'before'
     return RecordingFault('remark', f'efforts of {_named(model, joints)} come '
-                          f'{abs(delay):.3g} s (+- {deviation:.1g} s) {side} the motion that '
-                          f'they belong to{remark}')
+                          f'{abs(delay):.3g} s (+- {deviation:.1g} s) {side} the motion '
+                          f'that they belong to{remark}')

@@ -89,7 +89,8 @@ def no_header(path: Any, names: Sequence[str], example: str) -> None:
         [float(name) for name in names]
     except ValueError:
         return
-    raise InputError(f'{path}: no header line (the first line is numbers); expected {example}')
+    raise InputError(f'{path}: no header line (the first line is numbers); expected '
+                     f'{example}')
 
 
 def distinct(path: Any, names: Sequence[str]) -> None:
@@ -106,12 +107,14 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         if path.suffix != '.npz':
             return _csv(path)
-        arrays = npz_arrays(path, lambda name: name in LABELS or bool(OURS.fullmatch(name)))
+        arrays = npz_arrays(path,
+                            lambda name: name in LABELS or bool(OURS.fullmatch(name)))
     except FileNotFoundError:
         raise InputError(f'no such file: {os.fspath(path)!r}; expected a CSV or npz '
                          'file, or a ROS 2 bag') from None
     except OSError as error:
-        raise InputError(f'{path}: {error.strerror or error}; expected a readable file') from None
+        raise InputError(f'{path}: {error.strerror or error}; expected a readable '
+                         'file') from None
     distinct(path, list(arrays))
     columns: dict[str, Any] = {}
     for name, array in arrays.items():
@@ -144,7 +147,8 @@ def _time(columns: Mapping[str, Any], path: Any) -> Array:
     """Return the times, (N,)."""
     name = next((name for name in TIMES if name in columns), None)
     if name is None:
-        raise InputError(f"{path}: columns {sorted(columns)[:20]}; expected a column 't'")
+        raise InputError(f'{path}: columns {sorted(columns)[:20]}; expected a column '
+                         "'t'")
     t: Array = columns[name]
     if t.ndim != 1:
         raise InputError(f"{path}: '{name}': shape {t.shape}; expected (N,)")
@@ -174,7 +178,8 @@ def _joint_columns(columns: Mapping[str, Any], word: str, joint_names: Sequence[
     by_name = [f'{word}.{joint}' for joint in joint_names]
     if any(column in columns for column in by_name):
         return by_name
-    by_number = [column for column in columns if re.fullmatch(rf'{word}[1-9]\d*', column)]
+    by_number = [column for column in columns if re.fullmatch(rf'{word}[1-9]\d*',
+                                                              column)]
     if not by_number:
         return []
     places = _places(len(by_number), word, joint_names, numbered, path)
@@ -197,7 +202,8 @@ def _of_array(columns: Mapping[str, Any], word: str, joint_names: Sequence[str],
     """Return the joints' columns of an (N, n) array, by the names in the file if it has any."""
     values: Array = columns[word]
     if values.ndim != 2:
-        raise InputError(f"{path}: '{word}': shape {values.shape}; expected (N, n): one motion")
+        raise InputError(f"{path}: '{word}': shape {values.shape}; expected (N, n): one "
+                         'motion')
     labels = columns.get('joint_names')
     if labels is None:
         return values[:, _places(values.shape[1], word, joint_names, numbered, path)]
@@ -209,11 +215,13 @@ def _of_array(columns: Mapping[str, Any], word: str, joint_names: Sequence[str],
     if lacking:
         raise InputError(f'{path}: joints {labels}; expected also {lacking}')
     if len(labels) != values.shape[1]:
-        raise InputError(f"{path}: '{word}': {values.shape[1]} columns; expected {len(labels)}")
+        raise InputError(f"{path}: '{word}': {values.shape[1]} columns; expected "
+                         f'{len(labels)}')
     return values[:, [labels.index(joint) for joint in joint_names]]
 
 
-def _places(count: int, word: str, joint_names: Sequence[str], numbered: list[str], path: Any
+def _places(count: int, word: str, joint_names: Sequence[str], numbered: list[str],
+            path: Any
             ) -> list[int]:
     """Return the column of each joint among numbered columns."""
     among = [joint for joint in numbered if joint in joint_names]

@@ -74,7 +74,8 @@ class Recording:
 
     def rows(self, chosen: slice) -> 'Recording':
         """Return some of the rows."""
-        return replace(self, **{name: getattr(self, name)[chosen] for name in ('t', *NAMES)})
+        return replace(self, **{name: getattr(self, name)[chosen] for name in ('t',
+                                                                               *NAMES)})
 
     @property
     def uneven(self) -> bool:
@@ -99,8 +100,9 @@ class Recording:
         """
         duration = float(self.t[-1] - self.t[0])
         if rate is not None and not 2.0 / duration <= rate < np.inf:
-            raise InputError(f'rate: {rate:g} Hz; expected a finite number, {2.0 / duration:g} '
-                             f'or more for a recording of {duration:g} s')
+            raise InputError(f'rate: {rate:g} Hz; expected a finite number, '
+                             f'{2.0 / duration:g} or more for a recording of '
+                             f'{duration:g} s')
         if rate is None:
             t = np.linspace(self.t[0], self.t[-1], len(self))
         else:
@@ -140,8 +142,10 @@ class Recording:
         signal = scientific('scipy.signal')
         sections = signal.butter(ORDER, cutoff, output='sos', fs=1.0 / mean)
         if len(self) <= 6 * ORDER:
-            raise InputError(f'recording: {len(self)} rows; expected more than {6 * ORDER}')
-        q, u, tau = (signal.sosfiltfilt(sections, x, axis=0) for x in (self.q, self.u, self.tau))
+            raise InputError(f'recording: {len(self)} rows; expected more than '
+                             f'{6 * ORDER}')
+        q, u, tau = (signal.sosfiltfilt(sections, x, axis=0) for x in (self.q, self.u,
+                                                                       self.tau))
         if 'u' in self.derived:
             u = np.gradient(q, mean, axis=0)
         return replace(self, q=q, u=u, udot=np.gradient(u, mean, axis=0), tau=tau,
@@ -158,7 +162,8 @@ class Recording:
         if len(self) < 5:
             return np.full(self.tau.shape[1], np.nan)
         left = sum(weight * self.udot[k:len(self) - 4 + k]
-                   for k, weight in enumerate(np.array([3.0, -12.0, 18.0, -12.0, 3.0]) / 35.0))
+                   for k, weight in enumerate(np.array([3.0, -12.0, 18.0, -12.0,
+                                                        3.0]) / 35.0))
         with np.errstate(invalid='ignore'):
             return np.asarray(np.sqrt(np.mean(left**2, axis=0) * 35.0 / 18.0
                                       / np.mean(self.udot**2, axis=0)))
@@ -172,7 +177,8 @@ def check_recording(model: Model, recording: Recording, least: int = 3,
     require_angles(model, 'recording')
     names = model.joint_names if joints is None else joints
     if recording.tau.shape[1] != len(names):
-        raise InputError(f'recording: {recording.tau.shape[1]} joints; expected {len(names)}: '
+        raise InputError(f'recording: {recording.tau.shape[1]} joints; expected '
+                         f'{len(names)}: '
                          f'{", ".join(names)}')
     if len(recording) < least:
         raise InputError(f'recording: {len(recording)} rows; expected at least {least}')

@@ -78,9 +78,11 @@ def frozen_rows(recording: Recording) -> Flags:
         lengths = np.diff(ends)
         longest = int(np.argmax(lengths))
         stretch = slice(int(ends[longest]), int(ends[longest + 1]))
-        usual = np.quantile(np.delete(lengths, longest), 0.95) if len(lengths) > 1 else 0.0
+        usual = np.quantile(np.delete(lengths, longest),
+                            0.95) if len(lengths) > 1 else 0.0
         duration = recording.t[stretch.stop - 1] - recording.t[stretch.start]
-        if (duration >= FROZEN and lengths[longest] >= max(FROZEN_ROWS, FROZEN_RUNS * usual)
+        if (duration >= FROZEN and lengths[longest] >= max(FROZEN_ROWS,
+                                                           FROZEN_RUNS * usual)
                 and np.ptp(recording.q[stretch, j]) > FROZEN_MOTION):
             flags[stretch, j] = True
     return flags
@@ -95,4 +97,5 @@ def beyond_limits(recording: Recording, limits: Array) -> Flags:
 
 def rows_of(recording: Recording, rows: Flags) -> Recording:
     """Return the rows of a mask, (N,)."""
-    return replace(recording, **{name: getattr(recording, name)[rows] for name in ('t', *NAMES)})
+    return replace(recording, **{name: getattr(recording, name)[rows] for name in ('t',
+                                                                                   *NAMES)})

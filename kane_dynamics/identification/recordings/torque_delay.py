@@ -157,7 +157,8 @@ def _common(delay: Array, deviation: Array) -> tuple[float, float]:
 
 def _outlying(delay: Array, deviation: Array, from_delay: float) -> Flags:
     """Return where a delay clearly differs from another."""
-    differs: Flags = np.abs(delay - from_delay) > np.maximum(DIFFERENT * deviation, SHORTEST)
+    differs: Flags = np.abs(delay - from_delay) > np.maximum(DIFFERENT * deviation,
+                                                             SHORTEST)
     return differs
 
 
@@ -183,7 +184,8 @@ def _vertex(lags: Array, residuals: Array) -> tuple[float, float]:
     near = np.abs(lags - lags[best]) <= max(NEAR, 1.01 * float(np.diff(lags).max()))
     x = lags[near] - lags[best]
     parabola = np.linalg.pinv(np.column_stack([x * x, x, np.ones(len(x))]))
-    parts = np.array([part.sum(axis=0) for part in np.array_split(squares[:, near], BLOCKS)])
+    parts = np.array([part.sum(axis=0) for part in np.array_split(squares[:, near],
+                                                                  BLOCKS)])
     steep, slope, _ = parabola @ np.column_stack([sums[near], (sums[near] - parts).T])
     if not (steep > 0.0).all():
         return 0.0, np.inf
