@@ -1,13 +1,16 @@
 """Error texts for loops without degrees of freedom: singular values, kinds that would fit."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import get_args
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.ball_joints import moved
+from kane_dynamics.mechanics.constraints import Constraint
 from kane_dynamics.mechanics.constraints.conditioning import (described, RANK, rank_of,
-                                                              rows_in_speeds, scaled_rows, Stack,
+                                                              rows_in_speeds,
+                                                              scaled_rows, Stack,
                                                               stacked)
 from kane_dynamics.mechanics.constraints.constraint_types.closure import Closure, Kind
 from kane_dynamics.mechanics.constraints.loop_closure import closing_iterations
@@ -15,6 +18,7 @@ from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 import numpy as np
 
 SMALL = 1e-2  # relative singular value below which it may be rounding of the description
+ROUNDING = 1e-15  # relative singular value up to which it is zero
 STARTS = 12  # initial guesses for nearly closed configurations
 ITERATIONS = 30  # from each
 OPEN = 0.1  # rad or lengths: largest residual from which another kind of closure is tried
@@ -27,79 +31,102 @@ def advice(mechanism: Mechanism, q: Array) -> str:
     Remedies are a larger rank_tolerance, where a singular value or a residual may be rounding, and
     other kinds of closures that are closed at q and leave a degree of freedom.
     """
-    size = _singular_values(mechanism, stacked(mechanism, q))
-    shown = ', '.join(f'{x:.3g}' for x in size if x > 1e-15)
-    words = [f'singular values of the rows, relative to the largest: {shown}']
-    closed = _nearly_closed(mechanism, q)
-    rounding = _rounding(mechanism, closed)
+    singular_values = _singular_values(mechanism, stacked(mechanism, q))
+    shown = ', '.join(f'{x:.3g}' for x in singular_values if x > ROUNDING)
+    sentences = [f'singular values of the rows, relative to the largest: {shown}']
+
+    nearly_closed = _nearly_closed(mechanism, q)
+    rounding = _rounding(mechanism, nearly_closed)
     if rounding > RANK:
-        words.append(f'if singular values and residuals up to {rounding:.3g} are rounding of the '
-                     f'description, rank_tolerance={2.0 * rounding:.1g} treats them as zero')
-    words += _kinds(mechanism, closed[0] if closed else q)
-    return '; '.join(words)
+        sentences.append(
+            f'if singular values and residuals up to {rounding:.3g} are rounding of the '
+            f'description, rank_tolerance={2.0 * rounding:.1g} treats them as zero')
+
+    kinds = _kinds(mechanism, nearly_closed[0] if nearly_closed else q)
+    if kinds:
+        sentences.append(kinds)
+    return '; '.join(sentences)
 
 
 def _singular_values(mechanism: Mechanism, stack: Stack) -> Array:
     """Return the singular values of the rows in all speeds, relative to the largest."""
-    C = rows_in_speeds(mechanism, stack)[0]
-    size = np.linalg.svd(C, compute_uv=False)
-    return np.asarray(size / max(float(size.max(initial=0.0)), 1e-300))
+    C, _ = rows_in_speeds(mechanism, stack)
+    singular_values = np.linalg.svd(C, compute_uv=False)
+    largest = max(float(singular_values.max(initial=0.0)), 1e-300)
+    return np.asarray(singular_values / largest)
 
 
 def _nearly_closed(mechanism: Mechanism, q: Array) -> list[Array]:
-    """Return configurations where loops close but for residuals below `SMALL`, near q first."""
-    loose = Mechanism(mechanism.model, mechanism.speeds, mechanism.constraints,
-                      rank_tolerance=SMALL)
+    """Return configurations with residuals below `SMALL`, that near q first."""
     model = mechanism.model
-    moves, rng = np.ones(model.n, dtype=bool), np.random.default_rng(0)
+    loose = Mechanism(model, mechanism.speeds, mechanism.constraints,
+                      rank_tolerance=SMALL)
+    moves = np.ones(model.n, dtype=bool)
+    rng = np.random.default_rng(0)
     steps = rng.uniform(-np.pi, np.pi, (STARTS, model.n)) * mechanism.units
     starts = [q, *(moved(model, q, step) for step in steps)]
-    ends = [closing_iterations(loose, start, moves, 0.0, ITERATIONS) for start in starts]
-    return [here for here, _, _, closed in ends if closed]
+    nearly_closed = []
+    for start in starts:
+        result = closing_iterations(loose, start, moves, 0.0, ITERATIONS)
+        if result.converged:
+            nearly_closed.append(result.q)
+    return nearly_closed
 
 
-def _rounding(mechanism: Mechanism, closed: list[Array]) -> float:
-    """Return the largest small singular value or residual at nearly closed configurations."""
+def _rounding(mechanism: Mechanism, nearly_closed: list[Array]) -> float:
+    """Return the largest small singular value or residual at these configurations."""
     largest = 0.0
-    for q in closed:
+    for q in nearly_closed:
         stack = stacked(mechanism, q)
-        size = _singular_values(mechanism, stack)
-        small = size[(size > 1e-15) & (size < SMALL)]
+        singular_values = _singular_values(mechanism, stack)
+        small = singular_values[(singular_values > ROUNDING) & (singular_values < SMALL)]
         if small.size:
             residual = np.abs(stack.residual / mechanism.row_units)
             largest = max(largest, small.max(), residual.max(initial=0.0))
     return largest
 
 
-def _kinds(mechanism: Mechanism, q: Array) -> list[str]:
-    """Return the strictest other kinds of one closure that leave a degree of freedom."""
-    found: list[tuple[int, str]] = []
-    for k, own in enumerate(mechanism.constraints):
-        if not isinstance(own, Closure):
+def _kinds(mechanism: Mechanism, q: Array) -> str:
+    """Return the strictest kinds of one closure that leave a degree of freedom, as text."""
+    candidates: list[tuple[int, str]] = []
+    for k, closure in enumerate(mechanism.constraints):
+        if not isinstance(closure, Closure):
             continue
         for kind in get_args(Kind):
-            if kind in ('distance', own.kind):
+            if kind in ('distance', closure.kind):
                 continue
-            others = list(mechanism.constraints)
-            others[k] = replace(own, kind=kind, second_axis=None, length=None)
-            changed = Mechanism(mechanism.model, mechanism.speeds, others)
-            opened = np.abs(stacked(changed, q).residual / changed.row_units)
-            if opened.max(initial=0.0) > OPEN:
-                continue
-            here, _, _, closed = closing_iterations(
-                changed, q, np.ones(mechanism.model.n, dtype=bool), 0.0, ITERATIONS)
-            freedom = mechanism.model.n - rank_of(scaled_rows(changed, stacked(changed, here))[1])
-            if freedom > 0 and closed:
-                found.append((freedom, f"'{own.name}' as kind {kind!r}"))
-    least = min((freedom for freedom, _ in found), default=0)
-    fitting = ', or '.join(text for freedom, text in found if freedom == least)
-    return [f'{fitting} would leave {least}'] if found else []
+            constraints = list(mechanism.constraints)
+            constraints[k] = replace(closure, kind=kind, second_axis=None, length=None)
+            freedom = _freedom_near(mechanism, constraints, q)
+            if freedom > 0:
+                candidates.append((freedom, f"'{closure.name}' as kind {kind!r}"))
+    if not candidates:
+        return ''
+    least = min(freedom for freedom, _ in candidates)
+    fitting = [text for freedom, text in candidates if freedom == least]
+    return f'{", or ".join(fitting)} would leave {least}'
+
+
+def _freedom_near(mechanism: Mechanism, constraints: Sequence[Constraint],
+                  q: Array) -> int:
+    """Return the degrees of freedom under other constraints; 0 if not closed near q."""
+    model = mechanism.model
+    changed = Mechanism(model, mechanism.speeds, constraints)
+    residual = np.abs(stacked(changed, q).residual / changed.row_units)
+    if residual.max(initial=0.0) > OPEN:
+        return 0
+    moves = np.ones(model.n, dtype=bool)
+    result = closing_iterations(changed, q, moves, 0.0, ITERATIONS)
+    if not result.converged:
+        return 0
+    _, J = scaled_rows(changed, stacked(changed, result.q))
+    return model.n - rank_of(J)
 
 
 def no_freedom(mechanism: Mechanism, q: Array, rows: int) -> ConstraintError:
     """Return the error for constraints that leave no degree of freedom."""
     return ConstraintError(
-        f'constraints: {rows} independent rows ({", ".join(mechanism.labels)}); expected fewer '
-        f'than the {mechanism.model.n} speeds, because these leave no degree of freedom at '
-        f'{described(mechanism, q)}; configuration= chooses another assembly, which may move; '
-        f'{advice(mechanism, q)}')
+        f'constraints: {rows} independent rows ({", ".join(mechanism.labels)}); expected '
+        f'fewer than the {mechanism.model.n} speeds, because these leave no degree of '
+        f'freedom at {described(mechanism, q)}; configuration= chooses another assembly, '
+        f'which may move; {advice(mechanism, q)}')

@@ -15,11 +15,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (
+    ConstraintRows)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
+from kane_dynamics.mechanics.recursive.link import Link
 import numpy as np
 
 SINGULAR = 1e4  # largest figure: accelerations lose twice its digits, eight of sixteen
@@ -29,23 +32,32 @@ WELL_CHOSEN = 8.0  # largest figure over sqrt(n_q) with which a simulation keeps
 RANK = 1e-9  # relative size of a singular value that counts as zero
 LIMITS = 4  # number of limits of `margin`
 SHARE = 0.5  # of a limit: above it, that limit is the reason for a negative margin
+TINY = 1e-300  # least divisor of a norm that may be zero
 
 
-def squared_figure(mechanism: Mechanism, S: Any, inverse: Any) -> Any:
+def squared_figure(mechanism: Mechanism, S: Matrix, inverse: Matrix) -> Scalar:
     """Return the squared conditioning figure of S, (n_q, n_q), from its inverse."""
-    alike: dict[Any, Any] = {}  # sums of squares of entries with the same weight
+    # The sum over r, s of (size_r / unit_s)^2 (S^-1)_sr^2. Entries of the same weight are
+    # summed first, which takes fewer multiplications.
+    sums: dict[Scalar, Scalar] = {}
     n = mechanism.n
-    for r in range(len(S)):  # a speed is scaled by its own norm
-        size_2 = (_square(S[r] * mechanism.units) if r < n else
-                  mechanism.sizes[mechanism.kept[r - n]]**2)
+    for r in range(len(S)):
+        if r < n:
+            size_2 = _square(S[r] * mechanism.units)  # a speed: its own norm
+        else:
+            size_2 = mechanism.sizes[mechanism.kept[r - n]]**2
         for unit, x in zip(mechanism.units, inverse[:, r]):
             if not is_zero(x):
                 weight = size_2 * (1.0 / unit**2)
-                alike[weight] = alike.get(weight, 0.0) + x * x
-    return sum((weight * total for weight, total in alike.items()), start=0.0)
+                sums[weight] = sums.get(weight, 0.0) + x * x
+    figure_2: Scalar = 0.0
+    for weight, total in sums.items():
+        figure_2 = figure_2 + weight * total
+    return figure_2
 
 
-def margin(mechanism: Mechanism, q: Any, t: Any, limits: Any, links: Any = None) -> Any:
+def margin(mechanism: Mechanism, q: Vector, t: Scalar, limits: Vector,
+           links: Sequence[Link] | None = None) -> Scalar:
     """
     Return the margin of a state, which is positive within all limits, over any scalar.
 
@@ -65,38 +77,54 @@ def margin(mechanism: Mechanism, q: Any, t: Any, limits: Any, links: Any = None)
         Use the kinematics of these links, which are compiled.
 
     """
-    here = mechanism.state(q, t, links)
-    S, s = mechanism.system(here)
+    state = mechanism.state(q, t, links)
+    S, s = mechanism.system(state)
     inverse = mechanism.solved(S, np.eye(len(S)))
-    rows = mechanism.rows(here)
-    missed: list[Any] = [0.0, 0.0]  # m^2, rad^2
+    rows = mechanism.rows(state)
+
+    # Residuals of translations, m^2, and of rotations, rad^2.
+    length_2: Scalar = 0.0
+    angle_2: Scalar = 0.0
     for residual, turning in zip(rows.residual, mechanism.turning):
-        if residual is not None and not is_zero(residual):
-            missed[turning] = missed[turning] + residual * residual
+        if residual is None or is_zero(residual):
+            continue
+        if turning:
+            angle_2 = angle_2 + residual * residual
+        else:
+            length_2 = length_2 + residual * residual
+
     return 1.0 - (limits[0] * squared_figure(mechanism, S, inverse)
-                  + limits[1] * missed[0] + limits[2] * missed[1]
+                  + limits[1] * length_2 + limits[2] * angle_2
                   + limits[3] * squared_excess(mechanism, S, s, inverse, rows))
 
 
-def squared_excess(mechanism: Mechanism, S: Any, s: Any, inverse: Any, rows: Any) -> Any:
+def squared_excess(mechanism: Mechanism, S: Matrix, s: Vector, inverse: Matrix,
+                   rows: ConstraintRows) -> Scalar:
     """Return the squared violation of redundant rows, relative to their size."""
-    total: Any = 0.0
+    total: Scalar = 0.0
     n = mechanism.n
-    at_zero = inverse @ s
+    qdot_at_zero = inverse @ s  # at zero independent speeds
     for k in mechanism.left_out:
+        # A row that equals a kept one is never violated: for example that of the second
+        # wheel on an axle, across it.
         row = rows.J[k]
-        if any(_identical([*row, rows.b[k]], [*rows.J[j], rows.b[j]]) for j in mechanism.kept):
-            continue  # for example the second wheel on an axle, across it
+        row_with_b = [*row, rows.b[k]]
+        if any(_identical(row_with_b, [*rows.J[j], rows.b[j]]) for j in mechanism.kept):
+            continue
+
+        # The velocity residual for unit independent speeds, and at zero speeds.
         weight = 1.0 / mechanism.sizes[k]**2
-        through = [_dot(row, inverse[:, r]) for r in range(n)]
-        moved = sum((x * x * _square(S[r] * mechanism.units) for r, x in enumerate(through)
-                     if not is_zero(x)), start=0.0)
-        given = _dot(row, at_zero) - rows.b[k]
-        total = total + weight * (moved + given * given)
+        by_speed = [_dot(row, inverse[:, r]) for r in range(n)]
+        moving_2: Scalar = 0.0
+        for r, x in enumerate(by_speed):
+            if not is_zero(x):
+                moving_2 = moving_2 + x * x * _square(S[r] * mechanism.units)
+        at_zero = _dot(row, qdot_at_zero) - rows.b[k]
+        total = total + weight * (moving_2 + at_zero * at_zero)
     return total
 
 
-def guarded(values: Any, condition: Any) -> Any:
+def guarded(values: Any, condition: Scalar) -> Any:
     """Return values with NaN as the first entry unless a condition is positive."""
     result = np.array(values, dtype=object)
     if isinstance(condition, float) or not result.size:
@@ -106,18 +134,28 @@ def guarded(values: Any, condition: Any) -> Any:
     return result
 
 
-def _identical(a: Any, b: Any) -> bool:
-    """Return whether two vectors have the same entries: equal traced values are one object."""
-    return all(x is y or (isinstance(x, float) and isinstance(y, float) and x == y)
-               for x, y in zip(a, b))
+def _identical(a: Sequence[Scalar], b: Sequence[Scalar]) -> bool:
+    """Return whether two vectors have the same entries."""
+    for x, y in zip(a, b):
+        # Equal traced values are one object.
+        same_number = isinstance(x, float) and isinstance(y, float) and x == y
+        if x is not y and not same_number:
+            return False
+    return True
 
 
-def _square(vector: Any) -> Any:
-    return sum((x * x for x in vector if not is_zero(x)), start=0.0)
+def _square(vector: Vector) -> Scalar:
+    """Return the sum of the squares, without the terms that are zero by structure."""
+    return _dot(vector, vector)
 
 
-def _dot(a: Any, b: Any) -> Any:
-    return sum((x * y for x, y in zip(a, b) if not (is_zero(x) or is_zero(y))), start=0.0)
+def _dot(a: Vector, b: Vector) -> Scalar:
+    """Return a . b without the terms that are zero by structure."""
+    total: Scalar = 0.0
+    for x, y in zip(a, b):
+        if not (is_zero(x) or is_zero(y)):
+            total = total + x * y
+    return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,11 +193,12 @@ class Choice:
 def stacked(mechanism: Mechanism, q: Array, t: float = 0.0) -> Stack:
     """Return speeds and rows at a configuration, (n_q,), and time; may be non-finite."""
     with np.errstate(all='ignore'):
-        here = mechanism.state(np.asarray(q, dtype=np.float64), t)
-        rows = mechanism.rows(here)
-        Y, Z = mechanism.speeds.of(here.q, t)
-        return Stack(*(np.array(x, dtype=np.float64) for x in (Y, Z, rows.J, rows.b, [
-            0.0 if residual is None else residual for residual in rows.residual])))
+        state = mechanism.state(np.asarray(q, dtype=np.float64), t)
+        rows = mechanism.rows(state)
+        Y, Z = mechanism.speeds.of(state.q, t)
+    residual = [0.0 if x is None else x for x in rows.residual]
+    arrays = [np.array(x, dtype=np.float64) for x in (Y, Z, rows.J, rows.b, residual)]
+    return Stack(*arrays)
 
 
 def system(stack: Stack, free: Sequence[int], kept: Sequence[int]) -> Array:
@@ -170,8 +209,9 @@ def system(stack: Stack, free: Sequence[int], kept: Sequence[int]) -> Array:
 def scaled_rows(mechanism: Mechanism, stack: Stack) -> tuple[Array, Array]:
     """Return Y and J in units of the mechanism, with entries of order 1."""
     Y = stack.Y * mechanism.units
-    Y = Y / np.maximum(np.linalg.norm(Y, axis=1, keepdims=True), 1e-300)
-    return Y, stack.J * mechanism.units / np.array(mechanism.sizes)[:, None]
+    Y = Y / np.maximum(np.linalg.norm(Y, axis=1, keepdims=True), TINY)
+    J = stack.J * mechanism.units / np.array(mechanism.sizes)[:, None]
+    return Y, J
 
 
 def rows_in_speeds(mechanism: Mechanism, stack: Stack) -> tuple[Array, Array]:
@@ -182,22 +222,27 @@ def rows_in_speeds(mechanism: Mechanism, stack: Stack) -> tuple[Array, Array]:
     relative to its `row_units`.
     """
     Y = stack.Y * mechanism.units
-    norms = np.maximum(np.linalg.norm(Y, axis=1), 1e-300)
+    norms = np.maximum(np.linalg.norm(Y, axis=1), TINY)
     J = stack.J * mechanism.units / mechanism.row_units[:, None]
+
+    # J q' = b with v = Y q' + Z: C Y = J, d = b + C Z.
     C: Array = np.linalg.lstsq((Y / norms[:, None]).T, J.T, rcond=None)[0].T
-    return C, stack.b / mechanism.row_units + C @ (stack.Z / norms)
+    d = stack.b / mechanism.row_units + C @ (stack.Z / norms)
+    return C, d
 
 
-def figure(mechanism: Mechanism, stack: Stack, free: Sequence[int], kept: Sequence[int]) -> float:
+def figure(mechanism: Mechanism, stack: Stack, free: Sequence[int],
+           kept: Sequence[int]) -> float:
     """Return the conditioning figure of a choice; infinite for a singular system."""
     Y, J = scaled_rows(mechanism, stack)
     S = np.concatenate([Y[list(free)], J[list(kept)]])
     if not np.isfinite(S).all():
         return np.inf
-    smallest = np.linalg.svd(S, compute_uv=False)
-    if smallest.min(initial=1.0) <= 1e-300:
+    singular_values = np.linalg.svd(S, compute_uv=False)
+    if singular_values.min(initial=1.0) <= TINY:
         return np.inf
-    return float(np.sqrt((smallest**-2.0).sum()))
+    # The Frobenius norm of S^-1.
+    return float(np.sqrt((singular_values**-2.0).sum()))
 
 
 def best_choice(mechanism: Mechanism, stack: Stack,
@@ -219,15 +264,19 @@ def best_choice(mechanism: Mechanism, stack: Stack,
     count = len(mechanism.kept)
     if not (np.isfinite(Y).all() and np.isfinite(J).all()):
         return Choice(tuple(mechanism.free), tuple(mechanism.kept), np.inf)
-    kept = tuple(sorted(pivots(J.T, count)))
+
+    # The rows that are pivots among all rows; the speeds that are pivots of these rows, C
+    # in all speeds, are dependent.
+    independent_rows = tuple(sorted(pivots(J.T, count)))
     if free is None:
         try:
-            C: Array = np.linalg.solve(Y.T, J[list(kept)].T).T.astype(np.float64)
+            C = np.linalg.solve(Y.T, J[list(independent_rows)].T).T.astype(np.float64)
         except np.linalg.LinAlgError:
-            return Choice(tuple(mechanism.free), kept, np.inf)
+            return Choice(tuple(mechanism.free), independent_rows, np.inf)
         dependent = pivots(C, count)
         free = [r for r in range(len(Y)) if r not in dependent]
-    return Choice(tuple(free), kept, figure(mechanism, stack, free, kept))
+    value = figure(mechanism, stack, free, independent_rows)
+    return Choice(tuple(free), independent_rows, value)
 
 
 def loosened(mechanism: Mechanism, limit: float) -> float:
@@ -242,22 +291,29 @@ def in_lengths(mechanism: Mechanism, limit: float) -> tuple[float, float]:
 
 def pivots(C: Array, count: int) -> list[int]:
     """Return the first pivot columns of Gram-Schmidt with column pivoting."""
-    rest = C.copy()
-    taken: list[int] = []
+    remainder = C.copy()
+    columns: list[int] = []
     for _ in range(count):
-        size = np.linalg.norm(rest, axis=0)
-        size[taken] = -1.0
-        k = int(np.argmax(size > (1.0 - 1e-9) * size.max()))  # ties: the first
-        taken.append(k)
-        direction = rest[:, k] / max(float(np.linalg.norm(rest[:, k])), 1e-300)
-        rest = rest - np.outer(direction, direction @ rest)
-    return taken
+        # The largest column that is left; of equal ones, to rounding, the first.
+        norms = np.linalg.norm(remainder, axis=0)
+        norms[columns] = -1.0
+        k = int(np.argmax(norms > (1.0 - 1e-9) * norms.max()))
+        columns.append(k)
+
+        # Remove its direction from all columns.
+        norm = max(float(np.linalg.norm(remainder[:, k])), TINY)
+        direction = remainder[:, k] / norm
+        remainder = remainder - np.outer(direction, direction @ remainder)
+    return columns
 
 
 def rank_of(C: Array, tolerance: float = RANK) -> int:
     """Return the numerical rank: singular values above a fraction of the largest."""
-    size = np.linalg.svd(C, compute_uv=False)
-    return int(np.sum(size > tolerance * max(size.max(initial=0.0), 1e-300))) if len(size) else 0
+    singular_values = np.linalg.svd(C, compute_uv=False)
+    if not len(singular_values):
+        return 0
+    smallest = tolerance * max(singular_values.max(initial=0.0), TINY)
+    return int(np.sum(singular_values > smallest))
 
 
 def constraints_at_fault(mechanism: Mechanism, stack: Stack, free: Sequence[int],
@@ -266,35 +322,44 @@ def constraints_at_fault(mechanism: Mechanism, stack: Stack, free: Sequence[int]
     Y, J = scaled_rows(mechanism, stack)
     S = np.concatenate([Y[list(free)], J[list(kept)]])
     if not np.isfinite(S).all():
-        return ', '.join(f"'{c.name}'" for c in mechanism.constraints)
-    share = np.abs(np.linalg.svd(S)[0][:, -1][len(free):])
-    owners = mechanism.owners
-    named = dict.fromkeys(owners[k] for k, x in zip(kept, share)
-                          if x > 0.1 * share.max(initial=0.0))
-    return ', '.join(f"'{name}'" for name in named) or 'none'
+        return ', '.join(f"'{constraint.name}'" for constraint in mechanism.constraints)
+
+    # The left singular vector of the smallest singular value: the combination of rows
+    # that is nearly zero.
+    U, _, _ = np.linalg.svd(S)
+    share = np.abs(U[:, -1][len(free):])
+    names: dict[str, None] = {}  # in order, without repetition
+    for k, x in zip(kept, share):
+        if x > 0.1 * share.max(initial=0.0):
+            names[mechanism.owners[k]] = None
+    return ', '.join(f"'{name}'" for name in names) or 'none'
 
 
 def described(mechanism: Mechanism, q: Array) -> str:
     """Return a configuration as text, coordinates by name."""
-    return str(dict(zip(mechanism.model.coordinate_names, np.round(q, 9).tolist())))
+    values = np.round(q, 9).tolist()
+    return str(dict(zip(mechanism.model.coordinate_names, values)))
 
 
-def singular_error(mechanism: Mechanism, stack: Stack, q: Array, t: float, where: str = '',
-                   u: Array | None = None) -> ConstraintError:
+def singular_error(mechanism: Mechanism, stack: Stack, q: Array, t: float,
+                   where: str = '', u: Array | None = None) -> ConstraintError:
     """Return the error for a singular system of speeds and constraints."""
+    speeds = ', '.join(mechanism.speed_names)
+    at = f'{described(mechanism, q)}, t = {t:.6g} s'
     if not stack.J.size:
-        return ConstraintError(f'{where}speeds: {", ".join(mechanism.speed_names)}, Y is singular '
-                               f'at {described(mechanism, q)}, t = {t:.6g} s; expected speeds '
-                               'that determine the joint rates there (speeds=)')
-    at = f'{where}speeds and constraints are singular at {described(mechanism, q)}, t = {t:.6g} s'
+        return ConstraintError(
+            f'{where}speeds: {speeds}, Y is singular at {at}; expected speeds that '
+            'determine the joint rates there (speeds=)')
+
     if u is not None:
         at += f', u = {np.round(u, 9).tolist()}'
+    singular = f'{where}speeds and constraints are singular at {at}'
     loop = constraints_at_fault(mechanism, stack, mechanism.free, mechanism.kept)
     if best_choice(mechanism, stack).figure >= SINGULAR:
         return ConstraintError(
-            f'{at}: a kinematic singularity (dead point) of {loop}, whose rows depend on each '
-            f'other there, so that no choice of speeds ({", ".join(mechanism.speed_names)} or '
-            'others) determines the motion')
+            f'{singular}: a kinematic singularity (dead point) of {loop}, whose rows '
+            'depend on each other there, so that no choice of speeds '
+            f'({speeds} or others) determines the motion')
     return ConstraintError(
-        f'{at}: under {loop} the speeds {", ".join(mechanism.speed_names)} do not determine the '
-        'joint rates there; choose others (speeds=, independent=)')
+        f'{singular}: under {loop} the speeds {speeds} do not determine the joint rates '
+        'there; choose others (speeds=, independent=)')

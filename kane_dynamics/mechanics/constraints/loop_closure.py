@@ -1,7 +1,12 @@
-"""Loop closure: the configuration that satisfies all position constraints, by Newton's method."""
+"""
+Loop closure: the configuration that satisfies all position constraints.
+
+Newton's method, with the least step, in units of the mechanism, that solves the linearised
+constraints: J dq = -residual.
+"""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
@@ -28,12 +33,34 @@ def defined_rows(mechanism: Mechanism) -> Rows:
     """Return the rows of the definition."""
     def rows(q: Array, t: float) -> tuple[Array, Array, Array]:
         with np.errstate(all='ignore'):
-            here = mechanism.rows(mechanism.state(q, t))
-        residual = [0.0 if x is None else x for x in here.residual]
-        of_positions = [x is not None for x in here.residual]
-        return (np.array(here.J, dtype=np.float64), np.array(residual, dtype=np.float64),
-                np.array(of_positions, dtype=np.float64))
+            all_rows = mechanism.rows(mechanism.state(q, t))
+        residual = [0.0 if x is None else x for x in all_rows.residual]
+        of_positions = [x is not None for x in all_rows.residual]
+        arrays = [np.array(x, dtype=np.float64)
+                  for x in (all_rows.J, residual, of_positions)]
+        return arrays[0], arrays[1], arrays[2]
     return rows
+
+
+class ClosingResult(NamedTuple):
+    """
+    The last configuration of Newton's method.
+
+    Attributes
+    ----------
+    q : (n_q,) array
+    residual : (k,) array
+        Residuals of the position constraints there, m or rad; NaN where not finite.
+    labels : list of str
+        Names of these rows.
+    converged : bool
+
+    """
+
+    q: Array
+    residual: Array
+    labels: list[str]
+    converged: bool
 
 
 def closed_configuration(mechanism: Mechanism, q: Any, *, t: float = 0.0,
@@ -61,77 +88,100 @@ def closed_configuration(mechanism: Mechanism, q: Any, *, t: float = 0.0,
         The iteration does not converge; names the constraint with the largest residual.
 
     """
-    model, here = mechanism.model, _checked(mechanism, q, t)
-    if not all(ball.quaternion(here).any() for ball in balls(model)):
-        raise InputError(f'q: {here.tolist()}; expected nonzero quaternions')
-    here = np.asarray(on_unit_quaternions(model, here), dtype=np.float64)
-    stays = _joints(mechanism, checked_names(fixed, 'fixed') or ())
-    moves = np.array([k not in stays for k in range(model.n)])
-    here, residual, labels, closed = closing_iterations(mechanism, here, moves, t, rows=rows)
-    if closed:
-        return here
-    unit_of = dict(zip(mechanism.labels, mechanism.row_units))
-    worst = int(np.argmax(np.abs(residual / [unit_of[label] for label in labels])))
-    raise ConstraintError(f"loop closure: no configuration found for '{labels[worst]}', its "
-                          f'residual is {abs(residual[worst]):.3g} (m or rad); expected a start '
-                          'near a closed configuration')
+    model = mechanism.model
+    start = _checked(mechanism, q, t)
+    if not all(ball.quaternion(start).any() for ball in balls(model)):
+        raise InputError(f'q: {start.tolist()}; expected nonzero quaternions')
+    start = np.asarray(on_unit_quaternions(model, start), dtype=np.float64)
+    fixed_joints = _joints(mechanism, checked_names(fixed, 'fixed') or ())
+    moves = np.array([k not in fixed_joints for k in range(model.n)])
+
+    result = closing_iterations(mechanism, start, moves, t, rows=rows)
+    if result.converged:
+        return result.q
+    unit_of_label = dict(zip(mechanism.labels, mechanism.row_units))
+    units = [unit_of_label[label] for label in result.labels]
+    worst = int(np.argmax(np.abs(result.residual / units)))
+    raise ConstraintError(
+        f"loop closure: no configuration found for '{result.labels[worst]}', its residual "
+        f'is {abs(result.residual[worst]):.3g} (m or rad); expected a start near a closed '
+        'configuration')
 
 
 def _checked(mechanism: Mechanism, q: Any, t: Any) -> Array:
-    """Return a copy of a configuration, (n_q,); InputError unless it and the time are finite."""
+    """Return a copy of q, (n_q,); InputError unless it and the time are finite."""
     names = mechanism.model.coordinate_names
     try:
-        here, at = np.array(q, dtype=np.float64), float(t)
+        configuration = np.array(q, dtype=np.float64)
+        time = float(t)
     except (TypeError, ValueError):
-        raise InputError(f'q: {q!r}, t: {t!r}; expected {len(names)} numbers and a time in s'
-                         ) from None
-    if here.shape != (len(names),) or not np.isfinite([*here, at]).all():
-        raise InputError(f'q: {here.tolist()}, t: {at}; expected {len(names)} finite numbers '
-                         f'({", ".join(names)}) and a time in s')
-    return here
+        raise InputError(f'q: {q!r}, t: {t!r}; expected {len(names)} numbers and a time '
+                         'in s') from None
+    finite = np.isfinite(configuration).all() and np.isfinite(time)
+    if configuration.shape != (len(names),) or not finite:
+        raise InputError(
+            f'q: {configuration.tolist()}, t: {time}; expected {len(names)} finite numbers '
+            f'({", ".join(names)}) and a time in s')
+    return configuration
 
 
 def _joints(mechanism: Mechanism, names: Sequence[str]) -> list[int]:
     """Return the indices in u of coordinates; ConstraintError lists the valid names."""
     model = mechanism.model
-    valid = [name for name, place in zip(model.joint_names, model.places) if place is not None]
+    valid = []
+    for name, place in zip(model.joint_names, model.places):
+        if place is not None:  # a ball joint has no angle
+            valid.append(name)
     unknown = sorted(set(names) - set(valid))
     if unknown:
-        raise ConstraintError(f'no coordinate {unknown[0]!r}; expected one of {", ".join(valid)}')
+        raise ConstraintError(f'no coordinate {unknown[0]!r}; expected one of '
+                              f'{", ".join(valid)}')
     return [k for k, name in enumerate(model.joint_names) if name in names]
 
 
 def closing_iterations(mechanism: Mechanism, start: Array, moves: Array, t: float,
-                       most: int = ITERATIONS, rows: Rows | None = None
-                       ) -> tuple[Array, Array, list[str], bool]:
+                       iterations: int = ITERATIONS,
+                       rows: Rows | None = None) -> ClosingResult:
     """
-    Iterate by Newton's method; return q, residuals, their labels, and whether it converged.
+    Iterate by Newton's method from a start, (n_q,).
 
-    `moves`, (n_j,), says of each joint whether it moves; ball joints rotate on their sphere.
-    Residuals and steps are judged in units of the mechanism, so that its size does not matter.
+    `moves`, (n_j,), says of each joint whether it moves; ball joints rotate on their
+    sphere. Residuals and steps are judged in units of the mechanism, so that its size does
+    not matter.
     """
-    here, tolerance = start.copy(), mechanism.rank_tolerance
+    q = start.copy()
+    tolerance = mechanism.rank_tolerance
     rows = rows or defined_rows(mechanism)
-    for _ in range(most):
-        J, residual, of_positions = rows(here, t)
+    for _ in range(iterations):
+        # The rows of position constraints, and the largest residual.
+        J, residual, of_positions = rows(q, t)
         places = np.flatnonzero(of_positions)
-        J, residual, labels = J[places], residual[places], [mechanism.labels[k] for k in places]
+        J = J[places]
+        residual = residual[places]
+        labels = [mechanism.labels[k] for k in places]
         row_units = mechanism.row_units[places]
-        missed = np.abs(residual / row_units).max(initial=0.0)
-        if missed < CLOSED:
-            return here, residual, labels, True
+        largest = np.abs(residual / row_units).max(initial=0.0)
+        if largest < CLOSED:
+            return ClosingResult(q, residual, labels, True)
         finite = np.isfinite(J).all(axis=1) & np.isfinite(residual)
         if not finite.all():
-            return here, np.where(finite, residual, np.nan), labels, False
+            return ClosingResult(q, np.where(finite, residual, np.nan), labels, False)
+
+        # The step of least norm with J dq = -residual, or as nearly so as possible.
         scaled = J[:, moves] * mechanism.units[moves] / row_units[:, None]
-        step = np.linalg.lstsq(scaled, -residual / row_units, rcond=max(1e-10, tolerance))[0]
+        cutoff = max(1e-10, tolerance)
+        step = np.linalg.lstsq(scaled, -residual / row_units, rcond=cutoff)[0]
         longest = np.abs(step).max(initial=0.0)
-        if tolerance > RANK and missed < tolerance and longest < CLOSED:
-            return here, residual, labels, True  # the rest is within the tolerance
+        if tolerance > RANK and largest < tolerance and longest < CLOSED:
+            # No step reduces the residual, and the tolerance admits it.
+            return ClosingResult(q, residual, labels, True)
+
+        # A step is at most STRIDE long, since the constraints are linearised.
+        shortened = min(1.0, STRIDE / max(longest, STRIDE))
         change = np.zeros(len(moves))
-        change[moves] = step * mechanism.units[moves] * min(1.0, STRIDE / max(longest, STRIDE))
-        here = moved_by(mechanism.model, here, change)
-    return here, residual, labels, False
+        change[moves] = step * mechanism.units[moves] * shortened
+        q = moved_by(mechanism.model, q, change)
+    return ClosingResult(q, residual, labels, False)
 
 
 def followed_configuration(mechanism: Mechanism, start: Any, q: Any, *, t: float = 0.0,
@@ -159,35 +209,47 @@ def followed_configuration(mechanism: Mechanism, start: Any, q: Any, *, t: float
         Loop closure fails, or jumps to another branch.
 
     """
-    wanted = _checked(mechanism, q, t)
+    target = _checked(mechanism, q, t)
     rows = rows or defined_rows(mechanism)
-    here = closed_configuration(mechanism, start, t=t, rows=rows)
+    closed = closed_configuration(mechanism, start, t=t, rows=rows)
     model = mechanism.model
     joints = _joints(mechanism, fixed)
     places = [place for k in joints if (place := model.places[k]) is not None]
-    first, last = here[places], wanted[places]
-    way = np.abs(last - first) / mechanism.units[joints]
-    if way.max(initial=0.0) > FARTHEST:
-        raise ConstraintError(f"closed configuration: {', '.join(fixed)} at {last.tolist()}, from "
-                              f'{first.tolist()}; expected moves of at most {FARTHEST:g} rad, or '
-                              'lengths of the mechanism')
-    count = int(np.ceil(way.max(initial=0.0) / SMALL)) or 1
-    units, side = np.eye(model.n)[joints], 0.0
+
+    # The fixed coordinates move on a straight line, in steps of at most SMALL.
+    first = closed[places]
+    last = target[places]
+    distance = np.abs(last - first) / mechanism.units[joints]
+    farthest = distance.max(initial=0.0)
+    if farthest > FARTHEST:
+        raise ConstraintError(
+            f"closed configuration: {', '.join(fixed)} at {last.tolist()}, from "
+            f'{first.tolist()}; expected moves of at most {FARTHEST:g} rad, or lengths of '
+            'the mechanism')
+    count = int(np.ceil(farthest / SMALL)) or 1
+
+    # On one branch the determinant of [fixed coordinates; J] keeps its sign, if it is
+    # square.
+    fixed_rows = np.eye(model.n)[joints]
+    last_sign = 0.0
     for share in np.arange(1, count + 1) / count:
-        ahead = here.copy()
-        ahead[places] = first + share * (last - first)
-        closed = closed_configuration(mechanism, ahead, t=t, fixed=fixed, rows=rows)
-        change = np.abs(difference(model, here, closed))
-        moved = change / mechanism.units
-        worst = int(np.argmax(moved))
-        before, side = side, 0.0
+        guess = closed.copy()
+        guess[places] = first + share * (last - first)
+        next_closed = closed_configuration(mechanism, guess, t=t, fixed=fixed, rows=rows)
+        change = np.abs(difference(model, closed, next_closed))
+        scaled_change = change / mechanism.units
+        worst = int(np.argmax(scaled_change))
+        sign = 0.0
         if len(places) == mechanism.n:
-            J = rows(closed, t)[0][mechanism.kept]
-            side = float(np.sign(np.linalg.det(np.concatenate([units, J]))))
-        if moved[worst] > STRIDE or before * side < 0.0:
+            J, _, _ = rows(next_closed, t)
+            square = np.concatenate([fixed_rows, J[mechanism.kept]])
+            sign = float(np.sign(np.linalg.det(square)))
+        if scaled_change[worst] > STRIDE or last_sign * sign < 0.0:
             raise ConstraintError(
-                f"closed configuration: with {', '.join(fixed)} at {ahead[places].tolist()} "
-                f"'{model.joint_names[worst]}' jumps by {change[worst]:.3g} rad or m; expected "
-                'values on this branch, which ends there')
-        here = closed
-    return here
+                f"closed configuration: with {', '.join(fixed)} at "
+                f"{guess[places].tolist()} '{model.joint_names[worst]}' jumps by "
+                f'{change[worst]:.3g} rad or m; expected values on this branch, which ends '
+                'there')
+        closed = next_closed
+        last_sign = sign
+    return closed

@@ -17,14 +17,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from kane_dynamics._util.typing import Matrix, Vector
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra import linear_solve
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints import (Closure, Constraint, ConstraintRows,
-                                                 DependentSpeeds, PointVelocity, Prescribed,
-                                                 Rolling)
+                                                 DependentSpeeds, PointVelocity,
+                                                 Prescribed, Rolling)
 from kane_dynamics.mechanics.constraints.mechanism_state import MechanismState
 from kane_dynamics.mechanics.constraints.row_units import length_of, turning_rows
 from kane_dynamics.mechanics.constraints.speeds import chosen, JOINT_RATES
@@ -62,7 +62,7 @@ class JointMotion:
     unit: bool = False
 
     def projected(self, joint_forces: Vector) -> Vector:
-        """Return T^T f: forces of the joints, (n_j,) or (n_j, k), on the independent speeds."""
+        """Return T^T f: joint forces, (n_j,) or (n_j, k), on the independent speeds."""
         return joint_forces if self.unit else self.T.T @ joint_forces
 
     def by_speeds(self, by_joints: Matrix) -> Matrix:
@@ -108,32 +108,62 @@ class Mechanism:
 
     """
 
-    def __init__(self, model: Model, speeds: Any = None, constraints: Sequence[Constraint] = (),
+    def __init__(self, model: Model, speeds: Any = None,
+                 constraints: Sequence[Constraint] = (),
                  free: Sequence[int] | None = None, kept: Sequence[int] | None = None,
-                 sizes: Sequence[float] | None = None, rank_tolerance: float = 1e-9) -> None:
+                 sizes: Sequence[float] | None = None,
+                 rank_tolerance: float = 1e-9) -> None:
         """Store the parts; by default all speeds are independent and all rows kept."""
         self.model = model
         self.speeds = chosen(model, speeds)
         self.constraints = tuple(constraints)
-        self.labels = tuple(label for c in self.constraints for label in c.labels)
-        self.free = list(range(model.n)) if free is None else list(free)
-        self.kept = list(range(len(self.labels))) if kept is None else list(kept)
-        self.owners = tuple(c.name for c in self.constraints for _ in c.labels)
-        self.sizes = (1.0,) * len(self.labels) if sizes is None else tuple(sizes)
-        self._rolling = [c for c in self.constraints if isinstance(c, Rolling) and (
-            c.has_surface_rows and sum(self.owners[k] == c.name for k in self.kept) == 3)]
         self.rank_tolerance = rank_tolerance
+
+        # The rows of all constraints, with the constraint that each is of.
+        labels: list[str] = []
+        owners: list[str] = []
+        for constraint in self.constraints:
+            labels += constraint.labels
+            owners += [constraint.name] * len(constraint.labels)
+        self.labels = tuple(labels)
+        self.owners = tuple(owners)
+
+        self.free = list(range(model.n) if free is None else free)
+        self.kept = list(range(len(labels)) if kept is None else kept)
+        self.sizes = (1.0,) * len(labels) if sizes is None else tuple(sizes)
+        self._rolling = self._wheels_with_surface_rows()
         self.in_joint_speeds = (not self.labels and self.speeds.key == JOINT_RATES
                                 and self.free == list(range(model.n)))
         self.in_joint_rates = self.in_joint_speeds and not model.balls
+
+        # Units: joints that slide and rows of translation in lengths, others in rad.
         self.length = length_of(model, self.constraints)
-        self.units = np.array([self.length if name in model.sliding else 1.0
-                               for name in model.joint_names])
+        slides = [name in model.sliding for name in model.joint_names]
+        self.units = np.where(slides, self.length, 1.0)
         self.row_units = np.where(self.turning, 1.0, self.length)
-        names = [c.name for c in self.constraints]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise ConstraintError(f'constraints: {twice} given twice; expected different names')
+
+        names = [constraint.name for constraint in self.constraints]
+        repeated = sorted({name for name in names if names.count(name) > 1})
+        if repeated:
+            raise ConstraintError(f'constraints: {repeated} given twice; expected '
+                                  'different names')
+
+    def _wheels_with_surface_rows(self) -> list[Rolling]:
+        """Return the wheels whose `surface_rows` can stand for their rows: all kept."""
+        wheels = []
+        for constraint in self.constraints:
+            if isinstance(constraint, Rolling) and constraint.has_surface_rows:
+                if len(self._kept_places(constraint)) == 3:
+                    wheels.append(constraint)
+        return wheels
+
+    def _kept_places(self, constraint: Constraint) -> list[int]:
+        """Return the places of a constraint's rows among the kept rows."""
+        places = []
+        for place, row in enumerate(self.kept):
+            if self.owners[row] == constraint.name:
+                places.append(place)
+        return places
 
     @property
     def n(self) -> int:
@@ -143,13 +173,16 @@ class Mechanism:
     @property
     def key(self) -> str | None:
         """
-        Return an identifier among mechanisms of the model; None with user-defined functions.
+        Return an identifier among mechanisms of the model; None with user functions.
 
         Only user-defined functions may depend on time.
         """
-        parts = [repr(self.free), repr(self.kept), repr(self.sizes), self.speeds.key or None,
-                 *(_described(constraint) for constraint in self.constraints)]
-        return None if None in parts else '\n'.join(part for part in parts if part)
+        parts: list[str | None] = [repr(self.free), repr(self.kept), repr(self.sizes)]
+        parts.append(self.speeds.key or None)
+        for constraint in self.constraints:
+            parts.append(_exact_text(constraint))
+        texts = [part for part in parts if part is not None]
+        return '\n'.join(texts) if len(texts) == len(parts) else None
 
     @property
     def left_out(self) -> list[int]:
@@ -158,73 +191,93 @@ class Mechanism:
 
     @property
     def turning(self) -> tuple[bool, ...]:
-        """Return for each row whether it constrains a rotation: rad and N m, not m and N."""
-        return tuple(turns for constraint in self.constraints
-                     for turns in turning_rows(constraint, self.model))
+        """Return for each row whether it constrains a rotation: rad and N m, not m, N."""
+        turning: list[bool] = []
+        for constraint in self.constraints:
+            turning += turning_rows(constraint, self.model)
+        return tuple(turning)
 
     def with_choice(self, free: Sequence[int], kept: Sequence[int]) -> 'Mechanism':
         """Return the same mechanism with other independent speeds or rows."""
-        return Mechanism(self.model, self.speeds, self.constraints, free, kept, self.sizes,
-                         self.rank_tolerance)
+        return Mechanism(self.model, self.speeds, self.constraints, free, kept,
+                         self.sizes, self.rank_tolerance)
 
     @property
     def speed_names(self) -> tuple[str, ...]:
         """Return the names of the independent speeds, in order."""
         return tuple(self.speeds.names[r] for r in self.free)
 
-    def state(self, q: Any, t: Any = 0.0, links: Sequence[Link] | None = None) -> MechanismState:
+    def state(self, q: Vector, t: Scalar = 0.0,
+              links: Sequence[Link] | None = None) -> MechanismState:
         """Return the mechanism at q, (n_q,), and t, over any scalar."""
         return MechanismState(self.model, self.speeds, q, t, links)
 
-    def rows(self, here: MechanismState) -> ConstraintRows:
+    def rows(self, state: MechanismState) -> ConstraintRows:
         """Return the rows of all constraints, in the order of `labels`."""
-        parts = [constraint.rows(here) for constraint in self.constraints]
-        J = np.concatenate([np.zeros((0, here.width)), *(part.J for part in parts)])
-        b = np.concatenate([np.zeros(0), *(part.b for part in parts)])
-        return ConstraintRows(J, b, tuple(x for part in parts for x in part.residual))
+        parts = [constraint.rows(state) for constraint in self.constraints]
+        return _stacked(parts, state.width)
 
-    def functions(self, here: MechanismState, of_state: bool) -> dict[tuple[str, str], Any]:
+    def functions(self, state: MechanismState,
+                  of_state: bool) -> dict[tuple[str, str], Any]:
         """
         Return the user-defined functions that must be continuous, by name and unit.
 
         They are those of t alone or, with `of_state`, those of q and t.
         """
-        units = {'position(t)': ' (m or rad)', 'the velocity of position(t)': ' (m/s or rad/s)',
+        units = {'position(t)': ' (m or rad)',
+                 'the velocity of position(t)': ' (m/s or rad/s)',
                  'value(t)': ' (m/s or rad/s)'}
-        found = {} if self.speeds.key or not of_state else {
-            (f'speeds: {name}(q, t)', ''): x
-            for name, x in zip('YZ', self.speeds.of(here.q, here.t))}
+        functions: dict[tuple[str, str], Any] = {}
+        if of_state and not self.speeds.key:
+            Y, Z = self.speeds.of(state.q, state.t)
+            functions['speeds: Y(q, t)', ''] = Y
+            functions['speeds: Z(q, t)', ''] = Z
         for constraint in self.constraints:
-            if isinstance(constraint, DependentSpeeds if of_state else
-                          Prescribed | PointVelocity):
-                found |= {(f"constraint '{constraint.name}': {name}", units.get(name, '')): x
-                          for name, x in constraint.functions(here).items()}
-        return found
+            if isinstance(constraint, DependentSpeeds):
+                depends_on_state = True
+            elif isinstance(constraint, Prescribed | PointVelocity):
+                depends_on_state = False
+            else:
+                continue
+            if depends_on_state == of_state:
+                for name, value in constraint.functions(state).items():
+                    full_name = f"constraint '{constraint.name}': {name}"
+                    functions[full_name, units.get(name, '')] = value
+        return functions
 
-    def system(self, here: MechanismState) -> tuple[Any, Any]:
+    def system(self, state: MechanismState) -> tuple[Matrix, Vector]:
         """
         Return S, (n_q, n_q), and s, (n_q,), of S q' = s at zero independent speeds.
 
-        The first rows define the independent speeds, Y q' = u - Z, the others are the constraints.
-        Rows of wheels with all rows kept are `Rolling.surface_rows`.
+        The first rows define the independent speeds, Y q' = u - Z, the others are the
+        constraints. Rows of wheels with all rows kept are `Rolling.surface_rows`.
         """
-        Y, Z = here.speed_rows(self.speed_names)
-        parts = [constraint.surface_rows(here)[0] if constraint in self._rolling
-                 else constraint.rows(here) for constraint in self.constraints]
-        J = np.concatenate([np.zeros((0, here.width)), *(part.J for part in parts)])
-        b = np.concatenate([np.zeros(0), *(part.b for part in parts)])
-        return np.concatenate([Y, J[self.kept]]), np.concatenate([-Z, b[self.kept]])
+        Y, Z = state.speed_rows(self.speed_names)
+        parts = []
+        for constraint in self.constraints:
+            if constraint in self._rolling:
+                rows, _ = constraint.surface_rows(state)
+            else:
+                rows = constraint.rows(state)
+            parts.append(rows)
+        rows = _stacked(parts, state.width)
+        S = np.concatenate([Y, rows.J[self.kept]])
+        s = np.concatenate([-Z, rows.b[self.kept]])
+        return S, s
 
-    def _of_rows(self, here: MechanismState, N: Any) -> Any:
-        """Return joint rates per unit of the auxiliary speeds of `rows`, from those of S."""
+    def _of_rows(self, state: MechanismState, N: Matrix) -> Matrix:
+        """Return N for the auxiliary speeds of `rows`, from that for the rows of S."""
+        if not self._rolling:
+            return N
+        # J = B J_0 with the rows J_0 of S, and B^-1 = B^T: N = N_0 B^T.
         result = np.array(N, dtype=object)
         for constraint in self._rolling:
-            places = [k for k, row in enumerate(self.kept)
-                      if self.owners[row] == constraint.name]
-            result[:, places] = N[:, places] @ constraint.surface_rows(here)[1].T
-        return result if self._rolling else N
+            places = self._kept_places(constraint)
+            _, B = constraint.surface_rows(state)
+            result[:, places] = N[:, places] @ B.T
+        return result
 
-    def joint_motion(self, q: Any, u: Any, udot: Any, t: Any = 0.0,
+    def joint_motion(self, q: Vector, u: Vector, udot: Vector, t: Scalar = 0.0,
                      links: Sequence[Link] | None = None) -> JointMotion:
         """
         Return the joint motion.
@@ -246,68 +299,107 @@ class Mechanism:
             S is singular in every configuration.
 
         """
+        n = self.n
         if self.in_joint_speeds:
-            n = self.n
-            return JointMotion(u, udot, np.eye(n), np.zeros((n, 0)), np.zeros((n, n)), unit=True)
-        here = self.state(q, t, links)
-        S, s = self.system(here)
-        inverse = self.solved(S, np.eye(len(S)))
-        none = np.zeros(len(self.kept)).astype(object)
-        qdot = inverse @ (np.concatenate([u, none]) + s)
-        S_moving, s_moving = self.system(
-            self.state(moving(q, coordinate_rates(self.model, q, qdot)), moving(t, 1.0), links))
-        S_rate = rates(S_moving)
-        given = rates(s_moving) - S_rate @ qdot
-        if links is not None:
-            given = self._with_closures(given, here, qdot)
-        qddot = inverse @ (np.concatenate([udot, none]) + given)
-        T = inverse[:, :self.n]
-        return JointMotion(qdot, qddot, T, self._of_rows(here, inverse[:, self.n:]),
-                           -(inverse @ (S_rate @ T)))
+            return JointMotion(u, udot, np.eye(n), np.zeros((n, 0)), np.zeros((n, n)),
+                               unit=True)
 
-    def _with_closures(self, given: Any, here: MechanismState, qdot: Any) -> Any:
+        # q' = S^-1 ([u; 0] + s): the auxiliary speeds are zero.
+        state = self.state(q, t, links)
+        S, s = self.system(state)
+        S_inverse = self.solved(S, np.eye(len(S)))
+        no_speeds = np.zeros(len(self.kept)).astype(object)
+        qdot = S_inverse @ (np.concatenate([u, no_speeds]) + s)
+
+        # S and s along the motion, and their time derivatives S', s' (t' = 1).
+        q_moving = moving(q, coordinate_rates(self.model, q, qdot))
+        S_moving, s_moving = self.system(self.state(q_moving, moving(t, 1.0), links))
+        S_rate = rates(S_moving)
+
+        # S q'' = [u'; 0] + s' - S' q'
+        bias = rates(s_moving) - S_rate @ qdot
+        if links is not None:
+            bias = self._with_closures(bias, state, qdot)
+        qddot = S_inverse @ (np.concatenate([udot, no_speeds]) + bias)
+
+        # S^-1 = [T N], and T' = -S^-1 S' T.
+        T = S_inverse[:, :n]
+        N = self._of_rows(state, S_inverse[:, n:])
+        T_rate = -(S_inverse @ (S_rate @ T))
+        return JointMotion(qdot, qddot, T, N, T_rate)
+
+    def _with_closures(self, bias: Vector, state: MechanismState,
+                       qdot: Vector) -> Vector:
         """
         Return s' - S' q' with the rows of closed loops by accelerations.
 
-        Velocities and accelerations from joint to joint take less arithmetic than the time
-        derivative of every entry of S.
+        Velocities and accelerations from joint to joint take less arithmetic than the
+        time derivative of every entry of S.
         """
-        found: dict[int, Any] = {}
+        accelerations: dict[int, Scalar] = {}
         first = 0
         for constraint in self.constraints:
             if isinstance(constraint, Closure):
-                found.update(enumerate(constraint.accelerations(here, qdot), first))
+                of_rows = constraint.accelerations(state, qdot)
+                accelerations.update(enumerate(of_rows, first))
             first += len(constraint.labels)
-        return np.array([*given[:self.n], *(
-            -found[row] if row in found else x for row, x in zip(self.kept, given[self.n:]))])
 
-    def solved(self, S: Any, right: Any) -> Any:
-        """Return S^-1 times a vector or a matrix; ConstraintError if S is always singular."""
+        result = list(bias)
+        for place, row in enumerate(self.kept, self.n):
+            if row in accelerations:
+                result[place] = -accelerations[row]
+        return np.array(result)
+
+    def solved(self, S: Matrix, right: Matrix) -> Matrix:
+        """Return S^-1 times a vector or a matrix; ConstraintError if always singular."""
+        columns = right.reshape(len(S), -1)
         try:
-            return linear_solve.solution(S, right.reshape(len(S), -1)).reshape(right.shape)
+            solution = linear_solve.solution(S, columns)
         except ZeroDivisionError as error:
+            names = [*self.speed_names, *(self.labels[k] for k in self.kept)]
             row = error.args[0]
-            names = (*self.speed_names, *(self.labels[k] for k in self.kept))
-            raise ConstraintError(f"speeds and constraints: '{names[row]}' depends on the others "
-                                  'in every configuration, so that the motion is not determined; '
-                                  'expected independent rows') from None
+            raise ConstraintError(
+                f"speeds and constraints: '{names[row]}' depends on the others in every "
+                'configuration, so that the motion is not determined; expected independent '
+                'rows') from None
+        return solution.reshape(right.shape)
+
+
+def _stacked(parts: Sequence[ConstraintRows], width: int) -> ConstraintRows:
+    """Return the rows of several constraints as one; `width` columns without any."""
+    J = [np.zeros((0, width))]
+    b = [np.zeros(0)]
+    residual: list[Scalar] = []
+    for part in parts:
+        J.append(part.J)
+        b.append(part.b)
+        residual += part.residual
+    return ConstraintRows(np.concatenate(J), np.concatenate(b), tuple(residual))
 
 
 def congruent(M: Matrix, T: Matrix) -> Matrix:
     """Return T^T M T for a symmetric M, exactly symmetric: equal expressions."""
     half = M @ T
     n = T.shape[1]
-    upper = {(r, s): T[:, r] @ half[:, s] for r in range(n) for s in range(r, n)}
-    return np.array([[upper[min(r, s), max(r, s)] for s in range(n)] for r in range(n)])
+    result: list[list[Scalar]] = [[0.0] * n for _ in range(n)]
+    for r in range(n):
+        for s in range(r, n):
+            entry = T[:, r] @ half[:, s]
+            result[r][s] = entry
+            result[s][r] = entry
+    return np.array(result)
 
 
-def _described(constraint: Constraint) -> str | None:
-    """Return a constraint's exact parameters as text; None if one of them is a function."""
+def _exact_text(constraint: Constraint) -> str | None:
+    """Return a constraint's exact parameters as text; None if one is a function."""
     words = [type(constraint).__name__]
     for field in fields(constraint):
         value = getattr(constraint, field.name)
         if callable(value):
             return None
-        words.append(repr(value.tolist() if isinstance(value, np.ndarray) else
-                          sorted(value.items()) if isinstance(value, Mapping) else value))
+        if isinstance(value, np.ndarray):
+            value = value.tolist()
+        elif isinstance(value, Mapping):
+            value = sorted(value.items())
+        words.append(repr(value))
     return ' '.join(words)

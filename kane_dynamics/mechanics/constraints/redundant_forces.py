@@ -5,8 +5,9 @@ Rigid-body dynamics does not determine these forces. Of all forces with the same
 the least sum of squares are chosen, with moments divided by the length of the mechanism.
 """
 
-from typing import Any
+from collections.abc import Sequence
 
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
@@ -15,7 +16,8 @@ import numpy as np
 SHARING = ('minimum_norm', 'kept')
 
 
-def shared_forces(mechanism: Mechanism, J: Any, N: Any, held: Any, redundant: str) -> Any:
+def shared_forces(mechanism: Mechanism, J: Matrix, N: Matrix, held: Vector,
+                  redundant: str) -> Vector:
     """
     Return the forces of all rows, (m,), equivalent to forces of the kept rows.
 
@@ -34,29 +36,49 @@ def shared_forces(mechanism: Mechanism, J: Any, N: Any, held: Any, redundant: st
         'kept': the forces of the other rows are zero.
 
     """
-    kept, others = mechanism.kept, mechanism.left_out
+    kept = mechanism.kept
+    left_out = mechanism.left_out
+    weight = np.where(mechanism.turning, 1.0 / mechanism.length, 1.0)
     result = np.zeros(len(mechanism.labels)).astype(object)
-    weight = np.array([1.0 / mechanism.length if turns else 1.0 for turns in mechanism.turning])
-    C = (np.array([_product(row, N) for row in J[others]]).reshape(len(others), len(kept))
-         * weight[kept] / weight[others][:, None])
+
+    # C = J_R N, with the forces of both kinds of rows in units of force.
+    products = [_product(row, N) for row in J[left_out]]
+    C = np.array(products).reshape(len(left_out), len(kept))
+    C = C * weight[kept] / weight[left_out][:, None]
     if redundant == 'kept' or all(is_zero(x) for x in C.ravel()):
         result[kept] = held
         return result
+
+    # lambda_K = (1 + C^T C)^-1 held, lambda_R = C lambda_K
     order = list(range(len(kept)))
-    share = solve(factorize(np.eye(len(order)) + _gram(C), order), order, weight[kept] * held)
+    factors = factorize(np.eye(len(order)) + _gram(C), order)
+    share = solve(factors, order, weight[kept] * held)
     result[kept] = share / weight[kept]
-    result[others] = (C @ share) / weight[others]
+    result[left_out] = (C @ share) / weight[left_out]
     return result
 
 
-def _product(row: Any, matrix: Any) -> list[Any]:
+def _product(row: Vector, matrix: Matrix) -> list[Scalar]:
     """Return row @ matrix without the terms that are zero by structure."""
-    return [sum((x * y for x, y in zip(row, column) if not (is_zero(x) or is_zero(y))),
-                start=0.0) for column in matrix.T]
+    return [_dot(row, column) for column in matrix.T]
 
 
-def _gram(C: Any) -> Any:
+def _dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Scalar:
+    """Return a . b without the terms that are zero by structure."""
+    total: Scalar = 0.0
+    for x, y in zip(a, b):
+        if not (is_zero(x) or is_zero(y)):
+            total = total + x * y
+    return total
+
+
+def _gram(C: Matrix) -> Matrix:
     """Return C^T C, symmetric to the last bit."""
     n = C.shape[1]
-    upper = {(r, s): _product(C[:, r], C[:, s:s + 1])[0] for r in range(n) for s in range(r, n)}
-    return np.array([[upper[min(r, s), max(r, s)] for s in range(n)] for r in range(n)])
+    result: list[list[Scalar]] = [[0.0] * n for _ in range(n)]
+    for r in range(n):
+        for s in range(r, n):
+            entry = _dot(C[:, r], C[:, s])
+            result[r][s] = entry
+            result[s][r] = entry
+    return np.array(result)

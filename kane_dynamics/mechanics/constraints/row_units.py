@@ -17,17 +17,27 @@ def length_of(model: Model, constraints: Sequence[Constraint] = ()) -> float:
     where there is none, the longest one that a constraint states, such as the radius of a wheel;
     else the largest radius of gyration of a body. 1 for bodies without extent.
     """
+    # Distances between neighbouring joints, and from bodies to their frames.
     places = [body.joint.translation for body in model.bodies if body.parent != WORLD]
     places += [frame.translation for frame in model.frames if frame.body != WORLD]
-    longest = max((float(np.linalg.norm(place)) for place in places), default=0.0)
+    distances = [float(np.linalg.norm(place)) for place in places]
+    longest = max(distances, default=0.0)
     if longest > 0.0:
         return longest
-    stated = [getattr(constraint, name, None) for constraint in constraints
-              for name in ('radius', 'surface_radius', 'length')]
-    longest = max((length for length in stated if length is not None), default=0.0)
+
+    # Lengths that constraints state.
+    stated = []
+    for constraint in constraints:
+        for name in ('radius', 'surface_radius', 'length'):
+            length = getattr(constraint, name, None)
+            if length is not None:
+                stated.append(length)
+    longest = max(stated, default=0.0)
     if longest > 0.0:
         return longest
-    return max((_gyration(body.inertial) for body in model.bodies), default=0.0) or 1.0
+
+    radii = [_gyration(body.inertial) for body in model.bodies]
+    return max(radii, default=0.0) or 1.0
 
 
 def _gyration(inertial: Inertial) -> float:

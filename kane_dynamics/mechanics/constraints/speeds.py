@@ -11,13 +11,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.algebra.user_functions import evaluated
 from kane_dynamics.mechanics.ball_joints import joint_positions
 from kane_dynamics.mechanics.definition import kinematics
 from kane_dynamics.mechanics.recursive import composite_inertia
-from kane_dynamics.mechanics.recursive.link_frames import (denavit_hartenberg, linkage, posed,
-                                                           regrouped)
+from kane_dynamics.mechanics.recursive.link_frames import (denavit_hartenberg, linkage,
+                                                           posed, regrouped)
 from kane_dynamics.model.model import Model
 import numpy as np
 
@@ -52,7 +53,7 @@ class Speeds:
     key: str = ''
     definite: bool = False
 
-    def of(self, q: Any, t: Any) -> tuple[Any, Any]:
+    def of(self, q: Vector, t: Scalar) -> tuple[Matrix, Vector]:
         """
         Return Y, (n, n), and Z, (n,), at q, t.
 
@@ -64,44 +65,56 @@ class Speeds:
         """
         n = len(self.names) or len(q)
         Y = np.asarray(self._evaluated(self.Y, 'Y', q, t))
-        Z = np.zeros(n) if self.Z is None else np.asarray(self._evaluated(self.Z, 'Z', q, t))
+        if self.Z is None:
+            Z = np.zeros(n)
+        else:
+            Z = np.asarray(self._evaluated(self.Z, 'Z', q, t))
         for name, value, shape in (('Y', Y, (n, n)), ('Z', Z, (n,))):
             if value.shape != shape:
-                raise ConstraintError(f'{name}(q, t) returns shape {value.shape}; expected '
-                                      f'{shape}, one row for each speed')
+                raise ConstraintError(f'{name}(q, t) returns shape {value.shape}; '
+                                      f'expected {shape}, one row for each speed')
         return Y, Z
 
-    def _evaluated(self, function: Function, name: str, q: Any, t: Any) -> Any:
+    def _evaluated(self, function: Function, name: str, q: Vector, t: Scalar) -> Any:
         """Return the value of a function; a user-defined one (no key) is checked."""
-        return function(q, t) if self.key else evaluated(function, f'speeds: {name}(q, t)', q, t)
+        if self.key:
+            return function(q, t)
+        return evaluated(function, f'speeds: {name}(q, t)', q, t)
 
 
 def joint_rates(model: Model) -> Speeds:
-    """Return u = q', the default; of ball joints the angular velocity on the body's axes."""
+    """Return u = q'; of ball joints, the angular velocity on the body's axes."""
     unit = np.eye(model.n)
     return Speeds(lambda q, t: unit, None, model.joint_names, JOINT_RATES)
 
 
 def absolute_rates(model: Model) -> Speeds:
     """
-    Return each body's angular velocity along its own joint axis; sliding joints keep their rate.
+    Return each body's angular velocity along its own joint axis; others are joint rates.
 
-    So do the modes of beams. For a planar chain these are the rates of absolute angles, in which
-    the equations of motion couple bodies through angle differences only.
+    The others are those of sliding joints and of the modes of beams. For a planar chain
+    these are the rates of absolute angles, in which the equations of motion couple bodies
+    through angle differences only.
     """
-    carriers = {joint.name: k for k, joint in enumerate(b.joint for b in model.bodies)
-                if joint.kind == 'revolute'}
+    body_of_joint = {}
+    for k, body in enumerate(model.bodies):
+        if body.joint.kind == 'revolute':
+            body_of_joint[body.joint.name] = k
 
-    def Y(q: Any, t: Any) -> Any:
-        bodies = kinematics.configurations(model, q)
+    def Y(q: Vector, t: Scalar) -> Matrix:
+        # u_r = omega . axis, with omega = sum_s omega^s q_s': row r is omega^s . axis.
+        configurations = kinematics.configurations(model, q)
         rows = []
         for r, joint in enumerate(model.coordinate_joints):
-            here = bodies[carriers[joint.name]] if joint.name in carriers else None
-            rows.append(np.eye(model.n)[r] if here is None else
-                        here.partial_angular_velocity @ here.axis)
+            if joint.name in body_of_joint:
+                body = configurations[body_of_joint[joint.name]]
+                rows.append(body.partial_angular_velocity @ body.axis)
+            else:
+                rows.append(np.eye(model.n)[r])
         return np.array(rows)
-    return Speeds(Y, None, tuple(f'{name}/absolute' for name in model.joint_names),
-                  'absolute_rates')
+
+    names = tuple(f'{name}/absolute' for name in model.joint_names)
+    return Speeds(Y, None, names, 'absolute_rates')
 
 
 def body_angular_velocity(frame: str) -> Callable[[Model], Speeds]:
@@ -122,25 +135,33 @@ def body_angular_velocity(frame: str) -> Callable[[Model], Speeds]:
 
     """
     def of(model: Model) -> Speeds:
-        at = model.frame(frame)
-        turning = sorted({model.bodies[k].joint.coordinate for k in model.path(at.body)
-                          if model.bodies[k].joint.kind == 'revolute'})
-        if len(turning) != 3:
-            names = ', '.join(model.joint_names[r] for r in turning) or 'none'
-            raise ConstraintError(f"frame '{frame}': {len(turning)} revolute joints ({names}) "
-                                  'move it; expected exactly three')
+        body_frame = model.frame(frame)
+        turning = set()
+        for k in model.path(body_frame.body):
+            joint = model.bodies[k].joint
+            if joint.kind == 'revolute':
+                turning.add(joint.coordinate)
+        angles = sorted(turning)
+        if len(angles) != 3:
+            names = ', '.join(model.joint_names[r] for r in angles) or 'none'
+            raise ConstraintError(f"frame '{frame}': {len(angles)} revolute joints "
+                                  f'({names}) move it; expected exactly three')
 
-        def Y(q: Any, t: Any) -> Any:
-            R, _ = kinematics.frame_pose(model, at, q)
-            omega = R.T @ kinematics.frame_partial_velocities(model, at, q)[3:]
+        def Y(q: Vector, t: Scalar) -> Matrix:
+            # omega in the axes of the frame replaces the three angle rates.
+            R, _ = kinematics.frame_pose(model, body_frame, q)
+            J = kinematics.frame_partial_velocities(model, body_frame, q)
+            omega = R.T @ J[3:]
             rows = list(np.eye(model.n).astype(object))
-            for r, row in zip(turning, omega):
+            for r, row in zip(angles, omega):
                 rows[r] = row
             return np.array(rows)
+
         speed_names = list(model.joint_names)
-        for r, part in zip(turning, ('x', 'y', 'z')):
+        for r, part in zip(angles, ('x', 'y', 'z')):
             speed_names[r] = f'{frame}/omega_{part}'
-        return Speeds(Y, None, tuple(speed_names), f'body_angular_velocity({frame!r})')
+        key = f'body_angular_velocity({frame!r})'
+        return Speeds(Y, None, tuple(speed_names), key)
     return of
 
 
@@ -149,10 +170,16 @@ def momenta(model: Model) -> Speeds:
     links = regrouped(denavit_hartenberg(linkage(model)))
     rotors = np.zeros(model.n)
     for body in model.bodies:
-        rotors[body.joint.coordinate] += body.joint.multiplier**2 * body.joint.armature
-    return Speeds(lambda q, t: composite_inertia.mass_matrix(
-        posed(links, model, q), joint_positions(model, q)) + np.diag(rotors), None,
-        tuple(f'{name}/momentum' for name in model.joint_names), 'momenta', definite=True)
+        joint = body.joint
+        rotors[joint.coordinate] += joint.multiplier**2 * joint.armature
+
+    def Y(q: Vector, t: Scalar) -> Matrix:
+        M = composite_inertia.mass_matrix(posed(links, model, q),
+                                          joint_positions(model, q))
+        return M + np.diag(rotors)
+
+    names = tuple(f'{name}/momentum' for name in model.joint_names)
+    return Speeds(Y, None, names, 'momenta', definite=True)
 
 
 def chosen(model: Model, choice: Any) -> Speeds:
@@ -176,11 +203,12 @@ def chosen(model: Model, choice: Any) -> Speeds:
     if callable(speeds):
         speeds = speeds(model)
     if not isinstance(speeds, Speeds):
-        raise InputError(f'speeds: a {type(choice).__name__}; expected Speeds, or a function '
-                         'that takes the model and returns them')
+        raise InputError(f'speeds: a {type(choice).__name__}; expected Speeds, or a '
+                         'function that takes the model and returns them')
     names = tuple(speeds.names) or tuple(f'u{r + 1}' for r in range(model.n))
     if len(names) != model.n or len(set(names)) != len(names):
-        raise InputError(f'names of the speeds: {list(names)}; expected {model.n} different ones')
+        raise InputError(f'names of the speeds: {list(names)}; expected {model.n} '
+                         'different ones')
     return replace(speeds, names=names)
 
 
@@ -188,5 +216,6 @@ def speed_places(speeds: Speeds, names: Sequence[str]) -> list[int]:
     """Return the indices of speeds; ConstraintError lists the valid names."""
     for name in names:
         if name not in speeds.names:
-            raise ConstraintError(f"no speed '{name}'; expected one of {', '.join(speeds.names)}")
+            raise ConstraintError(f"no speed '{name}'; expected one of "
+                                  f'{", ".join(speeds.names)}')
     return [speeds.names.index(name) for name in names]

@@ -8,21 +8,21 @@ exists in which these joints rest: actuators there produce no force along it.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Matrix, Scalar
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.constraints.conditioning import described
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 import numpy as np
 
-MOST = 1e3  # largest ratio of the rates of all joints to those of some
+LARGEST_RATIO = 1e3  # largest ratio of the rates of all joints to those of some
 
 
-def transmission_margin(mechanism: Mechanism, T: Any, places: Sequence[int]) -> Any:
+def transmission_margin(mechanism: Mechanism, T: Matrix,
+                        places: Sequence[int]) -> Scalar:
     """
-    Return 1 minus the squared ratio relative to `MOST`, positive where it is accepted.
+    Return 1 minus the squared ratio relative to `LARGEST_RATIO`, positive where it is accepted.
 
     Parameters
     ----------
@@ -42,16 +42,21 @@ def transmission_margin(mechanism: Mechanism, T: Any, places: Sequence[int]) -> 
     n = T.shape[1]
     if not n or len(places) == len(T):
         return 1.0
+
+    # The trace of (T^T P T)^-1 T^T T, in scaled coordinates.
     scaled = T * (1.0 / mechanism.units)[:, None]
-    whole, part = (x.T @ x for x in (scaled, scaled[list(places)]))
+    scaled_part = scaled[list(places)]
+    whole = scaled.T @ scaled
+    part = scaled_part.T @ scaled_part
     order = list(range(n))
     try:
         factors = factorize(part, order)
     except ZeroDivisionError:
-        raise ConstraintError(f'{_names(mechanism, places)}: these joints do not determine the '
-                              'motion in any configuration; expected others') from None
+        raise ConstraintError(
+            f'{_names(mechanism, places)}: these joints do not determine the motion in any '
+            'configuration; expected others') from None
     ratio_2 = sum(solve(factors, order, whole[:, k])[k] for k in order)
-    return 1.0 - ratio_2 * MOST**-2
+    return 1.0 - ratio_2 * LARGEST_RATIO**-2
 
 
 def require_transmission(mechanism: Mechanism, T: Array, places: Sequence[int], actuated: bool,
@@ -73,25 +78,37 @@ def require_transmission(mechanism: Mechanism, T: Array, places: Sequence[int], 
         Of the largest ratio that is accepted.
 
     """
-    if not T.shape[1] or len(places) == len(T):
+    n = T.shape[1]
+    if not n or len(places) == len(T):
         return
+
+    # Singular values of the map from the rates of all joints to those of some.
     scaled = T / mechanism.units[:, None]
     with np.errstate(all='ignore'):
-        smallest = np.linalg.svd(scaled[list(places)] @ np.linalg.pinv(scaled),
-                                 compute_uv=False)[:T.shape[1]]
-        ratio = float(np.sqrt((smallest**-2.0).sum()))
-    if ratio < share * MOST:
+        to_places = scaled[list(places)] @ np.linalg.pinv(scaled)
+        singular_values = np.linalg.svd(to_places, compute_uv=False)[:n]
+        ratio = float(np.sqrt((singular_values**-2.0).sum()))
+    if ratio < share * LARGEST_RATIO:
         return
-    names, at = _names(mechanism, places), described(mechanism, q)
-    many = f'{ratio:.3g} times as fast as these joints' if ratio < 1e12 else 'while these rest'
-    what = (f'actuated: {names} cannot produce every motion at {at}, a singular configuration of '
-            'the actuation' if actuated else
-            f'followed: {names} do not determine the motion at {at}')
-    raise ConstraintError(f'{where}{what}: the mechanism moves {many}; expected at most '
-                          f'{MOST:g} times; choose '
-                          f'{"more actuators" if actuated else "other joints"}, or stay away from '
-                          'that configuration')
+
+    names = _names(mechanism, places)
+    at = described(mechanism, q)
+    if ratio < 1e12:
+        speed = f'{ratio:.3g} times as fast as these joints'
+    else:
+        speed = 'while these rest'
+    if actuated:
+        problem = (f'actuated: {names} cannot produce every motion at {at}, a singular '
+                   'configuration of the actuation')
+        remedy = 'more actuators'
+    else:
+        problem = f'followed: {names} do not determine the motion at {at}'
+        remedy = 'other joints'
+    raise ConstraintError(
+        f'{where}{problem}: the mechanism moves {speed}; expected at most '
+        f'{LARGEST_RATIO:g} times; choose {remedy}, or stay away from that configuration')
 
 
 def _names(mechanism: Mechanism, places: Sequence[int]) -> str:
+    """Return the names of joints as text."""
     return ', '.join(mechanism.model.joint_names[k] for k in places)

@@ -1,1 +1,1 @@
-"""The constraints: velocities of points, closed loops, rolling, couplings, prescribed motion."""
+"""The constraints: points, closed loops, rolling, couplings, prescribed motion."""

@@ -6,21 +6,21 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from kane_dynamics._util.frozen import freeze
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import cross
-from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (ConstraintRows,
-                                                                                  Geometry,
-                                                                                  positive, triad,
-                                                                                  unit)
+from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (
+    ConstraintRows, Geometry, positive, triad, unit)
 from kane_dynamics.model.model import Frame
 import numpy as np
 
 FLOOR = 1e-16  # smallest 1 + cos(angle), its rounding; the angle is then a half turn
 NUDGE = 1e-15  # rad: keeps the residual of an exact half turn, 0 / 0, far from zero
 
-# For each kind: directions without relative translation of the origins, and directions without
-# relative rotation. 'side', 'up' and 'axis' are a right-handed triad of the second frame.
+# For each kind: directions without relative translation of the origins, and directions
+# without relative rotation. 'side', 'up' and 'axis' are a right-handed triad of the
+# second frame.
 CARRIED = ('x', 'y', 'z')
 ACROSS = ('side', 'up')
 ROWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -35,55 +35,58 @@ ROWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     'distance': (('distance',), ()),
 }
 TURNS = {'side': 'turn_1', 'up': 'turn_2', 'axis': 'turn_3', 'between': 'turn_1'}
-Kind = Literal['weld', 'revolute', 'prismatic', 'cylindrical', 'universal', 'spherical', 'planar',
-               'inline', 'distance']
+Kind = Literal['weld', 'revolute', 'prismatic', 'cylindrical', 'universal', 'spherical',
+               'planar', 'inline', 'distance']
 
 
 @dataclass(frozen=True, eq=False)
 class Closure:
     """
-    Closed loop: two frames of the mechanism, joined by the joint at which the loop was cut.
+    Closed loop: two frames of the mechanism, joined by the joint at which the loop was
+    cut.
 
     Parameters
     ----------
     first, second : str
         The frames; one of them may be fixed in the world.
     kind : str
-        The relative motion that remains free: `weld` none; `revolute` rotation about `axis`;
-        `prismatic` translation along it; `cylindrical` both; `universal` rotations about `axis`
-        and `second_axis`; `spherical` all rotations; `planar` translation normal to `axis` and
-        rotation about it; `inline` translation along `axis` and all rotations (the origin of
-        `first` stays on a line of `second`); `distance` everything except a change of the distance
-        between the origins.
+        The relative motion that remains free: `weld` none; `revolute` rotation about
+        `axis`; `prismatic` translation along it; `cylindrical` both; `universal`
+        rotations about `axis` and `second_axis`; `spherical` all rotations; `planar`
+        translation normal to `axis` and rotation about it; `inline` translation along
+        `axis` and all rotations (the origin of `first` stays on a line of `second`);
+        `distance` everything except a change of the distance between the origins.
     axis : (3,) array
-        The same direction in the axes of both frames; of a universal closure, in those of `first`.
+        The same direction in the axes of both frames; of a universal closure, in those
+        of `first`.
     second_axis : (3,) array, optional
-        Of a universal closure: in the axes of `second`, perpendicular to `axis` wherever the loop
-        is closed; by default the direction `side` (see Notes).
+        Of a universal closure: in the axes of `second`, perpendicular to `axis` wherever
+        the loop is closed; by default the direction `side` (see Notes).
     length : float, optional
         Of a distance closure, m; positive.
     name : str
 
     Notes
     -----
-    Every row is in the axes of a body of the loop, so that the same rows are redundant in every
-    configuration.
+    Every row is in the axes of a body of the loop, so that the same rows are redundant
+    in every configuration.
 
-    Position rows are the velocity of the origin of `second` relative to that of `first`. Without
-    an axis, they are along x, y and z (labels `x`, `y`, `z`) of the outermost body that moves both
-    frames (of the world, if there is none), and relative to that body. Kinds with an axis use the
-    right-handed triad `side`, `up`, `axis` fixed in `second` (x, y, z if the axis is z). The rows
-    are the exact time derivatives of their residuals.
+    Position rows are the velocity of the origin of `second` relative to that of `first`.
+    Without an axis, they are along x, y and z (labels `x`, `y`, `z`) of the outermost
+    body that moves both frames (of the world, if there is none), and relative to that
+    body. Kinds with an axis use the right-handed triad `side`, `up`, `axis` fixed in
+    `second` (x, y, z if the axis is z). The rows are the exact time derivatives of their
+    residuals.
 
-    Orientation rows are the angular velocity of `second` relative to `first` about side, up and
-    axis (labels `turn_1`, `turn_2`, `turn_3`). The residual is 2 tan(angle / 2) times the axis of
-    the remaining rotation. It is zero only at the correct orientation and tends to infinity at a
-    half turn; its time derivative is the row's velocity where the loop is closed (elsewhere a
-    regular matrix times that velocity). Newton's method with these rows converges quadratically,
-    and never to frames that are flipped.
+    Orientation rows are the angular velocity of `second` relative to `first` about side,
+    up and axis (labels `turn_1`, `turn_2`, `turn_3`). The residual is 2 tan(angle / 2)
+    times the axis of the remaining rotation. It is zero only at the correct orientation
+    and tends to infinity at a half turn; its time derivative is the row's velocity where
+    the loop is closed (elsewhere a regular matrix times that velocity). Newton's method
+    with these rows converges quadratically, and never to frames that are flipped.
 
-    The row of a universal closure, `turn_1`, is about axis x second_axis. Its residual is the
-    cosine of the angle between the two, of which it is the exact time derivative.
+    The row of a universal closure, `turn_1`, is about axis x second_axis. Its residual
+    is the cosine of the angle between the two, of which it is the exact time derivative.
 
     """
 
@@ -105,104 +108,149 @@ class Closure:
         freeze(self, 'axis', unit(self.axis, f'{what}: axis'))
         for key, kind in (('second_axis', 'universal'), ('length', 'distance')):
             if getattr(self, key) is not None and self.kind != kind:
-                raise ConstraintError(f'{what}: {key}, given with kind {self.kind!r}; expected '
-                                      f'it with kind {kind!r} only')
+                raise ConstraintError(f'{what}: {key}, given with kind {self.kind!r}; '
+                                      f'expected it with kind {kind!r} only')
         if self.kind == 'universal':
-            given = triad(self.axis)[0] if self.second_axis is None else self.second_axis
-            freeze(self, 'second_axis', unit(given, f'{what}: second_axis'))
+            second_axis = self.second_axis
+            if second_axis is None:
+                second_axis, _, _ = triad(self.axis)
+            freeze(self, 'second_axis', unit(second_axis, f'{what}: second_axis'))
         if self.kind == 'distance':
             if self.length is None:
-                raise ConstraintError(f'{what}: length: missing; expected the distance in m')
+                raise ConstraintError(f'{what}: length: missing; expected the distance '
+                                      'in m')
             freeze(self, 'length', positive(self.length, f'{what}: length'))
 
     @property
     def labels(self) -> tuple[str, ...]:
         """Return the names of the rows: those of position, then those of orientation."""
         moves, turns = ROWS[self.kind]
-        return tuple(f'{self.name}/{part}' for part in (*moves, *(TURNS[x] for x in turns)))
+        parts = [*moves, *(TURNS[turn] for turn in turns)]
+        return tuple(f'{self.name}/{part}' for part in parts)
 
-    def rows(self, here: Geometry) -> ConstraintRows:
+    def rows(self, geometry: Geometry) -> ConstraintRows:
         """Return the rows of the constrained relative translations, then rotations."""
         turns = ROWS[self.kind][1]
-        here, seen_from = self._within(here)
-        (R1, p1), (R2, p2) = here.pose(self.first), here.pose(self.second)
+        geometry, observer = self._in_observer_axes(geometry)
+        R1, p1 = geometry.pose(self.first)
+        R2, p2 = geometry.pose(self.second)
         d = p2 - p1
-        # Relative to a body, joints that move both frames alike have zero columns.
-        J = ((here.partial_velocities(self.second) - here.partial_velocities(seen_from, p2))
-             - (here.partial_velocities(self.first) - here.partial_velocities(seen_from, p1)))
+
+        # The partial velocities of `second` minus those of `first`, each relative to the
+        # observer: joints that move both frames alike have zero columns.
+        J2 = (geometry.partial_velocities(self.second)
+              - geometry.partial_velocities(observer, p2))
+        J1 = (geometry.partial_velocities(self.first)
+              - geometry.partial_velocities(observer, p1))
+        J = J2 - J1
         if self.kind == 'distance':
-            far = np.sqrt(d @ d)
-            return ConstraintRows(np.array([(d / far) @ J[:3]]), np.zeros(1), (far - self.length,))
-        along, about = self._directions(here, seen_from)
-        residual = [direction @ d for direction in along]
+            distance = np.sqrt(d @ d)
+            row = (d / distance) @ J[:3]
+            return ConstraintRows(np.array([row]), np.zeros(1),
+                                  (distance - self.length,))
+
+        # Residuals of position are components of d; those of orientation are components
+        # of the rotation that is missing.
+        along, about = self._directions(geometry, observer)
+        residual = [n @ d for n in along]
         if turns == ('between',):
             residual.append((R1 @ self.axis) @ (R2 @ self.second_axis))
         elif turns:
-            missing = (_turn(R2.T @ R1) if len(turns) == 3 else
-                       _tilt(R2.T @ (R1 @ self.axis), self.axis))
-            residual += [self._triad[turn] @ missing for turn in turns]
-        return ConstraintRows(
-            np.array([*(n @ J[:3] for n in along), *(n @ J[3:] for n in about)]),
-            np.zeros(len(residual)), tuple(residual))
+            if len(turns) == 3:
+                missing_rotation = _turn(R2.T @ R1)
+            else:
+                missing_rotation = _tilt(R2.T @ (R1 @ self.axis), self.axis)
+            residual += [self._triad[turn] @ missing_rotation for turn in turns]
 
-    def accelerations(self, here: Geometry, qdot: Any) -> list[Any]:
+        # One row for each direction n: n . v^r or, of rotations, n . omega^r.
+        rows = [n @ J[:3] for n in along]
+        rows += [n @ J[3:] for n in about]
+        return ConstraintRows(np.array(rows), np.zeros(len(residual)), tuple(residual))
+
+    def accelerations(self, geometry: Geometry, qdot: Vector) -> list[Scalar]:
         """
-        Return the time derivatives of the rows times q' at constant joint rates q', m of them.
+        Return the time derivatives of the rows times q' at constant joint rates, (m,).
 
-        A row is the component of a relative velocity along a direction n; its derivative is the
-        component of the relative acceleration and, where n turns, n' times the velocity.
+        A row is the component of a relative velocity along a direction n; its derivative
+        is the component of the relative acceleration and, where n turns, n' times the
+        velocity.
         """
         turns = ROWS[self.kind][1]
-        here, seen_from = self._within(here)
-        (v1, a1), (v2, a2) = here.motion(self.first, qdot), here.motion(self.second, qdot)
-        v, a = v2 - v1, a2 - a1
+        geometry, observer = self._in_observer_axes(geometry)
+        v1, a1 = geometry.motion(self.first, qdot)
+        v2, a2 = geometry.motion(self.second, qdot)
+        v = v2 - v1
+        a = a2 - a1
         if self.kind == 'distance':
-            d = here.pose(self.second)[1] - here.pose(self.first)[1]
-            far = np.sqrt(d @ d)
-            n = d / far
-            return [n @ a[:3] + (v[:3] @ v[:3] - (n @ v[:3]) * (n @ v[:3])) / far]
-        along, about = self._directions(here, seen_from)
+            # d'' = n . a + (v . v - (n . v)^2) / d, with n = d / |d|
+            _, p2 = geometry.pose(self.second)
+            _, p1 = geometry.pose(self.first)
+            d = p2 - p1
+            distance = np.sqrt(d @ d)
+            n = d / distance
+            along_line = n @ a[:3]
+            return [along_line + (v[:3] @ v[:3] - (n @ v[:3]) * (n @ v[:3])) / distance]
+
+        # The directions `about` turn with `second`; 'between' is the cross product of an
+        # axis of each frame.
+        along, about = self._directions(geometry, observer)
         if turns == ('between',):
-            a_1, a_2 = (here.pose(self.first)[0] @ self.axis,
-                        here.pose(self.second)[0] @ self.second_axis)
-            turned = [cross(cross(v2[3:], a_2), a_1) + cross(a_2, cross(v1[3:], a_1))]
+            axis_1 = geometry.pose(self.first)[0] @ self.axis
+            axis_2 = geometry.pose(self.second)[0] @ self.second_axis
+            axis_2_rate = cross(v2[3:], axis_2)
+            between_rate = cross(axis_2_rate, axis_1)
+            about_rates = [between_rate + cross(axis_2, cross(v1[3:], axis_1))]
         else:
-            turned = [cross(v2[3:], n) for n in about]
-        return [*(n @ a[:3] for n in along),
-                *(n @ a[3:] + rate @ v[3:] for n, rate in zip(about, turned))]
+            about_rates = [cross(v2[3:], n) for n in about]
+
+        result = [n @ a[:3] for n in along]
+        for n, n_rate in zip(about, about_rates):
+            result.append(n @ a[3:] + n_rate @ v[3:])
+        return result
 
     @property
-    def _triad(self) -> dict[str, Any]:
-        return dict(zip(('side', 'up', 'axis'), triad(self.axis)))
+    def _triad(self) -> dict[str, Vector]:
+        """Return the directions of rows in the axes of `second`, by name."""
+        side, up, axis = triad(self.axis)
+        return {'side': side, 'up': up, 'axis': axis}
 
-    def _within(self, here: Geometry) -> tuple[Geometry, str | Frame]:
-        """Return the geometry in the axes of the body to which the position rows are relative."""
-        seen_from = (here.carrier(self.first, self.second)
-                     if ROWS[self.kind][0] in (CARRIED, ('distance',)) else self.second)
-        return here.in_axes_of(seen_from), seen_from
+    def _in_observer_axes(self, geometry: Geometry) -> tuple[Geometry, str | Frame]:
+        """Return the geometry in the axes of the observer of position rows, and that."""
+        observer: str | Frame = self.second
+        if ROWS[self.kind][0] in (CARRIED, ('distance',)):
+            observer = geometry.carrier(self.first, self.second)
+        return geometry.in_axes_of(observer), observer
 
-    def _directions(self, here: Geometry, seen_from: str | Frame) -> tuple[list[Any], list[Any]]:
-        """Return the directions of position rows, at rest in `seen_from`, and of orientation."""
+    def _directions(self, geometry: Geometry,
+                    observer: str | Frame) -> tuple[list[Vector], list[Vector]]:
+        """Return the directions of translations, fixed in the observer, and rotations."""
         moves, turns = ROWS[self.kind]
-        R1, R2 = here.pose(self.first)[0], here.pose(self.second)[0]
-        fixed = dict(zip(CARRIED, here.pose(seen_from)[0].T))
-        carried = {name: R2 @ direction for name, direction in self._triad.items()}
+        R1, _ = geometry.pose(self.first)
+        R2, _ = geometry.pose(self.second)
+        R_observer, _ = geometry.pose(observer)
+        directions = dict(zip(CARRIED, R_observer.T))
+        for name, direction in self._triad.items():
+            directions[name] = R2 @ direction
         if self.kind == 'universal':
-            carried['between'] = cross(R2 @ self.second_axis, R1 @ self.axis)
-        return ([(fixed | carried)[move] for move in moves], [carried[turn] for turn in turns])
+            directions['between'] = cross(R2 @ self.second_axis, R1 @ self.axis)
+        along = [directions[move] for move in moves]
+        about = [directions[turn] for turn in turns]
+        return along, about
 
 
-def _turn(Q: Any) -> Any:
+def _turn(Q: Matrix) -> Vector:
     """Return the residual of a rotation Q^T: 2 tan(angle / 2) times its axis, (3,)."""
+    # Q - Q^T gives 2 sin(angle), the trace 1 + 2 cos(angle):
+    # tan(angle / 2) = sin(angle) / (1 + cos(angle)).
     sine = np.array([Q[1, 2] - Q[2, 1], Q[2, 0] - Q[0, 2], Q[0, 1] - Q[1, 0]])
     return (2.0 * sine + NUDGE) / _floored(Q[0, 0] + Q[1, 1] + Q[2, 2] + 1.0)
 
 
-def _tilt(direction: Any, axis: Any) -> Any:
+def _tilt(direction: Vector, axis: Vector) -> Vector:
     """Return the residual of the shortest rotation of a direction onto an axis, (3,)."""
     return (2.0 * cross(direction, axis) + NUDGE) / _floored(direction @ axis + 1.0)
 
 
-def _floored(x: Any) -> Any:
+def _floored(x: Scalar) -> Scalar:
     """Return 1 + cos(angle), bounded below by its rounding error."""
     return select(x < FLOOR, FLOOR, x)

@@ -11,16 +11,16 @@ from kane_dynamics.errors import ConstraintError, KaneError
 from kane_dynamics.mechanics.algebra.dual import moving, rates, values
 from kane_dynamics.mechanics.algebra.spline import clamped_spline
 from kane_dynamics.mechanics.algebra.user_functions import evaluated_scalar
-from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (ConstraintRows,
-                                                                                  finite,
-                                                                                  Geometry)
+from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (
+    ConstraintRows, finite, Geometry)
 import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
     """
-    A joint coordinate is a linear function of others: q_joint = sum(ratio_k q_k) + offset.
+    A joint coordinate is a linear function of others: q_joint = sum(ratio_k q_k) +
+    offset.
 
     Parameters
     ----------
@@ -44,10 +44,12 @@ class Coupling:
         freeze(self, 'name', self.name or f'coupling of {self.joint}')
         what = f"constraint '{self.name}'"
         if not isinstance(self.ratios, Mapping) or self.joint in self.ratios:
-            raise ConstraintError(f'{what}: ratios: {self.ratios!r}; expected a mapping of other '
-                                  'joints to their ratios')
-        freeze(self, 'ratios', {joint: finite(ratio, f"{what}: ratio of '{joint}'")
-                                for joint, ratio in self.ratios.items()})
+            raise ConstraintError(f'{what}: ratios: {self.ratios!r}; expected a mapping '
+                                  'of other joints to their ratios')
+        ratios = {}
+        for joint, ratio in self.ratios.items():
+            ratios[joint] = finite(ratio, f"{what}: ratio of '{joint}'")
+        freeze(self, 'ratios', ratios)
         freeze(self, 'offset', finite(self.offset, f'{what}: offset'))
 
     @property
@@ -55,35 +57,39 @@ class Coupling:
         """Return the name of the row."""
         return (self.name,)
 
-    def rows(self, here: Geometry) -> ConstraintRows:
-        """Return the row."""
-        row, residual = here.coordinate(self.joint, self.name)
+    def rows(self, geometry: Geometry) -> ConstraintRows:
+        """Return the row of q_joint' - sum(ratio_k q_k') = 0, with its residual."""
+        row, residual = geometry.coordinate(self.joint, self.name)
         for joint, ratio in self.ratios.items():
-            of_other, value = here.coordinate(joint, self.name)
-            row, residual = row - ratio * of_other, residual - ratio * value
+            joint_row, position = geometry.coordinate(joint, self.name)
+            row = row - ratio * joint_row
+            residual = residual - ratio * position
         return ConstraintRows(row[None, :], np.zeros(1), (residual - self.offset,))
 
 
 @dataclass(frozen=True, eq=False)
 class Prescribed:
     """
-    A joint moves as a given function of time (a shaker, a platform, a spacecraft's base).
+    A joint moves as a given function of time (a shaker, a platform, a spacecraft's
+    base).
 
     Parameters
     ----------
     joint : str
     position : callable, Motion or (times, positions)
         ``position(t)``, rad or m, of arithmetic and the functions of numpy that
-        `kane_dynamics.mechanics.algebra.user_functions` lists; or a `Motion` that has this joint;
-        or a table, interpolated by one cubic spline with continuous accelerations, at rest at
-        both ends. Before and after its times a Motion or a table is at rest.
+        `kane_dynamics.mechanics.algebra.user_functions` lists; or a `Motion` that has
+        this joint; or a table, interpolated by one cubic spline with continuous
+        accelerations, at rest at both ends. Before and after its times a Motion or a
+        table is at rest.
     name : str
 
     Notes
     -----
-    The constraint force of its row is the force or torque of the prescribed motion. The velocity
-    must be continuous: a jump (abs, minimum, a branch of where) needs an impulse, which the
-    equations of motion do not model. `simulate` refuses it. The acceleration may jump.
+    The constraint force of its row is the force or torque of the prescribed motion. The
+    velocity must be continuous: a jump (abs, minimum, a branch of where) needs an
+    impulse, which the equations of motion do not model. `simulate` refuses it. The
+    acceleration may jump.
 
     """
 
@@ -95,34 +101,37 @@ class Prescribed:
         """Set the default name, and convert a motion or a table to a function."""
         freeze(self, 'name', self.name or f'prescribed {self.joint}')
         what = f"constraint '{self.name}'"
-        motion = hasattr(self.position, 'joint_polynomial')
-        is_class = motion and isinstance(self.position, type)
+        has_polynomials = hasattr(self.position, 'joint_polynomial')
+        is_class = has_polynomials and isinstance(self.position, type)
         try:
-            if motion and not is_class:
+            if has_polynomials and not is_class:
                 freeze(self, 'position', self.position.joint_polynomial(self.joint))
             elif isinstance(self.position, tuple | list) and len(self.position) == 2:
                 freeze(self, 'position', clamped_spline(*self.position))
         except KaneError as error:
             raise ConstraintError(f'{what}: {error}') from None
         if is_class or not callable(self.position):
-            raise ConstraintError(f'{what}: position: a {type(self.position).__name__}; '
-                                  'expected a function of t, a Motion, or a table (times, '
-                                  'positions)')
+            raise ConstraintError(
+                f'{what}: position: a {type(self.position).__name__}; expected a '
+                'function of t, a Motion, or a table (times, positions)')
 
     @property
     def labels(self) -> tuple[str, ...]:
         """Return the name of the row."""
         return (self.name,)
 
-    def rows(self, here: Geometry) -> ConstraintRows:
+    def rows(self, geometry: Geometry) -> ConstraintRows:
         """Return the row: the joint rate equals the time derivative of the function."""
-        row, value = here.coordinate(self.joint, self.name)
-        position, velocity = self.functions(here).values()
-        return ConstraintRows(row[None, :], np.array([velocity]), (value - position,))
+        row, joint_position = geometry.coordinate(self.joint, self.name)
+        position, velocity = self.functions(geometry).values()
+        residual = joint_position - position
+        return ConstraintRows(row[None, :], np.array([velocity]), (residual,))
 
-    def functions(self, here: Geometry) -> dict[str, Any]:
-        """Return what must be continuous in time, by name: the position and the velocity."""
+    def functions(self, geometry: Geometry) -> dict[str, Any]:
+        """Return what must be continuous in time, by name: position and velocity."""
+        # The velocity is the derivative part of the position at a time with t' = 1.
         what = f"constraint '{self.name}': position(t)"
-        moved = evaluated_scalar(self.position, what, moving(here.t, 1.0))
-        pair = np.array([moved], dtype=object)
-        return {'position(t)': values(pair)[0], 'the velocity of position(t)': rates(pair)[0]}
+        time = moving(geometry.t, 1.0)
+        position = np.array([evaluated_scalar(self.position, what, time)], dtype=object)
+        return {'position(t)': values(position)[0],
+                'the velocity of position(t)': rates(position)[0]}

@@ -26,7 +26,8 @@ class PointVelocity:
     direction : (3,) array
         Direction of the component; normalised.
     axes : str, optional
-        Frame in which the direction is fixed (a knife edge: the frame itself); world by default.
+        Frame in which the direction is fixed (a knife edge: the frame itself); world by
+        default.
     relative_to : str, optional
         Frame relative to which the velocity is measured; world by default.
     value : float or callable
@@ -49,37 +50,45 @@ class PointVelocity:
         """Normalise the direction, and check the value."""
         kind = 'angular velocity' if self.angular else 'velocity'
         freeze(self, 'name', self.name or f'{kind} of {self.frame}')
-        freeze(self, 'direction', unit(self.direction, f"constraint '{self.name}': direction"))
+        what = f"constraint '{self.name}'"
+        freeze(self, 'direction', unit(self.direction, f'{what}: direction'))
         if not callable(self.value):
-            freeze(self, 'value', finite(self.value, f"constraint '{self.name}': value"))
+            freeze(self, 'value', finite(self.value, f'{what}: value'))
 
     @property
     def labels(self) -> tuple[str, ...]:
         """Return the name of the row."""
         return (self.name,)
 
-    def rows(self, here: Geometry) -> ConstraintRows:
+    def rows(self, geometry: Geometry) -> ConstraintRows:
         """Return the row: the component of the partial velocities."""
-        d = self.direction
+        direction = self.direction
         if self.axes is not None:
-            here = here.in_axes_of(self.axes)
-            d = here.pose(self.axes)[0] @ d
-        J = relative_partials(here, self.frame, self.relative_to)
-        b = self.functions(here).get('value(t)', self.value)
-        row = d @ (J[3:] if self.angular else J[:3])
+            geometry = geometry.in_axes_of(self.axes)
+            R, _ = geometry.pose(self.axes)
+            direction = R @ direction
+        J = relative_partials(geometry, self.frame, self.relative_to)
+        b = self.functions(geometry).get('value(t)', self.value)
+
+        # J holds v^r, then omega^r: the row is d . v^r or d . omega^r.
+        if self.angular:
+            row = direction @ J[3:]
+        else:
+            row = direction @ J[:3]
         return ConstraintRows(np.array([row]), np.array([b]), (None,))
 
-    def functions(self, here: Geometry) -> dict[str, Any]:
-        """Return what must be continuous in time, by name: the value, if it is a function."""
+    def functions(self, geometry: Geometry) -> dict[str, Any]:
+        """Return what must be continuous in time, by name: the value, if a function."""
         if not callable(self.value):
             return {}
-        return {'value(t)': evaluated_scalar(self.value, f"constraint '{self.name}': value(t)",
-                                             here.t)}
+        what = f"constraint '{self.name}': value(t)"
+        return {'value(t)': evaluated_scalar(self.value, what, geometry.t)}
 
 
 def knife_edge(frame: str, direction: Any, name: str = '') -> PointVelocity:
-    """Return the constraint of zero velocity of a frame's origin along one of its directions."""
-    return PointVelocity(frame, direction, axes=frame, name=name or f'knife edge {frame}')
+    """Return zero velocity of a frame's origin along a direction fixed in the frame."""
+    name = name or f'knife edge {frame}'
+    return PointVelocity(frame, direction, axes=frame, name=name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,28 +117,39 @@ class DependentSpeeds:
     def __post_init__(self) -> None:
         """Name the rows."""
         if isinstance(self.dependent, str):
-            raise ConstraintError(f"constraint '{self.name}': dependent: {self.dependent!r}; "
-                                  'expected a list of speeds')
+            raise ConstraintError(
+                f"constraint '{self.name}': dependent: {self.dependent!r}; expected a "
+                'list of speeds')
         freeze(self, 'dependent', tuple(self.dependent))
-        freeze(self, 'labels', tuple(f'{self.name}/{speed}' for speed in self.dependent))
+        labels = tuple(f'{self.name}/{speed}' for speed in self.dependent)
+        freeze(self, 'labels', labels)
 
-    def rows(self, here: Geometry) -> ConstraintRows:
+    def rows(self, geometry: Geometry) -> ConstraintRows:
         """Return Y_D - A Y_I and B - Z_D + A Z_I; ConstraintError for a wrong shape."""
-        Y_D, Z_D = here.speed_rows(self.dependent)
-        Y_I, Z_I = here.speed_rows(here.other_speeds(self.dependent))
-        A, B = self.functions(here).values()
-        return ConstraintRows(Y_D - A @ Y_I, B - Z_D + A @ Z_I, (None,) * len(self.dependent))
+        # u_D = A u_I + B with u = Y q' + Z of both kinds of speeds.
+        Y_D, Z_D = geometry.speed_rows(self.dependent)
+        Y_I, Z_I = geometry.speed_rows(geometry.other_speeds(self.dependent))
+        A, B = self.functions(geometry).values()
+        no_residuals = (None,) * len(self.dependent)
+        return ConstraintRows(Y_D - A @ Y_I, B - Z_D + A @ Z_I, no_residuals)
 
-    def functions(self, here: Geometry) -> dict[str, Any]:
+    def functions(self, geometry: Geometry) -> dict[str, Any]:
         """Return what must be continuous in time, by name: A and B."""
         m = len(self.dependent)
         what = f"constraint '{self.name}'"
-        A = np.asarray(evaluated(self.A, f'{what}: A(q, t)', here.q, here.t))
-        B = np.zeros(m) if self.B is None else np.asarray(
-            evaluated(self.B, f'{what}: B(q, t)', here.q, here.t))
-        others = len(here.other_speeds(self.dependent))
-        for name, value, shape in (('A', A, (m, others)), ('B', B, (m,))):
-            if value.shape != shape:
-                raise ConstraintError(f"constraint '{self.name}': {name}(q, t) returns shape "
-                                      f'{value.shape}; expected {shape}')
+        q = geometry.q
+        t = geometry.t
+        A = np.asarray(evaluated(self.A, f'{what}: A(q, t)', q, t))
+        if self.B is None:
+            B = np.zeros(m)
+        else:
+            B = np.asarray(evaluated(self.B, f'{what}: B(q, t)', q, t))
+
+        independent_speeds = geometry.other_speeds(self.dependent)
+        shapes = {'A': (m, len(independent_speeds)), 'B': (m,)}
+        for name, value in (('A', A), ('B', B)):
+            if value.shape != shapes[name]:
+                raise ConstraintError(
+                    f'{what}: {name}(q, t) returns shape {value.shape}; expected '
+                    f'{shapes[name]}')
         return {'A(q, t)': A, 'B(q, t)': B}
