@@ -1,4 +1,4 @@
-"""Error texts for loops without degrees of freedom: singular values, kinds that would fit."""
+"""Error texts for loops without degrees of freedom: singular values, other kinds."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,15 +21,16 @@ SMALL = 1e-2  # relative singular value below which it may be rounding of the de
 ROUNDING = 1e-15  # relative singular value up to which it is zero
 STARTS = 12  # initial guesses for nearly closed configurations
 ITERATIONS = 30  # from each
-OPEN = 0.1  # rad or lengths: largest residual from which another kind of closure is tried
+OPEN = 0.1  # rad or lengths: largest residual for another kind of closure to be tried
 
 
 def advice(mechanism: Mechanism, q: Array) -> str:
     """
     Return the singular values of the constraints at q, (n_q,), and remedies, as text.
 
-    Remedies are a larger rank_tolerance, where a singular value or a residual may be rounding, and
-    other kinds of closures that are closed at q and leave a degree of freedom.
+    Remedies are a larger rank_tolerance, where a singular value or a residual may be
+    rounding, and other kinds of closures that are closed at q and leave a degree of
+    freedom.
     """
     singular_values = _singular_values(mechanism, stacked(mechanism, q))
     shown = ', '.join(f'{x:.3g}' for x in singular_values if x > ROUNDING)
@@ -87,7 +88,7 @@ def _rounding(mechanism: Mechanism, nearly_closed: list[Array]) -> float:
 
 
 def _kinds(mechanism: Mechanism, q: Array) -> str:
-    """Return the strictest kinds of one closure that leave a degree of freedom, as text."""
+    """Return, as text, the strictest kinds of a closure that leave freedom to move."""
     candidates: list[tuple[int, str]] = []
     for k, closure in enumerate(mechanism.constraints):
         if not isinstance(closure, Closure):
@@ -126,7 +127,7 @@ def _freedom_near(mechanism: Mechanism, constraints: Sequence[Constraint],
 def no_freedom(mechanism: Mechanism, q: Array, rows: int) -> ConstraintError:
     """Return the error for constraints that leave no degree of freedom."""
     return ConstraintError(
-        f'constraints: {rows} independent rows ({", ".join(mechanism.labels)}); expected '
-        f'fewer than the {mechanism.model.n} speeds, because these leave no degree of '
-        f'freedom at {described(mechanism, q)}; configuration= chooses another assembly, '
-        f'which may move; {advice(mechanism, q)}')
+        f'constraints: {rows} independent rows ({", ".join(mechanism.labels)}); '
+        f'expected fewer than the {mechanism.model.n} speeds, because these leave no '
+        f'degree of freedom at {described(mechanism, q)}; configuration= chooses '
+        f'another assembly, which may move; {advice(mechanism, q)}')

@@ -1,14 +1,15 @@
 """
-Conditioning of the system of independent speeds and constraint rows, and its best choice.
+Conditioning of the system of independent speeds and constraint rows.
 
-The system of a mechanism, S q' = s with S = [Y_I; J_kept], is ill-conditioned where its rows are
-nearly dependent. The conditioning figure (`figure` below, similar to a condition number) is the
-Frobenius norm of S^-1 in scaled units: rates of sliding joints relative to the mechanism's length,
-each row relative to its size at the sample configurations. Every kernel computes S^-1, so the
-figure only adds a sum of squares.
+The system of a mechanism, S q' = s with S = [Y_I; J_kept], is ill-conditioned where its
+rows are nearly dependent. The conditioning figure (`figure` below, similar to a
+condition number) is the Frobenius norm of S^-1 in scaled units: rates of sliding joints
+relative to the mechanism's length, each row relative to its size at the sample
+configurations. Every kernel computes S^-1, so the figure only adds a sum of squares.
 
-`margin` is traced into the kernels of constrained robots. The other functions are numeric: they
-choose speeds and rows, and write the errors for a state without a positive margin.
+`margin` is traced into the kernels of constrained robots. The other functions are
+numeric: they choose speeds and rows, and write the errors for a state without a positive
+margin.
 """
 
 from collections.abc import Sequence
@@ -27,8 +28,8 @@ import numpy as np
 
 SINGULAR = 1e4  # largest figure: accelerations lose twice its digits, eight of sixteen
 EXCESS = 1e-3  # relative: largest violation of redundant rows before it is an error
-ROUNDED = 4.0  # rank tolerances: norm of what rows left out within it may miss, several together
-WELL_CHOSEN = 8.0  # largest figure over sqrt(n_q) with which a simulation keeps its speeds
+ROUNDED = 4.0  # rank tolerances: largest violation of several rows left out within it
+WELL_CHOSEN = 8.0  # largest figure over sqrt(n_q) for a simulation to keep its speeds
 RANK = 1e-9  # relative size of a singular value that counts as zero
 LIMITS = 4  # number of limits of `margin`
 SHARE = 0.5  # of a limit: above it, that limit is the reason for a negative margin
@@ -37,8 +38,8 @@ TINY = 1e-300  # least divisor of a norm that may be zero
 
 def squared_figure(mechanism: Mechanism, S: Matrix, inverse: Matrix) -> Scalar:
     """Return the squared conditioning figure of S, (n_q, n_q), from its inverse."""
-    # The sum over r, s of (size_r / unit_s)^2 (S^-1)_sr^2. Entries of the same weight are
-    # summed first, which takes fewer multiplications.
+    # The sum over r, s of (size_r / unit_s)^2 (S^-1)_sr^2. Entries of the same weight
+    # are summed first, which takes fewer multiplications.
     sums: dict[Scalar, Scalar] = {}
     n = mechanism.n
     for r in range(len(S)):
@@ -61,8 +62,8 @@ def margin(mechanism: Mechanism, q: Vector, t: Scalar, limits: Vector,
     """
     Return the margin of a state, which is positive within all limits, over any scalar.
 
-    It is 1 minus the squares, relative to their limits, of the figure, of the residuals of
-    positions, and of the violation of redundant rows.
+    It is 1 minus the squares, relative to their limits, of the figure, of the residuals
+    of positions, and of the violation of redundant rows.
 
     Parameters
     ----------
@@ -71,8 +72,8 @@ def margin(mechanism: Mechanism, q: Vector, t: Scalar, limits: Vector,
     q, t : (n_q,) array, scalar
         Configuration and time; rad or m, and s.
     limits : (4,) array
-        One over the square of the largest figure, of the largest residual of positions in m, in
-        rad, and of the largest violation of redundant rows; 0 for no limit.
+        One over the square of the largest figure, of the largest residual of positions
+        in m, in rad, and of the largest violation of redundant rows; 0 for no limit.
     links : sequence of Link, optional
         Use the kinematics of these links, which are compiled.
 
@@ -183,7 +184,7 @@ class Stack:
 
 @dataclass(frozen=True)
 class Choice:
-    """Indices of the independent speeds and of the kept rows, with their conditioning figure."""
+    """Indices of the independent speeds and of the kept rows, with their figure."""
 
     free: tuple[int, ...]
     kept: tuple[int, ...]
@@ -216,10 +217,10 @@ def scaled_rows(mechanism: Mechanism, stack: Stack) -> tuple[Array, Array]:
 
 def rows_in_speeds(mechanism: Mechanism, stack: Stack) -> tuple[Array, Array]:
     """
-    Return C, (m, n_q), and d, (m,), of C v = d: the constraints in all generalized speeds.
+    Return C, (m, n_q), and d, (m,), of C v = d: the constraints in all speeds.
 
-    In units of the mechanism: each speed v is relative to the norm of its row of Y, each row
-    relative to its `row_units`.
+    In units of the mechanism: each generalized speed v is relative to the norm of its
+    row of Y, each row relative to its `row_units`.
     """
     Y = stack.Y * mechanism.units
     norms = np.maximum(np.linalg.norm(Y, axis=1), TINY)
@@ -265,8 +266,8 @@ def best_choice(mechanism: Mechanism, stack: Stack,
     if not (np.isfinite(Y).all() and np.isfinite(J).all()):
         return Choice(tuple(mechanism.free), tuple(mechanism.kept), np.inf)
 
-    # The rows that are pivots among all rows; the speeds that are pivots of these rows, C
-    # in all speeds, are dependent.
+    # The rows that are pivots among all rows; the speeds that are pivots of these rows,
+    # C in all speeds, are dependent.
     independent_rows = tuple(sorted(pivots(J.T, count)))
     if free is None:
         try:
@@ -280,12 +281,12 @@ def best_choice(mechanism: Mechanism, stack: Stack,
 
 
 def loosened(mechanism: Mechanism, limit: float) -> float:
-    """Return a limit of residuals or redundant rows, but no less than rank_tolerance admits."""
+    """Return a limit of residuals or redundant rows, at least that of rank_tolerance."""
     return max(limit, ROUNDED * mechanism.rank_tolerance)
 
 
 def in_lengths(mechanism: Mechanism, limit: float) -> tuple[float, float]:
-    """Return a limit of residuals of the mechanism: `limit` lengths in m, and `limit` rad."""
+    """Return a limit of residuals: `limit` lengths of the mechanism, m, and rad."""
     return limit * mechanism.length, limit
 
 

@@ -1,8 +1,8 @@
 """
 Loop closure: the configuration that satisfies all position constraints.
 
-Newton's method, with the least step, in units of the mechanism, that solves the linearised
-constraints: J dq = -residual.
+Newton's method, with the least step, in units of the mechanism, that solves the
+linearised constraints: J dq = -residual.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,15 +17,15 @@ from kane_dynamics.mechanics.constraints.conditioning import RANK
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 import numpy as np
 
-CLOSED = 1e-11  # rad, or lengths of the mechanism: a smaller constraint residual counts as zero
+CLOSED = 1e-11  # rad, or lengths of the mechanism: a smaller residual counts as zero
 NEARLY_CLOSED = 0.01  # rad or lengths: residual with errors of encoders and of assembly
 ITERATIONS = 100
 STRIDE = 0.5  # rad or lengths: longest step of the search for a closed configuration
 SMALL = 0.05  # rad, or lengths of the mechanism: steps along a branch
 FARTHEST = 1e3  # rad, or lengths of the mechanism: moves along a branch
 
-# At q, (n_q,), and t, s: J, (m, n_j), the residuals, (m,), and 1 in (m,) where a row has one. The
-# arrays stay valid until the next call.
+# At q, (n_q,), and t, s: J, (m, n_j), the residuals, (m,), and 1 in (m,) where a row has
+# one. The arrays stay valid until the next call.
 Rows = Callable[[Array, float], tuple[Array, Array, Array]]
 
 
@@ -103,9 +103,9 @@ def closed_configuration(mechanism: Mechanism, q: Any, *, t: float = 0.0,
     units = [unit_of_label[label] for label in result.labels]
     worst = int(np.argmax(np.abs(result.residual / units)))
     raise ConstraintError(
-        f"loop closure: no configuration found for '{result.labels[worst]}', its residual "
-        f'is {abs(result.residual[worst]):.3g} (m or rad); expected a start near a closed '
-        'configuration')
+        f"loop closure: no configuration found for '{result.labels[worst]}', its "
+        f'residual is {abs(result.residual[worst]):.3g} (m or rad); expected a start '
+        'near a closed configuration')
 
 
 def _checked(mechanism: Mechanism, q: Any, t: Any) -> Array:
@@ -120,8 +120,8 @@ def _checked(mechanism: Mechanism, q: Any, t: Any) -> Array:
     finite = np.isfinite(configuration).all() and np.isfinite(time)
     if configuration.shape != (len(names),) or not finite:
         raise InputError(
-            f'q: {configuration.tolist()}, t: {time}; expected {len(names)} finite numbers '
-            f'({", ".join(names)}) and a time in s')
+            f'q: {configuration.tolist()}, t: {time}; expected {len(names)} finite '
+            f'numbers ({", ".join(names)}) and a time in s')
     return configuration
 
 
@@ -146,8 +146,8 @@ def closing_iterations(mechanism: Mechanism, start: Array, moves: Array, t: floa
     Iterate by Newton's method from a start, (n_q,).
 
     `moves`, (n_j,), says of each joint whether it moves; ball joints rotate on their
-    sphere. Residuals and steps are judged in units of the mechanism, so that its size does
-    not matter.
+    sphere. Residuals and steps are judged in units of the mechanism, so that its size
+    has no influence.
     """
     q = start.copy()
     tolerance = mechanism.rank_tolerance
@@ -189,8 +189,8 @@ def followed_configuration(mechanism: Mechanism, start: Any, q: Any, *, t: float
     """
     Return a closed configuration in the assembly mode of another closed configuration.
 
-    The fixed coordinates move in small steps from their values at the start to those of q; loop
-    closure after each step gives the other coordinates.
+    The fixed coordinates move in small steps from their values at the start to those of
+    q; loop closure after each step gives the other coordinates.
 
     Parameters
     ----------
@@ -224,8 +224,8 @@ def followed_configuration(mechanism: Mechanism, start: Any, q: Any, *, t: float
     if farthest > FARTHEST:
         raise ConstraintError(
             f"closed configuration: {', '.join(fixed)} at {last.tolist()}, from "
-            f'{first.tolist()}; expected moves of at most {FARTHEST:g} rad, or lengths of '
-            'the mechanism')
+            f'{first.tolist()}; expected moves of at most {FARTHEST:g} rad, or lengths '
+            'of the mechanism')
     count = int(np.ceil(farthest / SMALL)) or 1
 
     # On one branch the determinant of [fixed coordinates; J] keeps its sign, if it is
@@ -248,8 +248,8 @@ def followed_configuration(mechanism: Mechanism, start: Any, q: Any, *, t: float
             raise ConstraintError(
                 f"closed configuration: with {', '.join(fixed)} at "
                 f"{guess[places].tolist()} '{model.joint_names[worst]}' jumps by "
-                f'{change[worst]:.3g} rad or m; expected values on this branch, which ends '
-                'there')
+                f'{change[worst]:.3g} rad or m; expected values on this branch, which '
+                'ends there')
         closed = next_closed
         last_sign = sign
     return closed

@@ -6,11 +6,11 @@ The independent speeds u_I and the constraints are one linear system for the joi
     [ Y_I ]        [ u_I - Z_I ]
     [  J  ] q'  =  [     b     ],      S q' = s,
 
-and its time derivative gives q''. The inverse is S^-1 = [ T  N ]. The columns of T are the partial
-joint rates of the independent speeds (nonholonomic under constraints), so a generalized force is
-T^T times the joint forces. The columns of N are those of the auxiliary speeds J q' - b, which are
-zero in every motion: N^T times the joint forces are the constraint forces (Kane & Levinson,
-chapter 4).
+and its time derivative gives q''. The inverse is S^-1 = [ T  N ]. The columns of T are
+the partial joint rates of the independent speeds (nonholonomic under constraints), so a
+generalized force is T^T times the joint forces. The columns of N are those of the
+auxiliary speeds J q' - b, which are zero in every motion: N^T times the joint forces are
+the constraint forces (Kane & Levinson, chapter 4).
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,8 +41,8 @@ class JointMotion:
     Attributes
     ----------
     qdot, qddot : (n_j,) arrays
-        Rates and accelerations of the n_j = `model.n` joints, angular velocities of ball joints;
-        rad or m, and s.
+        Rates and accelerations of the n_j = `model.n` joints, angular velocities of ball
+        joints; rad or m, and s.
     T : (n_j, n) array
         Joint rates per unit of each independent speed.
     N : (n_j, m) array
@@ -50,7 +50,8 @@ class JointMotion:
     T_rate : (n_j, n) array
         Time derivative of T along the motion.
     unit : bool
-        Whether T = 1 and dT/dt = 0, in every configuration. Products with them are then skipped.
+        Whether T = 1 and dT/dt = 0, in every configuration. Products with them are then
+        skipped.
 
     """
 
@@ -90,8 +91,9 @@ class Mechanism:
     sizes : sequence of float, optional
         Approximate size of each row, in `units`; 1 by default.
     rank_tolerance : float
-        Singular values up to this fraction of the largest count as zero, and so do residuals of
-        rows that then follow from others (rad, or lengths of the mechanism).
+        Singular values up to this fraction of the largest count as zero, and so do
+        residuals of rows that then follow from others (rad, or lengths of the
+        mechanism).
 
     Attributes
     ----------
@@ -152,9 +154,10 @@ class Mechanism:
         """Return the wheels whose `surface_rows` can stand for their rows: all kept."""
         wheels = []
         for constraint in self.constraints:
-            if isinstance(constraint, Rolling) and constraint.has_surface_rows:
-                if len(self._kept_places(constraint)) == 3:
-                    wheels.append(constraint)
+            if not (isinstance(constraint, Rolling) and constraint.has_surface_rows):
+                continue
+            if len(self._kept_places(constraint)) == 3:
+                wheels.append(constraint)
         return wheels
 
     def _kept_places(self, constraint: Constraint) -> list[int]:
@@ -191,7 +194,7 @@ class Mechanism:
 
     @property
     def turning(self) -> tuple[bool, ...]:
-        """Return for each row whether it constrains a rotation: rad and N m, not m, N."""
+        """Return for each row whether it constrains a rotation, in rad and N m."""
         turning: list[bool] = []
         for constraint in self.constraints:
             turning += turning_rows(constraint, self.model)
@@ -360,8 +363,8 @@ class Mechanism:
             row = error.args[0]
             raise ConstraintError(
                 f"speeds and constraints: '{names[row]}' depends on the others in every "
-                'configuration, so that the motion is not determined; expected independent '
-                'rows') from None
+                'configuration, so that the motion is not determined; expected '
+                'independent rows') from None
         return solution.reshape(right.shape)
 
 

@@ -85,7 +85,7 @@ class MechanismState:
         return frame_kinematics.frame_axes(self._links, frame, self._link_poses)
 
     def partial_velocities(self, frame: str | Frame, at: Vector | None = None) -> Matrix:
-        """Return the Jacobian (6, n_q) at a frame's origin, or at a point of its body."""
+        """Return the Jacobian (6, n_q) at a frame's origin or at a point of its body."""
         frame = self._frame(frame)
         if self._links is None:
             return kinematics.frame_partial_velocities(self.model, frame, self.q, at,

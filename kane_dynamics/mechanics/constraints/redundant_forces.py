@@ -1,8 +1,9 @@
 """
 Forces of redundant constraint rows: the minimum-norm solution.
 
-Rigid-body dynamics does not determine these forces. Of all forces with the same effect, those with
-the least sum of squares are chosen, with moments divided by the length of the mechanism.
+Rigid-body dynamics does not determine these forces. Of all forces with the same effect,
+those with the least sum of squares are chosen, with moments divided by the length of the
+mechanism.
 """
 
 from collections.abc import Sequence
@@ -21,8 +22,8 @@ def shared_forces(mechanism: Mechanism, J: Matrix, N: Matrix, held: Vector,
     """
     Return the forces of all rows, (m,), equivalent to forces of the kept rows.
 
-    Rows left out are J_R = C J_K, and J_K N = 1 gives C = J_R N. The least sum of squares with
-    the same effect is lambda = [1; C] (1 + C^T C)^-1 lambda_K.
+    Rows left out are J_R = C J_K, and J_K N = 1 gives C = J_R N. The least sum of
+    squares with the same effect is lambda = [1; C] (1 + C^T C)^-1 lambda_K.
 
     Parameters
     ----------
@@ -43,7 +44,7 @@ def shared_forces(mechanism: Mechanism, J: Matrix, N: Matrix, held: Vector,
 
     # C = J_R N, with the forces of both kinds of rows in units of force.
     products = [_product(row, N) for row in J[left_out]]
-    C = np.array(products).reshape(len(left_out), len(kept))
+    C: Matrix = np.array(products).reshape(len(left_out), len(kept))
     C = C * weight[kept] / weight[left_out][:, None]
     if redundant == 'kept' or all(is_zero(x) for x in C.ravel()):
         result[kept] = held

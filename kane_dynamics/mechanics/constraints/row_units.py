@@ -4,18 +4,20 @@ from collections.abc import Sequence
 import math
 
 from kane_dynamics._util.typing import Array
-from kane_dynamics.mechanics.constraints import Constraint, Coupling, PointVelocity, Prescribed
+from kane_dynamics.mechanics.constraints import (Constraint, Coupling, PointVelocity,
+                                                 Prescribed)
 from kane_dynamics.model.model import Inertial, Model, WORLD
 import numpy as np
 
 
 def length_of(model: Model, constraints: Sequence[Constraint] = ()) -> float:
     """
-    Return the characteristic length, m, that scales moments to forces and angles to distances.
+    Return the characteristic length, m.
 
-    It is the longest distance between neighbouring joints, or from a body to one of its frames;
-    where there is none, the longest one that a constraint states, such as the radius of a wheel;
-    else the largest radius of gyration of a body. 1 for bodies without extent.
+    It scales moments to forces and angles to distances. It is the longest distance
+    between neighbouring joints, or from a body to one of its frames; where there is
+    none, the longest one that a constraint states, such as the radius of a wheel; else
+    the largest radius of gyration of a body. 1 for bodies without extent.
     """
     # Distances between neighbouring joints, and from bodies to their frames.
     places = [body.joint.translation for body in model.bodies if body.parent != WORLD]
@@ -41,7 +43,7 @@ def length_of(model: Model, constraints: Sequence[Constraint] = ()) -> float:
 
 
 def _gyration(inertial: Inertial) -> float:
-    """Return the largest radius of gyration about the origin of a body, m; 0 without mass."""
+    """Return a body's largest radius of gyration about its origin, m; 0 without mass."""
     if inertial.mass <= 0.0:
         return 0.0
     about_com = 0.5 * float(np.trace(inertial.inertia)) / inertial.mass
@@ -49,7 +51,7 @@ def _gyration(inertial: Inertial) -> float:
 
 
 def coordinate_units(model: Model, constraints: Sequence[Constraint] = ()) -> Array:
-    """Return the unit of each coordinate, (n_q,): the length for sliding joints, 1 for others."""
+    """Return the unit of each coordinate, (n_q,): the length if sliding, else 1."""
     units = np.ones(len(model.coordinate_names))
     length = length_of(model, constraints)
     for name, place in zip(model.joint_names, model.places):

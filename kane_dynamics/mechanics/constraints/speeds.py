@@ -1,8 +1,8 @@
 """
 Generalized speeds: u = Y(q, t) q' + Z(q, t), freely chosen (Kane & Levinson, chapter 2).
 
-A choice is two functions over any scalar. Joint rates, Y = 1 and Z = 0, are the default; other
-choices shorten the equations of common mechanisms. A user may define further ones.
+A choice is two functions over any scalar. Joint rates, Y = 1 and Z = 0, are the default;
+other choices shorten the equations of common mechanisms. A user may define further ones.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class Speeds:
     names : sequence of str
         Names of the speeds; u1, u2 ... by default.
     key : str
-        Identifies this choice among those of the same model in the kernel cache; empty for
-        user-defined functions, which are not cached.
+        Identifies this choice among those of the same model in the kernel cache; empty
+        for user-defined functions, which are not cached.
     definite : bool
         Whether Y is symmetric and positive definite everywhere, which saves arithmetic.
 
@@ -93,8 +93,8 @@ def absolute_rates(model: Model) -> Speeds:
     Return each body's angular velocity along its own joint axis; others are joint rates.
 
     The others are those of sliding joints and of the modes of beams. For a planar chain
-    these are the rates of absolute angles, in which the equations of motion couple bodies
-    through angle differences only.
+    these are the rates of absolute angles, in which the equations of motion couple
+    bodies through angle differences only.
     """
     body_of_joint = {}
     for k, body in enumerate(model.bodies):
@@ -119,19 +119,19 @@ def absolute_rates(model: Model) -> Speeds:
 
 def body_angular_velocity(frame: str) -> Callable[[Model], Speeds]:
     """
-    Return the speeds omega . b1, b2, b3 in a body's axes instead of its three angle rates.
+    Return the speeds omega . b1, b2, b3 in a body's axes instead of angle rates.
 
     Parameters
     ----------
     frame : str
-        A frame of a body that exactly three revolute joints move, such as a floating base; its
-        axes are b1, b2, b3. All other speeds are joint rates.
+        A frame of a body that exactly three revolute joints move, such as a floating
+        base; its axes are b1, b2, b3. All other speeds are joint rates.
 
     Returns
     -------
     callable
-        Returns the `Speeds` of a model; ConstraintError unless exactly three revolute joints
-        move the body.
+        Returns the `Speeds` of a model; ConstraintError unless exactly three revolute
+        joints move the body.
 
     """
     def of(model: Model) -> Speeds:

@@ -1,10 +1,11 @@
 """
-The transmission of a mechanism to some of its joints: whether these determine its motion.
+The transmission of a mechanism to some joints: whether these determine its motion.
 
-With q' = T u and scaled coordinates, the squared ratio of the rates of all joints to those of some
-of them, P q', is between 1 and the largest eigenvalue of (T^T P T)^-1 T^T T. Its trace bounds that
-eigenvalue and does not depend on the choice of independent speeds. Where it is infinite, a motion
-exists in which these joints rest: actuators there produce no force along it.
+With q' = T u and scaled coordinates, the squared ratio of the rates of all joints to
+those of some of them, P q', is between 1 and the largest eigenvalue of (T^T P T)^-1 T^T
+T. Its trace bounds that eigenvalue and does not depend on the choice of independent
+speeds. Where it is infinite, a motion exists in which these joints rest: actuators there
+produce no force along it.
 """
 
 from collections.abc import Sequence
@@ -22,7 +23,7 @@ LARGEST_RATIO = 1e3  # largest ratio of the rates of all joints to those of some
 def transmission_margin(mechanism: Mechanism, T: Matrix,
                         places: Sequence[int]) -> Scalar:
     """
-    Return 1 minus the squared ratio relative to `LARGEST_RATIO`, positive where it is accepted.
+    Return 1 minus the squared ratio over that of `LARGEST_RATIO`; accepted if positive.
 
     Parameters
     ----------
@@ -53,14 +54,15 @@ def transmission_margin(mechanism: Mechanism, T: Matrix,
         factors = factorize(part, order)
     except ZeroDivisionError:
         raise ConstraintError(
-            f'{_names(mechanism, places)}: these joints do not determine the motion in any '
-            'configuration; expected others') from None
+            f'{_names(mechanism, places)}: these joints do not determine the motion in '
+            'any configuration; expected others') from None
     ratio_2 = sum(solve(factors, order, whole[:, k])[k] for k in order)
     return 1.0 - ratio_2 * LARGEST_RATIO**-2
 
 
-def require_transmission(mechanism: Mechanism, T: Array, places: Sequence[int], actuated: bool,
-                         q: Array, where: str = '', share: float = 1.0) -> None:
+def require_transmission(mechanism: Mechanism, T: Array, places: Sequence[int],
+                         actuated: bool, q: Array, where: str = '',
+                         share: float = 1.0) -> None:
     """
     Raise ConstraintError where joints do not determine the motion, or almost so.
 
@@ -106,7 +108,8 @@ def require_transmission(mechanism: Mechanism, T: Array, places: Sequence[int], 
         remedy = 'other joints'
     raise ConstraintError(
         f'{where}{problem}: the mechanism moves {speed}; expected at most '
-        f'{LARGEST_RATIO:g} times; choose {remedy}, or stay away from that configuration')
+        f'{LARGEST_RATIO:g} times; choose {remedy}, or stay away from that '
+        'configuration')
 
 
 def _names(mechanism: Mechanism, places: Sequence[int]) -> str:

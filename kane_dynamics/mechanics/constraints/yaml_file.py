@@ -3,28 +3,32 @@ Constraints from one YAML file, for robots whose URDF can only describe a tree.
 
 Schema; frames and joints are named as in the URDF, lengths in m, angles in rad::
 
-    constraints:                # at least one; each has a name of its own, for its forces
+    constraints:                # at least one; each has its own name, for its forces
       pin:
         closure: {first: rocker_end, second: base_pin, kind: revolute, axis: [0, 1, 0]}
-                                # or weld, prismatic, cylindrical, spherical, planar, inline;
-                                # universal with second_axis, distance with length
+                                # or weld, prismatic, cylindrical, spherical, planar,
+                                inline; # universal with second_axis, distance with
+                                length
       gear:
         coupling: {joint: wrist, ratios: {elbow: -1.5}, offset: 0.0}
       blade:
         knife_edge: {frame: skate, direction: [0, 1, 0]}
       wheel:
-        rolling: {frame: hub, radius: 0.1, axis: [0, 1, 0], normal: [0, 0, 1], height: 0.0}
+        rolling: {frame: hub, radius: 0.1, axis: [0, 1, 0], normal: [0, 0, 1], height:
+        0.0}
       planet:
         rolling: {frame: planet, radius: 0.1, axis: [0, 0, 1], surface: cylinder,
                   surface_frame: sun, surface_radius: 0.3, surface_axis: [0, 0, 1],
                   inside: false}
       drift:
-        point_velocity: {frame: tool, direction: [1, 0, 0], axes: tool, relative_to: base,
+        point_velocity: {frame: tool, direction: [1, 0, 0], axes: tool, relative_to:
+        base,
                          value: 0.0, angular: false}
-    independent: [crank]        # the joints whose rates are independent; default: chosen well
-    actuated: [crank]           # the joints with actuators, or {crank: 1.0}, with weights
+    independent: [crank]        # joints whose rates are independent; else chosen well
+    actuated: [crank]           # joints with actuators, or {crank: 1.0}, with weights
     configuration: {crank: 0.8, coupler: 0.1, rocker: -1.2}
-                                # nearly closed: the assembly mode; joints left out are at 0
+                                # nearly closed: the assembly mode; joints left out are
+                                at 0
 """
 
 from __future__ import annotations
@@ -35,8 +39,8 @@ from typing import Any
 
 from kane_dynamics._util.yaml_io import mapping, read_yaml
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.constraints import (Closure, Constraint, Coupling, knife_edge,
-                                                 PointVelocity, Rolling)
+from kane_dynamics.mechanics.constraints import (Closure, Constraint, Coupling,
+                                                 knife_edge, PointVelocity, Rolling)
 
 FRAMES = ('first', 'second', 'axes', 'relative_to', 'frame', 'surface_frame')
 # For each kind: its constructor, required keys, optional keys.
@@ -45,8 +49,8 @@ KINDS: dict[str, tuple[Callable[..., Constraint], tuple[str, ...], tuple[str, ..
     'coupling': (Coupling, ('joint', 'ratios'), ('offset',)),
     'knife_edge': (knife_edge, ('frame', 'direction'), ()),
     'rolling': (Rolling, ('frame', 'radius'),
-                ('axis', 'normal', 'height', 'surface_frame', 'surface', 'surface_radius',
-                 'surface_axis', 'inside')),
+                ('axis', 'normal', 'height', 'surface_frame', 'surface',
+                 'surface_radius', 'surface_axis', 'inside')),
     'point_velocity': (PointVelocity, ('frame', 'direction'),
                        ('axes', 'relative_to', 'value', 'angular')),
 }
@@ -57,10 +61,10 @@ NUMBERS = ('offset', 'radius', 'height', 'value', 'length', 'surface_radius')
 def load_constraints(source: str | os.PathLike[str] | Mapping[str, Any], *,
                      prefix: str = '') -> dict[str, Any]:
     """
-    Return the arguments of `Robot` for constraints, and what goes with them, from a YAML file.
+    Return the arguments of `Robot` for constraints from a YAML file.
 
-    ``Robot(load_urdf('press.urdf'), **load_constraints('press.constraints.yaml'))``. The schema
-    is in the docstring of `kane_dynamics.mechanics.constraints.yaml_file`.
+    ``Robot(load_urdf('press.urdf'), **load_constraints('press.constraints.yaml'))``. The
+    schema is in the docstring of `kane_dynamics.mechanics.constraints.yaml_file`.
 
     Parameters
     ----------
@@ -72,25 +76,30 @@ def load_constraints(source: str | os.PathLike[str] | Mapping[str, Any], *,
     Raises
     ------
     ConstraintError
-        Names the constraint, the key, its value and what is expected. `Robot` checks whether the
-        joints and frames exist.
+        Names the constraint, the key, its value and what is expected. `Robot` checks
+        whether the joints and frames exist.
 
     """
-    data = source if isinstance(source, Mapping) else read_yaml(source, 'constraints',
-                                                                ConstraintError)
-    file = 'constraints file' + (
-        '' if isinstance(source, Mapping) else f" '{os.fspath(source)}'")
+    if isinstance(source, Mapping):
+        data = source
+        file = 'constraints file'
+    else:
+        data = read_yaml(source, 'constraints', ConstraintError)
+        file = f"constraints file '{os.fspath(source)}'"
     top = mapping(data, file, ('constraints', 'independent', *OPTIONAL), ConstraintError)
-    given = mapping(top.get('constraints', {}), f'{file}: constraints', None, ConstraintError)
-    if not given:
-        raise ConstraintError(f'{file}: no constraint; expected at least one under the key '
-                              'constraints')
-    options: dict[str, Any] = {'constraints': tuple(_constraint(name, entry, prefix)
-                                                    for name, entry in given.items()),
-                               'independent': _joints(top, 'independent', prefix)}
-    if 'actuated' in top:
-        options['actuated'] = (_numbers(top, 'actuated', prefix) if isinstance(
-            top['actuated'], Mapping) else _joints(top, 'actuated', prefix))
+    entries = mapping(top.get('constraints', {}), f'{file}: constraints', None,
+                      ConstraintError)
+    if not entries:
+        raise ConstraintError(f'{file}: no constraint; expected at least one under the '
+                              'key constraints')
+
+    constraints = [_constraint(name, entry, prefix) for name, entry in entries.items()]
+    options: dict[str, Any] = {'constraints': tuple(constraints)}
+    options['independent'] = _joints(top, 'independent', prefix)
+    if isinstance(top.get('actuated'), Mapping):
+        options['actuated'] = _numbers(top, 'actuated', prefix)
+    elif 'actuated' in top:
+        options['actuated'] = _joints(top, 'actuated', prefix)
     if 'configuration' in top:
         options['configuration'] = _numbers(top, 'configuration', prefix)
     return options
@@ -102,17 +111,19 @@ def _joints(top: Mapping[str, Any], key: str, prefix: str) -> tuple[str, ...] | 
     if names is None:
         return None
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise ConstraintError(f'constraints file: {key}: {names!r}; expected a list of joint '
-                              'names')
+        raise ConstraintError(f'constraints file: {key}: {names!r}; expected a list of '
+                              'joint names')
     return tuple(prefix + name for name in names)
 
 
 def _numbers(top: Mapping[str, Any], key: str, prefix: str) -> dict[str, float]:
     """Return a number for each joint that is named."""
     entries = mapping(top[key], f'constraints file: {key}', None, ConstraintError)
-    return {prefix + joint: float(_of_type(value, (int, float),
-                                           f"constraints file: {key} of '{joint}'", 'a number'))
-            for joint, value in entries.items()}
+    numbers = {}
+    for joint, value in entries.items():
+        what = f"constraints file: {key} of '{joint}'"
+        numbers[prefix + joint] = _number(value, what)
+    return numbers
 
 
 def _constraint(name: str, data: Any, prefix: str) -> Constraint:
@@ -120,32 +131,45 @@ def _constraint(name: str, data: Any, prefix: str) -> Constraint:
     what = f"constraint '{name}'"
     entry = mapping(data, what, tuple(KINDS), ConstraintError)
     if len(entry) != 1:
-        raise ConstraintError(f'{what}: {list(entry)}; expected one of {", ".join(KINDS)}')
+        raise ConstraintError(f'{what}: {list(entry)}; expected one of '
+                              f'{", ".join(KINDS)}')
     (kind, content), = entry.items()
-    make, required, optional = KINDS[kind]
-    values = dict(mapping(content, f'{what}: {kind}', required + optional, ConstraintError))
+    constructor, required, optional = KINDS[kind]
+    values = dict(mapping(content, f'{what}: {kind}', required + optional,
+                          ConstraintError))
     for key in required:
         if key not in values:
-            raise ConstraintError(f'{what}: {kind} without {key}; expected {", ".join(required)}')
+            raise ConstraintError(f'{what}: {kind} without {key}; expected '
+                                  f'{", ".join(required)}')
+
+    # Names of frames and joints, numbers, ratios and flags, each in place.
     for key in (*FRAMES, 'joint'):
         if values.get(key) is not None:
-            values[key] = prefix + _of_type(values[key], (str,), f'{what}: {key}', 'a name')
+            values[key] = prefix + _of_type(values[key], (str,), f'{what}: {key}',
+                                            'a name')
     for key in NUMBERS:
         if key in values:
-            values[key] = float(_of_type(values[key], (int, float), f'{what}: {key}', 'a number'))
+            values[key] = _number(values[key], f'{what}: {key}')
     if 'ratios' in values:
-        ratios = mapping(values['ratios'], f'{what}: ratios', None, ConstraintError)
-        values['ratios'] = {prefix + joint: float(_of_type(
-            ratio, (int, float), f"{what}: ratio of '{joint}'", 'a number'))
-            for joint, ratio in ratios.items()}
+        entries = mapping(values['ratios'], f'{what}: ratios', None, ConstraintError)
+        ratios = {}
+        for joint, ratio in entries.items():
+            ratios[prefix + joint] = _number(ratio, f"{what}: ratio of '{joint}'")
+        values['ratios'] = ratios
     for key in ('angular', 'inside'):
         if key in values:
             _of_type(values[key], (bool,), f'{what}: {key}', 'true or false')
-    return make(**values, name=name)
+    return constructor(**values, name=name)
+
+
+def _number(value: Any, what: str) -> float:
+    """Return a number as a float; ConstraintError for anything else."""
+    return float(_of_type(value, (int, float), what, 'a number'))
 
 
 def _of_type(value: Any, types: tuple[type, ...], what: str, expected: str) -> Any:
     """Return the value if it has one of these types (bool is not a number)."""
-    if not isinstance(value, types) or (isinstance(value, bool) and bool not in types):
+    unwanted_flag = isinstance(value, bool) and bool not in types
+    if unwanted_flag or not isinstance(value, types):
         raise ConstraintError(f'{what}: {value!r}; expected {expected}')
     return value

@@ -42,8 +42,7 @@ Kind = Literal['weld', 'revolute', 'prismatic', 'cylindrical', 'universal', 'sph
 @dataclass(frozen=True, eq=False)
 class Closure:
     """
-    Closed loop: two frames of the mechanism, joined by the joint at which the loop was
-    cut.
+    Closed loop: two frames, joined by the joint at which the loop was cut.
 
     Parameters
     ----------
@@ -223,7 +222,7 @@ class Closure:
 
     def _directions(self, geometry: Geometry,
                     observer: str | Frame) -> tuple[list[Vector], list[Vector]]:
-        """Return the directions of translations, fixed in the observer, and rotations."""
+        """Return the directions of translations (in the observer) and rotations."""
         moves, turns = ROWS[self.kind]
         R1, _ = geometry.pose(self.first)
         R2, _ = geometry.pose(self.second)

@@ -26,8 +26,7 @@ class Geometry(Protocol):
 
     def in_axes_of(self, frame: str | Frame) -> 'Geometry':
         """
-        Return the same geometry with vectors in the axes of a frame's body, or in world
-        axes.
+        Return the same geometry with vectors in the axes of a frame's body or the world.
 
         Rows do not depend on these axes, but their arithmetic does: it is least where
         most directions of a constraint are fixed.

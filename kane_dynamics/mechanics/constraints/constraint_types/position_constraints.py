@@ -19,8 +19,7 @@ import numpy as np
 @dataclass(frozen=True, eq=False)
 class Coupling:
     """
-    A joint coordinate is a linear function of others: q_joint = sum(ratio_k q_k) +
-    offset.
+    A coordinate depends linearly on others: q_joint = sum(ratio_k q_k) + offset.
 
     Parameters
     ----------
@@ -70,8 +69,7 @@ class Coupling:
 @dataclass(frozen=True, eq=False)
 class Prescribed:
     """
-    A joint moves as a given function of time (a shaker, a platform, a spacecraft's
-    base).
+    A joint moves as a function of time (a shaker, a platform, a spacecraft's base).
 
     Parameters
     ----------
