@@ -19,7 +19,7 @@ SURFACES = ('plane', 'cylinder', 'sphere')
 ITERATIONS = 6  # of Newton's method for the point of a rim nearest to a cylinder
 
 
-class Contact(NamedTuple):
+class RollingContact(NamedTuple):
     """
     The contact of a wheel or ball with its surface; axes of the geometry.
 
@@ -202,7 +202,7 @@ class Rolling:
         rows = ConstraintRows(J, np.zeros(3), (None, None, contact.residual))
         return rows, np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
 
-    def _contact(self, geometry: Geometry) -> Contact:
+    def _contact(self, geometry: Geometry) -> RollingContact:
         """Return the contact of the wheel or ball with its surface."""
         R, center = geometry.pose(self.frame)
         R_surface, origin = geometry.pose(self._surface)
@@ -218,7 +218,7 @@ class Rolling:
         v = geometry.partial_velocities(self.frame, point)[:3]
         if self.surface_frame is not None:
             v = v - geometry.partial_velocities(self.surface_frame, point)[:3]
-        return Contact(R_surface, axle, r, normal, residual, v)
+        return RollingContact(R_surface, axle, r, normal, residual, v)
 
     def _contact_on_plane(self, c: Vector, R_surface: Matrix,
                           axle: Vector | None) -> tuple[Vector, Vector, Scalar]:
