@@ -1,16 +1,17 @@
 """
 The equations of motion of a mechanism, over any scalar.
 
-`TreeEquations` computes the joint forces f(q, q', q'') of the tree alone (RNEA). The mechanism
-gives the joint motion for independent speeds u, q' = T u + X. Kane's method projects the joint
-forces on these speeds:
+`TreeEquations` computes the joint forces f(q, q', q'') of the tree alone (RNEA). The
+mechanism gives the joint motion for independent speeds u, q' = T u + X. Kane's method
+projects the joint forces on these speeds:
 
     tau = T^T f,    M = T^T M_q T,    constraint forces = N^T (f - joint torques)
 
-T^T f is F~_r + F~_r* with the sign changed: forces without work in an admissible motion cancel.
+T^T f is F~_r + F~_r* with the sign changed: forces without work in an admissible motion
+cancel.
 
-A tree in joint rates is the mechanism with T = 1 and no rows. `JointMotion` skips the products
-with T there, so that its traced programs are those of the tree alone.
+A tree in joint rates is the mechanism with T = 1 and no rows. `JointMotion` skips the
+products with T there, so that its traced programs are those of the tree alone.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +24,8 @@ from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints import ConstraintRows
 from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS, margin
-from kane_dynamics.mechanics.constraints.mechanism import congruent, JointMotion, Mechanism
+from kane_dynamics.mechanics.constraints.mechanism import (congruent, JointMotion,
+                                                           Mechanism)
 from kane_dynamics.mechanics.constraints.mechanism_state import (MechanismState,
                                                                  ReleasedJointState)
 from kane_dynamics.mechanics.constraints.redundant_forces import shared_forces
@@ -40,34 +42,37 @@ class Equations:
     Parameters
     ----------
     tree : TreeEquations
-        The recursions in joint space: of the same model, in joint rates, without constraints.
+        The recursions in joint space: of the same model, in joint rates, without
+        constraints.
     mechanism : Mechanism
     actuated : sequence of str or mapping of str to float, optional
-        Names of the joints that have actuators; the torques have minimum norm, or with a mapping
-        the least sum of weight times torque squared. By default tau acts as the forces dual to
-        the independent speeds.
+        Names of the joints that have actuators; the torques have minimum norm, or with a
+        mapping the least sum of weight times torque squared. By default tau acts as the
+        forces dual to the independent speeds.
     redundant : one of `redundant_forces.SHARING`
         Distribution of the forces of redundant rows.
 
     Attributes
     ----------
     in_joint_rates : bool
-        Whether the mechanism is a tree in joint rates: u = q', no constraints, no ball joints.
+        Whether the mechanism is a tree in joint rates: u = q', no constraints, no ball
+        joints.
     timed : bool
         Whether a result may depend on the time.
     watched : bool
-        Whether a state may be singular or open: there are constraint rows. The parameters of
-        the kernels then end with its limits, see `margin`.
+        Whether a state may be singular or open: there are constraint rows. The
+        parameters of the kernels then end with its limits, see `margin`.
 
     Raises
     ------
     ConstraintError
-        No such joint, fewer actuators than independent speeds, or a weight that is not positive.
+        No such joint, fewer actuators than independent speeds, or a weight that is not
+        positive.
 
     Notes
     -----
-    Methods take q (n_q,), the independent speeds u (n,), and the time t, s. Callers may always
-    pass the time; only equations that are `timed` use it.
+    Methods take q (n_q,), the independent speeds u (n,), and the time t, s. Callers may
+    always pass the time; only equations that are `timed` use it.
 
     """
 
@@ -75,20 +80,32 @@ class Equations:
                  actuated: Sequence[str] | Mapping[str, float] | None = None,
                  redundant: str = 'minimum_norm') -> None:
         """Check the actuated joints and store the parts."""
-        self.tree, self.mechanism = tree, mechanism
-        self.model, self.n, self.n_q = tree.model, mechanism.n, tree.n_q
+        self.tree = tree
+        self.mechanism = mechanism
+        self.model = tree.model
+        self.n = mechanism.n
+        self.n_q = tree.n_q
         self.speed_names = mechanism.speed_names
-        self.wrench_frames, self.payload_frame = tree.wrench_frames, tree.payload_frame
+        self.wrench_frames = tree.wrench_frames
+        self.payload_frame = tree.payload_frame
         self.friction = tree.friction
         self.in_joint_rates = mechanism.in_joint_rates
         self.timed = mechanism.key is None  # only user-defined functions depend on time
         self.watched = bool(mechanism.labels)
         self._redundant = redundant
-        self.actuated = None if actuated is None else self._actuated_coordinates(actuated)
-        self._ease = None if self.actuated is None or not isinstance(actuated, Mapping) else (
-            1.0 / np.array([actuated[self.model.joint_names[k]] for k in self.actuated]))
+        self.actuated: list[int] | None = None
+        self._inverse_weights: Vector | None = None
+        if actuated is not None:
+            self.actuated = self._actuated_coordinates(actuated)
+            if isinstance(actuated, Mapping):
+                names = [self.model.joint_names[k] for k in self.actuated]
+                weights = np.array([actuated[name] for name in names])
+            else:
+                weights = np.ones(len(self.actuated))
+            self._inverse_weights = 1.0 / weights
 
-    def _actuated_coordinates(self, joints: Sequence[str] | Mapping[str, float]) -> list[int]:
+    def _actuated_coordinates(
+            self, joints: Sequence[str] | Mapping[str, float]) -> list[int]:
         """Return the indices of the actuated coordinates, or raise ConstraintError."""
         names = self.model.joint_names
         for joint in joints:
@@ -97,13 +114,13 @@ class Equations:
                                       f'{", ".join(names)}')
             weight = joints[joint] if isinstance(joints, Mapping) else 1.0
             if not 0.0 < weight < np.inf:
-                raise ConstraintError(f"actuated: weight {weight} of '{joint}'; expected a "
-                                      'positive, finite number')
+                raise ConstraintError(f"actuated: weight {weight} of '{joint}'; "
+                                      'expected a positive, finite number')
         places = sorted({names.index(joint) for joint in joints})
         if len(places) < self.n:
-            raise ConstraintError(f'actuated: {len(places)} joints; expected at least {self.n}, '
-                                  'the number of independent speeds '
-                                  f'({", ".join(self.speed_names)})')
+            raise ConstraintError(
+                f'actuated: {len(places)} joints; expected at least {self.n}, the '
+                f'number of independent speeds ({", ".join(self.speed_names)})')
         return places
 
     @property
@@ -124,19 +141,20 @@ class Equations:
     # Kinematics: the motion of joints and frames for independent speeds.
 
     def state(self, q: Vector, t: Scalar = 0.0) -> MechanismState:
-        """Return the mechanism at a configuration, by the links of the compiled algorithms."""
+        """Return the mechanism at a configuration, by the compiled links."""
         return self.mechanism.state(q, t, self.tree.geometry)
 
     def constraint_rows(self, q: Vector, t: Scalar = 0.0) -> ConstraintRows:
         """Return the rows of all constraints at a configuration."""
         return self.mechanism.rows(self.state(q, t))
 
-    def joint_motion(self, q: Vector, u: Vector, udot: Vector, t: Scalar = 0.0) -> JointMotion:
+    def joint_motion(self, q: Vector, u: Vector, udot: Vector,
+                     t: Scalar = 0.0) -> JointMotion:
         """Return rates and accelerations of the joints, with T and N."""
         return self.mechanism.joint_motion(q, u, udot, t, self.tree.geometry)
 
     def at_rest(self, q: Vector, t: Scalar = 0.0) -> JointMotion:
-        """Return the joint motion at u = udot = 0, for callers that use T and N alone."""
+        """Return the joint motion at u = udot = 0, for callers that only use T and N."""
         return self.joint_motion(q, self.zeros, self.zeros, t)
 
     def joint_rates(self, q: Vector, u: Vector, t: Scalar = 0.0) -> Vector:
@@ -144,19 +162,20 @@ class Equations:
         return coordinate_rates(self.model, q, self.joint_speeds(q, u, t))
 
     def joint_speeds(self, q: Vector, u: Vector, t: Scalar = 0.0) -> Vector:
-        """Return the rates of the joints, (n_j,): q', and angular velocities of ball joints."""
+        """Return the joint rates, (n_j,): q', and angular velocities of ball joints."""
         return self.joint_motion(q, u, self.zeros, t).qdot
 
     def joint_accelerations(self, q: Vector, u: Vector, udot: Vector,
                             t: Scalar = 0.0) -> Vector:
-        """Return the rates of `joint_speeds`, (n_j,): q'', and angular accelerations."""
+        """Return the rates of `joint_speeds`, (n_j,): q'', angular accelerations."""
         return self.joint_motion(q, u, udot, t).qddot
 
     def frame_pose(self, frame: Frame, q: Vector, t: Scalar = 0.0) -> Matrix:
         """Return the homogeneous transformation frame to world, (4, 4)."""
         return self.tree.frame_pose(frame, q)
 
-    def frame_velocity(self, frame: Frame, q: Vector, u: Vector, t: Scalar = 0.0) -> Vector:
+    def frame_velocity(self, frame: Frame, q: Vector, u: Vector,
+                       t: Scalar = 0.0) -> Vector:
         """Return linear then angular velocity, (6,)."""
         return self.tree.frame_velocity(frame, q, self.joint_speeds(q, u, t))
 
@@ -168,57 +187,59 @@ class Equations:
 
     def partial_velocities(self, frame: Frame, q: Vector, t: Scalar = 0.0) -> Matrix:
         """Return the Jacobian (partial velocities) in the independent speeds, (6, n)."""
+        # v = J q', q' = T u + X: the partial velocities of u are the columns of J T.
         J = self.tree.partial_velocities(frame, q)
         return self.at_rest(q, t).by_speeds(J)
 
     def partial_velocity_rates(self, frame: Frame, q: Vector, u: Vector,
                                t: Scalar = 0.0) -> Matrix:
-        """Return the time derivative of the partial velocities along the motion, (6, n)."""
+        """Return the rate of the partial velocities along the motion, (6, n)."""
         motion = self.joint_motion(q, u, self.zeros, t)
         J_rate = self.tree.partial_velocity_rates(frame, q, motion.qdot)
         if motion.unit:
             return J_rate
+        # (J T)' = J' T + J T'
         J_rate = J_rate @ motion.T
         return J_rate + self.tree.partial_velocities(frame, q) @ motion.T_rate
 
     # Constraints: residuals, and the correction that keeps loops closed.
 
     def constraint_residual(self, q: Vector, t: Scalar = 0.0) -> Vector:
-        """Return the residual of every row, (m,), m or rad; 0 for velocity constraints."""
-        residual = self.constraint_rows(q, t).residual
-        return np.array([0.0 if x is None else x for x in residual], dtype=object)
+        """Return the residual of every row, (m,), m or rad; 0 if it is of velocities."""
+        return _with_zeros(self.constraint_rows(q, t).residual)
 
     def closure_rows(self, q: Vector, t: Scalar = 0.0) -> Matrix:
-        """Return J with two more columns: residuals, and 1 where a row has one, (m, n_j + 2)."""
+        """Return J, residuals and 1 where a row has one, as columns, (m, n_j + 2)."""
         rows = self.constraint_rows(q, t)
-        columns = [[0.0, 0.0] if x is None else [x, 1.0] for x in rows.residual]
-        residuals = np.array(columns, dtype=object).reshape(len(columns), 2)
-        return np.concatenate([rows.J, residuals], axis=1)
+        residual = _with_zeros(rows.residual)
+        of_positions = np.array([float(x is not None) for x in rows.residual])
+        return np.concatenate([rows.J, residual[:, None], of_positions[:, None]], axis=1)
 
-    def constraint_velocity_residual(self, q: Vector, u: Vector, t: Scalar = 0.0) -> Vector:
+    def constraint_velocity_residual(self, q: Vector, u: Vector,
+                                     t: Scalar = 0.0) -> Vector:
         """Return the velocity residual J q' - b of every row, (m,)."""
         rows = self.constraint_rows(q, t)
         return rows.J @ self.joint_speeds(q, u, t) - rows.b
 
     def keeps_positions(self, q: Vector, t: Scalar = 0.0) -> bool:
         """Return whether a constraint is one of positions, such as a closed loop."""
-        return any(x is not None for x in self.constraint_rows(q, t).residual)
+        residual = self.constraint_rows(q, t).residual
+        return any(x is not None for x in residual)
 
     def closure_step(self, q: Vector, t: Scalar = 0.0) -> Vector:
         """
         Return q after one Newton step on the constraint residuals of positions, (n_q,).
 
-        The step is in the span of N, so that it does not change the independent speeds. It
-        changes the lengths of quaternions, to second order.
+        The step is in the span of N, so that it does not change the independent speeds.
+        It changes the lengths of quaternions, to second order.
         """
-        residual = self.constraint_rows(q, t).residual
-        kept = [residual[k] for k in self.mechanism.kept]
-        residuals = np.array([0.0 if x is None else x for x in kept], dtype=object)
-        step = -(self.at_rest(q, t).N @ residuals)
+        # J N = 1 and Y_I N = 0: J dq = -residual with dq = -N residual, and u_I stays.
+        residual = _with_zeros(self.constraint_rows(q, t).residual)
+        step = -(self.at_rest(q, t).N @ residual[self.mechanism.kept])
         return q + coordinate_rates(self.model, q, step)
 
     def margin(self, q: Vector, t: Scalar, limits: Vector) -> Scalar:
-        """Return the margin of a state, positive where it is accepted; see `conditioning`."""
+        """Return the margin of a state, positive if accepted; see `conditioning`."""
         return margin(self.mechanism, q, t, limits, self.tree.geometry)
 
     # Dynamics: joint forces of the tree, projected on the independent speeds.
@@ -226,7 +247,8 @@ class Equations:
     def _joint_forces(self, q: Vector, motion: JointMotion, wrench: Any,
                       parameters: Vector) -> Vector:
         """Return the joint forces f of the tree for a motion, (n_j,)."""
-        return self.tree.inverse_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
+        return self.tree.inverse_dynamics(q, motion.qdot, motion.qddot, wrench,
+                                          parameters)
 
     def inverse_dynamics(self, q: Vector, u: Vector, udot: Vector, wrench: Any,
                          parameters: Vector, t: Scalar = 0.0) -> Vector:
@@ -238,24 +260,27 @@ class Equations:
                        parameters: Vector, t: Scalar = 0.0) -> Vector:
         """Return inverse dynamics without friction, (n,)."""
         motion = self.joint_motion(q, u, udot, t)
-        return motion.projected(self.tree.rigid_dynamics(q, motion.qdot, motion.qddot, wrench,
-                                                         parameters))
+        force = self.tree.rigid_dynamics(q, motion.qdot, motion.qddot, wrench,
+                                         parameters)
+        return motion.projected(force)
 
-    def bias_force(self, q: Vector, u: Vector, parameters: Vector, t: Scalar = 0.0) -> Vector:
-        """Return the bias force h(q, u), (n,): tau at udot = 0 without external wrenches."""
+    def bias_force(self, q: Vector, u: Vector, parameters: Vector,
+                   t: Scalar = 0.0) -> Vector:
+        """Return the bias force h(q, u), (n,): tau at udot = 0, no external wrenches."""
         return self.inverse_dynamics(q, u, self.zeros, None, parameters, t)
 
     def gravity_force(self, q: Vector, parameters: Vector, t: Scalar = 0.0) -> Vector:
         """Return the tau that balances gravity alone, (n,)."""
         return self.at_rest(q, t).projected(self.tree.gravity_force(q, parameters))
 
-    def friction_force(self, u: Vector, q: Vector | None = None, t: Scalar = 0.0) -> Vector:
-        """Return the friction of all joints, (n,), dual to u; q is of no use in joint rates."""
+    def friction_force(self, u: Vector, q: Vector | None = None,
+                       t: Scalar = 0.0) -> Vector:
+        """Return the friction of all joints, (n,), dual to u; joint rates need no q."""
         motion = self.joint_motion(q, u, self.zeros, t)
         return motion.projected(self.tree.friction_force(motion.qdot))
 
     def external_force(self, q: Vector, wrench: Any, t: Scalar = 0.0) -> Vector:
-        """Return the generalized force of wrenches (k, 6) at the declared frames, (n,)."""
+        """Return the generalized force, (n,), of wrenches (k, 6) at declared frames."""
         return self.at_rest(q, t).projected(self.tree.external_force(q, wrench))
 
     def mass_matrix(self, q: Vector, parameters: Vector, t: Scalar = 0.0) -> Matrix:
@@ -263,33 +288,37 @@ class Equations:
         M = self.tree.mass_matrix(q, parameters)
         return self.at_rest(q, t).congruent(M)
 
-    def inverse_mass_matrix(self, q: Vector, parameters: Vector, t: Scalar = 0.0) -> Matrix:
+    def inverse_mass_matrix(self, q: Vector, parameters: Vector,
+                            t: Scalar = 0.0) -> Matrix:
         """Return M^-1, (n, n)."""
         if self.mechanism.in_joint_speeds:
             return self.tree.inverse_mass_matrix(q, parameters)
         order = list(range(self.n))
         M = self.mass_matrix(q, parameters, t)
-        return inverse(factorize(M, order, self._watched_pivots), order)
+        factors = factorize(M, order, self._watched_pivots)
+        return inverse(factors, order)
 
     @property
     def _watched_pivots(self) -> range:
-        """Return the independent speeds, if some joint may move without kinetic energy."""
-        return range(self.n if self.tree.without_own_inertia else 0)
+        """Return the independent speeds if a joint may move without kinetic energy."""
+        count = self.n if self.tree.without_own_inertia else 0
+        return range(count)
 
     def coriolis_matrix(self, q: Vector, u: Vector, parameters: Vector,
                         t: Scalar = 0.0) -> Matrix:
         """
         Return the Coriolis matrix C = T^T (C_q T + M_q dT/dt), (n, n).
 
-        It follows from q' = T u + x and q'' = T u' + T' u + x', of which C u has the terms in u;
-        dM/dt = C + C^T, since M = T^T M_q T.
+        It follows from q' = T u + x and q'' = T u' + T' u + x', of which C u has the
+        terms in u; dM/dt = C + C^T, since M = T^T M_q T.
         """
         motion = self.joint_motion(q, u, self.zeros, t)
         C = self.tree.coriolis_matrix(q, motion.qdot, parameters)
         if motion.unit:
             return C
         CT = C @ motion.T
-        return motion.T.T @ (CT + self.tree.mass_matrix(q, parameters) @ motion.T_rate)
+        M_q = self.tree.mass_matrix(q, parameters)
+        return motion.T.T @ (CT + M_q @ motion.T_rate)
 
     def momentum_terms(self, q: Vector, u: Vector, parameters: Vector,
                        t: Scalar = 0.0) -> Matrix:
@@ -297,36 +326,40 @@ class Equations:
         Return the momenta p of the independent speeds and beta, (2, n).
 
         With q' = T u + X: p = T^T M_q q', and p' = tau + external - beta,
-        beta = T^T (h_q - dM_q/dt q') - (dT/dt)^T M_q q', where h_q is the tree's bias force.
+        beta = T^T (h_q - dM_q/dt q') - (dT/dt)^T M_q q', with the tree's bias force h_q.
         """
         motion = self.joint_motion(q, u, self.zeros, t)
-        tree, qdot = self.tree, motion.qdot
-        momentum = tree.mass_matrix(q, parameters) @ qdot
-        C = tree.coriolis_matrix(q, qdot, parameters)
+        qdot = motion.qdot
+        momentum = self.tree.mass_matrix(q, parameters) @ qdot
+
         # dM_q/dt = C + C^T
-        held = tree.bias_force(q, qdot, parameters) - (C @ qdot + qdot @ C)
-        beta = motion.projected(held) - motion.T_rate.T @ momentum
+        C = self.tree.coriolis_matrix(q, qdot, parameters)
+        bias = self.tree.bias_force(q, qdot, parameters)
+        tree_beta = bias - (C @ qdot + qdot @ C)
+        beta = motion.projected(tree_beta) - motion.T_rate.T @ momentum
         return np.array([motion.projected(momentum), beta])
 
     def forward_dynamics(self, q: Vector, u: Vector, tau: Vector, wrench: Any,
                          parameters: Vector, t: Scalar = 0.0) -> Vector:
         """Return udot = M^-1 (tau + external - bias), (n,)."""
         if self.n == self.tree.n:
-            return self._free(q, u, tau, wrench, parameters, t)[1]
-        return self._forward(q, u, tau, wrench, parameters, t)[2]
+            _, udot = self._unconstrained(q, u, tau, wrench, parameters, t)
+        else:
+            _, _, udot = self._projected(q, u, tau, wrench, parameters, t)
+        return udot
 
-    def state_rates(self, q: Vector, u: Vector, tau: Vector, wrench: Any, parameters: Vector,
-                    t: Scalar = 0.0) -> Vector:
+    def state_rates(self, q: Vector, u: Vector, tau: Vector, wrench: Any,
+                    parameters: Vector, t: Scalar = 0.0) -> Vector:
         """Return q' then udot, (n_q + n,): the system that is integrated."""
         if self.n == self.tree.n:
-            speeds, udot = self._free(q, u, tau, wrench, parameters, t)
+            speeds, udot = self._unconstrained(q, u, tau, wrench, parameters, t)
         else:
-            motion, _, udot = self._forward(q, u, tau, wrench, parameters, t)
+            motion, _, udot = self._projected(q, u, tau, wrench, parameters, t)
             speeds = motion.qdot
         return np.concatenate([coordinate_rates(self.model, q, speeds), udot])
 
-    def _free(self, q: Vector, u: Vector, tau: Vector, wrench: Any, parameters: Vector,
-              t: Scalar) -> tuple[Vector, Vector]:
+    def _unconstrained(self, q: Vector, u: Vector, tau: Vector, wrench: Any,
+                       parameters: Vector, t: Scalar) -> tuple[Vector, Vector]:
         """
         Return the joints' rates and udot without constraints, by the tree's dynamics.
 
@@ -335,6 +368,8 @@ class Equations:
         """
         if self.mechanism.in_joint_speeds:
             return u, self.tree.forward_dynamics(q, u, tau, wrench, parameters)
+
+        # Y q' = u - Z
         Y, negative_Z = self.mechanism.system(self.state(q, t))
         if self.mechanism.speeds.definite:
             order = self.tree.order
@@ -342,69 +377,93 @@ class Equations:
         else:
             qdot = self.mechanism.solved(Y, u + negative_Z)
         qddot = self.tree.forward_dynamics(q, qdot, Y.T @ tau, wrench, parameters)
-        along_motion = self.state(moving(q, coordinate_rates(self.model, q, qdot)),
-                                  moving(t, 1.0))
-        Y_moving, negative_Z_moving = self.mechanism.system(along_motion)
-        return qdot, Y @ qddot + rates(Y_moving) @ qdot - rates(negative_Z_moving)
 
-    def _forward(self, q: Vector, u: Vector, tau: Vector, wrench: Any, parameters: Vector,
-                 t: Scalar) -> tuple[JointMotion, Vector, Vector]:
-        """Return the motion at udot = 0, the joint forces of the actual motion, and udot."""
+        # Y and Z along the motion, for their time derivatives.
+        q_moving = moving(q, coordinate_rates(self.model, q, qdot))
+        along_motion = self.state(q_moving, moving(t, 1.0))
+        Y_moving, negative_Z_moving = self.mechanism.system(along_motion)
+        udot = Y @ qddot + rates(Y_moving) @ qdot - rates(negative_Z_moving)
+        return qdot, udot
+
+    def _projected(self, q: Vector, u: Vector, tau: Vector, wrench: Any,
+                   parameters: Vector, t: Scalar) -> tuple[JointMotion, Vector, Vector]:
+        """Return the motion at udot = 0, the joint forces of the actual one, udot."""
+        # M udot = tau - T^T f, with the joint forces f at udot = 0.
         motion = self.joint_motion(q, u, self.zeros, t)
-        held = self._joint_forces(q, motion, wrench, parameters)
+        force_at_zero = self._joint_forces(q, motion, wrench, parameters)
         M_q = self.tree.mass_matrix(q, parameters)
         order = list(range(self.n))
         factors = factorize(motion.congruent(M_q), order, self._watched_pivots)
-        udot = solve(factors, order, tau - motion.projected(held))
-        return motion, held + M_q @ (motion.T @ udot), udot
+        udot = solve(factors, order, tau - motion.projected(force_at_zero))
+
+        # udot adds T udot to q'', and M_q times that to the joint forces.
+        force = force_at_zero + M_q @ (motion.T @ udot)
+        return motion, force, udot
 
     # Torques of actuators, forces of constraints, loads of joints.
 
     def joint_torques(self, tau: Vector, q: Vector, t: Scalar = 0.0) -> Vector:
-        """Return joint torques, (n_q,), with the generalized force tau; NaN if unactuated."""
+        """Return joint torques, (n_q,), of the force tau; NaN where not actuated."""
         torques = self.shared_torques(q, tau, t)
         if self.actuated is None:
             return torques
         T = self.at_rest(q, t).T
-        return guarded(torques, transmission_margin(self.mechanism, T, self.actuated))
+        margin_of_actuation = transmission_margin(self.mechanism, T, self.actuated)
+        return guarded(torques, margin_of_actuation)
 
     def shared_torques(self, q: Vector, tau: Vector, t: Scalar) -> Vector:
         """Return `joint_torques` without a check of the configuration."""
         if self.mechanism.in_joint_speeds:
             return tau
-        if self.actuated is None:  # Y_I T = 1, Y_I N = 0: gives tau without constraint forces
-            return self.state(q, t).speed_rows(self.speed_names)[0].T @ tau
-        T = self.at_rest(q, t).T[self.actuated]
+        if self.actuated is None:
+            # Y_I T = 1, Y_I N = 0: Y_I^T tau has the generalized force tau, and no
+            # constraint forces.
+            return self._dual_joint_forces(q, tau, t)
+
+        # The least sum of weight times torque squared with T_A^T torque = tau, where T_A
+        # are the rows of the actuated joints: torque = E T_A (T_A^T E T_A)^-1 tau, with
+        # the inverse weights E.
+        T_A = self.at_rest(q, t).T[self.actuated]
         order = list(range(self.n))
-        ease = np.ones(len(T)) if self._ease is None else self._ease
-        share = solve(factorize(congruent(np.diag(ease), T), order), order, tau)
+        inverse_weights = self._inverse_weights
+        factors = factorize(congruent(np.diag(inverse_weights), T_A), order)
+        share = solve(factors, order, tau)
         torques = np.zeros(self.tree.n).astype(object)
-        torques[self.actuated] = ease * (T @ share)
+        torques[self.actuated] = inverse_weights * (T_A @ share)
         return torques
 
-    def generalized_force(self, q: Vector, joint_torques: Vector, t: Scalar = 0.0) -> Vector:
+    def _dual_joint_forces(self, q: Vector, tau: Vector, t: Scalar) -> Vector:
+        """Return Y_I^T tau, the joint forces dual to the independent speeds, (n_j,)."""
+        Y_I, _ = self.state(q, t).speed_rows(self.speed_names)
+        return Y_I.T @ tau
+
+    def generalized_force(self, q: Vector, joint_torques: Vector,
+                          t: Scalar = 0.0) -> Vector:
         """Return the generalized force of joint torques (n_q,), (n,)."""
         return self.at_rest(q, t).projected(joint_torques)
 
     def actual_joint_forces(self, q: Vector, u: Vector, tau: Vector, parameters: Vector,
                             t: Scalar = 0.0) -> Vector:
-        """Return the joint forces, (n_q,), of actuators and constraint forces together."""
+        """Return the joint forces, (n_q,), of actuators and constraints together."""
         if self.mechanism.in_joint_speeds:
             return tau
         if self.n == self.tree.n:
-            return self.state(q, t).speed_rows(self.speed_names)[0].T @ tau
-        return self._forward(q, u, tau, None, parameters, t)[1]
+            return self._dual_joint_forces(q, tau, t)
+        _, force, _ = self._projected(q, u, tau, None, parameters, t)
+        return force
 
     def constraint_forces(self, q: Vector, u: Vector, tau: Vector, wrench: Any,
                           parameters: Vector, t: Scalar = 0.0) -> Vector:
-        """Return the force of every constraint row, (m,); redundant rows as `redundant`."""
-        motion, force, _ = self._forward(q, u, tau, wrench, parameters, t)
-        return self._row_forces(q, t, motion.N, force - self.shared_torques(q, tau, t))
+        """Return the force of every row, (m,); of redundant rows as `redundant` says."""
+        motion, force, _ = self._projected(q, u, tau, wrench, parameters, t)
+        applied = self.shared_torques(q, tau, t)
+        return self._row_forces(q, t, motion.N, force - applied)
 
-    def constraint_forces_of_motion(self, q: Vector, u: Vector, udot: Vector, applied: Vector,
-                                    parameters: Vector, t: Scalar = 0.0) -> Vector:
+    def constraint_forces_of_motion(self, q: Vector, u: Vector, udot: Vector,
+                                    applied: Vector, parameters: Vector,
+                                    t: Scalar = 0.0) -> Vector:
         """
-        Return the force of every constraint row, (m,), in a motion under given joint forces.
+        Return the force of every row, (m,), in a motion under given joint forces.
 
         `applied`, (n_j,), are the forces of actuators, stops and others on the joints.
         """
@@ -412,10 +471,12 @@ class Equations:
         force = self._joint_forces(q, motion, None, parameters)
         return self._row_forces(q, t, motion.N, force - applied)
 
-    def _row_forces(self, q: Vector, t: Scalar, N: Matrix, joint_forces: Vector) -> Vector:
-        """Return the forces of all rows, (m,), that act on the joints as these forces."""
+    def _row_forces(self, q: Vector, t: Scalar, N: Matrix,
+                    joint_forces: Vector) -> Vector:
+        """Return the forces of all rows, (m,), equivalent to these joint forces."""
         J = self.constraint_rows(q, t).J
-        return shared_forces(self.mechanism, J, N, N.T @ joint_forces, self._redundant)
+        kept_forces = N.T @ joint_forces
+        return shared_forces(self.mechanism, J, N, kept_forces, self._redundant)
 
     def joint_reaction(self, body: int, q: Vector, u: Vector, udot: Vector, wrench: Any,
                        parameters: Vector, t: Scalar = 0.0) -> Vector:
@@ -424,22 +485,26 @@ class Equations:
 
     def joint_reactions(self, q: Vector, u: Vector, udot: Vector, wrench: Any,
                         parameters: Vector, t: Scalar = 0.0) -> Matrix:
-        """Return the wrench of parent on child at each body's joint, (n_bodies, 6), world axes."""
+        """Return the wrench of parent on child per joint, (n_bodies, 6), world axes."""
         motion = self.joint_motion(q, u, udot, t)
         if not self.mechanism.labels:
-            return self.tree.joint_reactions(q, motion.qdot, motion.qddot, wrench, parameters)
+            return self.tree.joint_reactions(q, motion.qdot, motion.qddot, wrench,
+                                             parameters)
         force = self._joint_forces(q, motion, wrench, parameters)
         applied = self.shared_torques(q, motion.projected(force), t)
-        held = self._row_forces(q, t, motion.N, force - applied)
+        row_forces = self._row_forces(q, t, motion.N, force - applied)
+
+        # The constraint forces carry a part of the load that a joint has in the tree:
+        # their work on a motion of the released joint alone.
         state = self.state(q, t)
-        of_tree = self.tree.joint_reactions(q, motion.qdot, motion.qddot, wrench, parameters)
-        result = []
-        # The constraint forces carry a part of the load: their work on a motion of the released
-        # joint alone.
-        for body, (origin, load) in enumerate(zip(self.tree.joint_origins(q), of_tree)):
+        tree_loads = self.tree.joint_reactions(q, motion.qdot, motion.qddot, wrench,
+                                               parameters)
+        origins = self.tree.joint_origins(q)
+        reactions = []
+        for body, (origin, load) in enumerate(zip(origins, tree_loads)):
             rows = self.mechanism.rows(ReleasedJointState(state, body, origin))
-            result.append(load - rows.J.T @ held)
-        return np.array(result)
+            reactions.append(load - rows.J.T @ row_forces)
+        return np.array(reactions)
 
     def torque_terms(self, q: Vector, u: Vector, udot: Vector, parameters: Vector,
                      t: Scalar = 0.0) -> Matrix:
@@ -447,24 +512,30 @@ class Equations:
         if self.mechanism.in_joint_speeds:
             return self.tree.torque_terms(q, u, udot, parameters)
         motion = self.joint_motion(q, u, self.zeros, t)
-        carried, coriolis, *others = self.tree.torque_terms(q, motion.qdot, motion.qddot,
-                                                            parameters)
-        # The accelerations at udot = 0 are quadratic in the speeds: their inertia is Coriolis.
-        inertia = motion.congruent(self.tree.mass_matrix(q, parameters)) @ udot
-        by_joint = (carried + coriolis, *others)
-        return np.stack([inertia, *(motion.projected(force) for force in by_joint)])
+        terms = self.tree.torque_terms(q, motion.qdot, motion.qddot, parameters)
+        inertia_at_zero, coriolis, *others = terms
+
+        # The accelerations at udot = 0 are quadratic in the speeds: their inertia is
+        # Coriolis.
+        M = motion.congruent(self.tree.mass_matrix(q, parameters))
+        result = [M @ udot]
+        for joint_force in (inertia_at_zero + coriolis, *others):
+            result.append(motion.projected(joint_force))
+        return np.stack(result)
 
     def body_torques(self, q: Vector, u: Vector, udot: Vector, parameters: Vector,
                      t: Scalar = 0.0) -> Matrix:
         """Return the contribution of each body to tau, (n_bodies, n)."""
         motion = self.joint_motion(q, u, udot, t)
-        return motion.by_speeds(self.tree.body_torques(q, motion.qdot, motion.qddot, parameters))
+        torques = self.tree.body_torques(q, motion.qdot, motion.qddot, parameters)
+        return motion.by_speeds(torques)
 
     def regressor(self, q: Vector, u: Vector, udot: Vector, parameters: Vector,
                   t: Scalar = 0.0) -> Matrix:
-        """Return the regressor Y, (n, 10 n_bodies): the rigid-body part of tau is Y theta."""
+        """Return the regressor Y, (n, 10 n_bodies): rigid bodies need tau = Y theta."""
         motion = self.joint_motion(q, u, udot, t)
-        return motion.projected(self.tree.regressor(q, motion.qdot, motion.qddot, parameters))
+        regressor = self.tree.regressor(q, motion.qdot, motion.qddot, parameters)
+        return motion.projected(regressor)
 
     # Energies and center of mass.
 
@@ -481,7 +552,13 @@ class Equations:
         """Return the center of mass of the moving bodies and the payload, (3,), m."""
         return self.tree.center_of_mass(q, parameters)
 
-    def center_of_mass_jacobian(self, q: Vector, parameters: Vector, t: Scalar = 0.0) -> Matrix:
-        """Return the velocity of the center of mass per unit of each independent speed, (3, n)."""
+    def center_of_mass_jacobian(self, q: Vector, parameters: Vector,
+                                t: Scalar = 0.0) -> Matrix:
+        """Return the center of mass's velocity per unit of independent speed, (3, n)."""
         J = self.tree.center_of_mass_jacobian(q, parameters)
         return self.at_rest(q, t).by_speeds(J)
+
+
+def _with_zeros(residual: Sequence[Scalar | None]) -> Vector:
+    """Return residuals with 0 for rows of velocity constraints, which have none."""
+    return np.array([0.0 if x is None else x for x in residual], dtype=object)
