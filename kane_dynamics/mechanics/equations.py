@@ -94,7 +94,7 @@ class Equations:
         self.watched = bool(mechanism.labels)
         self._redundant = redundant
         self.actuated: list[int] | None = None
-        self._inverse_weights: Vector | None = None
+        self._inverse_weights: Vector = None  # of the actuated joints
         if actuated is not None:
             self.actuated = self._actuated_coordinates(actuated)
             if isinstance(actuated, Mapping):
