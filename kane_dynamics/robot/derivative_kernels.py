@@ -13,7 +13,8 @@ from kane_dynamics.native.tracing.program import Shape, size_of, trace_program
 from kane_dynamics.native.tracing.subroutine import inlined, Subroutines
 import numpy as np
 
-PARAMETERS = {'gravity': slice(0, 3), 'payload': slice(3, 13)}  # in the block of parameters
+# Places in the block of parameters.
+PARAMETERS = {'gravity': slice(0, 3), 'payload': slice(3, 13)}
 
 
 @dataclass(frozen=True)
@@ -24,9 +25,8 @@ class Derivative:
     Attributes
     ----------
     mode : str
-        'vjp', of a cotangent: the gradients of its product with the quantity, one after the
-        other;
-        'jvp', of a tangent for each input: the directional derivative;
+        'vjp', of a cotangent: the gradients of its product with the quantity, one after
+        the other; 'jvp', of a tangent for each input: the directional derivative;
         'derivative': the Jacobian, with one more axis, the inputs one after the other;
         'value': the quantity itself.
     by : tuple of str
@@ -34,7 +34,8 @@ class Derivative:
     of : Derivative, optional
         What is differentiated; by default the quantity.
     run_time : tuple of str
-        Run-time parameters that are arguments of each state, of the innermost derivative.
+        Run-time parameters that are arguments of each state, of the innermost
+        derivative.
 
     """
 
@@ -50,7 +51,7 @@ class Derivative:
 
     @property
     def _end(self) -> str:
-        """Return the end of the names of cotangents and tangents, which counts the order."""
+        """Return the end of names of cotangents and tangents, which counts the order."""
         order = 1
         inner = self.of
         while inner is not None and inner.mode != 'value':
@@ -67,7 +68,7 @@ class Derivative:
         return f'{name} of {", ".join(self.run_time)}' if self.run_time else name
 
     def seeds(self, shapes: Mapping[str, Shape], result: Shape) -> list[Argument]:
-        """Return the cotangent, or the tangents, of this derivative and of those within."""
+        """Return the cotangent or tangents of this derivative and of those within."""
         inner_seeds = [] if self.of is None else self.of.seeds(shapes, result)
         shapes, result = self._differentiated(shapes, result)
         seeds = []
@@ -88,7 +89,7 @@ class Derivative:
 
     def _differentiated(self, shapes: Mapping[str, Shape],
                         result: Shape) -> tuple[Mapping[str, Shape], Shape]:
-        """Return the shapes of the inputs and of the result of what is differentiated."""
+        """Return the shapes of inputs and result of what is differentiated."""
         if self.of is None:
             return shapes, result
         all_shapes = dict(shapes)
@@ -97,7 +98,7 @@ class Derivative:
         return all_shapes, self.of.shape(shapes, result)
 
     def traced(self, result: Any, arrays: Mapping[str, Any]) -> Any:
-        """Return the derivative of a traced result; `arrays` are the inputs by name."""
+        """Return the derivative of a traced result; `arrays` are inputs by name."""
         if self.of is not None:
             result = self.of.traced(result, arrays)
         if self.mode == 'value':
@@ -128,13 +129,13 @@ def require_known(name: str, by: Sequence[str], shapes: Mapping[str, Shape]) -> 
     unknown = [key for key in by if key not in shapes]
     if unknown or not by or len(set(by)) < len(by):
         stated = ', '.join(map(repr, by)) or 'none'
-        raise InputError(f'by: {stated}; expected for {name} some of {", ".join(shapes)}, '
-                         'each once')
+        raise InputError(f'by: {stated}; expected for {name} some of '
+                         f'{", ".join(shapes)}, each once')
 
 
 class SlopesOfDynamics:
     """
-    The derivatives of dynamics for equations that have no recursion of their own for them.
+    The derivatives of dynamics for equations without a recursion of their own for them.
 
     Those are chosen speeds, constraints and beams.
     """
@@ -145,19 +146,20 @@ class SlopesOfDynamics:
 
     def inverse_dynamics_derivatives(self, q: Vector, u: Vector, udot: Vector,
                                      parameters: Vector, **time: Scalar) -> Matrix:
-        """Return dtau/dq, dtau/du and M side by side, (n, n_q + 2 n), without wrenches."""
+        """Return dtau/dq, dtau/du and M side by side, (n, n_q + 2 n), no wrenches."""
         M = self._square(self._equations.mass_matrix(q, parameters, **time))
         return np.concatenate([self._slopes(q, u, udot, parameters, **time), M], axis=1)
 
     def forward_dynamics_derivatives(self, q: Vector, u: Vector, tau: Vector,
                                      parameters: Vector, **time: Scalar) -> Matrix:
         """
-        Return dudot/dq, dudot/du and M^-1 side by side, (n, n_q + 2 n), without wrenches.
+        Return dudot/dq, dudot/du and M^-1 side by side, (n, n_q + 2 n), no wrenches.
 
-        From tau = M udot + h: dudot = -M^-1 dtau, with the dtau of inverse dynamics at udot.
+        From tau = M udot + h: dudot = -M^-1 dtau, with the dtau of inverse dynamics at
+        udot.
         """
-        # dtau at any udot is a program of its own: udot must not be differentiated, although
-        # it depends on q and u.
+        # dtau at any udot is a program of its own: udot must not be differentiated,
+        # although it depends on q and u.
         inputs = {'q': q, 'u': u, 'udot': u, 'parameters': parameters}
         for name, value in time.items():
             inputs[name] = np.asarray(value, dtype=object)
@@ -169,7 +171,8 @@ class SlopesOfDynamics:
         shapes = [(name, np.shape(value)) for name, value in inputs.items()]
         program = trace_program('slopes', slopes_of, shapes)
 
-        inputs['udot'] = self._equations.forward_dynamics(q, u, tau, None, parameters, **time)
+        inputs['udot'] = self._equations.forward_dynamics(q, u, tau, None, parameters,
+                                                          **time)
         scalars: list[Scalar] = []
         for value in inputs.values():
             scalars.extend(np.ravel(value))

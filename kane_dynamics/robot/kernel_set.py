@@ -1,8 +1,9 @@
 """
 The quantities of a robot and their kernels, traced from its equations at the first use.
 
-`QUANTITIES` and the tables below it say which arguments and shape each quantity has. `KernelSet`
-traces the method of that name of the equations, and compiles and stores the kernel.
+`QUANTITIES` and the tables below it say which arguments and shape each quantity has.
+`KernelSet` traces the method of that name of the equations, and compiles and stores the
+kernel.
 """
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
@@ -24,13 +25,14 @@ from kane_dynamics.native.backends.llvm_simd import width
 from kane_dynamics.native.runtime.kernel import Argument, Kernel, ResultCheck
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call, Subroutines
-from kane_dynamics.robot.derivative_kernels import Derivative, PARAMETERS, SlopesOfDynamics
+from kane_dynamics.robot.derivative_kernels import (Derivative, PARAMETERS,
+                                                    SlopesOfDynamics)
 from kane_dynamics.robot.robot_function import RobotFunction, Supply
 import numpy as np
 
 
 class Sizes(NamedTuple):
-    """Numbers of independent speeds, coordinates, joints, bodies, and rows of constraints."""
+    """Numbers of independent speeds, coordinates, joints, bodies and constraint rows."""
 
     n: int
     n_q: int
@@ -65,7 +67,8 @@ class Quantity:
     Attributes
     ----------
     arguments : tuple of str
-        Arguments of the equations' method of that name, before the wrench and the parameters.
+        Arguments of the equations' method of that name, before the wrench and the
+        parameters.
     shape : tuple of int and str
         Shape of the result; names are those of `Sizes`.
     wrench, parameters : bool
@@ -103,8 +106,9 @@ QUANTITIES = {
     'forward_dynamics_derivatives': Quantity(LOADED, (3, 'n', 'n')),
     'regressor': Quantity(MOTION, ('n', 'inertial_parameters')),
 }
-# Where speeds are chosen or constraints given. In joint rates without constraints, those of
-# joints are the argument itself: kernels of them are made only where they are asked for by name.
+# Where speeds are chosen or constraints given. In joint rates without constraints, those
+# of joints are the argument itself: kernels of them are made only where they are asked
+# for by name.
 CONSTRAINED = {
     'joint_rates': Quantity(STATE, ('n_q',), parameters=False),
     'joint_torques': Quantity(('tau', 'q'), ('joints',), parameters=False),
@@ -133,8 +137,9 @@ IN_LOOPS = ('inverse_dynamics', 'forward_dynamics', 'mass_matrix', 'inverse_mass
             'bias_force', 'gravity_force', 'friction_force', 'torque_terms',
             'joint_reactions', 'kinetic_energy', 'potential_energy')
 
-# Trees in joint rates have recursions of their own for derivatives; the largest trees share
-# subroutines, so that programs do not grow with the square of the number of joints.
+# Trees in joint rates have recursions of their own for derivatives; the largest trees
+# share subroutines, so that programs do not grow with the square of the number of
+# joints.
 ANALYTIC = ('inverse_dynamics_derivatives', 'forward_dynamics_derivatives')
 SHARING = ('coriolis_matrix', 'inverse_dynamics_derivatives', 'regressor')
 LARGE = 24  # more coordinates: inverses by a subroutine in batches
@@ -146,7 +151,7 @@ FEWEST_IN_LANES = 4  # fewer coordinates: never in lanes
 COMPARED = ('coriolis_matrix', *ANALYTIC)  # between: the shorter of the two programs
 NO_DIRECTION = 1e-16  # squared length of a quaternion that has no direction
 
-Place = tuple[str, Hashable]  # of a kernel: its name, and what tells it from others of the name
+Place = tuple[str, Hashable]  # of a kernel: name, and what tells it from its namesakes
 Instead = Callable[[dict[str, Array]], 'KernelSet | None']
 
 
@@ -158,13 +163,13 @@ class KernelSet:
     ----------
     equations : Equations
     key : str or None
-        Cache key of everything that the equations depend on; None with user-defined functions,
-        where the traced programs are the key.
+        Cache key of everything that the equations depend on; None with user-defined
+        functions, where the traced programs are the key.
     parameters : array
         The block of parameters that kernels read at each call.
     instead : callable, optional
-        Called with the arguments of a state with a non-finite result: raises a specific error,
-        or returns kernels that are regular there, or None.
+        Called with the arguments of a state with a non-finite result: raises a specific
+        error, or returns kernels that are regular there, or None.
 
     """
 
@@ -188,7 +193,7 @@ class KernelSet:
     def with_parameters(self, parameters: Array,
                         instead: Instead | None = None) -> 'KernelSet':
         """
-        Return the same kernels, compiled ones included, with another block of parameters.
+        Return the same kernels, compiled ones included, with other parameters.
 
         `instead` is the callable of the result.
         """
@@ -230,17 +235,17 @@ class KernelSet:
         return tuple(names)
 
     def _has(self, name: str) -> bool:
-        """Return whether there is a recursion for a quantity; otherwise it is a derivative."""
+        """Return whether a quantity has a recursion; otherwise it is a derivative."""
         if name in self.equations.unsupported:
             return False
         return hasattr(self.equations, name) or self._recursion(name) is not None
 
     def _recursion(self, name: str) -> Callable[..., Any] | None:
         """
-        Return the function of the tree that computes a quantity with fewer operations, or None.
+        Return the function of the tree that takes fewer operations, or None.
 
-        This is the one place that chooses algorithms of trees in joint rates. All others are
-        those of any mechanism, and the tracer folds T = 1.
+        This is the one place that chooses algorithms of trees in joint rates. All others
+        are those of any mechanism, and the tracer folds T = 1.
         """
         if not self.equations.in_joint_rates:
             return None
@@ -252,18 +257,19 @@ class KernelSet:
         return getattr(tree, name) if name in ANALYTIC else None
 
     def quantity(self, name: str) -> Kernel:
-        """Return the kernel of one of `names`; InputError lists them for another name."""
+        """Return the kernel of one of `names`; InputError for another name."""
         return self.kernel(name)
 
     def at_frame(self, name: str, frame: str) -> Kernel:
-        """Return the kernel of one of `FRAME_QUANTITIES`; InputError for an unknown frame."""
+        """Return the kernel of a frame quantity; InputError for an unknown frame."""
         return self.kernel(name, frame)
 
     def reaction(self, joint: str) -> Kernel:
-        """Return the kernel of the reaction at a joint; InputError for an unknown joint."""
+        """Return the kernel of a joint reaction; InputError for an unknown joint."""
         return self.kernel('joint_reaction', joint)
 
-    def kernel(self, name: str, at: str = '', derivative: Derivative | None = None) -> Kernel:
+    def kernel(self, name: str, at: str = '',
+               derivative: Derivative | None = None) -> Kernel:
         """
         Return the kernel of a quantity or of a derivative of it.
 
@@ -313,7 +319,9 @@ class KernelSet:
     def differentiable(self, name: str) -> dict[str, Shape]:
         """Return the shapes of the inputs by which a quantity can be differentiated."""
         quantity = self._quantity(name)
-        shapes = {argument.name: argument.shape for argument in self._arguments(quantity)}
+        shapes = {}
+        for argument in self._arguments(quantity):
+            shapes[argument.name] = argument.shape
         if quantity.parameters:
             physical = len(self._parameters) - self.equations.limits
             for block, part in PARAMETERS.items():
@@ -322,7 +330,7 @@ class KernelSet:
         return shapes
 
     def arguments(self, name: str) -> tuple[str, ...]:
-        """Return the names of the arguments of a quantity, before the wrench and the time."""
+        """Return the names of the arguments of a quantity, before wrench and time."""
         return self._quantity(name).arguments
 
     def in_use(self, name: str) -> bool:
@@ -336,9 +344,9 @@ class KernelSet:
         """
         Return the kernel of a function over any scalar, as `Robot.compiled`.
 
-        With `constants`, the shape of the function's last argument, its numbers take the place
-        of the robot's parameters: calls of the kernel's address pass them last. `reason` is
-        that of `Kernel`.
+        With `constants`, the shape of the function's last argument, its numbers take the
+        place of the robot's parameters: calls of the kernel's address pass them last.
+        `reason` is that of `Kernel`.
         """
         traced = self.function(function, name, inputs, constants, shape)
         place = name, traced.identity
@@ -347,9 +355,11 @@ class KernelSet:
         kernel = self._made.get(place)
         if kernel is None:
             block = self._parameters if constants is None else np.zeros(constants)
-            # The code of functions of others is in no key, so that they are traced always.
+            # The code of functions of others is in no key, so that they are traced
+            # always.
             key = self.key if traced.is_of_library else None
-            kernel = Kernel(name, traced.program, key, traced.arguments, block, shape, reason,
+            kernel = Kernel(name, traced.program, key, traced.arguments, block, shape,
+                            reason,
                             in_order=self._in_order)
             self._made[place] = kernel
         return kernel
@@ -357,7 +367,7 @@ class KernelSet:
     def function(self, function: Callable[..., Any], name: str,
                  inputs: Mapping[str, Shape | Argument], constants: Shape | None = None,
                  shape: Shape | None = None) -> RobotFunction:
-        """Return a function over any scalar, with what the robot supplies, to trace."""
+        """Return a function over any scalar, with what the robot supplies."""
         equations = self.equations
         block = len(self._parameters)
         supply = Supply(self.no_wrench, equations.timed, block, block - equations.limits)
@@ -376,7 +386,7 @@ class KernelSet:
         if name in OF_PARTS:
             return OF_PARTS[name]
         quantity = ALL.get(name)
-        if self.equations.in_joint_rates:  # friction depends on u alone; there are no rows
+        if self.equations.in_joint_rates:  # friction depends on u alone; no rows
             quantity = QUANTITIES.get(name, quantity)
             if quantity is not None and 'rows' in quantity.shape:
                 quantity = None
@@ -387,14 +397,15 @@ class KernelSet:
         return quantity if has_recursion else replace(quantity, shape=('n', 'slopes'))
 
     def _method(self, name: str, at: str = '') -> Callable[..., Any]:
-        """Return the function of a quantity; InputError for an unknown frame or joint."""
+        """Return the method of a quantity; InputError for an unknown part."""
         equations = self.equations
         if name in FRAME_QUANTITIES:
             return partial(getattr(equations, name), equations.model.frame(at))
         if name == 'joint_reaction':
             return partial(equations.joint_reaction, self._body(at))
         if not self._has(name):
-            return getattr(SlopesOfDynamics(equations), name)  # type: ignore[no-any-return]
+            slopes: Callable[..., Any] = getattr(SlopesOfDynamics(equations), name)
+            return slopes
         recursion = self._recursion(name)
         return getattr(equations, name) if recursion is None else recursion
 
@@ -404,7 +415,8 @@ class KernelSet:
         if joint not in names:
             valid = ', '.join(names) or 'none'
             raise InputError(f"no moving joint '{joint}'; expected one of {valid} "
-                             '(fixed and locked joints are merged into the bodies they join)')
+                             '(fixed and locked joints are merged into the bodies they '
+                             'join)')
         return names.index(joint)
 
     def _large_inverse(self, q: Vector, parameters: Vector) -> Matrix:
@@ -472,8 +484,8 @@ class KernelSet:
         """
         Trace a quantity or a derivative of it; arguments as `kernel`.
 
-        `single` selects the program of single states on this processor, which uses lanes where
-        they save instructions.
+        `single` selects the program of single states on this processor, which uses lanes
+        where they save instructions.
         """
         in_lanes = None
         if single and derivative is None:
@@ -491,7 +503,7 @@ class KernelSet:
 
     def _traced(self, method: Callable[..., Any], name: str, at: str,
                 derivative: Derivative | None = None) -> Program:
-        """Return the program of a function of the equations; other arguments as `kernel`."""
+        """Return the program of a function of the equations; see `kernel`."""
         equations = self.equations
         quantity = self._quantity(name)
         inputs = self._inputs(self.signature(name, at, derivative)[0])
@@ -500,7 +512,8 @@ class KernelSet:
             by_name = {}
             for (key, _), array in zip(inputs, arrays):
                 by_name[key] = array
-            # Parameters that are arguments of each state stand in for those of the block.
+            # Parameters that are arguments of each state stand in for those of the
+            # block.
             block = np.array(by_name['parameters'], dtype=object)
             for key, part in PARAMETERS.items():
                 if key in by_name:
@@ -531,7 +544,7 @@ class KernelSet:
 
 
 def method_in_lanes(equations: Equations, name: str) -> Callable[..., Any] | None:
-    """Return the function of a quantity that computes several joints at once, or None."""
+    """Return the function that computes several joints at once, or None."""
     n = equations.n
     suits = n > ALWAYS_IN_LANES or (n >= FEWEST_IN_LANES and name in COMPARED)
     if not (equations.in_joint_rates and suits):
@@ -550,8 +563,8 @@ def kernel_per_robot(function: Callable[[Any], Kernel]) -> Callable[[Any], Kerne
     Return a function that asks another one for a kernel once for each robot.
 
     `Robot.compiled` compiles once, too, but reads its function again at each call, which
-    takes longer than many kernels. The robot's set of kernels stores the kernel, which refers
-    to the robot; so this function refers to both weakly.
+    takes longer than many kernels. The robot's set of kernels stores the kernel, which
+    refers to the robot; so this function refers to both weakly.
     """
     references: WeakKeyDictionary[KernelSet, ref[Kernel]] = WeakKeyDictionary()
 

@@ -33,16 +33,18 @@ class JointLimits:
 
 
 class Parameters:
-    """Gravity, payload and closure tolerance, which may change without compiling again."""
+    """Gravity, payload and closure tolerance; they change without compiling."""
 
-    __slots__ = ('_excess', '_frame', '_payload', '_reach', '_tolerance', 'block', 'physical')
+    __slots__ = ('_excess', '_frame', '_payload', '_reach', '_tolerance', 'block',
+                 'physical')
 
     def __init__(self, model: Model, payload_frame: Frame | None, watched: int = 0,
                  excess: float = EXCESS) -> None:
         """
         Start with the model's gravity and no payload.
 
-        `watched` is the number of limits, `excess` the largest violation of redundant rows.
+        `watched` is the number of limits, `excess` the largest violation of redundant
+        rows.
         """
         self._excess = excess
         self._frame = payload_frame
@@ -86,7 +88,7 @@ class Parameters:
     def gravity(self) -> Array:
         """Acceleration of free fall, (3,), m/s^2, world axes."""
         value = self.block[:3].copy()
-        value.flags.writeable = False  # an entry of a copy could be assigned without effect
+        value.flags.writeable = False  # an assigned entry of a copy has no effect
         return value
 
     @gravity.setter
@@ -98,8 +100,8 @@ class Parameters:
         """
         Largest constraint residual that calls accept, (m, rad); None for no limit.
 
-        Set it to a number for both, to a pair, or to None. It applies to the 2-norm of the
-        residuals.
+        Set it to a number for both, to a pair, or to None. It applies to the 2-norm of
+        the residuals.
         """
         return self._tolerance
 
@@ -113,20 +115,22 @@ class Parameters:
             except (TypeError, ValueError):
                 pair = np.full(2, np.nan)
             if not (np.isfinite(pair).all() and (pair > 0.0).all()):
-                raise InputError(f'closure_tolerance: {value!r}; expected a positive number, m '
-                                 'and rad, a pair of them, or None')
+                raise InputError(f'closure_tolerance: {value!r}; expected a positive '
+                                 'number, m and rad, a pair of them, or None')
             self._tolerance = float(pair[0]), float(pair[1])
         if len(self.block) > self.physical:  # redundant rows hold where loops close
-            self.block[self.physical + 1:] = (0.0 if self._tolerance is None else np.array(
-                [*self._tolerance, self._excess])**-2.0)
+            limits = np.full(3, np.inf)
+            if self._tolerance is not None:
+                limits[:] = *self._tolerance, self._excess
+            self.block[self.physical + 1:] = limits**-2.0
 
     @property
     def payload(self) -> Inertial | None:
         """
         Return the payload in the axes of `payload_frame`; None without one.
 
-        Set it to an Inertial, or to its ten `Inertial.parameters`, as functions for CasADi,
-        PyTorch, JAX and GPUs take them.
+        Set it to an Inertial, or to its ten `Inertial.parameters`, as functions for
+        CasADi, PyTorch, JAX and GPUs take them.
         """
         return self._payload
 
@@ -138,9 +142,10 @@ class Parameters:
                              "Robot(..., payload_frame='...')")
         if not (value is None or isinstance(value, Inertial)):
             if np.shape(value) != (10,):
-                raise InputError(f'payload: a {type(value).__name__}; expected an Inertial, its '
-                                 'ten parameters or None')
-            value = Inertial.from_parameters(constant(value, (10,), 'payload', InputError))
+                raise InputError(f'payload: a {type(value).__name__}; expected an '
+                                 'Inertial, its ten parameters or None')
+            value = Inertial.from_parameters(constant(value, (10,), 'payload',
+                                                      InputError))
         if value is not None:
             _check_payload(value, self._reach)
         self.block[3:13] = 0.0 if value is None else value.parameters
@@ -149,12 +154,12 @@ class Parameters:
 
 def _check_payload(payload: Inertial, links: float) -> None:
     """
-    Raise InputError for moments that no body has; warn of a center of mass far from the arm.
+    Raise InputError for impossible moments; warn of a distant center of mass.
 
     `links` is the length of all links in one line, m.
     """
     moments = principal_moments(payload.inertia)
     if not moments.possible:
-        raise InputError(f'payload: principal moments of inertia are {moments}; expected none '
-                         'negative or larger than the sum of the others')
+        raise InputError(f'payload: principal moments of inertia are {moments}; '
+                         'expected none negative or larger than the sum of the others')
     warn_of_distance(payload.com, links, 'payload: center of mass', stacklevel=4)

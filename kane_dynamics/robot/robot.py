@@ -14,7 +14,8 @@ from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.text import SHORT, short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.constraints import checked_constraints, checked_names, Constraint
+from kane_dynamics.mechanics.constraints import (checked_constraints, checked_names,
+                                                 Constraint)
 from kane_dynamics.mechanics.constraints.conditioning import (EXCESS, in_lengths, LIMITS,
                                                               loosened, RANK, SINGULAR)
 from kane_dynamics.mechanics.constraints.independent_speeds import (choose_independent,
@@ -41,65 +42,70 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
     """
     The compiled dynamics of one manipulator or mechanism.
 
-    M(q) udot + bias(q, u) = tau + external, with u = q' unless speeds are chosen, and everything
-    in SI units and world axes. Every method accepts one state, (n,) arrays, or a batch, (N, n)
-    arrays, and returns the same. Kernels compile on first use and are cached on disk. Batches use
-    SIMD kernels, which release the GIL; for large batches they run on as many threads as there
-    are processors, or on ``KANE_DYNAMICS_THREADS``.
+    M(q) udot + bias(q, u) = tau + external, with u = q' unless speeds are chosen, and
+    everything in SI units and world axes. Every method accepts one state, (n,) arrays,
+    or a batch, (N, n) arrays, and returns the same. Kernels compile on first use and are
+    cached on disk. Batches use SIMD kernels, which release the GIL; for large batches
+    they run on as many threads as there are processors, or on ``KANE_DYNAMICS_THREADS``.
 
     Parameters
     ----------
     model : Model
-        With ball joints, q has n_q > n entries, and u the angular velocities on the bodies' axes.
+        With ball joints, q has n_q > n entries, and u the angular velocities on the
+        bodies' axes.
     speeds : Speeds or callable, optional
-        Generalized speeds u = Y(q, t) q' + Z(q, t): a choice such as `absolute_rates`, or
-        user-defined functions; joint rates by default.
+        Generalized speeds u = Y(q, t) q' + Z(q, t): a choice such as `absolute_rates`,
+        or user-defined functions; joint rates by default.
     constraints : sequence of constraints
-        `Closure`, `Coupling`, `PointVelocity`, `knife_edge`, `Rolling`,
-        `Prescribed`, `DependentSpeeds`. u are then the n independent speeds, tau is dual to
-        them, and q keeps n_q > n entries.
+        `Closure`, `Coupling`, `PointVelocity`, `knife_edge`, `Rolling`, `Prescribed`,
+        `DependentSpeeds`. u are then the n independent speeds, tau is dual to them, and
+        q keeps n_q > n entries.
     independent : sequence of str, optional
-        Names of the independent speeds. By default the best conditioned ones; `simulate` then
-        changes to others where these become ill-conditioned.
+        Names of the independent speeds. By default the best conditioned ones; `simulate`
+        then changes to others where these become ill-conditioned.
     actuated : sequence of str or mapping of str to float, optional
         The joints that have actuators, or their weights (see `joint_torques`).
     configuration : (n_q,) array_like, or mapping of joints to numbers, optional
-        A closed or nearly closed configuration, rad or m: speeds and rows are chosen there, and
-        `closed_configuration` with fixed coordinates stays on its branch, unless it is given a
-        start. By default configurations within the limits are tried.
+        A closed or nearly closed configuration, rad or m: speeds and rows are chosen
+        there, and `closed_configuration` with fixed coordinates stays on its branch,
+        unless it is given a start. By default configurations within the limits are tried.
     closure_tolerance : float, (float, float) or None
-        Largest residual of loops and other position constraints that calls accept, m and rad;
-        None accepts any. Default: 1e-4 times `mechanism.length` (the longest distance between
-        neighbouring joints), and 1e-4 rad. `parameters.closure_tolerance` changes it.
+        Largest residual of loops and other position constraints that calls accept, m and
+        rad; None accepts any. Default: 1e-4 times `mechanism.length` (the longest
+        distance between neighbouring joints), and 1e-4 rad.
+        `parameters.closure_tolerance` changes it.
     redundant : 'minimum_norm' or 'kept'
         Forces of redundant constraint rows: minimum norm, with moments divided by
         `mechanism.length`, or zero for the rows that were left out.
     rank_tolerance : float
-        Singular values of the constraint rows up to this fraction of the largest count as zero. A
-        larger value accepts loops with a rounded description (a URDF's rpy="1.5708"); their
-        residual may then be up to this value, in rad or in lengths of the mechanism.
+        Singular values of the constraint rows up to this fraction of the largest count
+        as zero. A larger value accepts loops with a rounded description (a URDF's
+        rpy="1.5708"); their residual may then be up to this value, in rad or in lengths
+        of the mechanism.
     wrench_frames : sequence of str
-        Frames whose external wrenches are arrays, one row each, in `wrench=`; others are given by
-        name, as a mapping.
+        Frames whose external wrenches are arrays, one row each, in `wrench=`; others are
+        given by name, as a mapping.
     payload_frame : str, optional
         Frame in which `parameters.payload` is given; `with_payload` chooses another.
     friction : bool
         Include damping and Coulomb friction.
     frame_reduction : bool
-        Use Denavit-Hartenberg-like frames inside the kernels where that saves arithmetic.
+        Use Denavit-Hartenberg-like frames inside the kernels where that saves
+        arithmetic.
 
     Raises
     ------
     InputError
         An unknown frame; the message lists the valid ones.
     ConstraintError
-        The constraints contradict each other, cannot be met, leave no degree of freedom, or name
-        an unknown joint or frame; or the speeds are singular.
+        The constraints contradict each other, cannot be met, leave no degree of freedom,
+        or name an unknown joint or frame; or the speeds are singular.
 
     """
 
     def __init__(self, model: Model, *, speeds: Any = None,
-                 constraints: Sequence[Constraint] = (), independent: Sequence[str] | None = None,
+                 constraints: Sequence[Constraint] = (),
+                 independent: Sequence[str] | None = None,
                  actuated: Sequence[str] | Mapping[str, float] | None = None,
                  configuration: Any = None, closure_tolerance: Any = CLOSURE_TOLERANCE,
                  redundant: str = 'minimum_norm', rank_tolerance: float = RANK,
@@ -110,9 +116,10 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
             raise InputError(f'model: a {type(model).__name__}; expected a Model '
                              '(load_urdf returns one)')
         if isinstance(wrench_frames, str):
-            raise InputError(f"wrench_frames: the string '{wrench_frames}'; expected a sequence "
-                             'of frame names')
-        for name, value in (('friction', friction), ('frame_reduction', frame_reduction)):
+            raise InputError(f"wrench_frames: the string '{wrench_frames}'; expected a "
+                             'sequence of frame names')
+        for name, value in (('friction', friction),
+                            ('frame_reduction', frame_reduction)):
             if not isinstance(value, bool | np.bool_):
                 raise InputError(f'{name}: {value!r}; expected True or False')
         self._options: dict[str, Any] = {
@@ -126,14 +133,16 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
             'configuration': coordinates_by_name(model, configuration),
             'redundant': redundant, 'rank_tolerance': rank_tolerance}
         self.model, self.friction = model, bool(friction)
-        self._bare = model  # without the payloads of `with_payload` at other frames, below
+        # The model without the payloads of `with_payload` at other frames, and those.
+        self._bare = model
         self._carried: dict[str, Inertial] = {}
         if redundant not in ('minimum_norm', 'kept'):
-            raise InputError(f"redundant: {redundant!r}; expected 'minimum_norm' or 'kept'")
-        constraints, independent, actuated, configuration = (self._choices[name] for name in (
-            'constraints', 'independent', 'actuated', 'configuration'))
-        mechanism = choose_independent(model, speeds, constraints, independent, configuration,
-                                       rank_tolerance)
+            raise InputError(f"redundant: {redundant!r}; expected 'minimum_norm' or "
+                             "'kept'")
+        actuated = self._choices['actuated']
+        mechanism = choose_independent(
+            model, speeds, self._choices['constraints'], self._choices['independent'],
+            self._choices['configuration'], rank_tolerance)
         tree = TreeEquations(model, **self._options)
         limits = LIMITS if mechanism.labels else 0
         self.parameters = Parameters(model, tree.payload_frame, limits,
@@ -147,8 +156,9 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         key = model.digest() + repr(sorted(self._options.items()))
         if not mechanism.in_joint_rates:
             key += f'{actuated!r}{redundant}'
-        self.speed_sets = SpeedSets(mechanism, partial(Equations, tree, actuated=actuated,
-                                                       redundant=redundant), key, self.parameters)
+        self.speed_sets = SpeedSets(mechanism,
+                                    partial(Equations, tree, actuated=actuated,
+                                            redundant=redundant), key, self.parameters)
         self.kernels = self.speed_sets.kernels(mechanism.free, mechanism.kept)
         self.equations = self.kernels.equations
         self._others: dict[tuple[str, ...], Self] = {}  # with other wrench frames
@@ -159,8 +169,8 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         if '_entries' in self.__dict__ and name != 'limits':
             raise AttributeError(refused(self, name, (*self._choices, *self._options)))
         if name == 'limits' and not isinstance(value, JointLimits):
-            raise InputError(f'limits: {SHORT.repr(value)}; expected JointLimits, such as '
-                             'dataclasses.replace(robot.limits, velocity=...)')
+            raise InputError(f'limits: {SHORT.repr(value)}; expected JointLimits, such '
+                             'as dataclasses.replace(robot.limits, velocity=...)')
         super().__setattr__(name, value)
 
     if not TYPE_CHECKING:  # type checkers report missing attributes themselves
@@ -181,18 +191,20 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
                 for name, lower, upper in zip(names, limits.lower, limits.upper)]
         constraints = ', '.join(self.constraint_names)
         closed = f', constraints {constraints}' if constraints else ''
-        return html_table(f'Robot {self.model.name}: {self.n} degrees of freedom{closed}',
+        return html_table(f'Robot {self.model.name}: {self.n} degrees of '
+                          f'freedom{closed}',
                           ['coordinate', 'lower', 'upper', 'speed', 'effort'], rows)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle model, options, limits and parameters; kernels load from the cache again."""
+        """Pickle model, options, limits and parameters; kernels load from the cache."""
         return _restored, (self.model, self.options, self.parameters.gravity,
-                           self.parameters.payload, self.__dict__.get('limits'), self._bare,
+                           self.parameters.payload, self.__dict__.get('limits'),
+                           self._bare,
                            self._carried)
 
     @property
     def options(self) -> dict[str, Any]:
-        """Return the keyword arguments of `Robot` that describe this robot beside its model."""
+        """Keyword arguments of `Robot` that describe this robot beside its model."""
         return {**self._choices, **self._options,
                 'closure_tolerance': self.parameters.closure_tolerance}
 
@@ -200,14 +212,16 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         """
         Return a robot with the same machine code and a copy of the parameters.
 
-        For use in another thread, with another payload or gravity, without compiling again.
+        For use in another thread, with another payload or gravity, without compiling
+        again.
         """
         other = object.__new__(type(self))
         for name in ('_options', '_choices', 'model', 'friction', '_bare', '_carried'):
             setattr(other, name, getattr(self, name))
         other.parameters = self.parameters.copy()
         other.speed_sets = self.speed_sets.with_parameters(other.parameters)
-        other.kernels = other.speed_sets.kernels(self.mechanism.free, self.mechanism.kept)
+        other.kernels = other.speed_sets.kernels(self.mechanism.free,
+                                                 self.mechanism.kept)
         other.equations = other.kernels.equations
         other._others = {}
         other.limits, other._entries = self.limits, {}
@@ -215,11 +229,11 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
 
     def with_payload(self, frame: str, payload: Inertial | None) -> Robot:
         """
-        Return a robot that carries a payload at a frame, with the present gravity and limits.
+        Return a robot that carries a payload at a frame.
 
-        Its kernels compile at their first use, unless `frame` is the `payload_frame`: then only a
-        parameter changes. Payloads at other frames stay, as parts of the model, until another call
-        for their frame.
+        It has the present gravity and limits. Its kernels compile at their first use,
+        unless `frame` is the `payload_frame`: then only a parameter changes. Payloads at
+        other frames stay, as parts of the model, until another call for their frame.
 
         Parameters
         ----------
@@ -270,26 +284,27 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
             self.kernels.key is not None and self.kernels.key == other.kernels.key
             and np.array_equal(self.parameters.block, other.parameters.block))
 
-    def compiled(self, function: Callable[..., Any], *, shape: Shape, name: str | None = None,
+    def compiled(self, function: Callable[..., Any], *, shape: Shape,
+                 name: str | None = None,
                  **inputs: Shape) -> Kernel:
         """
         Return a function over any scalar as native code, for single states and batches.
 
-        The result is called with the inputs in their order, then with `wrench` and `t` if the
-        function asks for them and the robot has them. Batches, with one more leading axis, are
-        computed in SIMD lanes and threads. The code is compiled once; that for batches at the
-        first one.
+        The result is called with the inputs in their order, then with `wrench` and `t`
+        if the function asks for them and the robot has them. Batches, with one more
+        leading axis, are computed in SIMD lanes and threads. The code is compiled once;
+        that for batches at the first one.
 
         Parameters
         ----------
         function : callable
-            Traced once. It takes an array for each input, or a scalar where the shape is (), and
-            uses arithmetic, the methods of `robot.equations`, and `sin`, `cos`, `tanh`, `exp`,
-            `log`, `sqrt` and `arctan` of numpy. It may not branch on the value of an input. By
-            name it may ask for `parameters`, gravity (3,) and, where a payload frame is declared,
-            the payload (10,); for `t`, the time, s, 0 where the equations do not depend on it;
-            and for `wrench`, the external wrenches (k, 6) at the declared frames, None without
-            any.
+            Traced once. It takes an array for each input, or a scalar where the shape is
+            (), and uses arithmetic, the methods of `robot.equations`, and `sin`, `cos`,
+            `tanh`, `exp`, `log`, `sqrt` and `arctan` of numpy. It may not branch on the
+            value of an input. By name it may ask for `parameters`, gravity (3,) and,
+            where a payload frame is declared, the payload (10,); for `t`, the time, s, 0
+            where the equations do not depend on it; and for `wrench`, the external
+            wrenches (k, 6) at the declared frames, None without any.
         shape : tuple of int
             Shape of the result for one state.
         name : str, optional
@@ -300,8 +315,8 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         Raises
         ------
         InputError
-            The name is no identifier, the function asks for something else, or its result has
-            another shape.
+            The name is no identifier, the function asks for something else, or its
+            result has another shape.
         TypeError
             The function branches on the value of an input.
 
@@ -309,7 +324,8 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         if name is None:
             name = getattr(function, '__name__', '')
         if not (name.isascii() and name.isidentifier()):
-            raise InputError(f"name: {name!r}; expected an identifier, such as name='power'")
+            raise InputError(f'name: {name!r}; expected an identifier, such as '
+                             "name='power'")
         return self.kernels.compiled(function, name, inputs, shape)
 
     def bind(self) -> Workspace:
@@ -318,13 +334,13 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
 
     def verify(self, states: int = 5) -> float:
         """
-        Compare the compiled kernels with the definition of Kane's equations at random states.
+        Compare the compiled kernels with the definition of Kane's equations.
 
         Returns
         -------
         float
-            The largest error, relative to the largest entry of its quantity. The error of forward
-            dynamics is that of the torque of its result.
+            The largest error, relative to the largest entry of its quantity. The error
+            of forward dynamics is that of the torque of its result.
 
         Raises
         ------
@@ -338,29 +354,32 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         return verified(self, states)
 
     def export_c(self, path: str | os.PathLike[str],
-                 kernels: Sequence[str | Kernel] = DEFAULT_KERNELS, *, scalar: str = 'float64',
+                 kernels: Sequence[str | Kernel] = DEFAULT_KERNELS, *,
+                 scalar: str = 'float64',
                  self_test: bool = True) -> tuple[Path, Path]:
         """
-        Write kernels as C99 that needs libm alone: a source, and a header that documents it.
+        Write kernels as C99 that needs libm alone: a source and a header.
 
-        The current parameters are its defaults. `<stem>_self_test()` compares every function with
-        results of this library. Sines and cosines are computed by code that compilers vectorise;
-        ``-D'<STEM>_SINCOS(x, s, c)=...'`` replaces them by another function, such as one of the
-        processor's vendor. Names and limits of the joints are constants, and
-        `<stem>_check_state` refuses numbers that are not finite, or positions beyond 1e12.
+        The header documents the source. The current parameters are its defaults.
+        `<stem>_self_test()` compares every function with results of this library. Sines
+        and cosines are computed by code that compilers vectorise; ``-D'<STEM>_SINCOS(x,
+        s, c)=...'`` replaces them by another function, such as one of the processor's
+        vendor. Names and limits of the joints are constants, and `<stem>_check_state`
+        refuses numbers that are not finite, or positions beyond 1e12.
 
         Parameters
         ----------
         path : path
-            The source, `<stem>.c`; the header is `<stem>.h` beside it, and every name in them
-            begins with `<stem>_`. Only files of an earlier export are overwritten.
+            The source, `<stem>.c`; the header is `<stem>.h` beside it, and every name in
+            them begins with `<stem>_`. Only files of an earlier export are overwritten.
         kernels : sequence of str or Kernel
             Names of quantities, as `operation_count` lists them; of a frame
-            ``'frame_pose:<frame>'`` and ``'jacobian:<frame>'`` (or ``'partial_velocities:...'``);
-            of a controller those of `control.controller_kernels`.
+            ``'frame_pose:<frame>'`` and ``'jacobian:<frame>'`` (or
+            ``'partial_velocities:...'``); of a controller those of
+            `control.controller_kernels`.
         scalar : {'float64', 'float32'}
-            Type of arguments, results and arithmetic. The self-test of 'float32' has the tolerance
-            of single precision.
+            Type of arguments, results and arithmetic. The self-test of 'float32' has the
+            tolerance of single precision.
         self_test : bool
             Write the self-test; ``-D<STEM>_NO_SELF_TEST`` leaves it out when compiling.
 

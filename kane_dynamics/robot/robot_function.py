@@ -46,8 +46,8 @@ class RobotFunction:
     Parameters
     ----------
     function : callable
-        Takes a traced array for each input, or a scalar where the shape is (), and by name those
-        of `SUPPLIED` that it names.
+        Takes a traced array for each input, or a scalar where the shape is (), and by
+        name those of `SUPPLIED` that it names.
     name : str
         A C identifier.
     inputs : mapping of str to shape, or to Argument
@@ -62,8 +62,8 @@ class RobotFunction:
     Attributes
     ----------
     arguments : list of Argument
-        Those of the kernel: the inputs, then the wrench and the time if the function asks for them
-        and the robot has them.
+        Those of the kernel: the inputs, then the wrench and the time if the function
+        asks for them and the robot has them.
     program : callable
         Traces the function.
 
@@ -86,7 +86,8 @@ class RobotFunction:
             else:
                 self.arguments.append(Argument(key, tuple(value)))
         count = len(self.arguments)
-        # The constants are one more input of the function, but none of calls of the kernel.
+        # The constants are one more input of the function, but none of calls of the
+        # kernel.
         asked = _asked(function, name, count if constants is None else count + 1)
         if 'wrench' in asked and len(supply.no_wrench):
             none = supply.no_wrench
@@ -96,13 +97,14 @@ class RobotFunction:
         block: Shape = (supply.block,) if constants is None else constants
         program_inputs = [(argument.name, argument.shape) for argument in self.arguments]
         program_inputs.append(('parameters', block))
-        # A partial function of plain values, since these are what its `origin` describes.
+        # A partial function of plain values, since these are what its `origin`
+        # describes.
         self.program = partial(_traced, function, name, tuple(program_inputs), count,
                                constants is not None, asked, supply.physical, shape)
 
     @property
     def is_of_library(self) -> bool:
-        """Return whether the function is of this library, so that its `origin` identifies it."""
+        """Return whether `origin` identifies the function, as those of this library."""
         return _module(self.function).partition('.')[0] == LIBRARY
 
     @property
@@ -138,10 +140,14 @@ def _asked_by_signature(function: Callable[..., Any], name: str, count: int
             positional.append(parameter)
     if not gathers:
         by_name += positional[count:]
-    required = {parameter.name for parameter in by_name if parameter.default is parameter.empty}
+    required = set()
+    for parameter in by_name:
+        if parameter.default is parameter.empty:
+            required.add(parameter.name)
     if not required <= set(SUPPLIED) or (len(positional) < count and not gathers):
         names = ', '.join(parameter.name for parameter in parameters)
-        raise InputError(f'{name}: the function takes {names}; expected {count} inputs, then '
+        raise InputError(f'{name}: the function takes {names}; expected {count} inputs, '
+                         'then '
                          f'some of {", ".join(SUPPLIED)}')
     return tuple(parameter.name for parameter in by_name if parameter.name in SUPPLIED)
 
@@ -149,11 +155,12 @@ def _asked_by_signature(function: Callable[..., Any], name: str, count: int
 def _traced(function: Callable[..., Any], name: str, inputs: Sequence[tuple[str, Shape]],
             count: int, has_constants: bool, asked: Sequence[str], physical: int,
             shape: Shape | None) -> Program:
-    """Trace a function of `count` inputs, maybe constants, and what it asks for by name."""
+    """Trace a function of `count` inputs, constants, and what it asks for by name."""
     def traced(*arrays: Any) -> Any:
         values = [x[()] for x in arrays]  # scalars of arrays without an axis
         block = values[-1]
-        supplied: dict[str, Any] = {'wrench': None, 't': 0.0, 'parameters': block[:physical],
+        supplied: dict[str, Any] = {'wrench': None, 't': 0.0,
+                                    'parameters': block[:physical],
                                     'limits': block[physical:]}
         for (key, _), value in zip(inputs[:-1], values):
             if key in ('wrench', 't'):
@@ -164,7 +171,8 @@ def _traced(function: Callable[..., Any], name: str, inputs: Sequence[tuple[str,
         return function(*positional, **{key: supplied[key] for key in asked})
     program = trace_program(name, traced, inputs)
     if shape not in (None, program.shape):
-        raise InputError(f'{name}: the function returns shape {program.shape}; expected {shape}')
+        raise InputError(f'{name}: the function returns shape {program.shape}; expected '
+                         f'{shape}')
     return program
 
 

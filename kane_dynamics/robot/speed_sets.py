@@ -6,9 +6,12 @@ from functools import partial
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import moving
-from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described, EXCESS,
-                                                              figure, loosened, scaled_rows, SHARE,
-                                                              SINGULAR, singular_error, Stack,
+from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described,
+                                                              EXCESS,
+                                                              figure, loosened,
+                                                              scaled_rows, SHARE,
+                                                              SINGULAR, singular_error,
+                                                              Stack,
                                                               stacked, system)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.constraints.transmission import require_transmission
@@ -29,7 +32,8 @@ class SpeedSets:
     equations : callable
         Returns the equations of a mechanism with another choice.
     key : str or None
-        Cache key of everything else that kernels depend on; None with user-defined functions.
+        Cache key of everything else that kernels depend on; None with user-defined
+        functions.
     parameters : Parameters
         The parameters that all kernels read at each call.
 
@@ -64,10 +68,10 @@ class SpeedSets:
 
     def instead(self, own: Mechanism, state: dict[str, Array]) -> KernelSet | None:
         """
-        Return kernels that are regular at a state where the robot's own are not, or None.
+        Return kernels that are regular at a state where the robot's are not.
 
-        They have the same independent speeds and other rows, because the redundant rows may
-        depend on the configuration.
+        None where there are none. They have the same independent speeds and other rows,
+        because the redundant rows may depend on the configuration.
 
         Parameters
         ----------
@@ -79,17 +83,19 @@ class SpeedSets:
         Raises
         ------
         ConstraintError
-            A user-defined function or its derivative is not finite, the independent speeds do
-            not determine the motion there, a loop is open, or rows that were left out are not
-            redundant there.
+            A user-defined function or its derivative is not finite, the independent
+            speeds do not determine the motion there, a loop is open, or rows that were
+            left out are not redundant there.
 
         """
         q = state.get('q')
         if q is None or own.in_joint_speeds:  # never singular
             return None
         t = float(state.get('t', np.zeros(())))
-        for of_state in (False, True):  # a function that is not finite is refused by name
-            own.functions(own.state(moving(q, np.ones(len(q))), moving(t, 1.0)), of_state)
+        # A function that is not finite is refused by name.
+        for of_state in (False, True):
+            own.functions(own.state(moving(q, np.ones(len(q))), moving(t, 1.0)),
+                          of_state)
         stack = stacked(own, q, t)
         choice = best_choice(own, stack, own.free)
         if not choice.figure < SINGULAR:
@@ -102,23 +108,24 @@ class SpeedSets:
             raise singular_error(own, stack, q, t)
         actuated = self._equations(own).actuated
         if actuated is not None:
-            T = np.asarray(np.linalg.inv(system(stack, choice.free, choice.kept))[:, :own.n],
-                           dtype=np.float64)
+            inverse = np.linalg.inv(system(stack, choice.free, choice.kept))
+            T = np.asarray(inverse[:, :own.n], dtype=np.float64)
             require_transmission(own, T, actuated, True, q)
         return self.kernels(choice.free, choice.kept) if choice.figure < now else None
 
     def _require_closed(self, stack: Stack, q: Array, t: float,
                         limits: tuple[float, float]) -> None:
-        """Raise ConstraintError for a constraint residual above the closure tolerance."""
-        share = np.abs(stack.residual) / np.where(self.asked.turning, limits[1], limits[0])
+        """Raise ConstraintError for a residual above the closure tolerance."""
+        share = np.abs(stack.residual) / np.where(self.asked.turning, limits[1],
+                                                  limits[0])
         if np.linalg.norm(share) < SHARE:
             return
         k = int(np.argmax(share))
         unit, most = ('rad', limits[1]) if self.asked.turning[k] else ('m', limits[0])
         raise ConstraintError(
             f"constraint '{self.asked.labels[k]}': its residual is "
-            f'{abs(stack.residual[k]):.3g} {unit} at {described(self.asked, q)}, t = {t:.6g} s; '
-            f'expected at most {most:g} {unit} (closure_tolerance), as from '
+            f'{abs(stack.residual[k]):.3g} {unit} at {described(self.asked, q)}, t = '
+            f'{t:.6g} s; expected at most {most:g} {unit} (closure_tolerance), as from '
             'robot.closed_configuration')
 
 
@@ -147,14 +154,15 @@ def left_out_error(mechanism: Mechanism, stack: Stack, q: Array, t: float, most:
     if stopped.max() > most:
         names = _listed(mechanism, [others[k] for k in np.flatnonzero(stopped > most)])
         raise ConstraintError(
-            f'{where}constraint rows {names} do not follow from the others {at}, as they did '
-            f'where the robot was prepared: {len(kept)} rows were independent there, more are '
-            'here, and fewer than the independent speeds '
+            f'{where}constraint rows {names} do not follow from the others {at}, as '
+            f'they did where the robot was prepared: {len(kept)} rows were independent '
+            'there, more are here, and fewer than the independent speeds '
             f'({", ".join(mechanism.speed_names) or "none"}) remain free')
     if off.max() > most:
         k = others[int(np.argmax(off))]
-        raise ConstraintError(f"{where}constraint '{mechanism.labels[k]}' contradicts the others "
-                              f'{at}: its velocity residual is {off.max():.3g}; expected 0')
+        raise ConstraintError(f"{where}constraint '{mechanism.labels[k]}' contradicts "
+                              f'the others {at}: its velocity residual is '
+                              f'{off.max():.3g}; expected 0')
 
 
 def _listed(mechanism: Mechanism, rows: Sequence[int]) -> str:

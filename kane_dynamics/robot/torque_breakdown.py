@@ -20,13 +20,14 @@ class TorqueBreakdown:
     Attributes
     ----------
     by_source : (6, n) or (N, 6, n) array
-        Rows as `sources`, which add up to inverse dynamics; N m or N. Armature
-        belongs to inertia, centrifugal forces to coriolis; external is minus the generalized
+        Rows as `sources`, which add up to inverse dynamics; N m or N. Armature belongs
+        to inertia, centrifugal forces to coriolis; external is minus the generalized
         force of the wrenches.
     by_body : (n_bodies, n) or (N, n_bodies, n) array
-        Torque of each body's inertia and weight at every joint, and of a beam's elasticity and
-        material damping. The rows, as `bodies`, add up to the torque without what belongs to
-        joints: armature, springs, friction and external wrenches.
+        Torque of each body's inertia and weight at every joint, and of a beam's
+        elasticity and material damping. The rows, as `bodies`, add up to the torque
+        without what belongs to joints: armature, springs, friction and external
+        wrenches.
     sources, bodies : tuple of str
     joints : tuple of str
         Names of the columns.
@@ -41,15 +42,20 @@ class TorqueBreakdown:
 
     def __repr__(self) -> str:
         """Return the sources and their largest torques on one line."""
-        many = f'{len(self.by_source)} states, ' if self.by_source.ndim == 3 else ''
-        largest = np.abs(self.by_source).max(axis=tuple(
-            axis for axis in range(self.by_source.ndim) if axis != self.by_source.ndim - 2))
-        shares = ', '.join(f'{name} {value:.4g}' for name, value in zip(self.sources, largest))
-        return f'<TorqueBreakdown: {many}{len(self.joints)} joints, up to {shares}>'
+        states = ''
+        sizes = np.abs(self.by_source)
+        if sizes.ndim == 3:
+            states = f'{len(sizes)} states, '
+            sizes = sizes.max(axis=0)
+        largest = sizes.max(axis=1)
+        named = zip(self.sources, largest)
+        shares = ', '.join(f'{name} {value:.4g}' for name, value in named)
+        return f'<TorqueBreakdown: {states}{len(self.joints)} joints, up to {shares}>'
 
     def _repr_html_(self) -> str:
-        """Return the torques by source as a table for notebooks; of a batch, the largest."""
-        values, title = self.by_source, 'torque by source, N m or N'
+        """Return torques by source as a table for notebooks; of a batch, the largest."""
+        values = self.by_source
+        title = 'torque by source, N m or N'
         if values.ndim == 3:
             title = f'largest torque by source of {len(values)} states, N m or N'
             values = np.abs(values).max(axis=0)

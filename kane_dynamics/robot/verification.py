@@ -22,9 +22,9 @@ def verified(robot: Any, states: int) -> float:
     """
     Return the largest relative error of a Robot's kernels at random states.
 
-    Dynamics always; Coriolis matrix, derivatives, regressor and torques by body only if they were
-    used before, for a robot in joint rates. The error of forward dynamics is that of the torque of
-    its result; it is skipped where the mass matrix is singular.
+    Dynamics always; Coriolis matrix, derivatives, regressor and torques by body only if
+    they were used before, for a robot in joint rates. The error of forward dynamics is
+    that of the torque of its result; it is skipped where the mass matrix is singular.
 
     Raises
     ------
@@ -34,10 +34,13 @@ def verified(robot: Any, states: int) -> float:
         An error is larger than `TOLERANCE`; names the quantity and the error.
 
     """
-    if isinstance(states, bool) or not isinstance(states, int | np.integer) or states < 1:
+    if isinstance(states, bool) or not isinstance(states,
+                                                  int | np.integer) or states < 1:
         raise InputError(f'states: {states!r}; expected an integer >= 1')
     rng = np.random.default_rng(0)
-    gravity, payload, model = robot.parameters.gravity, robot.parameters.payload, robot.model
+    gravity = robot.parameters.gravity
+    payload = robot.parameters.payload
+    model = robot.model
     if payload is not None:
         model = with_payload(model, robot.equations.payload_frame.name, payload)
     constrained = not robot.equations.in_joint_rates
@@ -57,8 +60,8 @@ def verified(robot: Any, states: int) -> float:
             size = max(float(np.abs(expected).max(initial=0.0)), 1e-300)
             error = float(np.abs(value - expected).max(initial=0.0)) / size
             if not error < TOLERANCE:
-                raise CompileError(f'{name}: relative error {error:.3g} to the definition; '
-                                   f'expected at most {TOLERANCE:g}')
+                raise CompileError(f'{name}: relative error {error:.3g} to the '
+                                   f'definition; expected at most {TOLERANCE:g}')
             worst = max(worst, error)
     return worst
 
@@ -72,7 +75,8 @@ def _dynamics(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
     pairs = {
         'mass_matrix': (robot.mass_matrix(q), M),
         'bias_force': (robot.bias_force(q, u), bias),
-        'gravity_force': (robot.gravity_force(q), kane.gravity_force(model, q, gravity=gravity)),
+        'gravity_force': (robot.gravity_force(q),
+                          kane.gravity_force(model, q, gravity=gravity)),
         'inverse_dynamics': (robot.inverse_dynamics(q, u, udot), tau)}
     if robot.n and np.linalg.cond(M) < 1e12:
         pairs['forward_dynamics'] = (M @ robot.forward_dynamics(q, u, tau) + bias, tau)
@@ -94,7 +98,8 @@ def _constrained(robot: Any, model: Model, gravity: Array,
     pairs = {'mass_matrix': (robot.mass_matrix(q, t=t), M),
              'inverse_dynamics': (robot.inverse_dynamics(q, u, udot, t=t), tau)}
     if robot.n and np.linalg.cond(M) < 1e12:
-        pairs['forward_dynamics'] = (M @ robot.forward_dynamics(q, u, tau, t=t) + bias, tau)
+        pairs['forward_dynamics'] = (M @ robot.forward_dynamics(q, u, tau, t=t) + bias,
+                                     tau)
     return pairs
 
 
@@ -120,14 +125,15 @@ def regular_state(robot: Any, rng: np.random.Generator) -> tuple[Array, float]:
             continue
         if conditioning(robot, q, t) < REGULAR:
             return q, t
-    raise CompileError(f'{TRIES} random configurations: none is closed and regular; expected '
-                       'one to compare the kernels with the definition at')
+    raise CompileError(f'{TRIES} random configurations: none is closed and regular; '
+                       'expected one to compare the kernels with the definition at')
 
 
 def conditioning(robot: Any, q: Array, t: float) -> float:
-    """Return the conditioning figure of a robot's independent speeds at q, (n_q,), and t."""
+    """Return the conditioning figure of the independent speeds at q, (n_q,), and t."""
     mechanism = robot.mechanism
-    return float(figure(mechanism, stacked(mechanism, q, t), mechanism.free, mechanism.kept))
+    return float(figure(mechanism, stacked(mechanism, q, t), mechanism.free,
+                        mechanism.kept))
 
 
 def _rigid(model: Model, gravity: Array, q: Array, u: Array, udot: Array) -> Array:
@@ -153,10 +159,12 @@ def _coriolis(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
 def _derivatives(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
                  udot: Array) -> Pair:
     n, none = robot.n, np.zeros(robot.n)
-    torque = kane.inverse_dynamics(model, seeded(q, none, 0, 2 * n), seeded(u, none, n, 2 * n),
+    torque = kane.inverse_dynamics(model, seeded(q, none, 0, 2 * n),
+                                   seeded(u, none, n, 2 * n),
                                    udot, gravity=gravity, friction=robot.friction)
     slopes = [getattr(x, 'gradient', np.zeros(2 * n)) for x in torque]
-    return np.hstack(robot.inverse_dynamics_derivatives(q, u, udot)[:2]), np.array(slopes)
+    return np.hstack(robot.inverse_dynamics_derivatives(q, u,
+                                                        udot)[:2]), np.array(slopes)
 
 
 def _forward_derivatives(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
@@ -175,12 +183,14 @@ def _regressor(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
 
 def _body_torques(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
                   udot: Array) -> Pair:
-    elastic = sum((beams.modal_force(body.beam, joint_positions(model, q), u, robot.friction)
+    elastic = sum((beams.modal_force(body.beam, joint_positions(model, q), u,
+                                     robot.friction)
                    for body in model.bodies if body.beam is not None), np.zeros(robot.n))
     return (robot.body_torques(q, u, udot).sum(axis=0),
             _rigid(model, gravity, q, u, udot) - elastic)
 
 
 OCCASIONAL = {'coriolis_matrix': _coriolis, 'inverse_dynamics_derivatives': _derivatives,
-              'forward_dynamics_derivatives': _forward_derivatives, 'regressor': _regressor,
+              'forward_dynamics_derivatives': _forward_derivatives,
+              'regressor': _regressor,
               'body_torques': _body_torques}

@@ -1,4 +1,4 @@
-"""`Workspace`: a robot's quantities on preallocated arrays, for loops without allocation."""
+"""`Workspace`: quantities on preallocated arrays, for loops without allocation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.kernel_set import ALL, FRAME_QUANTITIES, KernelSet
 import numpy as np
 
-STATE_RESULTS = {'inverse_dynamics': 'tau', 'forward_dynamics': 'udot'}  # results that are states
+# Results that are arrays of the state.
+STATE_RESULTS = {'inverse_dynamics': 'tau', 'forward_dynamics': 'udot'}
 PLACES = {name: place for place, name in enumerate(ALL)}  # indices of tables
 DOCS = {name: f'Compute {name} from the arrays of the workspace; see `Robot.{name}`.'
         for name in ALL}
@@ -38,17 +39,18 @@ class Workspace(entry.NativeMethods):
     """
     Arrays of one robot's state, and its quantities as functions without arguments.
 
-    Write into `q` (n_q,), `u`, `udot`, `tau` (n,) (SI units, zero at first) and, where the robot
-    declares wrench frames, `wrench` (k, 6), and `t`, an array without axes, where its speeds or
-    constraints are functions; then call any quantity of `Robot` without arguments.
-    ``inverse_dynamics()`` writes to and returns `tau`, ``forward_dynamics()`` `udot`; every other
-    quantity returns an array of its own, the same one at every call (derivatives (3, n, n), which
-    unpacks), and energies return a float.
-    A call allocates no array and runs no Python. It reads the robot's `parameters` as they are.
+    Write into `q` (n_q,), `u`, `udot`, `tau` (n,) (SI units, zero at first) and, where
+    the robot declares wrench frames, `wrench` (k, 6), and `t`, an array without axes,
+    where its speeds or constraints are functions; then call any quantity of `Robot`
+    without arguments. ``inverse_dynamics()`` writes to and returns `tau`,
+    ``forward_dynamics()`` `udot`; every other quantity returns an array of its own, the
+    same one at every call (derivatives (3, n, n), which unpacks), and energies return a
+    float. A call allocates no array and runs no Python. It reads the robot's
+    `parameters` as they are.
 
-    The arrays cannot be rebound or resized. A workspace belongs to one thread. A quantity compiles
-    on first use. A call raises InputError if an argument or the result is not finite; the array of
-    the result is invalid then.
+    The arrays cannot be rebound or resized. A workspace belongs to one thread. A
+    quantity compiles on first use. A call raises InputError if an argument or the result
+    is not finite; the array of the result is invalid then.
 
     Parameters
     ----------
@@ -57,7 +59,8 @@ class Workspace(entry.NativeMethods):
 
     """
 
-    __slots__ = ('__weakref__', '_at', '_kernels', '_owned', '_states', 'q', 't', 'tau', 'u',
+    __slots__ = ('__weakref__', '_at', '_kernels', '_owned', '_states', 'q', 't', 'tau',
+                 'u',
                  'udot', 'wrench')
     _unmade: Array | None = None  # of the class: initial tables
     q: Array
@@ -75,11 +78,13 @@ class Workspace(entry.NativeMethods):
         """
         Allocate the arrays; quantities compile on first use.
 
-        The class has machine-code methods where the interpreter supports them. A subclass has
-        methods in Python.
+        The class has machine-code methods where the interpreter supports them. A
+        subclass has methods in Python.
         """
-        self = object.__new__(_of_machine_code() if cls is Workspace and entry.supported()
-                              else cls)
+        kind = cls
+        if cls is Workspace and entry.supported():
+            kind = _of_machine_code()
+        self = object.__new__(kind)
         equations = kernels.equations
         states = {'q': _fixed((equations.n_q,)),
                   **{name: _fixed((equations.n,)) for name in ('u', 'udot', 'tau')}}
@@ -100,8 +105,8 @@ class Workspace(entry.NativeMethods):
 
     def __delattr__(self, name: str) -> None:
         """Raise InputError: the compiled calls read the existing memory."""
-        raise InputError(f"a workspace's {name} cannot be deleted; expected a workspace that is "
-                         'dropped as a whole')
+        raise InputError(f"a workspace's {name} cannot be deleted; expected a workspace "
+                         'that is dropped as a whole')
 
     def __reduce__(self) -> Any:
         """Raise TypeError: a workspace is bound to memory of this process."""
@@ -144,7 +149,8 @@ class Workspace(entry.NativeMethods):
         """Return the entry table of a quantity on the memory of this workspace."""
         kernel = self._kernels.quantity(name)
         table: EntryTable = kernel.table(*self._memory(kernel))
-        table = self._owned.setdefault(name, table)  # another thread may have been faster
+        # Another thread may have been faster.
+        table = self._owned.setdefault(name, table)
         self._tables[PLACES[name]] = id(table)
         return table
 
@@ -156,7 +162,8 @@ class Workspace(entry.NativeMethods):
 
     def _bound_at(self, kernel: Kernel, at: str) -> Callable[[], Any]:
         if (kernel.name, at) not in self._at:
-            self._at[kernel.name, at] = self._bound(kernel, f'Compute {kernel.name} of {at}.')
+            self._at[kernel.name, at] = self._bound(kernel,
+                                                    f'Compute {kernel.name} of {at}.')
         return self._at[kernel.name, at]
 
     def _bound(self, kernel: Kernel, doc: str) -> Callable[[], Any]:
@@ -171,7 +178,8 @@ for _name in ALL:  # faster than `__getattr__`
 def _of_machine_code() -> type[Workspace]:
     """Return the class of workspaces with machine-code methods."""
     kind: type[Workspace] = type(Workspace.__name__, (Workspace,), {
-        '__slots__': (), '__doc__': Workspace.__doc__, '__module__': Workspace.__module__})
+        '__slots__': (), '__doc__': Workspace.__doc__,
+        '__module__': Workspace.__module__})
     kind._unmade = entry.methods(kind, DOCS, Workspace._table)
     return kind
 

@@ -1,4 +1,4 @@
-"""A robot's quantity, or a derivative of it of any order, as a function of arrays of states."""
+"""A robot's quantity, or a derivative of any order, as a function of arrays."""
 
 from collections.abc import Sequence
 import math
@@ -28,21 +28,24 @@ def batch_function(robot: Any, quantity: str, at: str,
 
     The parameters of the robot must not change while it is in use.
     """
-    possible = [name for name in PARAMETERS if name in robot.kernels.differentiable(quantity)]
-    own = (parameters,) if isinstance(parameters, str) else tuple(parameters)
-    wrong = [name for k, name in enumerate(own) if name not in possible or name in own[:k]]
-    if wrong:
-        raise InputError(f'parameters: {wrong[0]!r}; expected for {quantity} of this robot some '
-                         f'of {", ".join(possible) or "none"}, each once')
-    return BatchFunction(robot.kernels, quantity, at, Derivative('value', run_time=own))
+    differentiable = robot.kernels.differentiable(quantity)
+    possible = [name for name in PARAMETERS if name in differentiable]
+    names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
+    for k, name in enumerate(names):
+        if name not in possible or name in names[:k]:
+            valid = ', '.join(possible) or 'none'
+            raise InputError(f'parameters: {name!r}; expected for {quantity} of this '
+                             f'robot some of {valid}, each once')
+    return BatchFunction(robot.kernels, quantity, at,
+                         Derivative('value', run_time=names))
 
 
 class BatchFunction:
     """
-    A quantity or a derivative of it as a function of arrays with any batch axes in front.
+    A quantity or a derivative of it as a function of arrays with batch axes in front.
 
-    Batch axes broadcast, as in NumPy. The derivatives are functions of the same kind, to any
-    order; each compiles at its first call.
+    Batch axes broadcast, as in NumPy. The derivatives are functions of the same kind, to
+    any order; each compiles at its first call.
 
     Parameters
     ----------
@@ -55,8 +58,9 @@ class BatchFunction:
     Attributes
     ----------
     arguments : tuple of Argument
-        In order: the cotangent or the tangents, if it is a derivative, then the arguments of the
-        quantity, the wrench, the time, and the parameters that are arguments.
+        In order: the cotangent or the tangents, if it is a derivative, then the
+        arguments of the quantity, the wrench, the time, and the parameters that are
+        arguments.
     shape : tuple of int
         Shape of the result of one state. Gradients of a 'vjp' are one after the other.
 
@@ -65,19 +69,25 @@ class BatchFunction:
     def __init__(self, kernels: KernelSet, quantity: str, at: str,
                  derivative: Derivative) -> None:
         """Look the names up; compile nothing."""
-        self._kernels, self._quantity, self._at = kernels, quantity, at
+        self._kernels = kernels
+        self._quantity = quantity
+        self._at = at
         self.derivative = derivative
         self.arguments, self.shape = kernels.signature(quantity, at, derivative)
         self._result = Argument('', self.shape)
-        of = derivative.of
-        inner = 0 if of is None else len(kernels.signature(quantity, at, of)[0])
-        self.seeds = len(self.arguments) - inner if inner else 0  # arguments of the last order
+        # The cotangent or tangents of the last order come before all other arguments.
+        self.seeds = 0
+        if derivative.of is not None:
+            inner_arguments, _ = kernels.signature(quantity, at, derivative.of)
+            if inner_arguments:
+                self.seeds = len(self.arguments) - len(inner_arguments)
         if len(self.arguments) > MOST:
-            raise InputError(f'{quantity}: a derivative with {len(self.arguments)} arguments, '
-                             f'cotangents and tangents; expected at most {MOST}: a lower order, '
-                             'or fewer arguments to differentiate by')
+            raise InputError(f'{quantity}: a derivative with {len(self.arguments)} '
+                             'arguments, cotangents and tangents; expected at most '
+                             f'{MOST}: a lower order, or fewer arguments to '
+                             'differentiate by')
         self.name = derivative.label(f'{quantity}:{at}' if at else quantity)
-        self._made: dict[Derivative, BatchFunction] = {}
+        self._derivatives: dict[Derivative, BatchFunction] = {}
         self._lock = ForkSafeLock()
 
     def __repr__(self) -> str:
@@ -99,10 +109,12 @@ class BatchFunction:
 
     def _derived(self, derivative: Derivative) -> 'BatchFunction':
         with self._lock.held():
-            if derivative not in self._made:
-                self._made[derivative] = BatchFunction(self._kernels, self._quantity, self._at,
-                                                       derivative)
-            return self._made[derivative]
+            function = self._derivatives.get(derivative)
+            if function is None:
+                function = BatchFunction(self._kernels, self._quantity, self._at,
+                                         derivative)
+                self._derivatives[derivative] = function
+            return function
 
     @property
     def kernel(self) -> Kernel:
@@ -112,18 +124,22 @@ class BatchFunction:
 
     def batch(self, shapes: Sequence[Shape]) -> Shape:
         """Return the batch axes of the result for arguments of these shapes."""
-        return np.broadcast_shapes(*(shape[:len(shape) - len(a.shape)]
-                                     for a, shape in zip(self.arguments, shapes)))
+        batches = []
+        for argument, shape in zip(self.arguments, shapes):
+            batches.append(shape[:len(shape) - len(argument.shape)])
+        return np.broadcast_shapes(*batches)
 
     def parts(self, flat: Any) -> list[Any]:
-        """Return the gradients of a 'vjp', split from its result, with the inputs' shapes."""
-        found, begin = [], 0
-        shapes = {a.name: a.shape for a in self.arguments}
+        """Return the gradients of a 'vjp', split by input, with the inputs' shapes."""
+        shapes = {argument.name: argument.shape for argument in self.arguments}
+        gradients = []
+        begin = 0
         for name in self.derivative.by:
             end = begin + size_of(shapes[name])
-            found.append(flat[..., begin:end].reshape((*flat.shape[:-1], *shapes[name])))
+            gradient = flat[..., begin:end]
+            gradients.append(gradient.reshape((*flat.shape[:-1], *shapes[name])))
             begin = end
-        return found
+        return gradients
 
     @property
     def identity(self) -> str:
@@ -139,16 +155,16 @@ class BatchFunction:
 
     def __call__(self, arrays: Sequence[Array], *, checked: bool = True) -> Array:
         """
-        Return the results for float arrays, of the shapes of the arguments and batch axes.
+        Return the results for float arrays of the arguments' shapes and batch axes.
 
-        Unless `checked`, a state with an argument or a result that is not finite has NaN in all
-        of its result.
+        Unless `checked`, a state with an argument or a result that is not finite has NaN
+        in all of its result.
 
         Raises
         ------
         InputError
-            An argument that is not finite, other than cotangents and tangents; it is named. Or
-            the result is not finite though they are; as the robot's method.
+            An argument that is not finite, other than cotangents and tangents; it is
+            named. Or the result is not finite though they are; as the robot's method.
 
         """
         batch = self.batch([x.shape for x in arrays])
@@ -161,17 +177,18 @@ class BatchFunction:
             if flags and checked:
                 self._explain(kernel, flags, arrays, rows, result)
             elif flags:
-                for argument, x in zip((*self.arguments, self._result), (*rows, result)):
+                for argument, x in zip(self.arguments, rows):
                     result[beyond(argument, x)] = np.nan
+                result[beyond(self._result, result)] = np.nan
         return result.reshape(*batch, *self.shape)
 
     def _explain(self, kernel: Kernel, flags: int, arrays: Sequence[Array],
                  rows: Sequence[Array], result: Array) -> None:
-        """Raise InputError for what is not finite, but for effects of cotangents and tangents."""
-        known = self._kernels.differentiable(self._quantity)
+        """Raise InputError for what is not finite, but for effects of the seeds."""
+        differentiable = self._kernels.differentiable(self._quantity)
         bad = beyond(self._result, result)
         for argument, array, x in zip(self.arguments, arrays, rows):
-            if argument.name not in known:
+            if argument.name not in differentiable:  # a cotangent or tangent
                 bad &= ~beyond(argument, x)
             elif flags & BAD_INPUT:
                 require_finite(argument, array)
@@ -181,17 +198,18 @@ class BatchFunction:
 
 def beyond(argument: Argument, array: Array) -> Any:
     """Return for each state, or for all, whether an entry is not finite or too large."""
-    return ~(np.abs(array) <= min(size_limit(argument.name), sys.float_info.max)).all(
-        axis=tuple(range(array.ndim - len(argument.shape), array.ndim)))
+    limit = min(size_limit(argument.name), sys.float_info.max)
+    axes_of_state = tuple(range(array.ndim - len(argument.shape), array.ndim))
+    return ~(np.abs(array) <= limit).all(axis=axes_of_state)
 
 
 def row(argument: Argument, array: Array, batch: Shape) -> Array:
-    """Return an argument as kernels read it: one state for all, or one per state."""
-    own = array.shape[:array.ndim - len(argument.shape)]
-    if math.prod(own) == 1:
-        array = array.reshape(argument.shape)
-    elif own != batch:
+    """Return an argument for kernels: of one state for all, or with a row for each."""
+    leading = array.shape[:array.ndim - len(argument.shape)]
+    if math.prod(leading) == 1:
+        one_state = array.reshape(argument.shape)
+        return np.ascontiguousarray(one_state, dtype=np.float64)
+    if leading != batch:
         array = np.broadcast_to(array, (*batch, *argument.shape))
     array = np.ascontiguousarray(array, dtype=np.float64)
-    return array if math.prod(own) == 1 else array.reshape(
-        math.prod(batch), *argument.shape)
+    return array.reshape(math.prod(batch), *argument.shape)

@@ -20,7 +20,8 @@ import numpy as np
 
 # The operations whose names differ from CasADi's.
 CASADI = {'arctan': 'atan', 'less': 'lt', 'select': 'if_else'}
-LONG = 100_000  # operations of a Jacobian: above, by calls of the derivative for each argument
+# Operations of a Jacobian: above, by calls of the derivative for each argument.
+LONG = 100_000
 
 
 def casadi_function(robot: Any, quantity: str, at: str, parameters: Sequence[str],
@@ -40,7 +41,8 @@ def casadi_function(robot: Any, quantity: str, at: str, parameters: Sequence[str
         if compiled:
             raise
         logging.getLogger(__name__).warning(
-            'robot.casadi: %s; the function of %s is an expression graph, which is slower',
+            'robot.casadi: %s; the function of %s is an expression graph, which is '
+            'slower',
             error, quantity)
         return graph(casadi, source.function())
 
@@ -59,20 +61,27 @@ class Source:
 
     """
 
-    def __init__(self, robot: Any, quantity: str, at: str, parameters: Sequence[str]) -> None:
+    def __init__(self, robot: Any, quantity: str, at: str,
+                 parameters: Sequence[str]) -> None:
         """Check the names."""
-        self._kernels, self._quantity, self._at = robot.kernels, quantity, at
-        known = robot.kernels.differentiable(quantity)
-        possible = [name for name in PARAMETERS if name in known]
-        given = [parameters] if isinstance(parameters, str) else list(parameters)
-        wrong = [name for name in given if name not in possible]
-        if wrong:
-            raise InputError(f'parameters: {wrong[0]!r}; expected for {quantity} of this robot '
-                             f'some of {", ".join(possible) or "none"}')
-        self._shapes = {name: as_matrix(shape) for name, shape in known.items()
-                        if name in given or name not in PARAMETERS}
+        self._kernels = robot.kernels
+        self._quantity = quantity
+        self._at = at
+        differentiable = robot.kernels.differentiable(quantity)
+        possible = [name for name in PARAMETERS if name in differentiable]
+        names = [parameters] if isinstance(parameters, str) else list(parameters)
+        for name in names:
+            if name not in possible:
+                valid = ', '.join(possible) or 'none'
+                raise InputError(f'parameters: {name!r}; expected for {quantity} of '
+                                 f'this robot some of {valid}')
+        self._shapes = {}
+        for name, shape in differentiable.items():
+            if name in names or name not in PARAMETERS:
+                self._shapes[name] = as_matrix(shape)
+        # Each entry of the block is an entry of an argument, or the present number.
         block: list[Any] = list(robot.parameters.block)
-        for name in given:
+        for name in names:
             part = PARAMETERS[name]
             block[part] = [(name, k) for k in range(part.stop - part.start)]
         self._parts = {'parameters': block}
@@ -81,25 +90,32 @@ class Source:
         """Return the quantity itself."""
         program = self._kernels.program(self._quantity, self._at)
         shape = as_matrix(program.shape)
+
+        def by_columns(values: Any) -> Any:
+            return values.reshape(shape).ravel(order='F')
         return MatrixFunction(
             identifier(f'{self._quantity}_{self._at}'), self._arguments(),
-            (full(self._quantity, shape),),
-            self._traced(program, lambda values: values.reshape(shape).ravel(order='F')))
+            (full(self._quantity, shape),), self._traced(program, by_columns))
 
     def jacobian(self, function: MatrixFunction) -> MatrixFunction:
         """Return its derivative: in closed form if there is one, else by passes."""
-        closed = f'{self._quantity}_derivatives'
-        if closed in self._kernels.names and set(self._shapes) <= {'q', 'u', 'udot', 'tau'}:
-            return function.jacobian(self._traced(
-                self._kernels.program(closed),
-                lambda values: np.concatenate(list(values), axis=1) if values.ndim == 3
-                else values))
-        count = function.program.operation_count()
+        closed_form = f'{self._quantity}_derivatives'
+        if (closed_form in self._kernels.names
+                and set(self._shapes) <= {'q', 'u', 'udot', 'tau'}):
+            def side_by_side(values: Any) -> Any:
+                return np.concatenate(list(values),
+                                      axis=1) if values.ndim == 3 else values
+            program = self._kernels.program(closed_form)
+            return function.jacobian(self._traced(program, side_by_side))
+        # One pass for each entry of the result or of the arguments, whichever are fewer.
+        program = function.program
+        count = program.operation_count()
         operations = count.multiplications + count.additions
-        passes = min(len(function.program.outputs), sum(
-            size_of(shape) for _, shape in function.program.inputs))
-        return (function.jacobian_by_columns() if operations * passes > LONG
-                else function.jacobian())
+        entries = sum(size_of(shape) for _, shape in program.inputs)
+        passes = min(len(program.outputs), entries)
+        if operations * passes > LONG:
+            return function.jacobian_by_columns()
+        return function.jacobian()
 
     def _arguments(self) -> tuple[Any, ...]:
         return tuple(full(name, shape) for name, shape in self._shapes.items())
@@ -112,25 +128,28 @@ def external(casadi: Any, source: Source, linker: str) -> Any:
     """
     Return a function in machine code with its derivatives, a casadi.Function.
 
-    They are the first derivative, forward and reverse mode, and those of reverse mode, for second
-    derivatives. The library is cached on disk by its function, from which the others follow.
+    They are the first derivative, forward and reverse mode, and those of reverse mode,
+    for second derivatives. The library is cached on disk by its function, from which the
+    others follow.
     """
     function = source.function()
     text = casadi_text(function)
 
-    def made() -> bytes:
-        with logged(f'the CasADi function of {function.name}'):
-            return linked()
-
     def linked() -> bytes:
         gradient = function.reverse()
-        others = [function.forward(), gradient, source.jacobian(function), gradient.forward(),
-                  gradient.jacobian_by_columns()]
-        texts = [text, *map(casadi_text, others)]
-        return shared_library.linked(linker, [llvm.assemble_long(each) for each in texts])
-    library = llvm.cached(made, 'casadi', text)
+        derivatives = [function.forward(), gradient, source.jacobian(function),
+                       gradient.forward(), gradient.jacobian_by_columns()]
+        texts = [text, *map(casadi_text, derivatives)]
+        objects = [llvm.assemble_long(llvm_text) for llvm_text in texts]
+        return shared_library.linked(linker, objects)
+
+    def linked_and_logged() -> bytes:
+        with logged(f'the CasADi function of {function.name}'):
+            return linked()
+    library = llvm.cached(linked_and_logged, 'casadi', text)
     # By CasADi's rules, one direction by forward or reverse mode, more by the Jacobian.
-    fewest = min(sum(len(x.places) for x in function.inputs), len(function.program.outputs))
+    entries = sum(len(block.places) for block in function.inputs)
+    fewest = min(entries, len(function.program.outputs))
     options = {'jac_penalty': 1.0 / max(fewest, 1), 'ad_weight': 0.5}
     with tempfile.TemporaryDirectory() as folder:  # CasADi opens the file once
         path = Path(folder, f'{function.name}.so')
@@ -138,43 +157,62 @@ def external(casadi: Any, source: Source, linker: str) -> Any:
         try:
             return casadi.external(function.name, str(path), options)
         except RuntimeError as error:
-            raise CompileError(f"library of {function.name} in '{folder}': {error}; expected a "
-                               'folder from which code may be loaded (TMPDIR)') from None
+            raise CompileError(f"library of {function.name} in '{folder}': {error}; "
+                               'expected a folder from which code may be loaded '
+                               '(TMPDIR)') from None
 
 
 def graph(casadi: Any, function: MatrixFunction) -> Any:
     """Return a function as a graph of SX expressions, a casadi.Function."""
-    arguments = [casadi.SX.sym(block.name, *block.shape) for block in function.inputs]
-    values = iter(_evaluated(casadi, function.program, [
-        x.nz[k] for x in arguments for k in range(x.nnz())]))
-    results = [casadi.reshape(casadi.vertcat(*(next(values) for _ in block.places)), *block.shape)
-               for block in function.outputs]
+    arguments = []
+    scalars = []
+    for block in function.inputs:
+        argument = casadi.SX.sym(block.name, *block.shape)
+        arguments.append(argument)
+        scalars += [argument.nz[k] for k in range(argument.nnz())]
+    values = _evaluated(casadi, function.program, scalars)
+    results = []
+    begin = 0
+    for block in function.outputs:
+        end = begin + len(block.places)
+        column = casadi.vertcat(*values[begin:end])
+        results.append(casadi.reshape(column, *block.shape))
+        begin = end
     return casadi.Function(function.name, arguments, results,
                            [block.name for block in function.inputs],
                            [block.name for block in function.outputs])
 
 
 def _evaluated(casadi: Any, program: Program, values: Sequence[Any]) -> list[Any]:
-    """Return the outputs of a program for SX scalars; subroutines are expanded in place."""
-    rest = iter(values)
-    given = {name: [next(rest) for _ in range(size_of(shape))] for name, shape in program.inputs}
-    known: dict[int, Any] = {}  # of a call: the list of its results
+    """Return a program's outputs for SX scalars; subroutines are expanded in place."""
+    inputs: dict[str, Sequence[Any]] = {}
+    begin = 0
+    for name, shape in program.inputs:
+        end = begin + size_of(shape)
+        inputs[name] = values[begin:end]
+        begin = end
+    by_index: dict[int, Any] = {}  # of a call: the list of its results
 
-    def of(x: Any) -> Any:
-        return known[x.index] if isinstance(x, Expr) else casadi.SX(x)
+    def value_of(x: Any) -> Any:
+        return by_index[x.index] if isinstance(x, Expr) else casadi.SX(x)
 
     for node in program.schedule():
         if node.op == 'input':
-            found = given[node.args[0]][node.args[1]]
+            name, k = node.args
+            value = inputs[name][k]
         elif node.op == 'output':
-            found = known[node.args[0].index][node.args[1]]
+            called, k = node.args
+            value = by_index[called.index][k]
         elif node.op == 'call':
-            found = _evaluated(casadi, node.args[0], [of(x) for x in node.args[1:]])
+            subroutine, *arguments = node.args
+            value = _evaluated(casadi, subroutine, [value_of(x) for x in arguments])
         else:
-            operation = OPERATORS.get(node.op) or getattr(casadi, CASADI.get(node.op, node.op))
-            found = operation(*map(of, node.args))
-        known[node.index] = found
-    return [of(x) for x in program.outputs]
+            operation = OPERATORS.get(node.op)
+            if operation is None:
+                operation = getattr(casadi, CASADI.get(node.op, node.op))
+            value = operation(*map(value_of, node.args))
+        by_index[node.index] = value
+    return [value_of(x) for x in program.outputs]
 
 
 def as_matrix(shape: Shape) -> tuple[int, int]:

@@ -1,10 +1,11 @@
 """
 A robot's quantities as functions of JAX arrays; the only module that imports jax.
 
-One JAX primitive evaluates every quantity and every derivative; its parameter is an `Operation`.
-Its tangent is the primitive of the operation's Jacobian-vector product, which is linear in the
-tangents; that is transposed to the vector-Jacobian product, and back. So forward and reverse mode
-apply, to any order, and all derivatives are compiled kernels.
+One JAX primitive evaluates every quantity and every derivative; its parameter is an
+`Operation`. Its tangent is the primitive of the operation's Jacobian-vector product,
+which is linear in the tangents; that is transposed to the vector-Jacobian product, and
+back. So forward and reverse mode apply, to any order, and all derivatives are compiled
+kernels.
 """
 
 from collections.abc import Sequence
@@ -52,9 +53,12 @@ class JaxOperation:
 
     def derived(self, mode: str, by: Sequence[str]) -> 'JaxOperation':
         """Return the operation of a 'vjp' or 'jvp' with respect to some arguments."""
-        found = self._derived.get((mode, *by))
-        return found or self._derived.setdefault((mode, *by), JaxOperation(
-            getattr(self.function, mode)(by), self.compiled, self))
+        key = (mode, *by)
+        if key not in self._derived:
+            function = getattr(self.function, mode)(by)
+            # Another thread may have been faster: all use the first one.
+            self._derived.setdefault(key, JaxOperation(function, self.compiled, self))
+        return self._derived[key]
 
 
 def _evaluated(*arrays: Any, operation: JaxOperation) -> Any:
@@ -74,56 +78,70 @@ def _lowered(*arrays: Any, operation: JaxOperation) -> Any:
     """Return the call of machine code, or of Python, in a compiled function."""
     function = operation.function
     batch = function.batch([x.shape for x in arrays])
-    rows = [jnp.reshape(x, a.shape) if math.prod(own) == 1 else
-            jnp.broadcast_to(x, (*batch, *a.shape))
-            for a, x in zip(function.arguments, arrays)
-            for own in [x.shape[:x.ndim - len(a.shape)]]]
+    # One state for all, or one for each state of the batch.
+    rows = []
+    for argument, x in zip(function.arguments, arrays):
+        leading = x.shape[:x.ndim - len(argument.shape)]
+        if math.prod(leading) == 1:
+            rows.append(jnp.reshape(x, argument.shape))
+        else:
+            rows.append(jnp.broadcast_to(x, (*batch, *argument.shape)))
     result = jax.ShapeDtypeStruct((*batch, *function.shape), arrays[0].dtype)
     if operation.compiled:
-        block = jnp.asarray(function.parameters.view(np.uint32))  # float64 may be switched off
+        block = jnp.asarray(function.parameters.view(np.uint32))  # float64 may be off
         return jax.ffi.ffi_call(xla_target.registered(function), result)(*rows, block)
 
-    def called(*given: Any) -> Any:
-        found = function([np.asarray(x) for x in given], checked=False)
-        return found.reshape(result.shape).astype(result.dtype)
+    def called(*values: Any) -> Any:
+        results = function([np.asarray(x) for x in values], checked=False)
+        return results.reshape(result.shape).astype(result.dtype)
     return jax.pure_callback(called, result, *rows)
 
 
 def _refused(context: Any, *arrays: Any, operation: JaxOperation) -> Any:
     """Raise InputError for a function that is compiled for another device."""
-    raise InputError(f'{operation}: compiled for {context.module_context.platforms}; expected '
-                     "the CPU, where the kernels run: jax.default_device(jax.devices('cpu')[0])")
+    raise InputError(f'{operation}: compiled for {context.module_context.platforms}; '
+                     'expected the CPU, where the kernels run: '
+                     "jax.default_device(jax.devices('cpu')[0])")
 
 
-def _rate(primals: Sequence[Any], tangents: Sequence[Any], *, operation: JaxOperation) -> Any:
+def _rate(primals: Sequence[Any], tangents: Sequence[Any], *,
+          operation: JaxOperation) -> Any:
     """Return the value and its tangent."""
     value = evaluate.bind(*primals, operation=operation)
-    moving = [k for k, x in enumerate(tangents) if not isinstance(x, ad.Zero)]
-    names = [operation.function.arguments[k].name for k in moving]
-    return value, evaluate.bind(*(tangents[k] for k in moving), *primals,
-                                operation=operation.derived('jvp', names))
+    names = []
+    nonzero = []
+    for argument, tangent in zip(operation.function.arguments, tangents):
+        if not isinstance(tangent, ad.Zero):
+            names.append(argument.name)
+            nonzero.append(tangent)
+    derived = operation.derived('jvp', names)
+    return value, evaluate.bind(*nonzero, *primals, operation=derived)
 
 
 def _transposed(cotangent: Any, *arrays: Any, operation: JaxOperation) -> Any:
-    """Return the cotangents of the tangents of a 'jvp', or of the cotangent of a 'vjp'."""
-    wanted = [k for k, x in enumerate(arrays) if ad.is_undefined_primal(x)]
-    found: list[Any] = [None] * len(arrays)
+    """Return the cotangents of the linear arguments of a 'jvp' or 'vjp'."""
+    linear = [k for k, x in enumerate(arrays) if ad.is_undefined_primal(x)]
+    cotangents: list[Any] = [None] * len(arrays)
     if isinstance(cotangent, ad.Zero):
-        return found
-    function, of = operation.function, operation.of
+        return cotangents
+    function = operation.function
+    of = operation.of
     assert of is not None  # a quantity itself is linear in nothing
-    assert max(wanted) < function.seeds
+    assert max(linear) < function.seeds
     state = arrays[function.seeds:]
     if function.derivative.mode == 'jvp':
-        names = [function.derivative.by[k] for k in wanted]
+        # Linear in the tangents: J v is transposed to J^T w.
+        names = [function.derivative.by[k] for k in linear]
         gradient = of.derived('vjp', names)
-        parts = gradient.function.parts(evaluate.bind(cotangent, *state, operation=gradient))
+        flat = evaluate.bind(cotangent, *state, operation=gradient)
+        parts = gradient.function.parts(flat)
     else:
+        # Linear in the cotangent: J^T w is transposed to J v.
         rate = of.derived('jvp', function.derivative.by)
         parts = [evaluate.bind(*function.parts(cotangent), *state, operation=rate)]
-    for k, part in zip(wanted, parts, strict=True):
-        found[k] = _summed(part, arrays[k].aval.shape)
-    return found
+    for k, part in zip(linear, parts, strict=True):
+        cotangents[k] = _summed(part, arrays[k].aval.shape)
+    return cotangents
 
 
 def _summed(x: Any, shape: tuple[int, ...]) -> Any:
@@ -133,14 +151,20 @@ def _summed(x: Any, shape: tuple[int, ...]) -> Any:
     return jnp.sum(x, axis=axes, keepdims=True)
 
 
-def _mapped(arrays: Sequence[Any], axes: Sequence[Any], *, operation: JaxOperation) -> Any:
+def _mapped(arrays: Sequence[Any], axes: Sequence[Any], *,
+            operation: JaxOperation) -> Any:
     """Evaluate for a further batch axis, as the first one."""
-    ranks = [x.ndim - len(a.shape) - (axis is not None)
-             for a, x, axis in zip(operation.function.arguments, arrays, axes)]
-    given = [x if axis is None else jnp.expand_dims(
-        jnp.moveaxis(x, axis, 0), tuple(range(1, 1 + max(ranks) - rank)))
-        for x, rank, axis in zip(arrays, ranks, axes)]
-    return evaluate.bind(*given, operation=operation), 0
+    ranks = []  # numbers of batch axes, without the further one
+    for argument, x, axis in zip(operation.function.arguments, arrays, axes):
+        ranks.append(x.ndim - len(argument.shape) - (axis is not None))
+    values = []
+    for x, rank, axis in zip(arrays, ranks, axes):
+        if axis is not None:
+            # The further axis first; then axes that the batches of other arguments have.
+            missing_axes = tuple(range(1, 1 + max(ranks) - rank))
+            x = jnp.expand_dims(jnp.moveaxis(x, axis, 0), missing_axes)
+        values.append(x)
+    return evaluate.bind(*values, operation=operation), 0
 
 
 evaluate.def_impl(_evaluated)
@@ -149,13 +173,15 @@ ad.primitive_jvps[evaluate] = _rate
 ad.primitive_transposes[evaluate] = _transposed
 batching.primitive_batchers[evaluate] = _mapped
 mlir.register_lowering(evaluate, _refused)
-mlir.register_lowering(evaluate, mlir.lower_fun(_lowered, multiple_results=False), platform='cpu')
+mlir.register_lowering(evaluate, mlir.lower_fun(_lowered, multiple_results=False),
+                       platform='cpu')
 
 
 class JaxFunction(QuantityFunction):
     """A quantity as a function of JAX arrays; see `Robot.jax`."""
 
-    def __init__(self, robot: Any, quantity: str, at: str, parameters: str | Sequence[str],
+    def __init__(self, robot: Any, quantity: str, at: str,
+                 parameters: str | Sequence[str],
                  compiled: bool | None) -> None:
         """Check the names; the kernel compiles at the first call."""
         super().__init__(robot, quantity, at, parameters)
@@ -165,7 +191,8 @@ class JaxFunction(QuantityFunction):
                 xla_target.require_interface()
             except CompileError as error:
                 logging.getLogger(__name__).warning(
-                    'robot.jax: %s; compiled functions call Python for %s, which is slower',
+                    'robot.jax: %s; compiled functions call Python for %s, which is '
+                    'slower',
                     error, quantity)
                 compiled = False
         elif compiled:
@@ -175,11 +202,12 @@ class JaxFunction(QuantityFunction):
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Return the quantity, by position or by name; see `Robot.jax`."""
-        arrays = [_readable(name, x) for name, x in zip(
-            self.names, self._given(arguments, named))]
+        values = self._given(arguments, named)
+        arrays = [_readable(name, x) for name, x in zip(self.names, values)]
         self._require_batches(arrays, np.broadcast_shapes)
         dtype = jnp.result_type(*arrays)
-        return evaluate.bind(*(x.astype(dtype) for x in arrays), operation=self._operation)
+        return evaluate.bind(*(x.astype(dtype) for x in arrays),
+                             operation=self._operation)
 
 
 def _readable(name: str, x: Any) -> Any:

@@ -49,33 +49,34 @@ class QuantityFunction:
 
     def _given(self, arguments: Sequence[Any], named: Mapping[str, Any]) -> list[Any]:
         """Return all arguments in order; InputError unless each is given once."""
-        given = dict(zip(self.names, arguments))
-        twice = [name for name in named if name in given or name not in self.names]
-        given.update(named)
-        missing = [name for name in self.names if name not in given]
-        if twice or missing or len(arguments) > len(self.names):
-            found = ', '.join([f'{len(arguments)} by position', *named])
-            raise InputError(f'{self.function.name}: arguments {found}; expected '
+        by_name = dict(zip(self.names, arguments))
+        refused = [name for name in named if name in by_name or name not in self.names]
+        by_name.update(named)
+        complete = all(name in by_name for name in self.names)
+        if refused or not complete or len(arguments) > len(self.names):
+            stated = ', '.join([f'{len(arguments)} by position', *named])
+            raise InputError(f'{self.function.name}: arguments {stated}; expected '
                              f'{", ".join(self.names)}, each once')
-        return [given[name] for name in self.names]
+        return [by_name[name] for name in self.names]
 
     def _require_batches(self, arrays: Sequence[Any],
                          broadcast: Callable[..., Any]) -> None:
-        """Raise InputError unless arguments end in their shapes and batch axes broadcast."""
-        arguments = self.function.arguments
-        for argument, x in zip(arguments, arrays):
+        """Raise InputError unless shapes are right and batch axes broadcast."""
+        batches = []
+        for argument, x in zip(self.function.arguments, arrays):
             require_shape(argument, x)
+            batches.append(x.shape[:x.ndim - len(argument.shape)])
         try:
-            broadcast(*(x.shape[:x.ndim - len(a.shape)] for a, x in zip(arguments, arrays)))
+            broadcast(*batches)
         except (RuntimeError, ValueError):
             shapes = [f'{name} {tuple(x.shape)}' for name, x in zip(self.names, arrays)]
-            raise InputError(f'{self.function.name}: arguments {", ".join(shapes)}; expected '
-                             'batch axes that broadcast') from None
+            raise InputError(f'{self.function.name}: arguments {", ".join(shapes)}; '
+                             'expected batch axes that broadcast') from None
 
 
 def require_shape(argument: Argument, x: Any) -> None:
     """Raise InputError unless an array's last axes are those of one state."""
     shape = argument.shape
     if x.ndim < len(shape) or tuple(x.shape[x.ndim - len(shape):]) != shape:
-        raise InputError(f'{argument.name}: shape {tuple(x.shape)}; expected {shape}, with batch '
-                         'axes in front of it or without')
+        raise InputError(f'{argument.name}: shape {tuple(x.shape)}; expected {shape}, '
+                         'with batch axes in front of it or without')

@@ -1,11 +1,11 @@
 """
 A robot's quantities as functions of PyTorch tensors; the only module that imports torch.
 
-A custom operator, one for each number of tensors, evaluates every quantity and every derivative.
-Its first argument names an `Operation`; its backward pass evaluates the vector-Jacobian product of
-that operation. So derivatives of any order are compiled kernels, and `torch.compile` sees a single
-opaque operator. (An operator of a list of tensors would do, but `is_grads_batched` of
-`torch.autograd.grad` refuses it.)
+A custom operator, one for each number of tensors, evaluates every quantity and every
+derivative. Its first argument names an `Operation`; its backward pass evaluates the
+vector-Jacobian product of that operation. So derivatives of any order are compiled
+kernels, and `torch.compile` sees a single opaque operator. (An operator of a list of
+tensors would do, but `is_grads_batched` of `torch.autograd.grad` refuses it.)
 """
 
 from collections.abc import Sequence
@@ -31,8 +31,9 @@ class TorchOperation:
     ----------
     handle : str
         Name of the operation. That of a function is its own in all processes, since
-        `torch.compile` keeps graphs with handles on disk. That of a derivative says how it
-        follows from the function, for a graph that is found there before the derivative exists.
+        `torch.compile` keeps graphs with handles on disk. That of a derivative says how
+        it follows from the function, for a graph that is found there before the
+        derivative exists.
 
     """
 
@@ -52,44 +53,50 @@ class TorchOperation:
         return self._of('jvp', *by)
 
     def _of(self, mode: str, *by: str) -> 'TorchOperation':
-        found = self._derived.get((mode, *by))
-        return found or self._derived.setdefault(
-            (mode, *by), TorchOperation(getattr(self.function, mode)(by),
-                                        f'{self.handle}{STEP}{mode} {" ".join(by)}'))
+        key = (mode, *by)
+        if key not in self._derived:
+            function = getattr(self.function, mode)(by)
+            handle = f'{self.handle}{STEP}{mode} {" ".join(by)}'
+            # Another thread may have been faster: all use the first one.
+            self._derived.setdefault(key, TorchOperation(function, handle))
+        return self._derived[key]
 
 
-def _found(handle: str) -> TorchOperation:
+def _operation_of(handle: str) -> TorchOperation:
     """Return an operation by its handle."""
     operation = _operations.get(handle)
     if operation is None:
         root, _, derivative = handle.rpartition(STEP)
         mode, *by = derivative.split(' ')
         if root and mode in ('vjp', 'jvp'):
-            derived: TorchOperation = getattr(_found(root), mode)(*by)
+            derived: TorchOperation = getattr(_operation_of(root), mode)(*by)
             return derived
-        raise InputError(f"function: '{handle}'; expected one that robot.torch returned in this "
-                         'process and that still exists')
+        raise InputError(f"function: '{handle}'; expected one that robot.torch returned "
+                         'in this process and that still exists')
     return operation
 
 
 def _evaluated(handle: str, *tensors: Any) -> Any:
     """Evaluate an operation; float64 tensors are read where they are."""
-    result = _found(handle).function([x.detach().resolve_neg().numpy() for x in tensors])
+    arrays = [x.detach().resolve_neg().numpy() for x in tensors]
+    result = _operation_of(handle).function(arrays)
     return torch.from_numpy(result).to(tensors[0].dtype)
 
 
 def _shaped(handle: str, *tensors: Any) -> Any:
     """Return an empty tensor like the result."""
-    function = _found(handle).function
-    batch = torch.broadcast_shapes(*(x.shape[:x.ndim - len(a.shape)]
-                                     for a, x in zip(function.arguments, tensors)))
+    function = _operation_of(handle).function
+    batches = []
+    for argument, x in zip(function.arguments, tensors):
+        batches.append(x.shape[:x.ndim - len(argument.shape)])
+    batch = torch.broadcast_shapes(*batches)
     return tensors[0].new_empty((*batch, *function.shape))
 
 
 def _keep(ctx: Any, inputs: Any, output: Any) -> None:
     """Keep what the backward pass needs."""
     handle, *tensors = inputs
-    ctx.operation = _found(handle)
+    ctx.operation = _operation_of(handle)
     ctx.set_materialize_grads(False)  # zeros would be computed with
     ctx.save_for_backward(*tensors)
     ctx.save_for_forward(*tensors)
@@ -97,53 +104,63 @@ def _keep(ctx: Any, inputs: Any, output: Any) -> None:
 
 def _backward(ctx: Any, cotangent: Any) -> Any:
     """Return the gradients of the tensors that require them, by one kernel."""
-    tensors, arguments = ctx.saved_tensors, ctx.operation.function.arguments
-    wanted = [k for k, needed in enumerate(ctx.needs_input_grad[1:]) if needed]
+    tensors = ctx.saved_tensors
+    arguments = ctx.operation.function.arguments
+    required = [k for k, needed in enumerate(ctx.needs_input_grad[1:]) if needed]
     gradients: list[Any] = [None] * len(tensors)
-    if cotangent is None or not wanted:
+    if cotangent is None or not required:
         return None, *gradients
-    operation = ctx.operation.vjp(*(arguments[k].name for k in wanted))
+    operation = ctx.operation.vjp(*(arguments[k].name for k in required))
     flat = evaluate(operation.handle, cotangent, *tensors)
-    for k, part in zip(wanted, operation.function.parts(flat), strict=True):
-        gradients[k] = part.sum_to_size(tensors[k].shape)  # over the axes that were broadcast
+    for k, part in zip(required, operation.function.parts(flat), strict=True):
+        gradients[k] = part.sum_to_size(tensors[k].shape)  # over broadcast axes
     return None, *gradients
 
 
 def _rate(ctx: Any, _: Any, *tangents: Any) -> Any:
     """Return the tangent of the result, by one kernel."""
-    arguments = ctx.operation.function.arguments
-    given = {a.name: x for a, x in zip(arguments, tangents) if x is not None}
-    return evaluate(ctx.operation.jvp(*given).handle, *given.values(), *ctx.saved_tensors)
+    by_name = {}
+    for argument, tangent in zip(ctx.operation.function.arguments, tangents):
+        if tangent is not None:
+            by_name[argument.name] = tangent
+    operation = ctx.operation.jvp(*by_name)
+    return evaluate(operation.handle, *by_name.values(), *ctx.saved_tensors)
 
 
 def _mapped(info: Any, in_dims: Any, handle: str, *tensors: Any) -> Any:
     """Evaluate an operation for a further batch axis, as the first one."""
-    arguments = _found(handle).function.arguments
-    ranks = [x.ndim - len(a.shape) - (dim is not None)
-             for a, x, dim in zip(arguments, tensors, in_dims[1:])]
-    given = [x if dim is None else x.movedim(dim, 0)[
-        (slice(None), *[None] * (max(ranks) - rank))]
-        for x, rank, dim in zip(tensors, ranks, in_dims[1:])]
-    return evaluate(handle, *given), 0
+    axes = in_dims[1:]
+    ranks = []  # numbers of batch axes, without the further one
+    for argument, x, axis in zip(_operation_of(handle).function.arguments, tensors,
+                                 axes):
+        ranks.append(x.ndim - len(argument.shape) - (axis is not None))
+    values = []
+    for x, rank, axis in zip(tensors, ranks, axes):
+        if axis is not None:
+            # The further axis first; then axes that the batches of other arguments have.
+            missing_axes = [None] * (max(ranks) - rank)
+            x = x.movedim(axis, 0)[(slice(None), *missing_axes)]
+        values.append(x)
+    return evaluate(handle, *values), 0
 
 
 def _operator(count: int) -> Any:
     """Return the registered operator of a number of tensors."""
     names = ', '.join(f'Tensor x{k}' for k in range(count))
-    made: Any = torch.library.custom_op(
+    operator: Any = torch.library.custom_op(
         f'kane_dynamics::evaluate_{count}', _evaluated, mutates_args=(),
         schema=f'(str function, {names}) -> Tensor')
-    made.register_fake(_shaped)
-    made.register_autograd(_backward, setup_context=_keep)
-    made.register_vmap(_mapped)
-    return made
+    operator.register_fake(_shaped)
+    operator.register_autograd(_backward, setup_context=_keep)
+    operator.register_vmap(_mapped)
+    return operator
 
 
 OPERATORS = {count: _operator(count) for count in range(1, MOST + 1)}
 
 
 class Evaluation(torch.autograd.Function):
-    """The operator with its derivatives, as the transforms of `torch.func` require it."""
+    """The operator with its derivatives, as transforms of `torch.func` require it."""
 
     setup_context = staticmethod(_keep)
     backward = staticmethod(_backward)
@@ -158,7 +175,7 @@ class Evaluation(torch.autograd.Function):
 
 def evaluate(handle: str, *tensors: Any) -> Any:
     """Return the result of an operation, with its derivatives."""
-    if torch.compiler.is_compiling():  # the graph holds the operator, which has derivatives, too
+    if torch.compiler.is_compiling():  # the graph holds the operator, differentiable
         return OPERATORS[len(tensors)](handle, *tensors)
     return Evaluation.apply(handle, *tensors)
 
@@ -188,8 +205,8 @@ def _require_readable(name: str, x: Any) -> None:
     if not isinstance(x, torch.Tensor):
         raise InputError(f'{name}: a {type(x).__name__}; expected a torch.Tensor')
     if x.device.type != 'cpu':
-        raise InputError(f'{name}: a tensor on {x.device}; expected one on the CPU, where the '
-                         'kernels run: x.cpu(), and result.to(x.device)')
+        raise InputError(f'{name}: a tensor on {x.device}; expected one on the CPU, '
+                         'where the kernels run: x.cpu(), and result.to(x.device)')
     if x.dtype not in DTYPES or x.layout != torch.strided:
-        raise InputError(f'{name}: {x.dtype}, {x.layout}; expected a dense tensor of float64 or '
-                         'float32')
+        raise InputError(f'{name}: {x.dtype}, {x.layout}; expected a dense tensor of '
+                         'float64 or float32')

@@ -19,7 +19,7 @@ from kane_dynamics.native.tracing.program import size_of
 from kane_dynamics.robot.frameworks.batch_function import BatchFunction
 
 VERSION = re.compile(r'#define XLA_FFI_API_(MAJOR|MINOR) (\d+)')
-_kept: dict[str, object] = {}  # targets by name; XLA may call them until the process ends
+_targets: dict[str, object] = {}  # by name; XLA may call them until the process ends
 _lock = ForkSafeLock()
 
 
@@ -28,37 +28,43 @@ def interface() -> tuple[int, int]:
     """Return the version of XLA's interface for foreign functions, major and minor."""
     header = Path(jax.ffi.include_dir(), 'xla', 'ffi', 'api', 'c_api.h')
     try:
-        found = dict(VERSION.findall(header.read_text(encoding='utf-8')))
-        return int(found['MAJOR']), int(found['MINOR'])
+        numbers = dict(VERSION.findall(header.read_text(encoding='utf-8')))
+        return int(numbers['MAJOR']), int(numbers['MINOR'])
     except (OSError, KeyError) as error:
-        raise CompileError(f'{header}: {error}; expected the version of its interface') from None
+        raise CompileError(f'{header}: {error}; expected the version of its '
+                           'interface') from None
 
 
 def require_interface() -> None:
     """Raise CompileError unless handlers are made for this version of the interface."""
     if sys.maxsize < 2**63 - 1 or interface()[0] != MAJOR:
-        raise CompileError(f'XLA foreign functions: version {interface()[0]}; expected {MAJOR} '
-                           'on a processor of 64 bits')
+        raise CompileError(f'XLA foreign functions: version {interface()[0]}; expected '
+                           f'{MAJOR} on a processor of 64 bits')
 
 
 def registered(function: BatchFunction) -> str:
     """Return the name of the target that evaluates a function, after registering it."""
     name = f'kane_dynamics_{function.identity}'
     with _lock.held():
-        if name not in _kept:
-            kernel = function.kernel
-            operands = [(size_of(a.shape), size_limit(a.name)) for a in function.arguments]
-            operands += [(size, size_limit('')) for size in (
-                len(function.parameters), size_of(function.shape))]
-            count = kernel.traced().operation_count()
-            text = handler_text(
-                kernel.lane_address, driver(width()).address('run_shares'),
-                [size for size, _ in operands],
-                [min(limit, sys.float_info.max) for _, limit in operands],
-                minor=interface()[1], threads=thread_count(), row=ROW, words=WORDS,
-                flags=FLAGS, operations=count.multiplications + count.additions)
-            code = llvm.Code(llvm.assemble(text, 2, optimise=True))
-            handler = code.function(HANDLER, ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p))
-            jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(handler), platform='cpu')
-            _kept[name] = handler, kernel
+        if name not in _targets:
+            _targets[name] = _handler(function, name), function.kernel
     return name
+
+
+def _handler(function: BatchFunction, name: str) -> object:
+    """Compile and register the handler of a function."""
+    kernel = function.kernel
+    # The operands: the arguments, the block of parameters, the result.
+    sizes = [size_of(argument.shape) for argument in function.arguments]
+    sizes += [len(function.parameters), size_of(function.shape)]
+    names = [argument.name for argument in function.arguments]
+    limits = [min(size_limit(key), sys.float_info.max) for key in [*names, '', '']]
+    count = kernel.traced().operation_count()
+    text = handler_text(
+        kernel.lane_address, driver(width()).address('run_shares'), sizes, limits,
+        minor=interface()[1], threads=thread_count(), row=ROW, words=WORDS,
+        flags=FLAGS, operations=count.multiplications + count.additions)
+    code = llvm.Code(llvm.assemble(text, 2, optimise=True))
+    handler = code.function(HANDLER, ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p))
+    jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(handler), platform='cpu')
+    return handler

@@ -1,4 +1,4 @@
-"""The methods of `Robot` for its coordinates, speeds and constraints, and for configurations."""
+"""The methods of `Robot` for coordinates, speeds, constraints and configurations."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ from kane_dynamics.errors import ConstraintError, InputError, ModelWarning
 from kane_dynamics.mechanics.ball_joints import (angle_places, angles, balls, difference,
                                                  joint_speeds, moved, neutral,
                                                  on_unit_quaternions, require_unit)
-from kane_dynamics.mechanics.constraints.loop_closure import (closed_configuration, defined_rows,
-                                                              followed_configuration, Rows)
+from kane_dynamics.mechanics.constraints.loop_closure import (closed_configuration,
+                                                              defined_rows,
+                                                              followed_configuration,
+                                                              Rows)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel
@@ -33,10 +35,11 @@ TRIES = 200  # random initial guesses for loop closure
 
 def suspected_degrees(robot: Configurations, q: Array) -> str | None:
     """
-    Return a description of positions, (n_q,) or (K, n_q), that look like degrees, else None.
+    Return a description of positions that look like degrees, else None.
 
-    A revolute joint is suspected beyond two turns, or beyond a limit by more than a turn. For a
-    joint without limits only the first row is checked, because it may turn without end.
+    Positions are (n_q,) or (K, n_q), rad or m. A revolute joint is suspected beyond two
+    turns, or beyond a limit by more than a turn. For a joint without limits only the
+    first row is checked, because it may turn without end.
     """
     rows, model = np.atleast_2d(q), robot.equations.model
     lower, upper = robot.limits.lower, robot.limits.upper
@@ -47,23 +50,27 @@ def suspected_degrees(robot: Configurations, q: Array) -> str | None:
         if not len(values):
             continue
         value = float(values[np.argmax(np.abs(values))])
-        outside = max(lower[j] - values.min(initial=0.0), values.max(initial=0.0) - upper[j], 0.0)
+        outside = max(lower[j] - values.min(initial=0.0),
+                      values.max(initial=0.0) - upper[j], 0.0)
         beyond = abs(value) > 2.0 * TURN and (free or outside > 0.0)
         if (beyond or outside > TURN) and name not in model.sliding:
             limits = '' if free else f' (limits {lower[j]:.4g} to {upper[j]:.4g})'
             words.append(f'{name} {value:.4g} rad{limits}')
-    return f'far outside: {", ".join(words)}; expected rad: are these degrees?' if words else None
+    if not words:
+        return None
+    return f'far outside: {", ".join(words)}; expected rad: are these degrees?'
 
 
 def outside_limits(robot: Configurations, q: Array) -> list[str]:
-    """Return 'name value (limits lower to upper)' of each entry of q, (n_q,), beyond a limit."""
+    """Return 'name value (limits lower to upper)' of entries of q beyond a limit."""
     lower, upper = robot.limits.lower, robot.limits.upper
     return [f'{name} {value:.4g} (limits {low:.4g} to {high:.4g})'
             for name, value, low, high in zip(robot.coordinate_names, q, lower, upper)
             if value < low - ON_LIMIT or value > high + ON_LIMIT]
 
 
-def warn_of_degrees(robot: Configurations, q: Array, what: str, stacklevel: int = 3) -> None:
+def warn_of_degrees(robot: Configurations, q: Array, what: str,
+                    stacklevel: int = 3) -> None:
     """Warn if positions, (n_q,) or (K, n_q), look like degrees."""
     text = suspected_degrees(robot, q)
     if text is not None:
@@ -82,7 +89,8 @@ def random_generator(seed: int | np.random.Generator | None) -> np.random.Genera
 def sampling_range(robot: Configurations) -> tuple[Array, Array]:
     """Return the bounds of random configurations, (n_q,) each, rad or m."""
     model = robot.equations.model
-    span = np.array([1.0 if name in model.sliding else np.pi for name in model.coordinate_names])
+    is_length = [name in model.sliding for name in model.coordinate_names]
+    span = np.where(is_length, 1.0, np.pi)
     for k in model.modal_coordinates:
         span[model.places[k]] = 0.0
     for ball in balls(model):
@@ -97,7 +105,7 @@ def sampling_range(robot: Configurations) -> tuple[Array, Array]:
 
 
 def _of_coordinates(model: Model, by_joint: Array, none: float) -> Array:
-    """Return values, (n_q,), of coordinates from those of joints; `none` in quaternions."""
+    """Return values of coordinates, (n_q,), by joint; `none` in quaternions."""
     result = np.full(len(model.coordinate_names), none)
     result[angle_places(model)] = by_joint[angles(model)]
     return result
@@ -107,10 +115,10 @@ class Configurations(Dispatch):
     """
     The methods of `Robot` for coordinates, speeds, constraints and configurations.
 
-    In joint rates without constraints, u = q' and the joint torques equal tau. Arguments are those
-    of one state, or (N, ...) arrays of a batch: q (n_q,), the independent speeds u, udot and the
-    generalized forces tau (n,), rad or m, s, N m or N; the time `t`, s, a float or (N,) array; and
-    `out`, which is written to and returned.
+    In joint rates without constraints, u = q' and the joint torques equal tau. Arguments
+    are those of one state, or (N, ...) arrays of a batch: q (n_q,), the independent
+    speeds u, udot and the generalized forces tau (n,), rad or m, s, N m or N; the time
+    `t`, s, a float or (N,) array; and `out`, which is written to and returned.
     """
 
     model: Model
@@ -133,7 +141,7 @@ class Configurations(Dispatch):
 
     @property
     def configuration(self) -> Any:
-        """Return the configuration at which speeds and rows were chosen; None without one."""
+        """Configuration at which speeds and rows were chosen; None without one."""
         return self._choices['configuration']
 
     @property
@@ -141,8 +149,8 @@ class Configurations(Dispatch):
         """
         Names of the joints with actuators.
 
-        Those of `Robot(actuated=)`; by default the joints whose rates are the independent speeds,
-        and all joints where the speeds are no joint rates.
+        Those of `Robot(actuated=)`; by default the joints whose rates are the
+        independent speeds, and all joints where the speeds are no joint rates.
         """
         equations, names = self.equations, self.joint_names
         if equations.actuated is not None:
@@ -156,33 +164,38 @@ class Configurations(Dispatch):
             return self._same('u', u, out)
         return self._special('joint_rates', (q, u), t, out)
 
-    def joint_torques(self, tau: ArrayLike, q: ArrayLike | None = None, *, t: ArrayLike = 0.0,
+    def joint_torques(self, tau: ArrayLike, q: ArrayLike | None = None, *,
+                      t: ArrayLike = 0.0,
                       out: Array | None = None) -> Array:
         """
         Return joint torques, (n_q,), with the generalized force tau.
 
-        Of ball joints the moments about the axes of the body, so that the order is `joint_names`.
+        Of ball joints the moments about the axes of the body, so that the order is
+        `joint_names`.
 
-        By default each entry of tau acts on its own independent speed without constraint forces;
-        with `Robot(actuated=)`, the actuators have the torques of minimum norm, or of the least
-        sum of weight times torque squared. ConstraintError where the actuators cannot produce
-        every motion: the mechanism moves a thousand times as fast as they do, or faster.
+        By default each entry of tau acts on its own independent speed without constraint
+        forces; with `Robot(actuated=)`, the actuators have the torques of minimum norm,
+        or of the least sum of weight times torque squared. ConstraintError where the
+        actuators cannot produce every motion: the mechanism moves a thousand times as
+        fast as they do, or faster.
 
         Robots in joint rates without constraints ignore q.
         """
         if self.equations.in_joint_rates:
             return self._same('tau', tau, out)
         if q is None:
-            raise InputError('q: missing; expected the configuration, on which the joint torques '
-                             'of a robot with chosen speeds or constraints depend')
+            raise InputError('q: missing; expected the configuration, on which the '
+                             'joint torques of a robot with chosen speeds or '
+                             'constraints depend')
         return self._special('joint_torques', (tau, q), t, out)
 
     def generalized_force(self, joint_torques: ArrayLike, q: ArrayLike, *,
                           t: ArrayLike = 0.0) -> Array:
         """
-        Return the generalized force tau, (n,), of joint torques, (n_q,): reverse `joint_torques`.
+        Return the generalized force tau, (n,), of joint torques, (n_q,).
 
-        For torques measured at all joints, zero at those without actuators, N m or N.
+        This reverses `joint_torques`. For torques measured at all joints, zero at those
+        without actuators, N m or N.
         """
         equations = self.equations
         if equations.in_joint_rates:
@@ -190,7 +203,8 @@ class Configurations(Dispatch):
         model = equations.model
         torques = Argument('joint_torques', (model.n,), model.joint_names)
         kernel = self._kernel('generalized_force', {'q': (equations.n_q,),
-                                                    'joint_torques': torques}, (equations.n,))
+                                                    'joint_torques': torques},
+                              (equations.n,))
         result: Array = kernel(*self._at_time((q, joint_torques), t))
         return result
 
@@ -198,23 +212,25 @@ class Configurations(Dispatch):
                           wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
                           out: Array | None = None) -> Array:
         """
-        Return the force of every constraint row, (m,), in the order of `constraint_names`.
+        Return the force of every constraint row, (m,), as in `constraint_names`.
 
-        These are the equations of auxiliary speeds (Kane & Levinson, chapter 4): a row's force
-        acts along the velocity that the row constrains, N or N m. With the tau of inverse dynamics
-        they are the forces in that motion. The forces of redundant rows are not unique: the result
-        has minimum norm, with moments divided by `mechanism.length` (or as `Robot(redundant=)`).
-        `wrench` is as in `inverse_dynamics`.
+        These are the equations of auxiliary speeds (Kane & Levinson, chapter 4): a row's
+        force acts along the velocity that the row constrains, N or N m. With the tau of
+        inverse dynamics they are the forces in that motion. The forces of redundant rows
+        are not unique: the result has minimum norm, with moments divided by
+        `mechanism.length` (or as `Robot(redundant=)`). `wrench` is as in
+        `inverse_dynamics`.
         """
         self._require('constraint_forces')
         return self._loaded('constraint_forces', (q, u, tau), wrench, out, t)
 
     def constraint_residual(self, q: ArrayLike, *, t: ArrayLike = 0.0,
                             out: Array | None = None) -> Array:
-        """Return the residual of every row, (m,), m or rad; 0 for velocity constraints."""
+        """Return the residuals of the rows, (m,), m or rad; 0 of velocity constraints."""
         return self._special('constraint_residual', (q,), t, out)
 
-    def constraint_velocity_residual(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
+    def constraint_velocity_residual(self, q: ArrayLike, u: ArrayLike, *,
+                                     t: ArrayLike = 0.0,
                                      out: Array | None = None) -> Array:
         """Return the velocity residual J q' - b of every row, (m,), m/s or rad/s."""
         return self._special('constraint_velocity_residual', (q, u), t, out)
@@ -224,21 +240,22 @@ class Configurations(Dispatch):
         """
         Return q'', (n_q,), of all joints, dependent ones included.
 
-        Of ball joints the angular accelerations about the axes of the body, so that the order is
-        `joint_names`.
+        Of ball joints the angular accelerations about the axes of the body, so that the
+        order is `joint_names`.
         """
         if self.equations.in_joint_rates:
             return self._same('udot', udot, out)
         return self._special('joint_accelerations', (q, u, udot), t, out)
 
-    def closed_configuration(self, q: ArrayLike, *, t: float = 0.0, fixed: Sequence[str] = (),
+    def closed_configuration(self, q: ArrayLike, *, t: float = 0.0,
+                             fixed: Sequence[str] = (),
                              start: ArrayLike | None = None) -> Array:
         """
         Return the configuration near q, (n_q,), that satisfies all position constraints.
 
         With fixed coordinates and a start, it is on the branch of the start: the fixed
-        coordinates move from there to their values in small steps, and other entries of q are
-        ignored.
+        coordinates move from there to their values in small steps, and other entries of
+        q are ignored.
 
         Parameters
         ----------
@@ -255,7 +272,8 @@ class Configurations(Dispatch):
         Raises
         ------
         InputError
-            A number is missing or not finite, or a start comes without fixed coordinates.
+            A number is missing or not finite, or a start comes without fixed
+            coordinates.
         ConstraintError
             None is found; names the constraint with the largest residual.
 
@@ -264,14 +282,15 @@ class Configurations(Dispatch):
         if start is not None:
             first = finite_row(start, 'start', self.coordinate_names)
         if first is not None and len(fixed):
-            return followed_configuration(self.mechanism, first, q, t=t, fixed=fixed, rows=rows)
+            return followed_configuration(self.mechanism, first, q, t=t, fixed=fixed,
+                                    rows=rows)
         if start is not None:
-            raise InputError(f'start: {first.tolist()}, without fixed; expected the coordinates '
-                             'that move from there to their values in q')
+            raise InputError(f'start: {first.tolist()}, without fixed; expected the '
+                             'coordinates that move from there to their values in q')
         return closed_configuration(self.mechanism, q, t=t, fixed=fixed, rows=rows)
 
     def _compiled_rows(self) -> Rows | None:
-        """Return the rows of the constraints in native code, with arrays of their own, if any."""
+        """Return the rows of the constraints in native code, if there are any."""
         if not self.constraint_names:
             return None
         result = np.empty((len(self.constraint_names), self.equations.model.n + 2))
@@ -280,7 +299,8 @@ class Configurations(Dispatch):
         compute = kernel.bind(arguments, result, 'Compute the rows.')
 
         def rows(q: Array, t: Any) -> tuple[Array, Array, Array]:
-            for array, value in zip(arguments, (q, t)):  # without t where nothing depends on it
+            # Only q is an argument where nothing depends on t.
+            for array, value in zip(arguments, (q, t)):
                 array[...] = value
             try:
                 compute()
@@ -289,8 +309,9 @@ class Configurations(Dispatch):
             return result[:, :-2], result[:, -2], result[:, -1]
         return rows
 
-    def _kernel(self, name: str, inputs: dict[str, Shape | Argument], shape: Shape) -> Kernel:
-        """Return the kernel of a method of the equations that is none of their quantities."""
+    def _kernel(self, name: str, inputs: dict[str, Shape | Argument],
+                shape: Shape) -> Kernel:
+        """Return the kernel of a method of the equations that is no quantity."""
         return self.kernels.compiled(getattr(self.equations, name), name, inputs, shape)
 
     def _same(self, name: str, value: Any, out: Array | None) -> Array:
@@ -311,8 +332,9 @@ class Configurations(Dispatch):
 
     def _require(self, name: str) -> None:
         if self.equations.in_joint_rates:
-            raise InputError(f'{name}: a robot in joint rates without constraints; expected '
-                             'Robot(..., speeds=...) or Robot(..., constraints=...)')
+            raise InputError(f'{name}: a robot in joint rates without constraints; '
+                             'expected Robot(..., speeds=...) or Robot(..., '
+                             'constraints=...)')
 
     @lazy_property
     def limits(self) -> JointLimits:
@@ -331,9 +353,9 @@ class Configurations(Dispatch):
         """
         Return the configuration at which every coordinate is 0, (n_q,), rad or m.
 
-        The quaternions of ball joints are (0, 0, 0, 1), those of no rotation. Under constraints
-        on positions it is a closed configuration nearby. It may be outside the limits, as in
-        Pinocchio.
+        The quaternions of ball joints are (0, 0, 0, 1), those of no rotation. Under
+        constraints on positions it is a closed configuration nearby. It may be outside
+        the limits, as in Pinocchio.
 
         Raises
         ------
@@ -346,7 +368,8 @@ class Configurations(Dispatch):
         if self.equations.in_joint_rates:
             return zero
         rng, failure = np.random.default_rng(0), None
-        for away in np.linspace(0.0, 1.0, NEARBY):  # 0 itself may be singular, as a stretched loop
+        # 0 itself may be singular, as a stretched loop.
+        for away in np.linspace(0.0, 1.0, NEARBY):
             try:
                 return self.closed_configuration(moved(
                     model, zero, away * rng.uniform(-1.0, 1.0, model.n)))
@@ -357,11 +380,12 @@ class Configurations(Dispatch):
 
     def feasible_configuration(self) -> Array:
         """
-        Return a configuration within the limits, (n_q,), from which commands and searches start.
+        Return a configuration within the limits, (n_q,), to start from.
 
-        Every coordinate is 0 where its limits admit that, else the middle of its limits, or the
-        only limit. With closed loops it is the closed configuration near those values; if that is
-        outside the limits, a random one within them. A robot with a `configuration` starts there.
+        Commands and searches start from it. Every coordinate is 0 where its limits admit
+        that, else the middle of its limits, or the only limit. With closed loops it is
+        the closed configuration near those values; if that is outside the limits, a
+        random one within them. A robot with a `configuration` starts there.
 
         Raises
         ------
@@ -372,7 +396,9 @@ class Configurations(Dispatch):
         lower, upper = self.limits.lower, self.limits.upper
         if self.configuration is not None:
             stated: Array = np.asarray(self.configuration, dtype=np.float64)
-            return self.closed_configuration(stated) if self.constraint_names else stated.copy()
+            if self.constraint_names:
+                return self.closed_configuration(stated)
+            return stated.copy()
         q = neutral(self.equations.model)
         for k in np.flatnonzero((q < lower) | (q > upper)):
             bounds = [bound for bound in (lower[k], upper[k]) if np.isfinite(bound)]
@@ -389,11 +415,12 @@ class Configurations(Dispatch):
     def random_configuration(self, seed: int | np.random.Generator | None = None,
                              count: int | None = None) -> Array:
         """
-        Return a random configuration within the limits, (n_q,), or several, (count, n_q).
+        Return one random configuration within the limits, or several.
 
-        Uniform between the limits; without a limit, within half a turn or 1 m of 0 or of the other
-        limit. Modal coordinates are 0, rotations of ball joints uniform. Under constraints on
-        positions, a uniform configuration is the initial guess for loop closure.
+        One is (n_q,), several are (count, n_q). Uniform between the limits; without a
+        limit, within half a turn or 1 m of 0 or of the other limit. Modal coordinates
+        are 0, rotations of ball joints uniform. Under constraints on positions, a
+        uniform configuration is the initial guess for loop closure.
 
         Parameters
         ----------
@@ -427,8 +454,8 @@ class Configurations(Dispatch):
         """
         Return the configuration after a time in which the joints move at constant rates.
 
-        The rates are those of u at q: ball joints turn about an axis fixed in their bodies. With
-        closed loops, the result is the closed configuration near it.
+        The rates are those of u at q: ball joints turn about an axis fixed in their
+        bodies. With closed loops, the result is the closed configuration near it.
 
         Parameters
         ----------
@@ -462,9 +489,10 @@ class Configurations(Dispatch):
         """
         Return the speeds, (n,), that take q0 to q1 in 1 s: `integrate` undone.
 
-        Of ball joints the rotation vector on the axes of the body, of at most pi rad. With chosen
-        speeds they are the speeds of those joint rates at q0; under constraints the independent
-        ones, so that `integrate` returns q1 up to terms of second order in the distance.
+        Of ball joints the rotation vector on the axes of the body, of at most pi rad.
+        With chosen speeds they are the speeds of those joint rates at q0; under
+        constraints the independent ones, so that `integrate` returns q1 up to terms of
+        second order in the distance.
 
         Parameters
         ----------
@@ -507,20 +535,24 @@ class Configurations(Dispatch):
             return q
         times = np.broadcast_to(t, q.shape[:-1]).ravel()
         rows = q.reshape(-1, self.n_q)
-        closed = [self.closed_configuration(row, t=float(s)) for row, s in zip(rows, times)]
+        closed = []
+        for row, s in zip(rows, times):
+            closed.append(self.closed_configuration(row, t=float(s)))
         return np.array(closed).reshape(q.shape)
 
     def _closed(self, rng: np.random.Generator, lower: Array, upper: Array) -> Array:
         """Return one random configuration that meets constraints and limits."""
-        failure = ConstraintError(f'{TRIES} random configurations: none satisfies limits and '
-                                  'constraints; expected limits within which the constraints '
-                                  'can be satisfied')
+        failure = ConstraintError(f'{TRIES} random configurations: none satisfies '
+                                  'limits and constraints; expected limits within which '
+                                  'the constraints can be satisfied')
         for _ in range(TRIES):
             try:
                 q = rng.uniform(lower, upper)
-                for ball in balls(self.equations.model):  # uniform on the sphere of quaternions
+                # Normal entries are uniform on the sphere of quaternions.
+                for ball in balls(self.equations.model):
                     ball.quaternion(q)[...] = rng.standard_normal(4)
-                q = self.closed_configuration(on_unit_quaternions(self.equations.model, q))
+                q = on_unit_quaternions(self.equations.model, q)
+                q = self.closed_configuration(q)
             except ConstraintError as error:
                 failure = error
                 continue

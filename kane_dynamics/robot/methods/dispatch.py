@@ -38,13 +38,14 @@ class _Compiled:
 
 
 def compiled(method: Method) -> Method:
-    """Decorate a method to call the kernel of its name; its body handles other arguments."""
+    """Decorate a method to call the kernel of its name, or else its body."""
     return _Compiled(method)  # type: ignore[return-value]
 
 
 def _of_one_frame(wrench: Any, batch: tuple[int, ...], frames: int) -> Any:
-    """Return wrenches (6,), or (N, 6) of N states, as (1, 6) or (N, 1, 6) of a single frame."""
-    if frames == 1 and np.ndim(wrench) == 1 + len(batch) and np.shape(wrench) == (*batch, 6):
+    """Return wrenches (6,) or (N, 6) as (1, 6) or (N, 1, 6) of a single frame."""
+    if frames == 1 and np.ndim(wrench) == 1 + len(batch) and np.shape(wrench) == (*batch,
+                                                                                  6):
         return np.asarray(wrench)[..., None, :]
     return wrench
 
@@ -59,16 +60,17 @@ class Dispatch:
     def _call(self, name: str, arguments: tuple[Any, ...], out: Array | None,
               t: Any = 0.0) -> Array:
         """Call the kernel of a quantity without wrenches."""
-        result: Array = self.kernels.quantity(name)(*self._at_time(arguments, t), out=out)
+        result: Array = self.kernels.quantity(name)(*self._at_time(arguments, t),
+                                                    out=out)
         return result
 
     def _loaded(self, name: str, arguments: tuple[Any, ...], wrench: Any,
                 out: Array | None, t: Any = 0.0, at: str = '') -> Array:
         """
-        Call the kernel of a quantity with wrenches; `at` is the joint of a joint reaction.
+        Call the kernel of a quantity with wrenches; `at` is the joint of a reaction.
 
-        A mapping of frames to wrenches is for the declared frames, or for kernels of its own
-        frames, which compile at their first use.
+        A mapping of frames to wrenches is for the declared frames, or for kernels of its
+        own frames, which compile at their first use.
         """
         if isinstance(wrench, Mapping):
             robot, rows = self._under(wrench)
@@ -76,17 +78,20 @@ class Dispatch:
             return result
         frames = len(self.equations.wrench_frames)
         if frames:
-            given = (*arguments, _of_one_frame(wrench, np.shape(arguments[0])[:-1], frames))
+            given = (*arguments, _of_one_frame(wrench, np.shape(arguments[0])[:-1],
+                                               frames))
         elif wrench is None:
             given = arguments
         else:
-            raise InputError('wrench: an array, given to a robot without wrench frames; expected '
-                             'a mapping {frame: wrench}, or Robot(..., wrench_frames=[...])')
+            raise InputError('wrench: an array, given to a robot without wrench frames; '
+                             'expected '
+                             'a mapping {frame: wrench}, or Robot(..., '
+                             'wrench_frames=[...])')
         result = self.kernels.kernel(name, at)(*self._at_time(given, t), out=out)
         return result
 
     def _under(self, wrenches: Mapping[str, Any]) -> tuple[Self, Array | None]:
-        """Return a robot that declares the frames of wrenches, and the rows of its argument."""
+        """Return a robot that declares the frames of wrenches, and its argument."""
         if not wrenches:
             return self, None
         rows = {}
@@ -97,8 +102,8 @@ class Dispatch:
         frames = declared if set(rows) <= set(declared) else tuple(sorted(rows))
         shapes = {row.shape for row in rows.values()}
         if len(shapes) > 1:
-            raise InputError(f'wrench: shapes {", ".join(map(str, sorted(shapes)))}; expected one '
-                             'shape, (6,) or (N, 6), for all frames')
+            raise InputError(f'wrench: shapes {", ".join(map(str, sorted(shapes)))}; '
+                             'expected one shape, (6,) or (N, 6), for all frames')
         stacked = np.zeros((*shapes.pop()[:-1], len(frames), 6))
         for k, frame in enumerate(frames):
             stacked[..., k, :] = rows.get(frame, 0.0)
@@ -110,7 +115,7 @@ class Dispatch:
         raise NotImplementedError
 
     def _at_time(self, arguments: tuple[Any, ...], t: Any) -> tuple[Any, ...]:
-        """Append the time if the equations depend on it: one for all states, or one each."""
+        """Append the time, of all states or of each, if the equations depend on it."""
         if not self.equations.timed:
             return arguments
         count = np.shape(arguments[0])[:-1]
@@ -119,8 +124,8 @@ class Dispatch:
     def _at_frame(self, name: str, frame: str, arguments: tuple[Any, ...],
                   out: Array | None, t: Any = 0.0) -> Array:
         if not isinstance(frame, str):
-            raise InputError(f'frame: a {type(frame).__name__}; expected a name (str): the order '
-                             'is (frame, q)')
+            raise InputError(f'frame: a {type(frame).__name__}; expected a name (str): '
+                             'the order is (frame, q)')
         if self.equations.timed:
             at_time = self._at_time(arguments, t)
             result: Array = self.kernels.at_frame(name, frame)(*at_time, out=out)
@@ -129,8 +134,9 @@ class Dispatch:
         result = entry(*arguments) if out is None else entry(*arguments, out=out)
         return result
 
-    def _entry(self, name: str, at: str, kernel: Callable[[str], Kernel]) -> Callable[..., Any]:
-        """Return the entry point of the kernel of a frame or joint, compiled on first use."""
+    def _entry(self, name: str, at: str, kernel: Callable[[str],
+                                                          Kernel]) -> Callable[..., Any]:
+        """Return the entry point of a kernel, compiled on first use."""
         entry = self._entries.get((name, at))
         if entry is None:
             made = kernel(at)
@@ -183,7 +189,8 @@ class Dispatch:
         run_concurrently([partial(self._compile, name, batches) for name in names])
 
     def _compile(self, name: str, batches: bool) -> None:
-        with suppress(ModelError):  # no forward dynamics with massless joints; calls raise
+        # No forward dynamics with massless joints: calls raise.
+        with suppress(ModelError):
             kernel = self.kernels.quantity(name)
             if batches:
                 kernel.compile_lanes()
@@ -191,4 +198,5 @@ class Dispatch:
 
     def operation_count(self) -> dict[str, OperationCount]:
         """Return the operation counts of every kernel, per call."""
-        return {name: self.kernels.program(name).operation_count() for name in self.kernels.names}
+        kernels = self.kernels
+        return {name: kernels.program(name).operation_count() for name in kernels.names}

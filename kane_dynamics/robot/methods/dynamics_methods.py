@@ -1,4 +1,4 @@
-"""The dynamics of a robot: inverse and forward dynamics, mass matrix, derivatives, energies."""
+"""The dynamics of a robot: inverse and forward, mass matrix, derivatives, energies."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from numpy.typing import ArrayLike
 
 
 Matrices = tuple[Array, Array, Array]
-OTHER_NAMES = {'jacobian': 'partial_velocities', 'jacobian_rate': 'partial_velocity_rates',
+OTHER_NAMES = {'jacobian': 'partial_velocities',
+               'jacobian_rate': 'partial_velocity_rates',
                'forward_kinematics': 'frame_pose'}
 
 
 def place_of(name: str) -> tuple[str, str]:
     """Return a quantity and its frame or joint, of 'quantity' or 'quantity:frame'."""
     if not isinstance(name, str):
-        raise InputError(f'name: a {type(name).__name__}; expected the name of a quantity, '
-                         "such as 'inverse_dynamics'")
+        raise InputError(f'name: a {type(name).__name__}; expected the name of a '
+                         "quantity, such as 'inverse_dynamics'")
     quantity, _, at = name.partition(':')
     return OTHER_NAMES.get(quantity, quantity), at
 
@@ -34,16 +35,17 @@ class DynamicsMethods(Dispatch):
     """
     The methods of `Robot` for dynamics, and for derivatives of any quantity.
 
-    Every method accepts one state, (n,) arrays, or a batch, (N, n) arrays, and returns the same; q
-    has n_q entries, more than n under constraints and with ball joints.
+    Every method accepts one state, (n,) arrays, or a batch, (N, n) arrays, and returns
+    the same; q has n_q entries, more than n under constraints and with ball joints.
 
-    `vjp`, `jvp` and `derivative` differentiate the compiled program of any quantity, in reverse or
-    forward mode, exactly (see `native.tracing.differentiation`). With chosen speeds, u is held
-    fixed where q varies. Under constraints all n_q entries of q vary independently; for the
-    change along an admissible motion, multiply by dq'/du: ``derivative(name, q, ..., by='q') @
-    derivative('joint_rates', q, u, by='u')``. Where a user-defined function is not smooth (abs,
-    minimum, maximum, where, sign, floor), the derivative is that of the branch that gives the
-    value: of abs(x) it is 1 at 0, of minimum(x, y) and maximum(x, y) at x = y that of x.
+    `vjp`, `jvp` and `derivative` differentiate the compiled program of any quantity, in
+    reverse or forward mode, exactly (see `native.tracing.differentiation`). With chosen
+    speeds, u is held fixed where q varies. Under constraints all n_q entries of q vary
+    independently; for the change along an admissible motion, multiply by dq'/du:
+    ``derivative(name, q, ..., by='q') @ derivative('joint_rates', q, u, by='u')``. Where
+    a user-defined function is not smooth (abs, minimum, maximum, where, sign, floor),
+    the derivative is that of the branch that gives the value: of abs(x) it is 1 at 0, of
+    minimum(x, y) and maximum(x, y) at x = y that of x.
     """
 
     @compiled
@@ -57,11 +59,12 @@ class DynamicsMethods(Dispatch):
         ----------
         q, u, udot : (n,) or (N, n) arrays
             Coordinates, speeds and their rates; rad or m, s.
-        wrench : mapping of str to (6,) or (N, 6) arrays; or (k, 6) or (N, k, 6) array, optional
-            External wrenches by frame: force then moment, at the frame's origin, world axes, N
-            and N m. An array has one row for each of the `wrench_frames`, and is the fastest; of
-            a single frame it may be (6,). Other frames need a mapping; their kernels compile at
-            the first call.
+        wrench : mapping of str to (6,) or (N, 6) arrays; or (k, 6) or (N, k, 6) array,
+        optional
+            External wrenches by frame: force then moment, at the frame's origin, world
+            axes, N and N m. An array has one row for each of the `wrench_frames`, and is
+            the fastest; of a single frame it may be (6,). Other frames need a mapping;
+            their kernels compile at the first call.
         t : float or (N,) array
             Time, s; ignored unless speeds or constraints depend on it.
         out : array, optional
@@ -79,11 +82,12 @@ class DynamicsMethods(Dispatch):
     def forward_dynamics(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike, *,
                          wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
                          out: Array | None = None) -> Array:
-        """Return udot = M^-1 (tau + external - bias), (n,); arguments as inverse_dynamics."""
+        """Return udot = M^-1 (tau + external - bias), (n,); see inverse_dynamics."""
         return self._loaded('forward_dynamics', (q, u, tau), wrench, out, t)
 
     @compiled
-    def mass_matrix(self, q: ArrayLike, *, t: ArrayLike = 0.0, out: Array | None = None) -> Array:
+    def mass_matrix(self, q: ArrayLike, *, t: ArrayLike = 0.0,
+                    out: Array | None = None) -> Array:
         """Return M(q), (n, n), armature included, kg m^2, kg m or kg."""
         return self._call('mass_matrix', (q,), out, t)
 
@@ -96,18 +100,19 @@ class DynamicsMethods(Dispatch):
     @compiled
     def bias_force(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
                    out: Array | None = None) -> Array:
-        """Return h(q, u), (n,): Coriolis, centrifugal, gravity, friction and springs, N m or N."""
+        """Return h(q, u), (n,): Coriolis, centrifugal, gravity, friction, springs."""
         return self._call('bias_force', (q, u), out, t)
 
     @compiled
     def coriolis_matrix(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
                         out: Array | None = None) -> Array:
         """
-        Return C(q, u), (n, n): C u is the Coriolis and centrifugal force, dM/dt = C + C^T.
+        Return C(q, u), (n, n): C u is the Coriolis and centrifugal force.
 
-        In joint rates C is the matrix of the Christoffel symbols, half the derivative of C u with
-        respect to u; otherwise its projection on the independent speeds. Where speeds or
-        constraints depend on time, C u lacks the force of the motion that they prescribe at u = 0.
+        dM/dt = C + C^T. In joint rates C is the matrix of the Christoffel symbols, half
+        the derivative of C u with respect to u; otherwise its projection on the
+        independent speeds. Where speeds or constraints depend on time, C u lacks the
+        force of the motion that they prescribe at u = 0.
         """
         return self._call('coriolis_matrix', (q, u), out, t)
 
@@ -118,34 +123,40 @@ class DynamicsMethods(Dispatch):
         return self._call('gravity_force', (q,), out, t)
 
     @compiled
-    def friction_force(self, u: ArrayLike, q: ArrayLike | None = None, *, t: ArrayLike = 0.0,
+    def friction_force(self, u: ArrayLike, q: ArrayLike | None = None, *,
+                       t: ArrayLike = 0.0,
                        out: Array | None = None) -> Array:
         """
-        Return d u + mu tanh(u / u_s) + offset, (n,): viscous and Coulomb friction, N m or N.
+        Return d u + mu tanh(u / u_s) + offset, (n,): viscous and Coulomb friction.
 
-        With chosen speeds or constraints it depends on q; other robots ignore q and t.
+        In N m or N. With chosen speeds or constraints it depends on q; other robots
+        ignore q and t.
         """
         if self.equations.in_joint_rates:
             return self._call('friction_force', (u,), out)
         if q is None:
-            raise InputError('q: missing; expected the configuration, on which the friction of a '
-                             'robot with chosen speeds or constraints depends')
+            raise InputError('q: missing; expected the configuration, on which the '
+                             'friction of a robot with chosen speeds or constraints '
+                             'depends')
         return self._call('friction_force', (u, q), out, t)
 
     @compiled
-    def external_force(self, q: ArrayLike, *, wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
+    def external_force(self, q: ArrayLike, *, wrench: ArrayLike | None = None,
+                       t: ArrayLike = 0.0,
                        out: Array | None = None) -> Array:
-        """Return the generalized force of wrenches at the declared frames, (n,), N m or N."""
+        """Return the generalized force of wrenches at the declared frames, (n,)."""
         return self._loaded('external_force', (q,), wrench, out, t)
 
     @compiled
-    def torque_terms(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *, t: ArrayLike = 0.0,
+    def torque_terms(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
+                     t: ArrayLike = 0.0,
                      out: Array | None = None) -> Array:
         """Return inverse dynamics by source, (5, n): the rows of `TORQUE_TERMS`."""
         return self._call('torque_terms', (q, u, udot), out, t)
 
     @compiled
-    def body_torques(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *, t: ArrayLike = 0.0,
+    def body_torques(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
+                     t: ArrayLike = 0.0,
                      out: Array | None = None) -> Array:
         """
         Return the torque of each body at every joint, (n_bodies, n).
@@ -158,40 +169,43 @@ class DynamicsMethods(Dispatch):
     def joint_reactions(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
                         wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
                         out: Array | None = None) -> Array:
-        """Return `joint_reaction` of every body's joint, (n_bodies, 6), in order of bodies."""
+        """Return `joint_reaction` of every body's joint, (n_bodies, 6)."""
         return self._loaded('joint_reactions', (q, u, udot), wrench, out, t)
 
     def explain(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
                 wrench: ArrayLike | None = None, t: ArrayLike = 0.0) -> TorqueBreakdown:
-        """Return the torque breakdown by source and by body; arguments as `inverse_dynamics`."""
+        """Return the torque breakdown by source and by body; see `inverse_dynamics`."""
         external: Any = self.external_force(q, wrench=wrench, t=t)
         terms = self.torque_terms(q, u, udot, t=t)
         model = self.equations.model
         return TorqueBreakdown(
             np.concatenate([terms, 0.0 - external[..., None, :]], axis=-2),
-            self.body_torques(q, u, udot, t=t), SOURCES, tuple(body.name for body in model.bodies),
+            self.body_torques(q, u, udot, t=t), SOURCES,
+            tuple(body.name for body in model.bodies),
             tuple(self.equations.speed_names))
 
     @compiled
-    def regressor(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *, t: ArrayLike = 0.0,
+    def regressor(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
+                  t: ArrayLike = 0.0,
                   out: Array | None = None) -> Array:
         """
-        Return the regressor Y, (n, 10 n_bodies): Y times `inertial_parameters` is the torque.
+        Return the regressor Y, (n, 10 n_bodies), of `inertial_parameters`.
 
-        The torque is that of rigid bodies: inverse dynamics without armature, friction, springs,
-        payload and wrenches. `mechanics.recursive.regressor` defines the order of parameters.
+        Y times `inertial_parameters` is the torque. The torque is that of rigid bodies:
+        inverse dynamics without armature, friction, springs, payload and wrenches.
+        `mechanics.recursive.regressor` defines the order of parameters.
         """
         return self._call('regressor', (q, u, udot), out, t)
 
     @property
     def inertial_parameters(self) -> Array:
-        """Return the model's inertial parameters, (10 n_bodies,), in the regressor's order."""
+        """Inertial parameters of the model, (10 n_bodies,), in the regressor's order."""
         return inertial_parameters(self.equations.model)
 
     @compiled
     def center_of_mass(self, q: ArrayLike, *, t: ArrayLike = 0.0,
                        out: Array | None = None) -> Array:
-        """Return the center of mass of the moving bodies and the payload, (3,), m, world axes."""
+        """Return the center of mass of moving bodies and payload, (3,), m."""
         return self._call('center_of_mass', (q,), out, t)
 
     @compiled
@@ -214,10 +228,11 @@ class DynamicsMethods(Dispatch):
     def joint_reaction(self, joint: str, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
                        wrench: ArrayLike | None = None, t: ArrayLike = 0.0) -> Array:
         """
-        Return the wrench of the parent on the child at a joint: force, moment, (6,), N, N m.
+        Return the wrench of the parent on the child at a joint, (6,), N, N m.
 
-        At the joint's origin, in world axes; includes the torque of actuator and friction about
-        the axis, all loads, and the forces of `constraint_forces`.
+        Force, then moment. At the joint's origin, in world axes; includes the torque of
+        actuator and friction about the axis, all loads, and the forces of
+        `constraint_forces`.
 
         Parameters
         ----------
@@ -233,15 +248,16 @@ class DynamicsMethods(Dispatch):
 
         """
         if not isinstance(joint, str):
-            raise InputError(f'joint: a {type(joint).__name__}; expected a name (str): the order '
-                             'is (joint, q, u, udot)')
+            raise InputError(f'joint: a {type(joint).__name__}; expected a name (str): '
+                             'the order is (joint, q, u, udot)')
         entry = self._entry('joint_reaction', joint, self.kernels.reaction)
         if wrench is None and not self.equations.timed:
             result: Array = entry(q, u, udot)
             return result
         return self._loaded('joint_reaction', (q, u, udot), wrench, None, t, joint)
 
-    def inverse_dynamics_derivatives(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
+    def inverse_dynamics_derivatives(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
+                                     *,
                                      wrench: ArrayLike | None = None,
                                      t: ArrayLike = 0.0) -> Matrices:
         """
@@ -251,7 +267,8 @@ class DynamicsMethods(Dispatch):
         """
         by_q, by_u, M = self._matrices('inverse_dynamics_derivatives', (q, u, udot), t)
         if wrench is not None:
-            by_q = by_q - self.derivative('external_force', q, by='q', wrench=wrench, t=t)
+            by_q = by_q - self.derivative('external_force', q, by='q', wrench=wrench,
+                                          t=t)
         return by_q, by_u, M
 
     def forward_dynamics_derivatives(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike, *,
@@ -260,8 +277,8 @@ class DynamicsMethods(Dispatch):
         """
         Return dudot/dq, (n, n_q), dudot/du and M^-1 = dudot/dtau, (n, n) each.
 
-        Arguments as `forward_dynamics`. One kernel; with wrenches, or more than 16 degrees of
-        freedom, three kernels and NumPy products.
+        Arguments as `forward_dynamics`. One kernel; with wrenches, or more than 16
+        degrees of freedom, three kernels and NumPy products.
         """
         if wrench is None and 'forward_dynamics_derivatives' in self.kernels.names:
             return self._matrices('forward_dynamics_derivatives', (q, u, tau), t)
@@ -276,31 +293,33 @@ class DynamicsMethods(Dispatch):
         """
         Return the vector-Jacobian product: the gradients of sum(cotangent * quantity).
 
-        By reverse mode: for all inputs together about 2 to 3 times the operations of the quantity.
+        By reverse mode: for all inputs together about 2 to 3 times the operations of the
+        quantity.
 
         Parameters
         ----------
         name : str
             A quantity, as `operation_count` lists them; of a frame or joint
-            ``'frame_pose:<frame>'``, ``'jacobian:<frame>'``, ``'joint_reaction:<joint>'`` and the
-            like.
+            ``'frame_pose:<frame>'``, ``'jacobian:<frame>'``,
+            ``'joint_reaction:<joint>'`` and the like.
         cotangent : array_like
             The weight of each entry of the quantity, of its shape; (N, ...) for a batch.
         *arguments : array_like
-            Those of the quantity's method, in its order, without frame and joint; one state or a
-            batch.
+            Those of the quantity's method, in its order, without frame and joint; one
+            state or a batch.
         by : str or sequence of str, optional
-            Inputs to differentiate by: arguments of the quantity, 'wrench', 't' (if the equations
-            depend on time), 'gravity', 'payload' (its ten parameters: mass, mass times center of
-            mass, and the integrals of xx, xy, xz, yy, yz, zz over the mass, in the payload frame).
-            All of `arguments` by default.
+            Inputs to differentiate by: arguments of the quantity, 'wrench', 't' (if the
+            equations depend on time), 'gravity', 'payload' (its ten parameters: mass,
+            mass times center of mass, and the integrals of xx, xy, xz, yy, yz, zz over
+            the mass, in the payload frame). All of `arguments` by default.
         wrench, t
             As in `inverse_dynamics`.
 
         Returns
         -------
         array or tuple of arrays
-            The gradient of each input, of the shape of the input. One array if `by` is a str.
+            The gradient of each input, of the shape of the input. One array if `by` is a
+            str.
 
         Raises
         ------
@@ -309,23 +328,25 @@ class DynamicsMethods(Dispatch):
 
         """
         names, single = self._by(name, by)
-        flat = self._derived(name, Derivative('vjp', names), (cotangent,), arguments, wrench, t)
+        flat = self._derived(name, Derivative('vjp', names), (cotangent,), arguments,
+                             wrench, t)
         return self._split(name, flat, names, single)
 
     def jvp(self, name: str, tangents: Mapping[str, ArrayLike], *arguments: ArrayLike,
             wrench: ArrayLike | None = None, t: ArrayLike = 0.0) -> Array:
         """
-        Return the Jacobian-vector product: the rate of a quantity for given rates of its inputs.
+        Return the Jacobian-vector product: the rate of a quantity.
 
-        By forward mode: about 2 to 3 times the operations of the quantity.
+        The rate for given rates of its inputs. By forward mode: about 2 to 3 times the
+        operations of the quantity.
 
         Parameters
         ----------
         name, arguments, wrench, t
             As in `vjp`.
         tangents : mapping from str to array_like
-            The rate of each input that varies, by the names of `by` in `vjp`, of the input's
-            shape.
+            The rate of each input that varies, by the names of `by` in `vjp`, of the
+            input's shape.
 
         Returns
         -------
@@ -339,21 +360,25 @@ class DynamicsMethods(Dispatch):
 
         """
         if not isinstance(tangents, Mapping):
-            raise InputError(f'tangents: a {type(tangents).__name__}; expected a dictionary from '
+            raise InputError(f'tangents: a {type(tangents).__name__}; expected a '
+                             'dictionary from '
                              "names of inputs to their rates, such as {'q': dq}")
         names, _ = self._by(name, tuple(tangents))
-        result: Array = self._derived(name, Derivative('jvp', names), tuple(tangents.values()),
+        result: Array = self._derived(name, Derivative('jvp', names),
+                                      tuple(tangents.values()),
                                       arguments, wrench, t)
         return result
 
     def derivative(self, name: str, *arguments: ArrayLike,
-                   by: str | Sequence[str] | None = None, wrench: ArrayLike | None = None,
+                   by: str | Sequence[str] | None = None,
+                   wrench: ArrayLike | None = None,
                    t: ArrayLike = 0.0) -> Any:
         """
         Return the Jacobian of a quantity by its inputs, exact to rounding.
 
-        Forward mode for each input or reverse mode for each entry of the quantity, in one kernel.
-        `inverse_dynamics_derivatives` and `forward_dynamics_derivatives` are faster for those two.
+        Forward mode for each input or reverse mode for each entry of the quantity, in
+        one kernel. `inverse_dynamics_derivatives` and `forward_dynamics_derivatives` are
+        faster for those two.
 
         Parameters
         ----------
@@ -363,9 +388,9 @@ class DynamicsMethods(Dispatch):
         Returns
         -------
         array or tuple of arrays
-            For each input the derivative, of the quantity's shape followed by the input's, so
-            that ``derivative('inverse_dynamics', q, u, udot, by='q')[i, j]`` is dtau_i/dq_j. One
-            array if `by` is a str.
+            For each input the derivative, of the quantity's shape followed by the
+            input's, so that ``derivative('inverse_dynamics', q, u, udot, by='q')[i, j]``
+            is dtau_i/dq_j. One array if `by` is a str.
 
         Raises
         ------
@@ -374,10 +399,12 @@ class DynamicsMethods(Dispatch):
 
         """
         names, single = self._by(name, by)
-        flat = self._derived(name, Derivative('derivative', names), (), arguments, wrench, t)
+        flat = self._derived(name, Derivative('derivative', names), (), arguments,
+                             wrench, t)
         return self._split(name, flat, names, single)
 
-    def _by(self, name: str, by: str | Sequence[str] | None) -> tuple[tuple[str, ...], bool]:
+    def _by(self, name: str, by: str | Sequence[str] | None) -> tuple[tuple[str, ...],
+                                                                      bool]:
         """Return the inputs to differentiate by, and whether a single one was given."""
         quantity, _ = place_of(name)
         shapes = self.kernels.differentiable(quantity)
@@ -389,27 +416,29 @@ class DynamicsMethods(Dispatch):
 
     def _derived(self, name: str, derivative: Derivative, leading: tuple[Any, ...],
                  arguments: tuple[Any, ...], wrench: Any, t: Any) -> Array:
-        """Call the kernel of a derivative, whose `leading` arguments precede those of `name`."""
+        """Call the kernel of a derivative; `leading` arguments precede the others."""
         if isinstance(wrench, Mapping):
             robot, rows = self._under(wrench)
             return robot._derived(name, derivative, leading, arguments, rows, t)
         quantity, at = place_of(name)
         expected = self.kernels.arguments(quantity)
         if len(arguments) != len(expected):
-            raise InputError(f'{name}: {len(arguments)} arguments; expected {len(expected)}: '
+            raise InputError(f'{name}: {len(arguments)} arguments; expected '
+                             f'{len(expected)}: '
                              f'{", ".join(expected)}')
         kernel = self.kernels.kernel(quantity, at, derivative)
         inputs = self._at_time(arguments, t)
         if any(argument.name == 'wrench' for argument in kernel.arguments):
             inputs = (*arguments, wrench, *inputs[len(arguments):])
         elif wrench is not None:
-            raise InputError(f'wrench: given to {name} of this robot; expected a quantity that '
-                             'depends on it, and Robot(..., wrench_frames=[...])')
+            raise InputError(f'wrench: given to {name} of this robot; expected a '
+                             'quantity that depends on it, and Robot(..., '
+                             'wrench_frames=[...])')
         result: Array = kernel(*leading, *inputs)
         return result
 
     def _split(self, name: str, flat: Array, names: Sequence[str], single: bool) -> Any:
-        """Return the parts of the last axis for the inputs, each with the input's shape."""
+        """Return the parts of the last axis for the inputs, with their shapes."""
         shapes = self.kernels.differentiable(place_of(name)[0])
         leading = flat.shape[:flat.ndim - 1]
         ends = np.cumsum([size_of(shapes[input_name]) for input_name in names])

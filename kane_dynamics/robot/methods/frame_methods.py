@@ -18,7 +18,8 @@ SINGULAR = 1e12  # condition number of J M^-1 J^T at which a direction counts as
 def _listed(frames: Sequence[str]) -> list[str]:
     """Return several frames; InputError for a single name or none."""
     if isinstance(frames, str) or not len(frames):
-        raise InputError(f'frames: {frames!r}; expected a sequence of at least one frame name')
+        raise InputError(f'frames: {frames!r}; expected a sequence of at least one '
+                         'frame name')
     return list(frames)
 
 
@@ -29,23 +30,26 @@ class FrameMethods(DynamicsMethods):
         """Return the (4, 4) pose of a frame in the world, m."""
         return self._at_frame('frame_pose', frame, (q,), out)
 
-    def frame_velocity(self, frame: str, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
+    def frame_velocity(self, frame: str, q: ArrayLike, u: ArrayLike, *,
+                       t: ArrayLike = 0.0,
                        out: Array | None = None) -> Array:
-        """Return the velocity of a frame, (6,): linear at its origin, then angular; world axes."""
+        """Return the velocity of a frame, (6,): linear, angular; world axes."""
         return self._at_frame('frame_velocity', frame, (q, u), out, t)
 
-    def frame_acceleration(self, frame: str, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
+    def frame_acceleration(self, frame: str, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
+                           *,
                            t: ArrayLike = 0.0, out: Array | None = None) -> Array:
-        """Return the classical acceleration of a frame, (6,): linear, angular; without gravity."""
+        """Return the acceleration of a frame, (6,): linear, angular; without gravity."""
         return self._at_frame('frame_acceleration', frame, (q, u, udot), out, t)
 
-    def forward_kinematics(self, frame: str, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return the (4, 4) pose of a frame in the world, m; the same as `frame_pose`."""
+    def forward_kinematics(self, frame: str, q: ArrayLike, *,
+                           out: Array | None = None) -> Array:
+        """Return the (4, 4) pose of a frame in the world, m, as `frame_pose`."""
         return self._at_frame('frame_pose', frame, (q,), out)
 
     def frame_poses(self, frames: Sequence[str], q: ArrayLike) -> Array:
         """
-        Return the poses of several frames, (k, 4, 4) or (N, k, 4, 4), m, as `frame_pose`.
+        Return the poses of several frames, (k, 4, 4) or (N, k, 4, 4), m.
 
         Parameters
         ----------
@@ -60,22 +64,25 @@ class FrameMethods(DynamicsMethods):
             Names the argument, what was given and what is expected.
 
         """
-        return np.stack([self.frame_pose(frame, q) for frame in _listed(frames)], axis=-3)
+        return np.stack([self.frame_pose(frame, q) for frame in _listed(frames)],
+                        axis=-3)
 
     def jacobians(self, frames: Sequence[str], q: ArrayLike, *, t: ArrayLike = 0.0,
                   axes: str = 'world') -> Array:
-        """Return the Jacobians of several frames, (k, 6, n) or (N, k, 6, n), as `jacobian`."""
-        return np.stack([self.jacobian(frame, q, t=t, axes=axes) for frame in _listed(frames)],
+        """Return the Jacobians of several frames, (k, 6, n) or (N, k, 6, n)."""
+        return np.stack([self.jacobian(frame, q, t=t,
+                                       axes=axes) for frame in _listed(frames)],
                         axis=-3)
 
-    def jacobian(self, frame: str, q: ArrayLike, *, t: ArrayLike = 0.0, axes: str = 'world',
+    def jacobian(self, frame: str, q: ArrayLike, *, t: ArrayLike = 0.0,
+                 axes: str = 'world',
                  out: Array | None = None) -> Array:
         """
         Return the geometric Jacobian of a frame, (6, n): its partial velocities.
 
-        Column r is the frame's velocity per unit of u_r, linear at the frame's origin, then
-        angular, in world axes (Pinocchio's LOCAL_WORLD_ALIGNED) or the frame's own (LOCAL). Under
-        constraints the columns are those of the independent speeds.
+        Column r is the frame's velocity per unit of u_r, linear at the frame's origin,
+        then angular, in world axes (Pinocchio's LOCAL_WORLD_ALIGNED) or the frame's own
+        (LOCAL). Under constraints the columns are those of the independent speeds.
 
         Parameters
         ----------
@@ -106,51 +113,56 @@ class FrameMethods(DynamicsMethods):
         J[..., 3:, :] = to_frame @ J[..., 3:, :]
         return J
 
-    def jacobian_rate(self, frame: str, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
+    def jacobian_rate(self, frame: str, q: ArrayLike, u: ArrayLike, *,
+                      t: ArrayLike = 0.0,
                       out: Array | None = None) -> Array:
-        """Return the time derivative of `jacobian` along the motion, (6, n); same arguments."""
+        """Return the time derivative of `jacobian` along the motion, (6, n)."""
         return self._at_frame('partial_velocity_rates', frame, (q, u), out, t)
 
     def partial_velocities(self, frame: str, q: ArrayLike, *, t: ArrayLike = 0.0,
                            out: Array | None = None) -> Array:
-        """Return the partial velocities of a frame, (6, n): the columns of `jacobian`."""
+        """Return the partial velocities of a frame, (6, n): columns of `jacobian`."""
         return self._at_frame('partial_velocities', frame, (q,), out, t)
 
     def operational_space_inertia(self, frame: str, q: ArrayLike, *,
                                   directions: Sequence[str] = DIRECTIONS,
                                   t: ArrayLike = 0.0) -> Array:
         """
-        Return the operational-space inertia Lambda, (k, k), at a frame: kg, kg m, kg m^2.
+        Return the operational-space inertia Lambda, (k, k), at a frame.
 
-        ``F = Lambda a + mu`` is the force at the frame, in the chosen directions, for its
-        acceleration a: ``Lambda = (J M^-1 J^T)^-1`` and ``mu = Lambda (J M^-1 h - J' u)``, with
-        the frame's Jacobian J and the bias force h. Source: O. Khatib, "A unified approach for
-        motion and force control of robot manipulators: the operational space formulation", IEEE
-        J. Robotics and Automation 3(1), 1987.
+        In kg, kg m, kg m^2. ``F = Lambda a + mu`` is the force at the frame, in the
+        chosen directions, for its acceleration a: ``Lambda = (J M^-1 J^T)^-1`` and ``mu
+        = Lambda (J M^-1 h - J' u)``, with the frame's Jacobian J and the bias force h.
+        Source: O. Khatib, "A unified approach for motion and force control of robot
+        manipulators: the operational space formulation", IEEE J. Robotics and Automation
+        3(1), 1987.
 
         Parameters
         ----------
         frame, q, t
             As in `jacobian`.
         directions : sequence of str
-            The k directions, of 'x', 'y', 'z' (linear) and 'rx', 'ry', 'rz' (angular), world
-            axes. All six by default, which needs at least six joints.
+            The k directions, of 'x', 'y', 'z' (linear) and 'rx', 'ry', 'rz' (angular),
+            world axes. All six by default, which needs at least six joints.
 
         Raises
         ------
         InputError
-            Names the argument; or the frame cannot accelerate in all of the directions at q.
+            Names the argument; or the frame cannot accelerate in all of the directions
+            at q.
 
         """
-        return np.asarray(np.linalg.inv(self._mobility(frame, q, directions, t)[0]), np.float64)
+        return np.asarray(np.linalg.inv(self._mobility(frame, q, directions, t)[0]),
+                          np.float64)
 
     def operational_space_bias(self, frame: str, q: ArrayLike, u: ArrayLike, *,
                                directions: Sequence[str] = DIRECTIONS,
                                t: ArrayLike = 0.0) -> Array:
         """
-        Return the bias mu, (k,), of `operational_space_inertia`, N, N m; same arguments, errors.
+        Return the bias mu, (k,), of `operational_space_inertia`, N, N m.
 
-        It includes gravity, friction and springs, as `bias_force` does.
+        Arguments and errors are the same. It includes gravity, friction and springs, as
+        `bias_force` does.
         """
         mobility, J, inverse, rows = self._mobility(frame, q, directions, t)
         rest = np.zeros_like(np.asarray(u, dtype=np.float64))
@@ -174,7 +186,8 @@ class FrameMethods(DynamicsMethods):
         lost = (size < size[..., :1] / SINGULAR) | (size == 0.0)
         if lost.any():
             able = int((~lost).sum(axis=-1).min())
-            raise InputError(f"directions: {', '.join(directions)}; frame '{frame}' accelerates "
-                             f'independently in only {able} of these {len(rows)} at this q; '
-                             'expected fewer directions, or a q that is not singular')
+            raise InputError(f"directions: {', '.join(directions)}; frame '{frame}' "
+                             f'accelerates independently in only {able} of these '
+                             f'{len(rows)} at this q; expected fewer directions, or a q '
+                             'that is not singular')
         return mobility, J, inverse, rows

@@ -16,34 +16,37 @@ class FrameworkMethods(FrameMethods):
     def casadi(self, name: str, *, parameters: Sequence[str] = (),
                compiled: bool | None = None) -> Any:
         """
-        Return a quantity as a casadi.Function with exact derivatives, for Opti and solvers.
+        Return a quantity as a casadi.Function with exact derivatives.
 
-        It comes from the program of the compiled quantity. Its arguments are those of the
-        quantity's method by their names, one state; then 'wrench', (k, 6), if the robot declares
-        wrench frames and the quantity depends on them, and 't' if the equations depend on time;
-        then the `parameters`. Vectors are columns; of a result with three axes, the matrices are
-        stacked. Batches: ``function.map(N)``, with a state in each column.
+        For Opti and solvers. It comes from the program of the compiled quantity. Its
+        arguments are those of the quantity's method by their names, one state; then
+        'wrench', (k, 6), if the robot declares wrench frames and the quantity depends on
+        them, and 't' if the equations depend on time; then the `parameters`. Vectors are
+        columns; of a result with three axes, the matrices are stacked. Batches:
+        ``function.map(N)``, with a state in each column.
 
-        A function in machine code (``function.class_name()`` is 'External') calls compiled code
-        for first and second derivatives. It needs a linker, such as binutils, but no compiler.
-        An expression graph ('SXFunction') needs neither, is slower, and is differentiated by
-        CasADi; it can be serialized and CasADi can generate C code of it.
+        A function in machine code (``function.class_name()`` is 'External') calls
+        compiled code for first and second derivatives. It needs a linker, such as
+        binutils, but no compiler. An expression graph ('SXFunction') needs neither, is
+        slower, and is differentiated by CasADi; it can be serialized and CasADi can
+        generate C code of it.
 
-        CasADi checks names and shapes of arguments, not their values: where an argument is NaN or
-        a position beyond 1e12, or where `Robot` raises an error that depends on the state (open
-        loops, singular independent speeds) or selects other redundant rows, results are NaN.
-        Solvers then take shorter steps.
+        CasADi checks names and shapes of arguments, not their values: where an argument
+        is NaN or a position beyond 1e12, or where `Robot` raises an error that depends
+        on the state (open loops, singular independent speeds) or selects other redundant
+        rows, results are NaN. Solvers then take shorter steps.
 
         Parameters
         ----------
         name : str
             A quantity, as in `vjp`: ``'inverse_dynamics'``, ``'frame_pose:<frame>'``.
         parameters : sequence of str
-            Run-time parameters that are arguments: 'gravity', 'payload' (see `vjp`). The others
-            keep the values that they have now.
+            Run-time parameters that are arguments: 'gravity', 'payload' (see `vjp`). The
+            others keep the values that they have now.
         compiled : bool, optional
-            True: machine code, or an error; False: an expression graph. By default machine code
-            if it can be linked, else an expression graph, with a line in the log.
+            True: machine code, or an error; False: an expression graph. By default
+            machine code if it can be linked, else an expression graph, with a line in
+            the log.
 
         Returns
         -------
@@ -58,7 +61,8 @@ class FrameworkMethods(FrameMethods):
             `compiled` is True and there is no linker, or it fails.
 
         """
-        from kane_dynamics.robot.frameworks import casadi_function  # few programs need it
+        # Few programs need it.
+        from kane_dynamics.robot.frameworks import casadi_function
         quantity, at = place_of(name)
         return casadi_function.casadi_function(self, quantity, at, parameters, compiled)
 
@@ -66,31 +70,32 @@ class FrameworkMethods(FrameMethods):
         """
         Return a quantity as a function of PyTorch tensors, differentiable to any order.
 
-        Its arguments are those of the quantity's method, in its order or by their names; then
-        'wrench', (k, 6), if the robot declares wrench frames and the quantity depends on them,
-        and 't' if the equations depend on time; then the `parameters`. Each has any number of
-        batch axes in front; these broadcast. So one payload serves for a batch of states, and its
-        gradient is the sum over them.
+        Its arguments are those of the quantity's method, in its order or by their names;
+        then 'wrench', (k, 6), if the robot declares wrench frames and the quantity
+        depends on them, and 't' if the equations depend on time; then the `parameters`.
+        Each has any number of batch axes in front; these broadcast. So one payload
+        serves for a batch of states, and its gradient is the sum over them.
 
-        Values and derivatives come from compiled kernels for batches. Backward passes, forward
-        mode and the transforms of `torch.func` apply, and `torch.compile`, which sees one
-        operator. Tensors are on the CPU, and float64, which is read in place, or float32: then the
-        kernels compute in double and the result is rounded. A function can be pickled if the robot
-        can.
+        Values and derivatives come from compiled kernels for batches. Backward passes,
+        forward mode and the transforms of `torch.func` apply, and `torch.compile`, which
+        sees one operator. Tensors are on the CPU, and float64, which is read in place,
+        or float32: then the kernels compute in double and the result is rounded. A
+        function can be pickled if the robot can.
 
         Parameters
         ----------
         name : str
             A quantity, as in `vjp`: ``'inverse_dynamics'``, ``'frame_pose:<frame>'``.
         parameters : sequence of str
-            Run-time parameters that are arguments: 'gravity', (3,), 'payload', (10,), as in `vjp`.
-            The others keep the values that they have now.
+            Run-time parameters that are arguments: 'gravity', (3,), 'payload', (10,), as
+            in `vjp`. The others keep the values that they have now.
 
         Returns
         -------
         callable
-            Raises InputError that names a wrong argument, or an entry that is not finite; or as
-            the robot's method. Cotangents that are not finite give gradients that are not.
+            Raises InputError that names a wrong argument, or an entry that is not
+            finite; or as the robot's method. Cotangents that are not finite give
+            gradients that are not.
 
         Raises
         ------
@@ -99,7 +104,8 @@ class FrameworkMethods(FrameMethods):
 
         """
         quantity, at = place_of(name)
-        module = extra('kane_dynamics.robot.frameworks.torch_function', 'torch', 'robot.torch')
+        module = extra('kane_dynamics.robot.frameworks.torch_function', 'torch',
+                       'robot.torch')
         return module.TorchFunction(self, quantity, at, parameters)
 
     def jax(self, name: str, *, parameters: Sequence[str] = (),
@@ -107,31 +113,31 @@ class FrameworkMethods(FrameMethods):
         """
         Return a quantity as a function of JAX arrays, differentiable to any order.
 
-        Its arguments are those of the quantity's method, in its order or by their names; then
-        'wrench', (k, 6), if the robot declares wrench frames and the quantity depends on them,
-        and 't' if the equations depend on time; then the `parameters`. Each has any number of
-        batch axes in front; these broadcast.
+        Its arguments are those of the quantity's method, in its order or by their names;
+        then 'wrench', (k, 6), if the robot declares wrench frames and the quantity
+        depends on them, and 't' if the equations depend on time; then the `parameters`.
+        Each has any number of batch axes in front; these broadcast.
 
-        `jit`, `vmap`, `grad`, `jvp`, `vjp`, `jacfwd`, `jacrev` and `hessian` apply; all values and
-        derivatives come from compiled kernels for batches, on the CPU. Arrays are float64 (with
-        ``jax_enable_x64``), or float32: then the kernels compute in double and the result is
-        rounded. In a function compiled by `jit`, no error can be raised: a state with an argument
-        that is not finite, a position beyond 1e12, or where the robot's method raises an error
-        that depends on the state or selects other redundant rows, has NaN in all of its result.
-        Elsewhere it is an error.
+        `jit`, `vmap`, `grad`, `jvp`, `vjp`, `jacfwd`, `jacrev` and `hessian` apply; all
+        values and derivatives come from compiled kernels for batches, on the CPU. Arrays
+        are float64 (with ``jax_enable_x64``), or float32: then the kernels compute in
+        double and the result is rounded. In a function compiled by `jit`, no error can
+        be raised: a state with an argument that is not finite, a position beyond 1e12,
+        or where the robot's method raises an error that depends on the state or selects
+        other redundant rows, has NaN in all of its result. Elsewhere it is an error.
 
         Parameters
         ----------
         name : str
             A quantity, as in `vjp`: ``'inverse_dynamics'``, ``'frame_pose:<frame>'``.
         parameters : sequence of str
-            Run-time parameters that are arguments: 'gravity', (3,), 'payload', (10,), as in `vjp`.
-            The others keep the values that they have now.
+            Run-time parameters that are arguments: 'gravity', (3,), 'payload', (10,), as
+            in `vjp`. The others keep the values that they have now.
         compiled : bool, optional
             True: functions compiled by `jit` call machine code by XLA's foreign function
-            interface, or an error; False: they call Python (`jax.pure_callback`), which is slower.
-            By default machine code if this version of JAX has the interface, else Python, with a
-            line in the log.
+            interface, or an error; False: they call Python (`jax.pure_callback`), which
+            is slower. By default machine code if this version of JAX has the interface,
+            else Python, with a line in the log.
 
         Returns
         -------
