@@ -1,15 +1,17 @@
 """
-Dual numbers: forward-mode automatic differentiation with respect to time, over any scalar type.
+Dual numbers: forward-mode automatic differentiation by time, over any scalar type.
 
-A number a + b d with d d = 0 holds a value a and its time derivative b; arithmetic on it applies
-the rules of differentiation exactly. Value and rate may be numbers, traced values or symbols. So
-tracing a user-defined function of q and t once yields its value and its time derivative.
+A number a + b d with d d = 0 holds a value a and its time derivative b; arithmetic on it
+applies the rules of differentiation exactly. Value and rate may be numbers, traced
+values or symbols. So tracing a user-defined function of q and t once yields its value
+and its time derivative.
 """
 
 from collections.abc import Callable
 import numbers
 from typing import Any
 
+from kane_dynamics._util.typing import Scalar
 from kane_dynamics.mechanics.algebra.vector import is_zero
 import numpy as np
 
@@ -19,7 +21,7 @@ class Dual:
 
     __slots__ = ('value', 'rate')
 
-    def __init__(self, value: Any, rate: Any) -> None:
+    def __init__(self, value: Scalar, rate: Scalar) -> None:
         """Create a dual number from its value and rate."""
         self.value = value
         self.rate = rate
@@ -37,8 +39,8 @@ class Dual:
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, Dual):
-            return _dual(self.value * other.value,
-                         self.value * other.rate + self.rate * other.value)
+            product = self.value * other.value
+            return _dual(product, self.value * other.rate + self.rate * other.value)
         if isinstance(other, np.ndarray):
             return NotImplemented
         return _dual(self.value * other, self.rate * other)
@@ -77,15 +79,15 @@ class Dual:
             return NotImplemented
         if exponent == 0:
             return 1.0
-        less = exponent - 1
-        return _dual(_power(self.value, exponent),
-                     (exponent * _power(self.value, less)) * self.rate)
+        power = _power(self.value, exponent)
+        slope = exponent * _power(self.value, exponent - 1)
+        return _dual(power, slope * self.rate)
 
     def __lt__(self, other: Any) -> Any:
-        return self.value < (other.value if isinstance(other, Dual) else other)
+        return self.value < _value(other)
 
     def __gt__(self, other: Any) -> Any:
-        return self.value > (other.value if isinstance(other, Dual) else other)
+        return self.value > _value(other)
 
     def sin(self) -> Any:
         """Return the sine; numpy.sin calls this on object arrays."""
@@ -123,17 +125,17 @@ class Dual:
         return np.floor(self.value)
 
 
-def select(condition: Any, x: Any, y: Any) -> Any:
+def select(condition: Scalar, x: Scalar, y: Scalar) -> Scalar:
     """Return x if a comparison (`a < b`, over any scalar) holds, else y."""
     if isinstance(condition, bool | int | float | np.bool_):
         return x if condition else y
     if isinstance(x, Dual) or isinstance(y, Dual):
-        parts = [(z.value, z.rate) if isinstance(z, Dual) else (z, 0.0) for z in (x, y)]
-        return _dual(*(select(condition, *pair) for pair in zip(*parts)))
+        value = select(condition, _value(x), _value(y))
+        return _dual(value, select(condition, _rate(x), _rate(y)))
     return condition.select(x, y)
 
 
-def _power(x: Any, exponent: Any) -> Any:
+def _power(x: Scalar, exponent: Any) -> Scalar:
     """Return a power; NaN for a negative base with a non-integer exponent."""
     if isinstance(x, float | int):
         with np.errstate(all='ignore'):
@@ -141,37 +143,52 @@ def _power(x: Any, exponent: Any) -> Any:
     return x ** exponent
 
 
-def _dual(value: Any, rate: Any) -> Any:
+def _value(x: Scalar) -> Scalar:
+    """Return the value of a scalar that may be Dual."""
+    return x.value if isinstance(x, Dual) else x
+
+
+def _rate(x: Scalar) -> Scalar:
+    """Return the time derivative of a scalar; zero if it is not Dual."""
+    return x.rate if isinstance(x, Dual) else 0.0
+
+
+def _dual(value: Scalar, rate: Scalar) -> Scalar:
     """Return a Dual, or only the value if the rate is structurally zero."""
     return value if is_zero(rate) else Dual(value, rate)
 
 
 def moving(values: Any, rates: Any) -> Any:
-    """Return dual numbers with these values and time derivatives; any shape, or one scalar."""
-    result = np.empty(np.shape(values), dtype=object)
+    """Return dual numbers with these values and rates; any shape, or one scalar."""
+    values = np.asarray(values, dtype=object)
+    rates = np.asarray(rates, dtype=object)
+    result = np.empty(values.shape, dtype=object)
     for k in np.ndindex(result.shape):
-        result[k] = _dual(np.asarray(values, dtype=object)[k], np.asarray(rates, dtype=object)[k])
+        result[k] = _dual(values[k], rates[k])
     return result if result.shape else result[()]
 
 
 def values(array: Any) -> Any:
     """Return the values of an array of scalars, some of which may be Dual."""
-    return _part(array, lambda x: x.value if isinstance(x, Dual) else x)
+    return _part(array, _value)
 
 
 def rates(array: Any) -> Any:
-    """Return the time derivatives of an array of scalars; zero for those that are not Dual."""
-    return _part(array, lambda x: x.rate if isinstance(x, Dual) else 0.0)
+    """Return the time derivatives of an array of scalars; zero if they are not Dual."""
+    return _part(array, _rate)
 
 
-def derivatives(x: Any, order: int) -> list[Any]:
-    """Return the parts of a scalar that are its derivatives of an order; 0: its value."""
+def derivatives(x: Scalar, order: int) -> list[Scalar]:
+    """Return the parts of a scalar that are its derivatives of an order (0: value)."""
     if not isinstance(x, Dual):
         return [] if order else [x]
-    return derivatives(x.value, order) + (derivatives(x.rate, order - 1) if order else [])
+    if not order:
+        return derivatives(x.value, 0)
+    return derivatives(x.value, order) + derivatives(x.rate, order - 1)
 
 
-def _part(array: Any, take: Callable[[Any], Any]) -> Any:
+def _part(array: Any, take: Callable[[Scalar], Scalar]) -> Any:
+    """Return a part of every entry, as floats where all are."""
     source = np.asarray(array, dtype=object)
     result = np.empty(source.shape, dtype=object)
     for k in np.ndindex(source.shape):

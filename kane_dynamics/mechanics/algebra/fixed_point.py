@@ -9,13 +9,13 @@ MOST = 100  # evaluations
 LESS = 0.5  # of the residual before: with a larger one, the bracket is bisected
 
 
-def upper_fixed_point(value: Callable[[float], float | None], low: float, precision: float,
-                      missing: str) -> float | None:
+def upper_fixed_point(value: Callable[[float], float | None], low: float,
+                      precision: float, missing: str) -> float | None:
     """
-    Return x >= `low` > 0 with x = value(x) to a relative precision, or infinity, or None.
+    Return x >= `low` > 0 with x = value(x) to a relative precision, infinity, or None.
 
-    Below the fixed point, `value` is above its argument; above, it is below, None, or raises an
-    InputError. None or a value up to `low` at `low` is the result.
+    Below the fixed point, `value` is above its argument; above, it is below, None, or
+    raises an InputError. None or a value up to `low` at `low` is the result.
 
     Raises
     ------
@@ -23,28 +23,47 @@ def upper_fixed_point(value: Callable[[float], float | None], low: float, precis
         That of `value`, if it alone bounds x; `missing` if no fixed point is found.
 
     """
-    x, high, before = low, math.inf, (math.nan, math.nan)
+    x = low
+    high = math.inf
+    x_last = math.nan
+    residual_last = math.nan
     cause = InputError(missing)
     for _ in range(MOST):
+        y: float | None
         try:
-            found = value(x)
+            y = value(x)
         except InputError as error:
             if x == low:
                 raise
-            found, cause = None, error
-        if found == math.inf or (x == low and (found is None or found <= low)):
-            return found
-        away = math.nan if found is None else found - x
-        if found is not None and abs(away) <= precision * found:
-            return found
-        if away > 0.0:
+            y = None
+            cause = error
+        if y == math.inf or (x == low and (y is None or y <= low)):
+            return y
+        residual = math.nan if y is None else y - x
+        if y is not None and abs(residual) <= precision * y:
+            return y
+
+        # The fixed point is above x where the value is above its argument.
+        if residual > 0.0:
             low = x
         else:
             high = x
         if high <= low * (1.0 + precision):
             break
-        (x_0, away_0), before = before, (x, away)
-        secant = x - away * (x - x_0) / (away - away_0) if away != away_0 else math.nan
-        x = next((y for y in (secant, x + away) if low < y < high and not (
-            high < math.inf and abs(away) > LESS * abs(away_0))), math.sqrt(low * high))
+        secant = math.nan
+        if residual != residual_last:
+            secant = x - residual * (x - x_last) / (residual - residual_last)
+
+        # Take the secant's zero, else the value itself, if it is within the bracket.
+        # Else, or where the last step has reduced the residual too little, bisect the
+        # bracket.
+        slow = high < math.inf and abs(residual) > LESS * abs(residual_last)
+        x_last = x
+        residual_last = residual
+        if low < secant < high and not slow:
+            x = secant
+        elif low < x + residual < high and not slow:
+            x = x + residual
+        else:
+            x = math.sqrt(low * high)
     raise cause

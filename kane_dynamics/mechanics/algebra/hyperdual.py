@@ -1,17 +1,17 @@
 """
 Hyper-dual numbers: automatic differentiation to first and mixed second derivatives.
 
-A number a + g.e + b d + h.e d with e_i e_j = 0 and d d = 0 holds a value a, its gradient g with
-respect to k variables, its directional derivative b (for example, by time), and the gradient h of
-b. The derivatives are exact to rounding. Source: Fike & Alonso, AIAA 2011-886; here one of the two
-infinitesimals is a vector.
+A number a + g.e + b d + h.e d with e_i e_j = 0 and d d = 0 holds a value a, its gradient
+g with respect to k variables, its directional derivative b (for example, by time), and
+the gradient h of b. The derivatives are exact to rounding. Source: Fike & Alonso, AIAA
+2011-886; here one of the two infinitesimals is a vector.
 """
 
 import math
 import numbers
 from typing import Any, NamedTuple
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Scalar, Vector
 import numpy as np
 
 
@@ -49,21 +49,19 @@ class HyperDual:
     def __add__(self, other: Any) -> Any:
         """Return the sum."""
         if isinstance(other, HyperDual):
-            return HyperDual(self.value + other.value, self.gradient + other.gradient,
-                             self.rate + other.rate, self.gradient_rate + other.gradient_rate)
+            return HyperDual(self.value + other.value,
+                             self.gradient + other.gradient,
+                             self.rate + other.rate,
+                             self.gradient_rate + other.gradient_rate)
         if isinstance(other, np.ndarray):
             return NotImplemented
-        return HyperDual(self.value + other, self.gradient, self.rate, self.gradient_rate)
+        return HyperDual(self.value + other, self.gradient, self.rate,
+                         self.gradient_rate)
 
     def __mul__(self, other: Any) -> Any:
         """Return the product, by the product rule."""
         if isinstance(other, HyperDual):
-            a, b = self, other
-            return HyperDual(
-                a.value * b.value, a.value * b.gradient + b.value * a.gradient,
-                a.value * b.rate + b.value * a.rate,
-                a.value * b.gradient_rate + b.value * a.gradient_rate
-                + b.rate * a.gradient + a.rate * b.gradient)
+            return _product(self, other)
         if isinstance(other, np.ndarray):
             return NotImplemented
         return HyperDual(self.value * other, self.gradient * other, self.rate * other,
@@ -85,19 +83,20 @@ class HyperDual:
         """Return a real power."""
         if not isinstance(exponent, numbers.Real):
             return NotImplemented
-        x, p = np.float64(self.value), float(exponent)
-        with np.errstate(all='ignore'):
-            return self._mapped(*(
-                float(factor * x ** power) if factor else 0.0 for factor, power in (
-                    (1.0, p), (p, p - 1.0), (p * (p - 1.0), p - 2.0))))
+        x = np.float64(self.value)
+        p = float(exponent)
+        value = _scaled_power(1.0, x, p)
+        first = _scaled_power(p, x, p - 1.0)
+        second = _scaled_power(p * (p - 1.0), x, p - 2.0)
+        return self._mapped(value, first, second)
 
     def __lt__(self, other: Any) -> bool:
         """Compare the values."""
-        return bool(self.value < (other.value if isinstance(other, HyperDual) else other))
+        return bool(self.value < _value(other))
 
     def __gt__(self, other: Any) -> bool:
         """Compare the values."""
-        return bool(self.value > (other.value if isinstance(other, HyperDual) else other))
+        return bool(self.value > _value(other))
 
     __radd__ = __add__
     __rmul__ = __mul__
@@ -120,12 +119,14 @@ class HyperDual:
 
     def sin(self) -> 'HyperDual':
         """Return the sine; numpy.sin calls this on object arrays."""
-        s, c = math.sin(self.value), math.cos(self.value)
+        s = math.sin(self.value)
+        c = math.cos(self.value)
         return self._mapped(s, c, -s)
 
     def cos(self) -> 'HyperDual':
         """Return the cosine; numpy.cos calls this on object arrays."""
-        s, c = math.sin(self.value), math.cos(self.value)
+        s = math.sin(self.value)
+        c = math.cos(self.value)
         return self._mapped(c, -s, -c)
 
     def tanh(self) -> 'HyperDual':
@@ -152,7 +153,8 @@ class HyperDual:
     def arctan(self) -> 'HyperDual':
         """Return the arctangent; numpy.arctan calls this on object arrays."""
         slope = 1.0 / (1.0 + self.value * self.value)
-        return self._mapped(math.atan(self.value), slope, -2.0 * self.value * slope * slope)
+        second = -2.0 * self.value * slope * slope
+        return self._mapped(math.atan(self.value), slope, second)
 
     def __floor__(self) -> float:
         """Return the floor, a constant; numpy.floor calls this on object arrays."""
@@ -163,12 +165,34 @@ class HyperDual:
         return self._mapped(y, -y * y, 2.0 * y * y * y)
 
     def _mapped(self, value: float, first: float, second: float) -> 'HyperDual':
-        """Apply the chain rule for a function with this value and these two derivatives."""
-        return HyperDual(value, first * self.gradient, first * self.rate,
-                         first * self.gradient_rate + (second * self.rate) * self.gradient)
+        """Apply the chain rule for a function with this value and two derivatives."""
+        gradient_rate = first * self.gradient_rate + (second * self.rate) * self.gradient
+        return HyperDual(value, first * self.gradient, first * self.rate, gradient_rate)
 
 
-def seeded(values: Any, rates: Any, first: int, count: int) -> Any:
+def _product(a: HyperDual, b: HyperDual) -> HyperDual:
+    """Return the product, by the product rule."""
+    gradient = a.value * b.gradient + b.value * a.gradient
+    rate = a.value * b.rate + b.value * a.rate
+    gradient_rate = (a.value * b.gradient_rate + b.value * a.gradient_rate
+                     + b.rate * a.gradient + a.rate * b.gradient)
+    return HyperDual(a.value * b.value, gradient, rate, gradient_rate)
+
+
+def _scaled_power(factor: float, x: np.float64, exponent: float) -> float:
+    """Return factor x^exponent: 0 for the factor 0, also of an infinite power."""
+    if not factor:
+        return 0.0
+    with np.errstate(all='ignore'):
+        return float(factor * x ** exponent)
+
+
+def _value(x: Scalar) -> Scalar:
+    """Return the value of a HyperDual or of a number."""
+    return x.value if isinstance(x, HyperDual) else x
+
+
+def seeded(values: Vector, rates: Vector, first: int, count: int) -> Vector:
     """
     Return independent variables as an array of HyperDual.
 
@@ -184,20 +208,21 @@ def seeded(values: Any, rates: Any, first: int, count: int) -> Any:
     """
     unit = np.eye(count)
     result = np.empty(len(values), dtype=object)
-    result[:] = [HyperDual(float(x), unit[first + i], float(r), np.zeros(count))
-                 for i, (x, r) in enumerate(zip(values, rates))]
+    for i, (value, rate) in enumerate(zip(values, rates)):
+        gradient = unit[first + i]
+        result[i] = HyperDual(float(value), gradient, float(rate), np.zeros(count))
     return result
 
 
-def lifted(value: Any, count: int) -> HyperDual:
-    """Return a scalar as a HyperDual of `count` variables; a plain number is constant."""
+def lifted(value: Scalar, count: int) -> HyperDual:
+    """Return a scalar as a HyperDual of `count` variables; a number is constant."""
     if isinstance(value, HyperDual):
         return value
     return HyperDual(float(value), np.zeros(count), 0.0, np.zeros(count))
 
 
 class Parts(NamedTuple):
-    """Arrays of the four parts; the last axis of the gradients runs over the variables."""
+    """Arrays of the four parts; the gradients' last axis runs over the variables."""
 
     value: Array
     gradient: Array
@@ -206,20 +231,25 @@ class Parts(NamedTuple):
 
 
 def parts(array: Any, count: int) -> Parts:
-    """Return the parts of an array of scalars of any shape; plain numbers are constant."""
+    """Return the parts of an array of scalars of any shape; numbers are constant."""
     source = np.asarray(array, dtype=object)
-    scalars = [lifted(x, count) for x in source.ravel()]
-    of_scalar, of_gradient = source.shape, (*source.shape, count)
-    return Parts(np.array([x.value for x in scalars], dtype=float).reshape(of_scalar),
-                 np.array([x.gradient for x in scalars], dtype=float).reshape(of_gradient),
-                 np.array([x.rate for x in scalars], dtype=float).reshape(of_scalar),
-                 np.array([x.gradient_rate for x in scalars], dtype=float).reshape(of_gradient))
+    value = np.empty(source.shape)
+    gradient = np.empty((*source.shape, count))
+    rate = np.empty(source.shape)
+    gradient_rate = np.empty((*source.shape, count))
+    for k in np.ndindex(source.shape):
+        scalar = lifted(source[k], count)
+        value[k] = scalar.value
+        gradient[k] = scalar.gradient
+        rate[k] = scalar.rate
+        gradient_rate[k] = scalar.gradient_rate
+    return Parts(value, gradient, rate, gradient_rate)
 
 
-def joined(given: Parts) -> Any:
+def joined(four: Parts) -> Any:
     """Return an array of HyperDual with these parts; the inverse of `parts`."""
-    result = np.empty(given.value.shape, dtype=object)
+    result = np.empty(four.value.shape, dtype=object)
     for k in np.ndindex(result.shape):
-        result[k] = HyperDual(float(given.value[k]), given.gradient[k], float(given.rate[k]),
-                              given.gradient_rate[k])
+        result[k] = HyperDual(float(four.value[k]), four.gradient[k],
+                              float(four.rate[k]), four.gradient_rate[k])
     return result

@@ -1,27 +1,30 @@
 """
-Solve small structured linear systems over any scalar type, without branches on traced values.
+Solve small structured linear systems over any scalar type, without branches.
 
-Elimination uses only constant entries as pivots, which do not depend on the state. The rest of
-the matrix is permuted to block triangular form and solved block by block: loops that follow from
-one another are solved in their order. The inverse of a diagonal block is a part of the inverse of
-the matrix, so no block is worse conditioned than the whole. Blocks of up to three rows are solved
-by cofactors, larger ones by modified Gram-Schmidt. Both fail only if the block is singular, so no
-pivoting is needed at run time. Source of the form: R. Tarjan, Depth-first search and linear graph
-algorithms, 1972; Duff, Erisman, Reid, Direct Methods for Sparse Matrices, chapter 6.
+Elimination uses only constant entries as pivots, which do not depend on the state. The
+rest of the matrix is permuted to block triangular form and solved block by block: loops
+that follow from one another are solved in their order. The inverse of a diagonal block
+is a part of the inverse of the matrix, so no block is worse conditioned than the whole.
+Blocks of up to three rows are solved by cofactors, larger ones by modified Gram-Schmidt.
+Both fail only if the block is singular, so no pivoting is needed at run time. Source of
+the form: R. Tarjan, Depth-first search and linear graph algorithms, 1972; Duff, Erisman,
+Reid, Direct Methods for Sparse Matrices, chapter 6.
 """
 
 from typing import Any
 
+from kane_dynamics._util.typing import Flags, Scalar
 from kane_dynamics.mechanics.algebra.vector import is_zero
 import numpy as np
-from numpy.typing import NDArray
 
-Row = list[Any]
+Row = list[Scalar]
 Matrix = list[Row]
-PIVOT_THRESHOLD = 0.1  # least size of a pivot relative to the largest constant of its row
-ROUNDING = 1e-12  # relative size below which a constant is treated as zero after elimination
-# Least size of a constant pivot beside traced entries, whose size is unknown: direction cosines
-# that are zero but for the digits of a file must not be pivots.
+# Least size of a pivot relative to the largest constant of its row.
+PIVOT_THRESHOLD = 0.1
+# Relative size below which a constant is treated as zero after elimination.
+ROUNDING = 1e-12
+# Least size of a constant pivot beside traced entries, whose size is unknown: direction
+# cosines that are zero but for the digits of a file must not be pivots.
 ALONE = 1e-3
 
 
@@ -45,10 +48,13 @@ def solution(A: Any, B: Any) -> Any:
         If A is structurally singular; the argument is the index of an unsolvable row.
 
     """
-    left: Matrix = [list(row) for row in np.asarray(A, dtype=object)]
-    right: Matrix = [list(row) for row in np.asarray(B, dtype=object)]
+    # Constant pivots first, then the blocks of what remains.
+    left: Matrix = np.asarray(A, dtype=object).tolist()
+    right: Matrix = np.asarray(B, dtype=object).tolist()
     pivot_rows = _eliminate_constants(left, right)
     by_blocks = _solve_blocks(left, right, pivot_rows)
+
+    # The unknowns of constant pivots follow from those of the blocks.
     X: Matrix = []
     for c in range(len(left)):
         if c in by_blocks:
@@ -60,12 +66,14 @@ def solution(A: Any, B: Any) -> Any:
 
 
 def _eliminate_constants(left: Matrix, right: Matrix) -> dict[int, int]:
-    """Eliminate by Gauss-Jordan, in place; return the pivot row of each solved column."""
+    """Eliminate by Gauss-Jordan, in place; return the pivot rows of solved columns."""
     smallest = [ROUNDING * _largest_constant(row) for row in left]
     pivot_rows: dict[int, int] = {}
     while (pivot := _constant_pivot(left, pivot_rows, smallest)) is not None:
         row, column = pivot
         pivot_rows[column] = row
+
+        # The pivot's row gets the pivot 1; all other rows lose its multiples.
         scale = 1.0 / left[row][column]
         left[row] = _scaled(scale, left[row])
         right[row] = _scaled(scale, right[row])
@@ -78,23 +86,32 @@ def _eliminate_constants(left: Matrix, right: Matrix) -> dict[int, int]:
     return pivot_rows
 
 
-def _solve_blocks(left: Matrix, right: Matrix, pivot_rows: dict[int, int]) -> dict[int, Row]:
+def _solve_blocks(left: Matrix, right: Matrix,
+                  pivot_rows: dict[int, int]) -> dict[int, Row]:
     """Return the unknowns that no constant pivot has solved, by their columns."""
     X: dict[int, Row] = {}
     for rows, columns in _triangular_blocks(left, pivot_rows):
         diagonal = _part(left, rows, columns)
+        right_of_block = [right[r] for r in rows]
+
         # Unknowns of earlier blocks that the rows of this block contain.
-        earlier = [c for c in sorted(X) if not all(is_zero(left[r][c]) for r in rows)]
+        earlier = []
+        for c in sorted(X):
+            if not all(is_zero(left[r][c]) for r in rows):
+                earlier.append(c)
         coupling = _part(left, rows, earlier)
         known = [X[c] for c in earlier]
-        unknowns = _block_unknowns(diagonal, [right[r] for r in rows], coupling, known)
+        unknowns = _block_unknowns(diagonal, right_of_block, coupling, known)
         X.update(zip(columns, unknowns))
     return X
 
 
 def _part(A: Matrix, rows: list[int], columns: list[int]) -> Matrix:
     """Return the submatrix of some rows and columns."""
-    return [[A[r][c] for c in columns] for r in rows]
+    part = []
+    for r in rows:
+        part.append([A[r][c] for c in columns])
+    return part
 
 
 def _minus_products(row: Row, factors: Row, X: dict[int, Row]) -> Row:
@@ -106,10 +123,12 @@ def _minus_products(row: Row, factors: Row, X: dict[int, Row]) -> Row:
 
 
 def _largest_constant(row: Row) -> float:
-    return max((abs(x) for x in row if _is_constant(x)), default=0.0)
+    """Return the largest absolute value of the constants of a row, or 0."""
+    constants = filter(_is_constant, row)
+    return max(map(abs, constants), default=0.0)
 
 
-def _is_constant(entry: Any) -> bool:
+def _is_constant(entry: Scalar) -> bool:
     """Return whether an entry is a number, the same in every state."""
     return isinstance(entry, (int, float))
 
@@ -119,18 +138,25 @@ def _constant_pivot(A: Matrix, pivot_rows: dict[int, int],
     """
     Return (row, column) of the best constant pivot, or None if there is none.
 
-    The best one is large beside the other constants of its row, and its row has few entries, so
-    that elimination fills few zeros.
+    The best one is large beside the other constants of its row, and its row has few
+    entries, so that elimination fills few zeros.
     """
     pivot: tuple[int, int] | None = None
     best_rank = -np.inf
     for r, row in enumerate(A):
         if r in pivot_rows.values():
             continue
-        unsolved = [c for c in range(len(row)) if c not in pivot_rows]
-        sizes = {c: abs(row[c]) for c in unsolved if _is_constant(row[c])}
+        sizes: dict[int, float] = {}
+        has_traced = False
+        for c, entry in enumerate(row):
+            if c in pivot_rows:
+                continue
+            if _is_constant(entry):
+                sizes[c] = abs(entry)
+            else:
+                has_traced = True
         largest = max(sizes.values(), default=0.0)
-        if len(sizes) < len(unsolved) and largest < ALONE:
+        if has_traced and largest < ALONE:
             continue
         filled = sum(not is_zero(x) for x in row)
         for c, size in sizes.items():
@@ -145,26 +171,40 @@ def _constant_pivot(A: Matrix, pivot_rows: dict[int, int],
 
 def _triangular_blocks(A: Matrix, pivot_rows: dict[int, int]
                        ) -> list[tuple[list[int], list[int]]]:
-    """Return rows and columns of the diagonal blocks; each depends on earlier columns only."""
+    """Return rows and columns of the diagonal blocks, in the order of their solution."""
     n = len(A)
-    rows = [r for r in range(n) if r not in pivot_rows.values()]
     unsolved = [c for c in range(n) if c not in pivot_rows]
-    columns = {r: [c for c in unsolved if not is_zero(A[r][c])] for r in rows}
-    # A permutation with a full diagonal: each row gets a column in which it has an entry.
+    columns: dict[int, list[int]] = {}  # of a row: those in which it has an entry
+    for r in range(n):
+        if r not in pivot_rows.values():
+            columns[r] = [c for c in unsolved if not is_zero(A[r][c])]
+
+    # A permutation with a full diagonal: each row gets a column in which it has an
+    # entry.
     owner: dict[int, int] = {}  # of a column: its row
-    for r in rows:
+    for r in columns:
         if not _match(r, columns, owner, set()):
             raise ZeroDivisionError(r)
-    column = {r: c for c, r in owner.items()}
-    # A row needs the rows that own the other columns in which it has entries. Rows that need one
-    # another are a block.
-    needs = {r: [owner[c] for c in columns[r]] for r in rows}
-    return [(sorted(block), sorted(column[r] for r in block)) for block in _components(needs)]
+    column_of = {r: c for c, r in owner.items()}
+
+    # A row needs the rows that own the other columns in which it has entries. Rows that
+    # need one another are a block.
+    needs: dict[int, list[int]] = {}
+    for r, entries in columns.items():
+        needs[r] = [owner[c] for c in entries]
+    blocks = []
+    for rows in _components(needs):
+        blocks.append((sorted(rows), sorted(column_of[r] for r in rows)))
+    return blocks
 
 
 def _match(row: int, columns: dict[int, list[int]], owner: dict[int, int],
            visited: set[int]) -> bool:
-    """Give a row a column of its own, moving other rows if needed; return whether it has one."""
+    """
+    Give a row a column of its own; return whether it has one.
+
+    The rows that own its columns move to others if they can (augmenting path).
+    """
     for c in columns[row]:
         if c in visited:
             continue
@@ -179,7 +219,8 @@ def _components(needs: dict[int, list[int]]) -> list[list[int]]:
     """
     Return the strongly connected components of a graph, those needed by others first.
 
-    Tarjan's algorithm: `lowest` is the smallest number of an open node that a node reaches.
+    Tarjan's algorithm: `lowest` is the smallest number of an open node that a node
+    reaches.
     """
     number: dict[int, int] = {}
     lowest: dict[int, int] = {}
@@ -207,24 +248,35 @@ def _components(needs: dict[int, list[int]]) -> list[list[int]]:
 
 
 def _block_unknowns(A: Matrix, B: Matrix, C: Matrix, X: Matrix) -> Matrix:
-    """Return A^-1 (B - C X) or A^-1 B - (A^-1 C) X, whichever takes fewer multiplications."""
+    """
+    Return A^-1 (B - C X).
+
+    Or A^-1 B - (A^-1 C) X, whichever takes fewer multiplications.
+    """
     m = len(A)
     k = len(B[0])
-    b, c, x = _filled(B, k), _filled(C, len(X)), _filled(X, k)
+
+    # Multiplications of both forms, by the entries that are not structurally zero.
+    b = _filled(B, k)
+    c = _filled(C, len(X))
+    x = _filled(X, k)
     products = c.astype(int) @ x.astype(int)  # of each entry of C X
     together = products.sum() + m * np.sum((products > 0) | b)
     apart = m * (b.sum() + c.sum() + x.sum())
     if apart < together:
-        both = _block_solution(A, [[*row, *factors] for row, factors in zip(B, C)])
+        right = [[*row, *factors] for row, factors in zip(B, C)]
+        both = _block_solution(A, right)
         return [_minus_combination(row[:k], row[k:], X) for row in both]
     right = [_minus_combination(row, factors, X) for row, factors in zip(B, C)]
     return _block_solution(A, right)
 
 
-def _filled(A: Matrix, columns: int) -> NDArray[np.bool_]:
+def _filled(A: Matrix, columns: int) -> Flags:
     """Return which entries are not structurally zero; A may have no rows."""
-    flags = [[not is_zero(entry) for entry in row] for row in A]
-    return np.array(flags, dtype=bool).reshape(len(A), columns)
+    flags = np.zeros((len(A), columns), dtype=bool)
+    for flags_of_row, row in zip(flags, A):
+        flags_of_row[:] = [not is_zero(entry) for entry in row]
+    return flags
 
 
 def _minus_combination(row: Row, factors: Row, X: Matrix) -> Row:
@@ -239,16 +291,19 @@ def _block_solution(A: Matrix, B: Matrix) -> Matrix:
     n = len(A)
     if n > 3:
         return _solve_by_gram_schmidt(A, B)
-    if n == 1:
-        adjugate: Matrix = [[1.0]]
-    else:
-        adjugate = [[_cofactor(A, r, c) for r in range(n)] for c in range(n)]
+
+    # The adjugate, and the determinant from its first column.
+    adjugate: Matrix = [[1.0]]
+    if n > 1:
+        adjugate = []
+        for c in range(n):
+            adjugate.append([_cofactor(A, r, c) for r in range(n)])
     determinant = sum(A[0][c] * adjugate[c][0] for c in range(n))
     scale = 1.0 / determinant
     return [_combination(_scaled(scale, row), B) for row in adjugate]
 
 
-def _cofactor(A: Matrix, row: int, column: int) -> Any:
+def _cofactor(A: Matrix, row: int, column: int) -> Scalar:
     """Return the cofactor of an entry of a 2 x 2 or 3 x 3 matrix."""
     rows = [r for r in range(len(A)) if r != row]
     columns = [c for c in range(len(A)) if c != column]
@@ -267,7 +322,9 @@ def _solve_by_gram_schmidt(A: Matrix, B: Matrix) -> Matrix:
     for k in range(n):
         row = list(A[k])
         weight = list(B[k])
-        for _ in range(2):  # twice: orthogonal to rounding even for nearly dependent rows
+
+        # Twice: orthogonal to rounding even for nearly dependent rows.
+        for _ in range(2):
             for unit, unit_weight in zip(basis, weights):
                 along = _dot(row, unit)
                 row = _minus_multiple(row, along, unit)
@@ -275,13 +332,18 @@ def _solve_by_gram_schmidt(A: Matrix, B: Matrix) -> Matrix:
         scale = 1.0 / np.sqrt(_dot(row, row))
         basis.append(_scaled(scale, row))
         weights.append(_scaled(scale, weight))
-    return [_combination([unit[c] for unit in basis], weights) for c in range(n)]
+
+    # X = Q times the weights, row by row.
+    X = []
+    for c in range(n):
+        X.append(_combination([unit[c] for unit in basis], weights))
+    return X
 
 
-# ---------------------------------------------------------------- rows without zero arithmetic
+# ------------------------------------------------------- rows without zero arithmetic
 
-def _dot(a: Row, b: Row) -> Any:
-    total: Any = 0.0
+def _dot(a: Row, b: Row) -> Scalar:
+    total: Scalar = 0.0
     for x, y in zip(a, b):
         if not (is_zero(x) or is_zero(y)):
             total = total + x * y
@@ -290,15 +352,20 @@ def _dot(a: Row, b: Row) -> Any:
 
 def _combination(weights: Row, rows: Matrix) -> Row:
     """Return weights @ rows."""
-    return [_dot(weights, [row[c] for row in rows]) for c in range(len(rows[0]))]
+    result = []
+    for c in range(len(rows[0])):
+        result.append(_dot(weights, [row[c] for row in rows]))
+    return result
 
 
-def _scaled(scale: Any, row: Row) -> Row:
-    return [0.0 if is_zero(scale) or is_zero(x) else scale * x for x in row]
+def _scaled(scale: Scalar, row: Row) -> Row:
+    if is_zero(scale):
+        return [0.0] * len(row)
+    return [0.0 if is_zero(x) else scale * x for x in row]
 
 
-def _minus_multiple(row: Row, factor: Any, other: Row) -> Row:
-    """Return row - factor other."""
+def _minus_multiple(row: Row, factor: Scalar, subtracted: Row) -> Row:
+    """Return row - factor subtracted."""
     if is_zero(factor):
         return row
-    return [x if is_zero(y) else x - factor * y for x, y in zip(row, other)]
+    return [x if is_zero(y) else x - factor * y for x, y in zip(row, subtracted)]

@@ -1,24 +1,25 @@
 """
 LTDL factorization M = L^T D L of symmetric positive definite matrices, without pivoting.
 
-Eliminating a kinematic tree from the leaves to the root creates no fill-in: entries of the mass
-matrix that are zero because two joints are on different branches stay zero (Featherstone, Rigid
-Body Dynamics Algorithms, 6.5). Structurally zero entries cause no arithmetic.
+Eliminating a kinematic tree from the leaves to the root creates no fill-in: entries of
+the mass matrix that are zero because two joints are on different branches stay zero
+(Featherstone, Rigid Body Dynamics Algorithms, 6.5). Structurally zero entries cause no
+arithmetic.
 """
 
 from collections.abc import Container, Sequence
-from typing import Any
 
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import is_zero
 import numpy as np
 
+# Of a pivot that may be rounding, over n, relative to its diagonal entry.
+PIVOT = 16.0 * float(np.finfo(float).eps)
+Factors = tuple[list[list[Scalar]], list[Scalar]]  # L by rows, and 1 / D
 
-PIVOT = 16.0 * float(np.finfo(float).eps)  # over n: a pivot relative to its diagonal entry
 
-
-def factorize(M: Any, order: Sequence[int],
-              watched: Container[int] = ()) -> tuple[list[list[Any]], list[Any]]:
+def factorize(M: Matrix, order: Sequence[int], watched: Container[int] = ()) -> Factors:
     """
     Return the LTDL factorization M = L^T D L.
 
@@ -29,7 +30,8 @@ def factorize(M: Any, order: Sequence[int],
     order : sequence of int
         Row indices in topological order: parents before children.
     watched : container of int
-        Rows whose pivot may be rounding: its reciprocal is NaN then, because M is singular.
+        Rows whose pivot may be rounding: its reciprocal is NaN then, because M is
+        singular.
 
     Returns
     -------
@@ -44,16 +46,20 @@ def factorize(M: Any, order: Sequence[int],
         If a pivot is structurally zero; the argument is the row index.
 
     """
-    A = [[M[r, s] for s in order] for r in order]
     n = len(order)
-    L: list[list[Any]] = [[0.0] * n for _ in range(n)]
-    reciprocal: list[Any] = [None] * n
-    for i in reversed(range(n)):  # row by row: each entry is finished before the next begins
+    A = [[M[r, s] for s in order] for r in order]
+    L: list[list[Scalar]] = [[0.0] * n for _ in range(n)]
+    reciprocal: list[Scalar] = [None] * n
+    for i in reversed(range(n)):
+        # Row i loses the multiples of the rows k that eliminated an entry of column i.
+        # Each entry is finished before the next one begins.
         later = [k for k in reversed(range(i + 1, n)) if not is_zero(L[k][i])]
         for j in reversed(range(i + 1)):
             for k in later:
                 if not is_zero(A[k][j]):
                     A[i][j] = A[i][j] - L[k][i] * A[k][j]
+
+        # Its pivot, and row i of L.
         if is_zero(A[i][i]):
             raise ZeroDivisionError(order[i])
         reciprocal[i] = 1.0 / A[i][i]
@@ -65,37 +71,53 @@ def factorize(M: Any, order: Sequence[int],
     return L, reciprocal
 
 
-def regular(reciprocal: Any, pivot: Any, diagonal: Any, n: int) -> Any:
-    """Return the reciprocal of a pivot, NaN if the pivot is rounding of the diagonal of M."""
+def regular(reciprocal: Scalar, pivot: Scalar, diagonal: Scalar, n: int) -> Scalar:
+    """Return the reciprocal of a pivot, NaN if it is rounding of the diagonal of M."""
     return select(n * PIVOT * diagonal < pivot, reciprocal, np.nan)
 
 
-def solve(factors: tuple[list[list[Any]], list[Any]], order: Sequence[int], b: Any) -> Any:
+def solve(factors: Factors, order: Sequence[int], b: Vector) -> Vector:
     """Return M^-1 b from the result of `factorize`."""
     L, reciprocal = factors
     n = len(order)
-    x: list[Any] = [b[r] for r in order]
+    x: list[Scalar] = [b[r] for r in order]
+
+    # L^T x' = b, from the leaves to the root.
     for k in reversed(range(n)):
         for i in range(k):
             if not (is_zero(L[k][i]) or is_zero(x[k])):
                 x[i] = x[i] - L[k][i] * x[k]
+
+    # L x = D^-1 x', from the root to the leaves.
     for k in range(n):
         if not is_zero(x[k]):
             x[k] = x[k] * reciprocal[k]
         for i in range(k):
             if not (is_zero(L[k][i]) or is_zero(x[i])):
                 x[k] = x[k] - L[k][i] * x[i]
-    result: list[Any] = [0.0] * n
+    result: list[Scalar] = [0.0] * n
     for k, r in enumerate(order):
         result[r] = x[k]
     return np.array(result)
 
 
-def inverse(factors: tuple[list[list[Any]], list[Any]], order: Sequence[int]) -> Any:
+def inverse(factors: Factors, order: Sequence[int]) -> Matrix:
     """Return M^-1, (n, n), exactly symmetric, from the result of `factorize`."""
     n = len(order)
-    columns = [solve(factors, order, [1.0 if r == k else 0.0 for r in range(n)])
-               for k in range(n)]
+    columns = []
+    for k in range(n):
+        unit = [0.0] * n
+        unit[k] = 1.0
+        columns.append(solve(factors, order, unit))
+
+    # Both triangles get the entries of one, in which a descendant's column is solved for
+    # its ancestors.
     rank = {r: k for k, r in enumerate(order)}
-    return np.array([[columns[r][s] if rank[r] >= rank[s] else columns[s][r]
-                      for s in range(n)] for r in range(n)])
+    rows: list[list[Scalar]] = [[None] * n for _ in range(n)]
+    for r in range(n):
+        for s in range(n):
+            if rank[r] >= rank[s]:
+                rows[r][s] = columns[r][s]
+            else:
+                rows[r][s] = columns[s][r]
+    return np.array(rows)

@@ -1,4 +1,4 @@
-"""Piecewise polynomials: cubic and quintic segments, and velocities of a cubic spline."""
+"""Piecewise polynomials: cubic and quintic segments, velocities of a cubic spline."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,9 +9,11 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.user_functions import Unknown
 import numpy as np
 
-MOST_PIECES = 5000  # of a traced polynomial: each call compares the argument with every piece
+# Of a traced polynomial: each call compares the argument with every piece.
+MOST_PIECES = 5000
 
-# Coefficients in x = (t - t0) / h of the quintic with given q, h u, h^2 udot at x = 0 and x = 1.
+# Coefficients in x = (t - t0) / h of the quintic with given q, h u, h^2 udot at x = 0
+# and x = 1.
 _QUINTIC = np.array([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
                      [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
                      [0.0, 0.0, 0.5, 0.0, 0.0, 0.0],
@@ -31,8 +33,8 @@ def spline_velocities(t: Array, q: Array, first: Array) -> Array:
     """
     Return the velocities, (K, n), for which udot is continuous at all inner points.
 
-    The velocity is `first` at the first point and zero at the last. The inner velocities solve
-    the tridiagonal, diagonally dominant system
+    The velocity is `first` at the first point and zero at the last. The inner velocities
+    solve the tridiagonal, diagonally dominant system
     ``u[i-1] / h[i-1] + 2 (1 / h[i-1] + 1 / h[i]) u[i] + u[i+1] / h[i]
     = 3 (dq[i-1] / h[i-1]^2 + dq[i] / h[i]^2)``.
     """
@@ -41,6 +43,7 @@ def spline_velocities(t: Array, q: Array, first: Array) -> Array:
         return u
     u[0] = first
     if len(t) > 2:
+        # The rows of the inner points; the known first velocity goes to the right.
         r = 1.0 / np.diff(t)[:, None]
         slope = 3.0 * np.diff(q, axis=0) * (r * r)
         right = slope[:-1] + slope[1:]
@@ -51,46 +54,58 @@ def spline_velocities(t: Array, q: Array, first: Array) -> Array:
 
 def free_velocities(t: Array, q: Array) -> Array:
     """
-    Return the velocities, (K, n), of the spline whose first and last two cubics are the same.
+    Return the velocities, (K, n), of the spline whose two cubics at each end are one.
 
-    At the inner points udot is continuous ("not-a-knot" spline). With three points it is the
-    parabola through them, with two the line.
+    At the inner points udot is continuous ("not-a-knot" spline). With three points it is
+    the parabola through them, with two the line.
     """
-    h, rise = (t[1:] - t[:-1])[:, None], q[1:] - q[:-1]
-    slope = rise / h
+    h = (t[1:] - t[:-1])[:, None]
+    slope = (q[1:] - q[:-1]) / h
     if len(t) < 3:
         return np.concatenate([slope, slope])
-    if len(t) == 3:
+    if len(t) == 3:  # a parabola: the velocity is linear in time
         bend = (slope[1] - slope[0]) / (h[0] + h[1])
-        return np.stack([slope[0] - h[0] * bend, slope[0] + h[0] * bend, slope[1] + h[1] * bend])
-    u, r = np.empty_like(q), 1.0 / h
-    ends = [((3.0 * a + 2.0 * b) * b * near + a * a * far) / (a + b) for a, b, near, far in (
-        (h[0], h[1], slope[0], slope[1]), (h[-1], h[-2], slope[-1], slope[-2]))]
+        return np.stack([slope[0] - h[0] * bend, slope[0] + h[0] * bend,
+                         slope[1] + h[1] * bend])
+
+    # The conditions at the second point from each end, then those at inner points.
+    first = _end_condition(h[0], h[1], slope[0], slope[1])
+    last = _end_condition(h[-1], h[-2], slope[-1], slope[-2])
+    r = 1.0 / h
     right = 3.0 * (slope[:-1] * r[:-1] + slope[1:] * r[1:])
     diagonal = 2.0 * (r[:-1] + r[1:])
-    for k, beside, end in ((0, 1, ends[0]), (-1, -2, ends[1])):
+    for k, beside, end in ((0, 1, first), (-1, -2, last)):
         # The end velocity u = (end - (h + h_beside) u_beside) / h_beside is eliminated.
         right[k] -= r[k] * r[beside] * end
         diagonal[k] *= 0.5
+    u = np.empty_like(q)
     u[1:-1] = tridiagonal_solution(r[:-1], diagonal, r[1:], right)
-    u[0] = r[1] * (ends[0] - (h[0] + h[1]) * u[1])
-    u[-1] = r[-2] * (ends[1] - (h[-1] + h[-2]) * u[-2])
+    u[0] = r[1] * (first - (h[0] + h[1]) * u[1])
+    u[-1] = r[-2] * (last - (h[-1] + h[-2]) * u[-2])
     return u
+
+
+def _end_condition(h: Array, h_beside: Array, slope: Array,
+                   slope_beside: Array) -> Array:
+    """Return h_beside u + (h + h_beside) u_beside for which two end cubics are one."""
+    weighted = (3.0 * h + 2.0 * h_beside) * h_beside * slope + h * h * slope_beside
+    return np.asarray(weighted / (h + h_beside))
 
 
 def tridiagonal_solution(a: Array, b: Array, c: Array, d: Array) -> Array:
     """
-    Return x, (m, n), with ``a[i] x[i-1] + b[i] x[i] + c[i] x[i+1] = d[i]``, diagonally dominant.
+    Return x, (m, n), with ``a[i] x[i-1] + b[i] x[i] + c[i] x[i+1] = d[i]``.
 
-    Cyclic reduction: the equations with even numbers eliminate their unknowns from the others,
-    which are half as many. It needs a few operations on arrays where Thomas' elimination needs
-    one for each row.
+    The system is diagonally dominant.
+    Cyclic reduction: the equations with even numbers eliminate their unknowns from the
+    others, which are half as many. It needs a few operations on arrays where Thomas'
+    elimination needs one for each row.
 
     Parameters
     ----------
     a, b, c : (m, 1) arrays
-        Lower diagonal (its first entry is ignored), diagonal, and upper diagonal (its last entry
-        is ignored).
+        Lower diagonal (its first entry is ignored), diagonal, and upper diagonal (its
+        last entry is ignored).
     d : (m, n) array
         Right-hand sides.
 
@@ -98,42 +113,59 @@ def tridiagonal_solution(a: Array, b: Array, c: Array, d: Array) -> Array:
     count = len(b)
     if count == 1:
         return np.asarray(d / b)
-    odd, after = slice(1, None, 2), slice(2, None, 2)
-    before = slice(0, count - 1, 2)
-    down = a[odd] / b[before]
-    up = np.zeros_like(down)  # the last odd row may have no row after it
-    up[:len(b[after])] = c[odd][:len(b[after])] / b[after]
 
-    def following(rows: Array) -> Array:
+    # Multiples of the rows before and after each odd row, which eliminate even unknowns.
+    odd = slice(1, None, 2)
+    previous = slice(0, count - 1, 2)
+    following = slice(2, None, 2)
+    down = a[odd] / b[previous]
+    up = np.zeros_like(down)  # the last odd row may have no row after it
+    up[:len(b[following])] = c[odd][:len(b[following])] / b[following]
+
+    def after_odd(rows: Array) -> Array:
         """Return the row after each odd row; a row of zeros after the last."""
-        return rows[after] if count % 2 else np.concatenate([rows[after], 0.0 * rows[:1]])
+        if count % 2:
+            return rows[following]
+        return np.concatenate([rows[following], 0.0 * rows[:1]])
+
+    # The system of the odd unknowns.
+    lower = -down * a[previous]
+    diagonal = b[odd] - down * c[previous] - up * after_odd(a)
+    upper = -up * after_odd(c)
+    right = d[odd] - down * d[previous] - up * after_odd(d)
     x = np.empty_like(d)
-    x[odd] = tridiagonal_solution(
-        -down * a[before], b[odd] - down * c[before] - up * following(a), -up * following(c),
-        d[odd] - down * d[before] - up * following(d))
+    x[odd] = tridiagonal_solution(lower, diagonal, upper, right)
+
+    # Each even unknown from its own row.
     even = d[::2].copy()
-    even[1:] -= a[after] * x[odd][:len(even) - 1]
-    even[:len(x[odd])] -= c[before] * x[odd]
+    even[1:] -= a[following] * x[odd][:len(even) - 1]
+    even[:len(x[odd])] -= c[previous] * x[odd]
     x[::2] = even / b[::2]
     return x
 
 
 def segment_ends(t: Array, q: Array, u: Array, udot: Array | None) -> Array:
-    """Return q, h u and h^2 udot (if given) at both ends of all segments, (4 or 6, K - 1, n)."""
+    """
+    Return q, h u and h^2 udot at both ends of all segments, (6, K - 1, n).
+
+    Without udot, (4, K - 1, n).
+    """
     h = (t[1:] - t[:-1])[:, None]
     if udot is None:
         return np.array([q[:-1], h * u[:-1], q[1:], h * u[1:]])
-    return np.array([q[:-1], h * u[:-1], h * h * udot[:-1], q[1:], h * u[1:], h * h * udot[1:]])
+    return np.array([q[:-1], h * u[:-1], h * h * udot[:-1],
+                     q[1:], h * u[1:], h * h * udot[1:]])
 
 
 def segment_coefficients(t: Array, q: Array, u: Array, udot: Array | None) -> Array:
-    """Return the polynomial coefficients of all segments in x from 0 to 1, (K - 1, 6, n)."""
+    """Return the coefficients of all segments in x from 0 to 1, (K - 1, 6, n)."""
     ends = segment_ends(t, q, u, udot)
     basis = _CUBIC if udot is None else _QUINTIC
-    out = np.zeros((len(t) - 1, 6, q.shape[1]))
-    out[:, :len(basis)] = (basis @ ends.reshape(len(basis), -1)).reshape(
-        len(basis), *ends.shape[1:]).swapaxes(0, 1)
-    return out
+    size = len(basis)
+    coefficients = (basis @ ends.reshape(size, -1)).reshape(ends.shape)
+    result = np.zeros((len(t) - 1, 6, q.shape[1]))
+    result[:, :size] = coefficients.swapaxes(0, 1)
+    return result
 
 
 def inside_segments(ends: Array, h: Array, x: Array) -> tuple[Array, Array, Array]:
@@ -150,18 +182,27 @@ def inside_segments(ends: Array, h: Array, x: Array) -> tuple[Array, Array, Arra
         Fractions of the durations, from 0 to 1.
 
     """
+    # Powers of x, and their derivatives by x.
     powers = x[:, None] ** np.arange(6)
     first, second = np.zeros((2, *powers.shape))
     first[:, 1:] = np.arange(1, 6) * powers[:, :5]
     second[:, 2:] = np.arange(2, 6) * np.arange(1, 5) * powers[:, :4]
     known = ends.copy()
-    known[3] -= known[0]  # so that a joint that does not move has no velocity by rounding
-    shape, rate = (len(x), *ends.shape[1:]), (1.0 / h)[:, None]
-    out = []
-    for each in (powers, first, second):
-        out.append((each @ _BY_RISE @ known.reshape(6, -1)).reshape(shape))
-        known *= rate
-    return out[0], out[1], out[2]
+    # Rises, so that a joint that does not move has no velocity by rounding.
+    known[3] -= known[0]
+
+    def combined(factors: Array) -> Array:
+        values = factors @ _BY_RISE @ known.reshape(6, -1)
+        return np.asarray(values.reshape(len(x), *ends.shape[1:]))
+
+    # Each time derivative divides by h.
+    rate = (1.0 / h)[:, None]
+    q = combined(powers)
+    known *= rate
+    u = combined(first)
+    known *= rate
+    udot = combined(second)
+    return q, u, udot
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,24 +227,32 @@ class PiecewisePolynomial:
         if not isinstance(t, Unknown):
             return self(Unknown(t)).inner
         t = np.clip(t, self.times[0], self.times[-1])
-        table = np.column_stack([self.times[:-1], 1.0 / np.diff(self.times), self.coefficients])
+        rates = 1.0 / np.diff(self.times)
+        table = np.column_stack([self.times[:-1], rates, self.coefficients])
+
+        # The row of the piece at t: of the last one that begins before it.
         chosen = list(table[0])
         for start, row in zip(self.times[1:-1], table[1:]):
             later = t >= start
-            chosen = [np.where(later, value, before) for value, before in zip(row, chosen)]
-        x = (t - chosen[0]) * chosen[1]
-        value = chosen[-1]
-        for coefficient in chosen[-2:1:-1]:
+            chosen = [np.where(later, x, earlier) for x, earlier in zip(row, chosen)]
+        start_time, rate, *coefficients = chosen
+
+        # Its polynomial in x, by Horner's rule.
+        x = (t - start_time) * rate
+        value = coefficients[-1]
+        for coefficient in reversed(coefficients[:-1]):
             value = value * x + coefficient
         return value
 
 
 def clamped_spline(times: Any, positions: Any) -> PiecewisePolynomial:
-    """Check the times and return the cubic spline through a table, at rest at both ends."""
+    """Return the cubic spline through a checked table, at rest at both ends."""
     t = constant(times, (np.size(times),), 'times')
     q = constant(positions, t.shape, 'positions')
     if len(t) < 2 or len(t) > MOST_PIECES or not (np.diff(t) > 0.0).all():
         raise InputError(f'times: {len(t)}, from {t[:1].tolist()} to {t[-1:].tolist()}; '
                          f'expected 2 to {MOST_PIECES}, strictly increasing')
-    u = spline_velocities(t, q[:, None], np.zeros(1))
-    return PiecewisePolynomial(t, segment_coefficients(t, q[:, None], u, None)[:, :, 0])
+    column = q[:, None]
+    u = spline_velocities(t, column, np.zeros(1))
+    coefficients = segment_coefficients(t, column, u, None)
+    return PiecewisePolynomial(t, coefficients[:, :, 0])
