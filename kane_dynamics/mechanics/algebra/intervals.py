@@ -53,7 +53,7 @@ def highest_free(intervals: Array, low: float, high: float) -> float | None:
     if not len(ends) or ends[0] <= high:
         return high
 
-    # Below the start of all intervals above the first gap.
+    # Below the start of all intervals above the first free space between them.
     gaps = np.flatnonzero(ends[1:] <= starts[:-1])
     place = gaps[0] if len(gaps) else -1
     highest = float(starts[place])

@@ -182,7 +182,7 @@ def inside_segments(ends: Array, h: Array, x: Array) -> tuple[Array, Array, Arra
         Fractions of the durations, from 0 to 1.
 
     """
-    # Powers of x, and their derivatives by x.
+    # Powers of x, and their first and second derivatives.
     powers = x[:, None] ** np.arange(6)
     first, second = np.zeros((2, *powers.shape))
     first[:, 1:] = np.arange(1, 6) * powers[:, :5]
