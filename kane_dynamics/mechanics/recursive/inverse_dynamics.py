@@ -1,23 +1,25 @@
 """
 Inverse dynamics of trees: Kane's equations in recursive Newton-Euler form (RNEA).
 
-In a tree, the partial angular velocity of all bodies outboard of joint j is the joint's axis s
-(revolute) or zero (prismatic), and the partial velocity of a point r is s x (r - p_j) or s. So
-Kane's double sum over bodies and speeds factors into an outward pass for motions, an inward pass
-that sums inertia forces and moments over subtrees, and one dot product with the axis per joint
-(Angeles, Ma & Rojas, Computers & Mathematics with Applications 17, 1989). All quantities are in
-link axes (see `link_frames`), where the joint axis is z.
+In a tree, the partial angular velocity of all bodies outboard of joint j is the joint's
+axis s (revolute) or zero (prismatic), and the partial velocity of a point r is
+s x (r - p_j) or s. So Kane's double sum over bodies and speeds factors into an outward
+pass for motions, an inward pass that sums inertia forces and moments over subtrees, and
+one dot product with the axis per joint (Angeles, Ma & Rojas, Computers & Mathematics
+with Applications 17, 1989). All quantities are in link axes (see `link_frames`), where
+the joint axis is z.
 
-Gravity enters as an acceleration -g of the base. A mimic joint adds its multiplier times its axis
-to the partial velocities of its coordinate.
+Gravity enters as an acceleration -g of the base. A mimic joint adds its multiplier times
+its axis to the partial velocities of its coordinate.
 """
 
 from collections.abc import Sequence
 from copy import copy
-from typing import Any
 
-from kane_dynamics.mechanics.algebra.vector import (cross, inertia_moment, is_zero, rate_tensor,
-                                                    rotated_about_z, sin_cos, symmetric)
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
+from kane_dynamics.mechanics.algebra.vector import (cross, inertia_moment, is_zero,
+                                                    rate_tensor, rotated_about_z,
+                                                    sin_cos, symmetric)
 from kane_dynamics.mechanics.recursive.flexible_modes import bent
 from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.model.model import WORLD
@@ -26,58 +28,77 @@ import numpy as np
 Z = np.array([0.0, 0.0, 1.0])
 REST = np.array([0.0, 0.0, 0.0])
 AT_REST = np.zeros((3, 3))
-# In link axes: omega, alpha, acceleration of the origin minus gravity, U = `rate_tensor`.
-LinkMotion = tuple[Any, Any, Any, Any]
+# In link axes: omega, alpha, acceleration of the origin minus gravity, U =
+# `rate_tensor`.
+LinkMotion = tuple[Vector, Vector, Vector, Matrix]
 
 
 class JointStep:
-    """Transform from a parent link to a link at one joint position: rotation and offset."""
+    """Transform from a parent link to a link at one joint position: rotation, offset."""
 
-    def __init__(self, link: Link, q: Any) -> None:
+    def __init__(self, link: Link, q: Vector) -> None:
         """Evaluate the transform at the coordinates q, (n,)."""
-        angle = link.position(q)
+        position = link.position(q)
         self.partials = link.partials(q)
         self.rotation = link.rotation
         self.axis = link.rotation @ Z
         self.turns = link.kind == 'revolute'
         if self.turns:
-            self.s, self.c = sin_cos(angle, link.offset)
-            self.offset: Any = link.translation
+            self.s, self.c = sin_cos(position, link.offset)
+            self.offset: Vector = link.translation
         else:
             self.s, self.c = 0.0, 1.0
-            self.offset = link.translation + self.axis * (angle + link.offset)
+            self.offset = link.translation + self.axis * (position + link.offset)
 
-    def at(self, s: Any, c: Any, offset: Any) -> 'JointStep':
+    def at(self, s: Scalar, c: Scalar, offset: Vector) -> 'JointStep':
         """Return the transform at another position: its sine, cosine and offset."""
-        other = copy(self)
-        other.s, other.c, other.offset = s, c, offset
-        return other
+        moved = copy(self)
+        moved.s = s
+        moved.c = c
+        moved.offset = offset
+        return moved
 
-    def inward(self, v: Any) -> Any:
+    def inward(self, v: Vector) -> Vector:
         """Transform a vector from link axes to the parent's axes."""
         x, y, z = v
-        return self.rotation @ np.array([self.c * x - self.s * y, self.s * x + self.c * y, z])
+        turned = np.array([self.c * x - self.s * y, self.s * x + self.c * y, z])
+        return self.rotation @ turned
 
-    def outward(self, v: Any) -> Any:
+    def outward(self, v: Vector) -> Vector:
         """Transform a vector from the parent's axes to link axes."""
         x, y, z = self.rotation.T @ v
         return np.array([self.c * x + self.s * y, self.c * y - self.s * x, z])
 
-    def inward_tensor(self, S: Any) -> Any:
+    def inward_tensor(self, S: Matrix) -> Matrix:
         """Transform a symmetric tensor from link axes to the parent's axes."""
         turned = rotated_about_z(S, self.s, self.c) if self.turns else S
         return symmetric(self.rotation @ turned @ self.rotation.T)
 
+    def inward_wrench(self, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
+        """Transform a force, and a moment about the origin, to the parent link."""
+        force = self.inward(force)
+        moment = self.inward(moment)
+        return force, moment + cross(self.offset, force)
 
-def link_motion(link: Link, step: JointStep, before: Sequence[LinkMotion], q: Any, u: Any,
-                udot: Any, gravity: Any) -> LinkMotion:
-    """Return the motion of a link from those of its predecessors; see `LinkMotion`."""
-    rate, acceleration = link.rate(q, u), link.acceleration(q, u, udot)
-    omega, alpha, a, U = (REST, REST, -gravity, AT_REST) if link.parent == WORLD else (
-        before[link.parent])
+
+def link_motion(link: Link, step: JointStep, motions: Sequence[LinkMotion], q: Vector,
+                u: Vector, udot: Vector, gravity: Vector) -> LinkMotion:
+    """Return the motion of a link from those of the links before; see `LinkMotion`."""
+    rate = link.rate(q, u)
+    acceleration = link.acceleration(q, u, udot)
+    if link.parent == WORLD:
+        omega, alpha, a, U = REST, REST, -gravity, AT_REST
+    else:
+        omega, alpha, a, U = motions[link.parent]
+
+    # Motion of the point of the parent at the link's origin, in link axes.
     U_z = step.outward(U @ step.axis)
-    omega, alpha, a = step.outward(omega), step.outward(alpha), step.outward(a + U @ step.offset)
+    omega = step.outward(omega)
+    alpha = step.outward(alpha)
+    a = step.outward(a + U @ step.offset)
     across = np.array([omega[1] * rate, -omega[0] * rate, 0.0])  # omega x (rate z)
+
+    # Motion of the joint. A slide adds a Coriolis acceleration.
     if link.kind == 'prismatic':
         a = a + 2.0 * across + acceleration * Z
         return omega, alpha, a, rate_tensor(omega, alpha)
@@ -85,33 +106,37 @@ def link_motion(link: Link, step: JointStep, before: Sequence[LinkMotion], q: An
     if sum(not is_zero(x) for x in step.axis) > 1:
         alpha = alpha + across + acceleration * Z
         return omega, alpha, a, rate_tensor(omega, alpha)
-    # The joint's axis is fixed in both links, so U z is the parent's, rotated to link axes;
-    # alpha follows from it.
+
+    # The axis is along one of the parent's. It is fixed in both links, so that U z is
+    # the parent's, rotated to link axes; alpha follows from it with less arithmetic.
     x, y, z = omega
     alpha = np.array([y * z - U_z[1], U_z[0] - x * z, alpha[2] + acceleration])
     U = rate_tensor(omega, alpha)
     return omega, alpha, a, np.stack([U[:, 0], U[:, 1], U_z], axis=1)
 
 
-def inertia_wrench(link: Link, motion: LinkMotion) -> tuple[Any, Any]:
-    """Return the negated inertia force and moment of a rigid link about its origin; link axes."""
+def inertia_wrench(link: Link, motion: LinkMotion) -> tuple[Vector, Vector]:
+    """Return the negated inertia force and moment about the origin of a rigid link."""
     omega, _, a, U = motion
     h = link.first_moment
-    return (link.mass * a + U @ h,
-            inertia_moment(link.second_moment, omega, U) + cross(h, a))
+    force = link.mass * a + U @ h
+    moment = inertia_moment(link.second_moment, omega, U) + cross(h, a)
+    return force, moment
 
 
-def link_forces(link: Link, motion: LinkMotion, u: Any,
-                udot: Any) -> tuple[Any, Any, list[tuple[int, Any]]]:
-    """Return `inertia_wrench` of a link or beam, and modal forces with their indices in q."""
+def link_forces(link: Link, motion: LinkMotion, u: Vector,
+                udot: Vector) -> tuple[Vector, Vector, list[tuple[int, Scalar]]]:
+    """Return `inertia_wrench` of a link or beam, and modal forces with indices in q."""
     force, moment = inertia_wrench(link, motion)
     if link.modes is None:
         return force, moment, []
-    more, turning, modal = link.modes.inertia_force(motion, u, udot)
-    return force + more, moment + turning, list(zip(link.modes.coordinates, modal))
+    bending_force, bending_moment, modal = link.modes.inertia_force(motion, u, udot)
+    return (force + bending_force, moment + bending_moment,
+            list(zip(link.modes.coordinates, modal)))
 
 
-def inverse_dynamics(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: Any) -> Any:
+def inverse_dynamics(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
+                     gravity: Vector) -> Vector:
     """
     Return the joint forces for a motion by RNEA: -F_r* minus F_r of gravity.
 
@@ -132,38 +157,55 @@ def inverse_dynamics(links: Sequence[Link], q: Any, u: Any, udot: Any, gravity: 
     """
     links = bent(links, q)
     steps = [JointStep(link, q) for link in links]
-    motion: list[LinkMotion] = []
-    wrench: list[tuple[Any, Any]] = []
-    tau = [0.0] * len(q)
+    tau: list[Scalar] = [0.0] * len(q)
+
+    # Outward pass: the motion of each link, and the force and moment that it takes.
+    motions: list[LinkMotion] = []
+    wrenches: list[tuple[Vector, Vector]] = []
     for link, step in zip(links, steps):
-        motion.append(link_motion(link, step, motion, q, u, udot, gravity))
-        force, moment, modal = link_forces(link, motion[-1], u, udot)
-        wrench.append((force, moment))
-        for k, along in modal:
-            tau[k] = tau[k] + along
+        motion = link_motion(link, step, motions, q, u, udot, gravity)
+        motions.append(motion)
+        force, moment, modal_forces = link_forces(link, motion, u, udot)
+        wrenches.append((force, moment))
+        for k, modal_force in modal_forces:
+            tau[k] = tau[k] + modal_force
+
+    # Inward pass: the wrench of a subtree, projected on the axis of the joint that
+    # carries it, is the joint's torque. Then it is added to the wrench of the parent.
     for i in reversed(range(len(links))):
-        link, step, (force, moment) = links[i], steps[i], wrench[i]
-        along = moment[2] if link.kind == 'revolute' else force[2]
+        link, step = links[i], steps[i]
+        force, moment = wrenches[i]
+        joint_torque = moment[2] if step.turns else force[2]
         for k, weight in step.partials:
-            tau[k] = tau[k] + weight * along
+            tau[k] = tau[k] + weight * joint_torque
         if link.parent != WORLD:
-            force, moment = step.inward(force), step.inward(moment)
-            above = wrench[link.parent]
-            wrench[link.parent] = (above[0] + force,
-                                   above[1] + (moment + cross(step.offset, force)))
+            wrenches[link.parent] = add_to_parent(step, wrenches[i],
+                                                  wrenches[link.parent])
     return np.array(tau)
 
 
-def velocities(links: Sequence[Link], q: Any, u: Any) -> list[tuple[Any, Any]]:
+def add_to_parent(step: JointStep, wrench: tuple[Vector, Vector],
+                  parent_wrench: tuple[Vector, Vector]) -> tuple[Vector, Vector]:
+    """Return the parent's wrench plus that of a link."""
+    force = step.inward(wrench[0])
+    moment = step.inward(wrench[1])
+    return (parent_wrench[0] + force,
+            parent_wrench[1] + (moment + cross(step.offset, force)))
+
+
+def velocities(links: Sequence[Link], q: Vector,
+               u: Vector) -> list[tuple[Vector, Vector]]:
     """Return (omega, v of the origin) of all links in link axes, rad/s and m/s."""
-    result: list[tuple[Any, Any]] = []
+    result: list[tuple[Vector, Vector]] = []
     for link in links:
-        step, rate = JointStep(link, q), link.rate(q, u)
+        step = JointStep(link, q)
+        rate = link.rate(q, u)
         omega, v = REST, REST
         if link.parent != WORLD:
             omega, v = result[link.parent]
             v = v + cross(omega, step.offset)
-        omega, v = step.outward(omega), step.outward(v)
+        omega = step.outward(omega)
+        v = step.outward(v)
         if link.kind == 'revolute':
             result.append((omega + rate * Z, v))
         else:
@@ -171,38 +213,43 @@ def velocities(links: Sequence[Link], q: Any, u: Any) -> list[tuple[Any, Any]]:
     return result
 
 
-def kinetic_energy(links: Sequence[Link], q: Any, u: Any) -> Any:
+def kinetic_energy(links: Sequence[Link], q: Vector, u: Vector) -> Scalar:
     """Return the kinetic energy sum 1/2 int v . v dm of all links, J."""
-    twice: Any = 0.0
+    twice: Scalar = 0.0
     links = bent(links, q)
     for link, (omega, v) in zip(links, velocities(links, q, u)):
         if link.modes is not None:
             twice = twice + link.modes.twice_energy(omega, v, u)
+        # int |v + omega x r|^2 dm = m v.v + 2 v . (omega x h) + omega . I omega, where
+        # I = trace(S) - S.
         S, h = link.second_moment, link.first_moment
-        spin = S[0, 0] + S[1, 1] + S[2, 2]
+        trace = S[0, 0] + S[1, 1] + S[2, 2]
         twice = (twice + link.mass * (v @ v) + 2.0 * (v @ cross(omega, h))
-                 + spin * (omega @ omega) - omega @ (S @ omega))
+                 + trace * (omega @ omega) - omega @ (S @ omega))
     return 0.5 * twice
 
 
-def potential_energy(links: Sequence[Link], q: Any, gravity: Any) -> Any:
-    """Return the potential energy of gravity -sum m g . p*, J, zero at the world's origin."""
+def potential_energy(links: Sequence[Link], q: Vector, gravity: Vector) -> Scalar:
+    """Return the potential energy -sum m g . p*, J, zero at the world's origin."""
     return -(gravity @ first_moment(links, q)[1])
 
 
-def first_moment(links: Sequence[Link], q: Any) -> tuple[Any, Any]:
+def first_moment(links: Sequence[Link], q: Vector) -> tuple[Scalar, Vector]:
     """Return the mass of all links, kg, and sum m p*, (3,), kg m, world axes."""
     links = bent(links, q)
     moments = [(link.mass, link.first_moment) for link in links]
-    whole: Any = 0.0
-    total: Any = REST
+    total_mass: Scalar = 0.0
+    total_moment: Vector = REST
+    # Inward pass: masses and first moments of subtrees.
     for i in reversed(range(len(links))):
         mass, h = moments[i]
         step = JointStep(links[i], q)
         h = step.inward(h) + mass * step.offset
-        if links[i].parent == WORLD:
-            whole, total = whole + mass, total + h
+        parent = links[i].parent
+        if parent == WORLD:
+            total_mass = total_mass + mass
+            total_moment = total_moment + h
         else:
-            above = moments[links[i].parent]
-            moments[links[i].parent] = (above[0] + mass, above[1] + h)
-    return whole, total
+            parent_mass, parent_h = moments[parent]
+            moments[parent] = (parent_mass + mass, parent_h + h)
+    return total_mass, total_moment
