@@ -1,8 +1,9 @@
-"""Forward kinematics of frames: poses, Jacobians and their rates, velocities; world axes."""
+"""Forward kinematics of frames: poses, Jacobians and their rates, velocities."""
 
 from collections.abc import Container, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from kane_dynamics._util.typing import Array, Matrix, Vector
 from kane_dynamics.mechanics.algebra.vector import cross, rate_tensor
 from kane_dynamics.mechanics.recursive.inverse_dynamics import JointStep
 from kane_dynamics.mechanics.recursive.link import Link
@@ -10,9 +11,11 @@ from kane_dynamics.mechanics.recursive.link_frames import Z
 from kane_dynamics.model.model import Frame, WORLD
 import numpy as np
 
+Pose = tuple[Matrix, Vector]  # axes (3, 3, columns) and origin (3,), m
 
-def link_poses(links: Sequence[Link], q: Any) -> list[tuple[Any, Any]]:
-    """Return the axes (3, 3, columns) and the origin (3,) of all links in the world, m."""
+
+def link_poses(links: Sequence[Link], q: Vector) -> list[Pose]:
+    """Return axes (3, 3, columns) and origin (3,) of all links in the world, m."""
     poses = LinkPoses(links, q)
     return [poses[k] for k in range(len(links))]
 
@@ -27,36 +30,44 @@ class LinkPoses:
     q : (n,) array
         rad or m.
     axes : int
-        The link in whose axes, and from whose origin, the poses are; WORLD by default. Then
-        `poses[WORLD]` is the pose of the world.
+        The link in whose axes, and from whose origin, the poses are; WORLD by default.
+        Then `poses[WORLD]` is the pose of the world.
 
     """
 
-    def __init__(self, links: Sequence[Link], q: Any, axes: int = WORLD) -> None:
+    def __init__(self, links: Sequence[Link], q: Vector, axes: int = WORLD) -> None:
         """Store the links and the coordinates."""
-        self.links, self.q, self.axes = links, q, axes
-        self._found: dict[int, tuple[Any, Any]] = {axes: (np.eye(3), np.zeros(3))}
-        self.inward: dict[int, int] = {}  # of links and the world: the next link towards `axes`
-        while axes != WORLD:
-            self.inward[links[axes].parent] = axes
-            axes = links[axes].parent
+        self.links = links
+        self.q = q
+        self.axes = axes
+        self._poses: dict[int, Pose] = {axes: (np.eye(3), np.zeros(3))}
+        # From the world and the links between it and `axes`: the next link toward
+        # `axes`.
+        self.inward: dict[int, int] = {}
+        k = axes
+        while k != WORLD:
+            parent = links[k].parent
+            self.inward[parent] = k
+            k = parent
 
-    def __getitem__(self, k: int) -> tuple[Any, Any]:
-        """Return the axes (3, 3, columns) and the origin (3,) of a link or of the world, m."""
-        for each in self.between(self._found, k):
-            self._found[each] = (self._of_parent(self.inward[each]) if each in self.inward
-                                 else self._of_child(each))
-        return self._found[k]
+    def __getitem__(self, k: int) -> Pose:
+        """Return axes (3, 3, columns) and origin (3,) of a link or of the world, m."""
+        for i in self.missing(self._poses, k):
+            if i in self.inward:
+                self._poses[i] = self._of_parent(self.inward[i])
+            else:
+                self._poses[i] = self._of_child(i)
+        return self._poses[k]
 
-    def between(self, found: Container[int], k: int) -> list[int]:
-        """Return the links from those found to link k, without the former, away from `axes`."""
-        way: list[int] = []
-        while k not in found:
-            way.append(k)
+    def missing(self, computed: Container[int], k: int) -> list[int]:
+        """Return the links up to link k that are not computed, in order from `axes`."""
+        path: list[int] = []
+        while k not in computed:
+            path.append(k)
             k = self.inward[k] if k in self.inward else self.links[k].parent
-        return way[::-1]
+        return path[::-1]
 
-    def _of_child(self, k: int) -> tuple[Any, Any]:
+    def _of_child(self, k: int) -> Pose:
         """Return the pose of link k from that of its parent."""
         step = JointStep(self.links[k], self.q)
         R, p = self[self.links[k].parent]
@@ -64,59 +75,63 @@ class LinkPoses:
         turned = np.stack([step.c * x + step.s * y, step.c * y - step.s * x, z], axis=1)
         return turned, R @ step.offset + p
 
-    def _of_parent(self, k: int) -> tuple[Any, Any]:
+    def _of_parent(self, k: int) -> Pose:
         """Return the pose of the parent of link k from that of link k."""
         step = JointStep(self.links[k], self.q)
         R, p = self[k]
         x, y, z = R.T
-        R = np.stack([step.c * x - step.s * y, step.s * x + step.c * y, z],
-                     axis=1) @ step.rotation.T
+        turned = np.stack([step.c * x - step.s * y, step.s * x + step.c * y, z], axis=1)
+        R = turned @ step.rotation.T
         return R, p - R @ step.offset
 
 
-def frame_in_link(links: Sequence[Link], frame: Frame) -> tuple[Any, Any]:
-    """Return the constant axes and origin of a frame in its link (in the world if fixed)."""
+def frame_in_link(links: Sequence[Link], frame: Frame) -> tuple[Array, Array]:
+    """Return the constant axes and origin of a frame in its link, or in the world."""
     T = np.eye(4)
-    T[:3, :3], T[:3, 3] = frame.rotation, frame.translation
+    T[:3, :3] = frame.rotation
+    T[:3, 3] = frame.translation
     if frame.body != WORLD:
         T = links[frame.body].body @ T
     return T[:3, :3], T[:3, 3]
 
 
-def frame_axes(links: Sequence[Link], frame: Frame,
-               poses: LinkPoses) -> tuple[Any, Any]:
-    """Return axes (3, 3, columns) and origin (3,) of a frame, m, in the axes of the poses."""
+def frame_axes(links: Sequence[Link], frame: Frame, poses: LinkPoses) -> Pose:
+    """Return axes (3, 3, columns) and origin (3,) of a frame, m, in the poses' axes."""
     R, p = frame_in_link(links, frame)
     R_wl, p_wl = poses[frame.body]
     return R_wl @ R, R_wl @ p + p_wl
 
 
-def frame_pose(links: Sequence[Link], frame: Frame, q: Any) -> Any:
+def frame_pose(links: Sequence[Link], frame: Frame, q: Vector) -> Matrix:
     """Return the pose of a frame in the world, (4, 4)."""
     R, p = frame_axes(links, frame, LinkPoses(links, q))
-    return np.concatenate([np.concatenate([R, p[:, None]], axis=1),
-                           np.array([[0.0, 0.0, 0.0, 1.0]])])
+    upper = np.concatenate([R, p[:, None]], axis=1)
+    return np.concatenate([upper, np.array([[0.0, 0.0, 0.0, 1.0]])])
 
 
-def partial_velocities(links: Sequence[Link], frame: Frame, q: Any, at: Any = None,
-                       poses: LinkPoses | None = None) -> Any:
+def partial_velocities(links: Sequence[Link], frame: Frame, q: Vector,
+                       at: Vector | None = None,
+                       poses: LinkPoses | None = None) -> Matrix:
     """
     Return the Jacobian (partial velocities) of a frame, (6, n): linear, then angular.
 
-    With `at`, (3,), m, it is that of the point of the frame's body at this place. Vectors are in
-    world axes, or in those of `poses`.
+    With `at`, (3,), m, it is that of the point of the frame's body at this place.
+    Vectors are in world axes, or in those of `poses`.
 
-    With s_r the axis and p_r the origin of a joint between the base and the frame, its column is
-    s_r x (p - p_r), s_r if revolute and s_r, 0 if prismatic. All other columns are zero.
+    With s_r the axis and p_r the origin of a joint between the base and the frame, its
+    column is s_r x (p - p_r), s_r if revolute and s_r, 0 if prismatic. All other columns
+    are zero.
     """
-    columns: list[Any] = [np.zeros(6)] * len(q)
+    columns: list[Vector] = [np.zeros(6)] * len(q)
     poses = poses or LinkPoses(links, q)
     _, p_f = frame_in_link(links, frame)
     k = frame.body
     if k != WORLD:
-        p_f = poses[k][0] @ p_f + poses[k][1] if at is None else at
+        R, p = poses[k]
+        p_f = R @ p_f + p if at is None else at
     while k != WORLD:
-        link, (R, p) = links[k], poses[k]
+        link = links[k]
+        R, p = poses[k]
         s = R @ Z
         if link.kind == 'revolute':
             column = np.concatenate([cross(s, p_f - p), s])
@@ -128,69 +143,82 @@ def partial_velocities(links: Sequence[Link], frame: Frame, q: Any, at: Any = No
     return np.stack(columns, axis=1)
 
 
-def partial_velocity_rates(links: Sequence[Link], frame: Frame, q: Any, u: Any) -> Any:
+def partial_velocity_rates(links: Sequence[Link], frame: Frame, q: Vector,
+                           u: Vector) -> Matrix:
     """
-    Return the time derivative of the Jacobian (`partial_velocities`), (6, n), for q' = u.
+    Return the time derivative of `partial_velocities`, (6, n), for q' = u.
 
-    With omega the angular velocity of the joint's link, the rate of its axis is s' = omega x s,
-    and that of the column s x r of a revolute joint is s' x r + s x r'.
+    With omega the angular velocity of the joint's link, the rate of its axis is
+    s' = omega x s, and that of the column s x r of a revolute joint is s' x r + s x r'.
     """
-    columns: list[Any] = [np.zeros(6)] * len(q)
+    columns: list[Vector] = [np.zeros(6)] * len(q)
     poses = LinkPoses(links, q)
     motions = LinkMotions(poses, u, np.zeros(len(q)).astype(object))
-    r_f = poses[frame.body][0] @ frame_in_link(links, frame)[1]
-    p_f = poses[frame.body][1] + r_f
-    v_f = motions[frame.body].of_point(r_f)[0]
+    R, p = poses[frame.body]
+    r_f = R @ frame_in_link(links, frame)[1]
+    p_f = p + r_f
+    v_f, _ = motions[frame.body].of_point(r_f)
     k = frame.body
     while k != WORLD:
-        link, (R, p), motion = links[k], poses[k], motions[k]
+        link = links[k]
+        R, p = poses[k]
+        motion = motions[k]
         s = R @ Z
-        turning = cross(motion.omega, s)
+        s_rate = cross(motion.omega, s)
         if link.kind == 'revolute':
-            column = np.concatenate([cross(turning, p_f - p) + cross(s, v_f - motion.v), turning])
+            linear = cross(s_rate, p_f - p) + cross(s, v_f - motion.v)
+            column_rate = np.concatenate([linear, s_rate])
         else:
-            column = np.concatenate([turning, np.zeros(3)])
+            column_rate = np.concatenate([s_rate, np.zeros(3)])
         for r, weight in link.partials(q):
-            columns[r] = columns[r] + weight * column
-        for r, rate in link.partial_rates(u):
-            along = ([*cross(s, p_f - p), *s] if link.kind == 'revolute' else [*s, *np.zeros(3)])
-            columns[r] = columns[r] + rate * np.array(along)
+            columns[r] = columns[r] + weight * column_rate
+        # The weights of a beam's modes change with its shape.
+        for r, weight_rate in link.partial_rates(u):
+            if link.kind == 'revolute':
+                column = np.concatenate([cross(s, p_f - p), s])
+            else:
+                column = np.concatenate([s, np.zeros(3)])
+            columns[r] = columns[r] + weight_rate * column
         k = link.parent
     return np.stack(columns, axis=1)
 
 
-def frame_motion(frame: Frame, poses: LinkPoses, u: Any, udot: Any) -> Any:
+def frame_motion(frame: Frame, poses: LinkPoses, u: Vector, udot: Vector) -> Matrix:
     """
-    Return velocity and classical acceleration of a frame's origin, (2, 6), linear then angular.
+    Return velocity and classical acceleration of a frame, (2, 6), linear then angular.
 
-    They are relative to the axes of `poses` and in these; gravity is not included.
+    They are of its origin, relative to the axes of `poses` and in these; gravity is not
+    included.
     """
     motion = LinkMotions(poses, u, udot)[frame.body]
-    v, a = motion.of_point(poses[frame.body][0] @ frame_in_link(poses.links, frame)[1])
-    return np.stack([np.concatenate([v, motion.omega]), np.concatenate([a, motion.alpha])])
+    R, _ = poses[frame.body]
+    v, a = motion.of_point(R @ frame_in_link(poses.links, frame)[1])
+    velocity = np.concatenate([v, motion.omega])
+    acceleration = np.concatenate([a, motion.alpha])
+    return np.stack([velocity, acceleration])
 
 
-class LinkMotion(NamedTuple):
+class RelativeMotion(NamedTuple):
     """
-    Motion of a link: angular velocity and acceleration, and those of its origin, (3,) each.
+    Motion of a link: angular velocity and acceleration, and those of its origin, (3,).
 
     `U` is the acceleration gradient of `rate_tensor`.
     """
 
-    omega: Any
-    alpha: Any
-    v: Any
-    a: Any
-    U: Any
+    omega: Vector
+    alpha: Vector
+    v: Vector
+    a: Vector
+    U: Matrix
 
-    def of_point(self, r: Any) -> tuple[Any, Any]:
-        """Return velocity and acceleration of the link's point at r, (3,), from its origin."""
+    def of_point(self, r: Vector) -> tuple[Vector, Vector]:
+        """Return velocity and acceleration of the link's point at r, from its origin."""
         return self.v + cross(self.omega, r), self.a + self.U @ r
 
 
 class LinkMotions:
     """
-    Motions of links relative to the axes of `poses`, in these, each computed at its first use.
+    Motions of links relative to the axes of `poses`, in these, computed at first use.
 
     Parameters
     ----------
@@ -200,49 +228,73 @@ class LinkMotions:
 
     """
 
-    def __init__(self, poses: LinkPoses, u: Any, udot: Any) -> None:
+    def __init__(self, poses: LinkPoses, u: Vector, udot: Vector) -> None:
         """Store the poses and the motion of the coordinates."""
-        self._poses, self._u, self._udot = poses, u, udot
-        rest = np.zeros(3)
-        self._found = {poses.axes: LinkMotion(rest, rest, rest, rest, np.zeros((3, 3)))}
+        self._poses = poses
+        self._u = u
+        self._udot = udot
+        zero = np.zeros(3)
+        at_rest = RelativeMotion(zero, zero, zero, zero, np.zeros((3, 3)))
+        self._motions = {poses.axes: at_rest}
 
-    def __getitem__(self, k: int) -> LinkMotion:
+    def __getitem__(self, k: int) -> RelativeMotion:
         """Return the motion of a link or of the world."""
         inward = self._poses.inward
-        for each in self._poses.between(self._found, k):
-            self._found[each] = (self._of_parent(inward[each]) if each in inward
-                                 else self._of_child(each))
-        return self._found[k]
+        for i in self._poses.missing(self._motions, k):
+            if i in inward:
+                self._motions[i] = self._of_parent(inward[i])
+            else:
+                self._motions[i] = self._of_child(i)
+        return self._motions[k]
 
-    def _of_child(self, k: int) -> LinkMotion:
+    def _of_child(self, k: int) -> RelativeMotion:
         """Return the motion of link k from that of its parent."""
-        parent = self._poses.links[k].parent
-        before, (rate, acceleration) = self[parent], self._of_joint(k)
-        v, a = before.of_point(self._poses[k][1] - self._poses[parent][1])
-        across = cross(before.omega, rate)
-        if self._poses.links[k].kind == 'revolute':
-            return _motion(before.omega + rate, before.alpha + acceleration + across, v, a)
-        return _motion(before.omega, before.alpha, v + rate, a + acceleration + 2.0 * across)
+        link = self._poses.links[k]
+        parent = self[link.parent]
+        rate, acceleration = self._of_joint(k)
+        # The parent's point at the link's origin, then the motion of the joint.
+        v, a = parent.of_point(self._origin(k) - self._origin(link.parent))
+        across = cross(parent.omega, rate)
+        if link.kind == 'revolute':
+            omega = parent.omega + rate
+            alpha = parent.alpha + acceleration + across
+            return _motion(omega, alpha, v, a)
+        v = v + rate
+        a = a + acceleration + 2.0 * across
+        return _motion(parent.omega, parent.alpha, v, a)
 
-    def _of_parent(self, k: int) -> LinkMotion:
+    def _of_parent(self, k: int) -> RelativeMotion:
         """Return the motion of the parent of link k from that of link k."""
-        parent = self._poses.links[k].parent
-        after, (rate, acceleration) = self[k], self._of_joint(k)
-        across = cross(after.omega, rate)
-        if self._poses.links[k].kind == 'revolute':
-            at = _motion(after.omega - rate, after.alpha - acceleration - across, after.v, after.a)
+        link = self._poses.links[k]
+        child = self[k]
+        rate, acceleration = self._of_joint(k)
+        # The motion of the joint taken off, then the parent's point at its own origin.
+        across = cross(child.omega, rate)
+        omega, alpha, v, a, _ = child
+        if link.kind == 'revolute':
+            omega = child.omega - rate
+            alpha = child.alpha - acceleration - across
         else:
-            at = _motion(after.omega, after.alpha, after.v - rate,
-                         after.a - acceleration - 2.0 * across)
-        v, a = at.of_point(self._poses[parent][1] - self._poses[k][1])
-        return at._replace(v=v, a=a)
+            v = child.v - rate
+            a = child.a - acceleration - 2.0 * across
+        without_joint = _motion(omega, alpha, v, a)
+        v, a = without_joint.of_point(self._origin(link.parent) - self._origin(k))
+        return without_joint._replace(v=v, a=a)
 
-    def _of_joint(self, k: int) -> tuple[Any, Any]:
+    def _origin(self, k: int) -> Vector:
+        """Return the origin of a link, (3,), m."""
+        return self._poses[k][1]
+
+    def _of_joint(self, k: int) -> tuple[Vector, Vector]:
         """Return rate and acceleration of a joint along its axis, (3,) each."""
-        link, s = self._poses.links[k], self._poses[k][0] @ Z
-        q, u, udot = self._poses.q, self._u, self._udot
-        return link.rate(q, u) * s, link.acceleration(q, u, udot) * s
+        link = self._poses.links[k]
+        q = self._poses.q
+        s = self._poses[k][0] @ Z
+        rate = link.rate(q, self._u) * s
+        acceleration = link.acceleration(q, self._u, self._udot) * s
+        return rate, acceleration
 
 
-def _motion(omega: Any, alpha: Any, v: Any, a: Any) -> LinkMotion:
-    return LinkMotion(omega, alpha, v, a, rate_tensor(omega, alpha))
+def _motion(omega: Vector, alpha: Vector, v: Vector, a: Vector) -> RelativeMotion:
+    """Return the motion with its acceleration gradient."""
+    return RelativeMotion(omega, alpha, v, a, rate_tensor(omega, alpha))

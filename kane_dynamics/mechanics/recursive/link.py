@@ -1,9 +1,9 @@
-"""Link: a body of the recursive algorithms, with its joint axis along z; (4, 4) poses."""
+"""Link: a body of the recursive algorithms, with its joint along z; (4, 4) poses."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.model.beam import Beam, Deflection
 import numpy as np
 
@@ -27,15 +27,15 @@ class Link:
     body : (4, 4) array
         Pose of the model's body frame in link axes.
     deflection : Deflection, optional
-        Joint position as a function of modal coordinates, for a section of a bending beam;
-        `offset` is added, `coordinate` and `multiplier` are not used.
+        Joint position as a function of modal coordinates, for a section of a bending
+        beam; `offset` is added, `coordinate` and `multiplier` are not used.
     beam : Beam, optional
         Modal integrals of a flexible link, in the axes of the body frame.
     modes : Modes, optional
         Modes of a flexible link at one configuration; set by `flexible_modes.bent`.
     turned : bool
-        Whether the link is the first of a ball joint, whose rotation `link_frames.posed` adds to
-        its pose: its frame stays at the joint.
+        Whether the link is the first of a ball joint, whose rotation `link_frames.posed`
+        adds to its pose: its frame stays at the joint.
 
     """
 
@@ -45,49 +45,52 @@ class Link:
     coordinate: int
     multiplier: float
     offset: float
-    pseudo_inertia: Any
+    pseudo_inertia: Matrix
     body: Array
     deflection: Deflection | None = None
     beam: Beam | None = None
     modes: Any = None
     turned: bool = False
 
-    def position(self, q: Any) -> Any:
+    def position(self, q: Vector) -> Scalar:
         """Return the position of the joint without `offset`, rad or m."""
-        bent = self.deflection
-        if bent is None:
+        bending = self.deflection
+        if bending is None:
             return self.multiplier * q[self.coordinate]
-        eta = q[list(bent.coordinates)]
-        return bent.slope @ eta + 0.5 * (eta @ (bent.curvature @ eta))
+        # Of second order in the modal coordinates, which contains the shortening.
+        eta = q[list(bending.coordinates)]
+        return bending.slope @ eta + 0.5 * (eta @ (bending.curvature @ eta))
 
-    def partials(self, q: Any) -> list[tuple[int, Any]]:
-        """Return the coefficients of the speeds in the joint's rate: (index, coefficient)."""
-        bent = self.deflection
-        if bent is None:
+    def partials(self, q: Vector) -> list[tuple[int, Scalar]]:
+        """Return the coefficients of the speeds in the joint's rate: (index, value)."""
+        bending = self.deflection
+        if bending is None:
             return [(self.coordinate, self.multiplier)]
-        weights = bent.slope + bent.curvature @ q[list(bent.coordinates)]
-        return list(zip(bent.coordinates, weights))
+        eta = q[list(bending.coordinates)]
+        weights = bending.slope + bending.curvature @ eta
+        return list(zip(bending.coordinates, weights))
 
-    def partial_rates(self, u: Any) -> list[tuple[int, Any]]:
+    def partial_rates(self, u: Vector) -> list[tuple[int, Scalar]]:
         """Return the time derivatives of the coefficients that are not constant."""
-        bent = self.deflection
-        if bent is None or not bent.curvature.any():
+        bending = self.deflection
+        if bending is None or not bending.curvature.any():
             return []
-        return list(zip(bent.coordinates, bent.curvature @ u[list(bent.coordinates)]))
+        eta_rate = u[list(bending.coordinates)]
+        return list(zip(bending.coordinates, bending.curvature @ eta_rate))
 
-    def rate(self, q: Any, u: Any) -> Any:
+    def rate(self, q: Vector, u: Vector) -> Scalar:
         """Return the rate of the joint, rad/s or m/s."""
         if self.deflection is None:
             return self.multiplier * u[self.coordinate]
         return sum(weight * u[k] for k, weight in self.partials(q))
 
-    def acceleration(self, q: Any, u: Any, udot: Any) -> Any:
+    def acceleration(self, q: Vector, u: Vector, udot: Vector) -> Scalar:
         """Return the acceleration of the joint, rad/s^2 or m/s^2."""
-        bent = self.deflection
-        if bent is None:
+        bending = self.deflection
+        if bending is None:
             return self.multiplier * udot[self.coordinate]
-        speed = u[list(bent.coordinates)]
-        return self.rate(q, udot) + speed @ (bent.curvature @ speed)
+        eta_rate = u[list(bending.coordinates)]
+        return self.rate(q, udot) + eta_rate @ (bending.curvature @ eta_rate)
 
     @property
     def rotation(self) -> Array:
@@ -100,17 +103,17 @@ class Link:
         return self.pose[:3, 3]
 
     @property
-    def mass(self) -> Any:
+    def mass(self) -> Scalar:
         """Mass, kg."""
         return self.pseudo_inertia[3, 3]
 
     @property
-    def first_moment(self) -> Any:
+    def first_moment(self) -> Vector:
         """First moment: mass times center of mass, (3,), kg m."""
         return self.pseudo_inertia[:3, 3]
 
     @property
-    def second_moment(self) -> Any:
+    def second_moment(self) -> Matrix:
         """Second moment int r r^T dm, (3, 3), kg m^2."""
         return self.pseudo_inertia[:3, :3]
 
@@ -127,4 +130,5 @@ def homogeneous(rotation: Any = None, translation: Any = None) -> Array:
 
 def inverse(T: Array) -> Array:
     """Return the inverse of a pose."""
-    return homogeneous(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])
+    R, p = T[:3, :3], T[:3, 3]
+    return homogeneous(R.T, -R.T @ p)

@@ -1,19 +1,21 @@
 """
-Link frames that minimize arithmetic: a tree of links equivalent to a Model's tree of bodies.
+Link frames that minimize arithmetic: links equivalent to a Model's tree of bodies.
 
 A link frame has its z axis along the joint axis, a constant pose in its parent, and a
-pseudo-inertia P = int [r;1][r;1]^T dm (4 x 4: mass, first and second moment). The following
-transformations do not change joint torques and make most constants 0 or 1, which tracing folds:
+pseudo-inertia P = int [r;1][r;1]^T dm (4 x 4: mass, first and second moment). The
+following transformations do not change joint torques and make most constants 0 or 1,
+which tracing folds:
 
-* `merged`: a joint that rotates about the same axis as the beam section before it takes both
-  rotations.
-* `denavit_hartenberg`: the frame of a revolute link is moved along its axis to the common normal
-  with its parent's axis, and rotated about its axis so that the pose of its (largest) child is an
-  offset along z, an offset along x and a rotation about x, if that reduces the arithmetic.
-* `regrouped`: inertia on a revolute joint's axis, and the second moment of a prismatic link, are
-  moved to the parent. The rest are the base inertial parameters (Khalil & Dombre, Modeling,
-  Identification and Control of Robots, ch. 9). A link without children is rotated about its axis
-  until the y component of its first moment is zero.
+* `merged`: a joint that rotates about the same axis as the beam section before it takes
+  both rotations.
+* `denavit_hartenberg`: the frame of a revolute link is moved along its axis to the
+  common normal with its parent's axis, and rotated about its axis so that the pose of
+  its (largest) child is an offset along z, an offset along x and a rotation about x, if
+  that reduces the arithmetic.
+* `regrouped`: inertia on a revolute joint's axis, and the second moment of a prismatic
+  link, are moved to the parent. What remains are the base inertial parameters (Khalil &
+  Dombre, Modeling, Identification and Control of Robots, ch. 9). A link without children
+  is rotated about its axis until the y component of its first moment is zero.
 
 Pseudo-inertias may hold traced values (a payload); everything else is numbers.
 """
@@ -21,9 +23,8 @@ Pseudo-inertias may hold traced values (a payload); everything else is numbers.
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 import math
-from typing import Any
 
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Matrix, Vector
 from kane_dynamics.mechanics.ball_joints import rotations
 from kane_dynamics.mechanics.recursive.link import homogeneous, inverse, Link
 from kane_dynamics.model.beam import Deflection
@@ -31,7 +32,7 @@ from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.model.placement import SNAP, snapped
 import numpy as np
 
-NEARLY_PARALLEL = 1e-4  # rad; the common normal of such axes is far away, which loses digits
+NEARLY_PARALLEL = 1e-4  # rad; the common normal of such axes is far: digits are lost
 Z = np.array([0.0, 0.0, 1.0])
 
 
@@ -45,14 +46,16 @@ def linkage(model: Model) -> tuple[Link, ...]:
     """Return a model's bodies as links: same origins, z along the joint axes."""
     turns = [homogeneous(_turn_to_z(body.joint.axis)) for body in model.bodies]
     links: list[Link] = []
-    for body, C in zip(model.bodies, turns):
+    for k, (body, C) in enumerate(zip(model.bodies, turns)):
         joint = body.joint
-        above = np.eye(4) if body.parent == WORLD else turns[body.parent]
-        pose = above.T @ homogeneous(joint.rotation, joint.translation) @ C
-        links.append(Link(body.parent, joint.kind, _clean(pose), joint.coordinate,
-                          joint.multiplier, joint.offset,
-                          C.T @ body.inertial.pseudo_inertia @ C, C.T, joint.deflection,
-                          body.beam, turned=len(links) in model.balls))
+        parent_turn = np.eye(4) if body.parent == WORLD else turns[body.parent]
+        pose = parent_turn.T @ homogeneous(joint.rotation, joint.translation) @ C
+        links.append(Link(
+            parent=body.parent, kind=joint.kind, pose=_clean(pose),
+            coordinate=joint.coordinate, multiplier=joint.multiplier,
+            offset=joint.offset, body=C.T,
+            pseudo_inertia=C.T @ body.inertial.pseudo_inertia @ C,
+            deflection=joint.deflection, beam=body.beam, turned=k in model.balls))
     return tuple(links)
 
 
@@ -60,54 +63,72 @@ def merged(links: Sequence[Link]) -> tuple[Link, ...]:
     """
     Merge joints that rotate about the same axis as the beam section that carries them.
 
-    If a beam bends in the plane of motion of the joint at its end, the sum of the section's and
-    the joint's angle is used as one angle. The section stays for its other children.
+    If a beam bends in the plane of motion of the joint at its end, the sum of the
+    section's and the joint's angle is used as one angle. The section stays for its other
+    children.
     """
     result = list(links)
     for i, link in enumerate(links):
-        if link.parent == WORLD or (section := links[link.parent]).deflection is None:
+        if link.parent == WORLD:
             continue
-        sense, bent = link.rotation[2, 2], section.deflection
-        if (link.turned or link.deflection is not None
-                or (link.kind, section.kind) != ('revolute', 'revolute')
-                or abs(sense) != 1.0 or link.translation[:2].any()):
+        section = links[link.parent]
+        bending = section.deflection
+        if bending is None or not _turns_about_axis_of(link, section):
             continue
-        result[i] = replace(
-            link, parent=section.parent, pose=_clean(section.pose @ link.pose),
-            offset=sense * section.offset + link.offset,
-            deflection=Deflection((*bent.coordinates, link.coordinate),
-                                  np.append(sense * bent.slope, link.multiplier),
-                                  np.pad(sense * bent.curvature, (0, 1))))
+        sense = link.rotation[2, 2]
+        deflection = Deflection((*bending.coordinates, link.coordinate),
+                                np.append(sense * bending.slope, link.multiplier),
+                                np.pad(sense * bending.curvature, (0, 1)))
+        result[i] = replace(link, parent=section.parent,
+                            pose=_clean(section.pose @ link.pose),
+                            offset=sense * section.offset + link.offset,
+                            deflection=deflection)
     return tuple(result)
 
 
+def _turns_about_axis_of(link: Link, section: Link) -> bool:
+    """Return whether a link's joint rotates about the joint axis of its section."""
+    if link.kind != 'revolute' or section.kind != 'revolute':
+        return False
+    if link.turned or link.deflection is not None:
+        return False
+    parallel = abs(link.rotation[2, 2]) == 1.0
+    return bool(parallel and not link.translation[:2].any())
+
+
 def carrying(links: Sequence[Link], body: int, pose: Array,
-             pseudo_inertia: Any) -> tuple[Link, ...]:
-    """Return the links with a pseudo-inertia added, given in a frame at this pose on a body."""
+             pseudo_inertia: Matrix) -> tuple[Link, ...]:
+    """Return the links with a pseudo-inertia added in a frame at a pose on a body."""
     T = links[body].body @ pose
-    added = links[body].pseudo_inertia + T @ pseudo_inertia @ T.T
-    return (*links[:body], replace(links[body], pseudo_inertia=added), *links[body + 1:])
+    loaded = links[body].pseudo_inertia + T @ pseudo_inertia @ T.T
+    result = list(links)
+    result[body] = replace(links[body], pseudo_inertia=loaded)
+    return tuple(result)
 
 
-def posed(links: Sequence[Link], model: Model, q: Any,
+def posed(links: Sequence[Link], model: Model, q: Vector,
           free: Collection[int] = ()) -> tuple[Link, ...]:
     """
-    Return the links with the rotations of the ball joints at q, (n_q,), in constant poses.
+    Return the links with the rotations of the ball joints at q, (n_q,), in their poses.
 
-    The bodies in `free` (see `free_bodies`) are rotated before their slides, not after them, so
-    that these are along their own axes.
+    The bodies in `free` (see `free_bodies`) are rotated before their slides, not after
+    them, so that these are along their own axes.
     """
     result = list(links)
     for k, R in rotations(model, q).items():
         first = k - 3 if k in free else k
         link, joint = links[first], model.bodies[first].joint
-        above = np.eye(4) if link.parent == WORLD else links[link.parent].body
-        before = _clean(above @ homogeneous(joint.rotation, joint.translation))
-        after = _clean(inverse(before) @ link.pose)
-        R = before[:3, :3] @ R
+        # The constant pose is inner @ outer, with the joint's frame after `inner`: there
+        # the rotation of q is put between both.
+        parent_body = np.eye(4) if link.parent == WORLD else links[link.parent].body
+        inner = _clean(parent_body @ homogeneous(joint.rotation, joint.translation))
+        outer = _clean(inverse(inner) @ link.pose)
+        turned = inner[:3, :3] @ R
+        rotation = turned @ outer[:3, :3]
+        translation = inner[:3, 3] + turned @ outer[:3, 3]
         pose = np.eye(4).astype(object)
-        pose[:3] = np.concatenate([R @ after[:3, :3],
-                                   (before[:3, 3] + R @ after[:3, 3])[:, None]], axis=1)
+        pose[:3, :3] = rotation
+        pose[:3, 3] = translation
         result[first] = replace(link, pose=pose)
     return tuple(result)
 
@@ -116,10 +137,12 @@ def _turn_to_z(axis: Array) -> Array:
     """Return a rotation C with C z = axis; a permutation of axes if possible."""
     axis = snapped(axis)
     k = int(np.argmax(np.abs(axis)))
-    if np.count_nonzero(axis) == 1:  # not `max == 1`: true for an axis that is off by 1e-8
+    # Not `max == 1`, which is true for an axis that is off by 1e-8.
+    if np.count_nonzero(axis) == 1:
         C = np.roll(np.eye(3), k - 2, axis=0)
         return C if axis[k] > 0.0 else C @ np.diag([1.0, -1.0, -1.0])
-    x = np.cross(axis, Z if k != 2 else np.array([1.0, 0.0, 0.0]))
+    across = Z if k != 2 else np.array([1.0, 0.0, 0.0])  # not along the axis
+    x = np.cross(axis, across)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(axis, x), axis], axis=1)
 
@@ -127,10 +150,11 @@ def _turn_to_z(axis: Array) -> Array:
 def _moved(link: Link, G: Array) -> Link:
     """Return a link with its frame moved by the pose G, a screw about z."""
     back = inverse(G)
+    angle = math.atan2(G[1, 0], G[0, 0])
     return replace(link, pose=_clean(link.pose @ homogeneous(None, G[:3, 3])),
-                   offset=math.remainder(link.offset + math.atan2(G[1, 0], G[0, 0]),
-                                         2.0 * math.pi),
-                   pseudo_inertia=back @ link.pseudo_inertia @ back.T, body=back @ link.body)
+                   offset=math.remainder(link.offset + angle, 2.0 * math.pi),
+                   pseudo_inertia=back @ link.pseudo_inertia @ back.T,
+                   body=back @ link.body)
 
 
 def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
@@ -140,44 +164,59 @@ def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
     Each link uses the combination of translation and rotation with the fewest constants.
     """
     links = merged(links)
-    result = list(links)
-    children = [[k for k, link in enumerate(links) if link.parent == i]
-                for i in range(len(links))]
-    size = [1] * len(links)
+    children: list[list[int]] = [[] for _ in links]
+    size = [1] * len(links)  # of the subtrees
     for i in reversed(range(len(links))):
-        if links[i].parent != WORLD:
-            size[links[i].parent] += size[i]
+        parent = links[i].parent
+        if parent != WORLD:
+            children[parent].insert(0, i)
+            size[parent] += size[i]
+
+    # Outward, so that the frame of the parent is final when a link's is chosen.
+    result = list(links)
     for i, link in enumerate(links):
         if link.kind != 'revolute' or link.turned:
             continue
-        shift, angle = (_slide(result[i]) if link.parent != WORLD else 0.0), 0.0
+        shift = 0.0
+        angle = 0.0
+        if link.parent != WORLD:
+            shift = _slide(result[i])
         if children[i]:
-            child = result[max(children[i], key=lambda k: size[k])]
+            largest = max(children[i], key=lambda k: size[k])
+            child = result[largest]
             angle = _turn_to_normal(child)
             if link.parent == WORLD and child.kind == 'revolute':
-                shift = float((child.translation + _slide(child) * child.rotation[:, 2])[2])
-        near = [result[k] for k in (i, *children[i])]
-        choices = [_with_frame_moved(near, turn, rise)
-                   for turn in (angle, 0.0) for rise in (shift, 0.0)]
-        best = min(choices, key=_constants)
-        for k, chosen in zip((i, *children[i]), best):
+                on_normal = child.translation + _slide(child) * child.rotation[:, 2]
+                shift = float(on_normal[2])
+        family = (i, *children[i])
+        nearby = [result[k] for k in family]
+        choices = []
+        for turn in (angle, 0.0):
+            for rise in (shift, 0.0):
+                choices.append(_with_frame_moved(nearby, turn, rise))
+        for k, chosen in zip(family, min(choices, key=_number_of_constants)):
             result[k] = chosen
     return tuple(_untwisted(link) for link in result)
 
 
-def _with_frame_moved(near: Sequence[Link], angle: float, shift: float) -> list[Link]:
-    """Rotate a link's frame about its z axis and move it along; keep its children in place."""
+def _with_frame_moved(family: Sequence[Link], angle: float, shift: float) -> list[Link]:
+    """Rotate the first link's frame about z and move it along; its children stay."""
     G = about_z(angle)
     G[2, 3] = shift
-    return [_moved(near[0], G), *(replace(child, pose=_clean(inverse(G) @ child.pose))
-                                  for child in near[1:])]
+    result = [_moved(family[0], G)]
+    for child in family[1:]:
+        result.append(replace(child, pose=_clean(inverse(G) @ child.pose)))
+    return result
 
 
-def _constants(links: Sequence[Link]) -> int:
+def _number_of_constants(links: Sequence[Link]) -> int:
     """Return the number of entries of the links' poses that cause a multiplication."""
-    poses = [_untwisted(link).pose[:3] for link in links]
-    return sum(int(np.sum(~np.isin(pose[:, :3], (0.0, 1.0, -1.0))) + np.sum(pose[:, 3] != 0.0))
-               for pose in poses)
+    count = 0
+    for link in links:
+        pose = _untwisted(link).pose
+        count += int(np.sum(~np.isin(pose[:3, :3], (0.0, 1.0, -1.0))))
+        count += int(np.sum(pose[:3, 3] != 0.0))
+    return count
 
 
 def _turn_to_normal(child: Link) -> float:
@@ -198,7 +237,7 @@ def _turn_to_normal(child: Link) -> float:
 
 
 def _slide(child: Link) -> float:
-    """Return the distance along its axis from a child's origin to the common normal with z."""
+    """Return the distance along a child's axis from its origin to the normal with z."""
     z, p = child.rotation[:, 2], child.translation
     x = np.cross(Z, z)
     square = float(x @ x)
@@ -219,28 +258,34 @@ def _untwisted(link: Link) -> Link:
 
 
 def regrouped(links: Sequence[Link]) -> tuple[Link, ...]:
-    """Move inertia to the parents where it does not affect joint torques (see the module)."""
-    carrying_none = set(range(len(links))).difference(link.parent for link in links)
-    result = [_align_with_com(link) if i in carrying_none else link
-              for i, link in enumerate(links)]
+    """Move inertia to the parents where it does not affect joint torques (see above)."""
+    parents = {link.parent for link in links}
+    result = list(links)
+    for i, link in enumerate(links):
+        if i not in parents:
+            result[i] = _align_with_com(link)
+
+    # Inward: a link's parameters are regrouped after those of its children are added.
     for i in reversed(range(len(links))):
         link = result[i]
-        moved = np.zeros((4, 4)).astype(link.pseudo_inertia.dtype)
+        # Mass and its moments along z do not resist a rotation about z, and second
+        # moments do not resist a translation.
         part = slice(2, 4) if link.kind == 'revolute' else slice(0, 3)
-        moved[part, part] = link.pseudo_inertia[part, part]
-        rest = link.pseudo_inertia.copy()
-        rest[part, part] = 0.0
-        result[i] = replace(link, pseudo_inertia=_without_rounding(rest))
+        inert = np.zeros((4, 4)).astype(link.pseudo_inertia.dtype)
+        inert[part, part] = link.pseudo_inertia[part, part]
+        base = link.pseudo_inertia.copy()
+        base[part, part] = 0.0
+        result[i] = replace(link, pseudo_inertia=_without_rounding(base))
         if link.parent != WORLD:
             T = link.pose if link.kind == 'revolute' else homogeneous(link.rotation)
-            above = result[link.parent]
-            result[link.parent] = replace(
-                above, pseudo_inertia=above.pseudo_inertia + T @ moved @ T.T)
+            parent = result[link.parent]
+            regrouped_inertia = parent.pseudo_inertia + T @ inert @ T.T
+            result[link.parent] = replace(parent, pseudo_inertia=regrouped_inertia)
     return tuple(result)
 
 
 def _align_with_com(link: Link) -> Link:
-    """Rotate a revolute link about its axis until its center of mass or principal axis is on x."""
+    """Rotate a revolute link about z until its com or a principal axis is on x."""
     P = _without_rounding(link.pseudo_inertia)
     if link.kind != 'revolute' or P.dtype == object:
         return link
@@ -259,8 +304,9 @@ def _clean(pose: Array) -> Array:
     return homogeneous(snapped(pose[:3, :3]), translation)
 
 
-def _without_rounding(P: Any) -> Any:
+def _without_rounding(P: Matrix) -> Matrix:
     """Return a pseudo-inertia with rounding errors of zeros removed."""
     if P.dtype == object:
         return P
-    return np.where(np.abs(P) < 1e-14 * float(np.abs(P).max(initial=0.0)), 0.0, P)
+    largest = float(np.abs(P).max(initial=0.0))
+    return np.where(np.abs(P) < 1e-14 * largest, 0.0, P)
