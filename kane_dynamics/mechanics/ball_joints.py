@@ -228,7 +228,7 @@ def difference(model: Model, q0: Array, q1: Array) -> Array:
 
 def chord(model: Model, q0: Vector, q1: Vector) -> Vector:
     """
-    Return the step, (n,), from q0 to q1, with 2 sin(angle / 2) for angles of ball joints.
+    Return the step, (n,), from q0 to q1, with 2 sin(angle / 2) of ball joints.
 
     Of first order that is `difference`, but smooth, over any scalar, and not of batches.
     """
@@ -245,7 +245,7 @@ def chord(model: Model, q0: Vector, q1: Vector) -> Vector:
 
 
 def require_unit(model: Model, q: Array, what: str) -> Array:
-    """Return q, (..., n_q), with unit quaternions; InputError if one is far from unit."""
+    """Return q, (..., n_q), with unit quaternions; InputError if one is far off."""
     result = q.copy()
     for ball in balls(model):
         length = np.linalg.norm(ball.quaternion(q), axis=-1, keepdims=True)
@@ -284,6 +284,6 @@ def require_angles(model: Model, what: str) -> None:
     """Raise InputError for a model with ball joints where joint positions are needed."""
     if model.balls:
         names = ', '.join(f"'{ball.name}'" for ball in balls(model))
-        raise InputError(f'{what}: a robot with ball joints ({names}), whose position is '
-                         'a quaternion; expected joints with positions, such as '
+        raise InputError(f'{what}: a robot with ball joints ({names}), whose position '
+                         'is a quaternion; expected joints with positions, such as '
                          "kind='spherical' or 'floating'")

@@ -194,7 +194,8 @@ def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
         for turn in (angle, 0.0):
             for rise in (shift, 0.0):
                 choices.append(_with_frame_moved(nearby, turn, rise))
-        for k, chosen in zip(family, min(choices, key=_number_of_constants)):
+        best = min(choices, key=_number_of_constants)
+        for k, chosen in zip(family, best):
             result[k] = chosen
     return tuple(_untwisted(link) for link in result)
 

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
-# ``share(name, function, *arrays)`` returns ``function(*arrays)``; it may create a subroutine of
-# the function and reuse it for the same name.
+# ``share(name, function, *arrays)`` returns ``function(*arrays)``; it may create a
+# subroutine of the function and reuse it for the same name.
 Share = Callable[..., Any]
 
 
@@ -17,8 +17,8 @@ def directly(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
     name : str
         Identifies what `function` computes.
     function : callable
-        Takes one-dimensional arrays and returns one. It must not use varying data other than
-        its arguments.
+        Takes one-dimensional arrays and returns one. It must not use varying data other
+        than its arguments.
     *arguments : arrays
 
     """

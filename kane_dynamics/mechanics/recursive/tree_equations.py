@@ -1,12 +1,13 @@
 """
 The dynamics of a kinematic tree in joint space, M udot + bias = tau + external, over any scalar.
 
-`TreeEquations` combines the recursive algorithms (RNEA, CRBA, LTDL) with the active forces of a
-Model and the run-time parameters: gravity, a payload, external wrenches. Its methods are pure
-functions; compilation traces them and tests run them on numbers.
+`TreeEquations` combines the recursive algorithms (RNEA, CRBA, LTDL) with the active
+forces of a Model and the run-time parameters: gravity, a payload, external wrenches. Its
+methods are pure functions; compilation traces them and tests run them on numbers.
 
-With ball joints, every quantity is that of the same tree in its local angles (see `ball_joints`),
-which are zero at q: theta' = u and theta'' = u' - gamma(u). Torques are dual to both.
+With ball joints, every quantity is that of the same tree in its local angles (see
+`ball_joints`), which are zero at q: theta' = u and theta'' = u' - gamma(u). Torques are
+dual to both.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,15 +18,18 @@ from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
-from kane_dynamics.mechanics.ball_joints import (axis_acceleration, axis_rates, Ball, free_bodies,
+from kane_dynamics.mechanics.ball_joints import (axis_acceleration, axis_rates, Ball,
+                                                 free_bodies,
                                                  joint_positions, rotations)
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
-from kane_dynamics.mechanics.recursive import (center_of_mass as masses, composite_inertia,
+from kane_dynamics.mechanics.recursive import (center_of_mass as masses,
+                                               composite_inertia,
                                                frame_kinematics, inverse_dynamics,
                                                joint_reactions, regressor)
 from kane_dynamics.mechanics.recursive.derivatives import inverse_dynamics_derivatives
 from kane_dynamics.mechanics.recursive.link import homogeneous, Link
-from kane_dynamics.mechanics.recursive.link_frames import (carrying, denavit_hartenberg, linkage,
+from kane_dynamics.mechanics.recursive.link_frames import (carrying, denavit_hartenberg,
+                                                           linkage,
                                                            posed, regrouped)
 from kane_dynamics.mechanics.recursive.subroutines import directly, Share
 from kane_dynamics.model.beam import Beam
@@ -33,7 +37,8 @@ from kane_dynamics.model.model import Body, Frame, Joint, Model, WORLD
 import numpy as np
 
 RESISTS = 1e-9  # of the trace of an inertia: a smaller moment is zero
-RIGID_ONLY = ('inverse_dynamics_derivatives', 'forward_dynamics_derivatives', 'regressor')
+RIGID_ONLY = ('inverse_dynamics_derivatives', 'forward_dynamics_derivatives',
+              'regressor')
 TORQUE_TERMS = ('inertia', 'coriolis', 'gravity', 'friction', 'spring')
 NO_GRAVITY = np.zeros(3).astype(object)
 
@@ -42,9 +47,10 @@ class TreeEquations:
     """
     The dynamics of a model in joint space: in joint rates and without constraints.
 
-    Methods take the coordinates q (n_q,), the speeds u and accelerations udot of the joints (n,),
-    wrenches (k, 6) at the declared frames or None, and the run-time parameters: gravity (3,),
-    then the payload's ten inertial parameters if a frame for it is declared.
+    Methods take the coordinates q (n_q,), the speeds u and accelerations udot of the
+    joints (n,), wrenches (k, 6) at the declared frames or None, and the run-time
+    parameters: gravity (3,), then the payload's ten inertial parameters if a frame for
+    it is declared.
 
     Parameters
     ----------
@@ -56,7 +62,8 @@ class TreeEquations:
     friction : bool
         Whether to include damping and Coulomb friction.
     frame_reduction : bool
-        Use Denavit-Hartenberg-like link frames. Otherwise only the joint axes are aligned.
+        Use Denavit-Hartenberg-like link frames. Otherwise only the joint axes are
+        aligned.
 
     """
 
@@ -107,7 +114,8 @@ class TreeEquations:
         if frame is None or frame.body == WORLD:
             return links
         m, hx, hy, hz, xx, xy, xz, yy, yz, zz = parameters[3:13]
-        P = np.array([[xx, xy, xz, hx], [xy, yy, yz, hy], [xz, yz, zz, hz], [hx, hy, hz, m]])
+        P = np.array([[xx, xy, xz, hx], [xy, yy, yz, hy], [xz, yz, zz, hz],
+                      [hx, hy, hz, m]])
         pose = homogeneous(frame.rotation, frame.translation)
         return carrying(links, frame.body, pose, P)
 
@@ -131,14 +139,16 @@ class TreeEquations:
     def inverse_dynamics(self, q: Vector, u: Vector, udot: Vector, wrench: Any,
                          parameters: Vector) -> Vector:
         """Return tau = M udot + bias - external, (n,), by RNEA."""
-        return self.rigid_dynamics(q, u, udot, wrench, parameters) + self.friction_force(u)
+        return self.rigid_dynamics(q, u, udot, wrench,
+                                   parameters) + self.friction_force(u)
 
     def rigid_dynamics(self, q: Vector, u: Vector, udot: Vector, wrench: Any,
                        parameters: Vector) -> Vector:
         """Return inverse dynamics without friction, (n,)."""
         links, x = self._at(q, self.base_links(parameters))
         acceleration = self._angle_accelerations(u, udot)
-        rigid = inverse_dynamics.inverse_dynamics(links, x, u, acceleration, parameters[:3])
+        rigid = inverse_dynamics.inverse_dynamics(links, x, u, acceleration,
+                                                  parameters[:3])
         return (rigid + self.armature(acceleration) + self.spring_force(x)
                 - self.external_force(q, wrench))
 
@@ -155,24 +165,30 @@ class TreeEquations:
     def external_force(self, q: Vector, wrench: Any) -> Vector:
         """Return the generalized force of wrenches (k, 6) at the declared frames, (n,)."""
         wrenches = () if wrench is None else zip(self.wrench_frames, wrench)
-        return sum((self.partial_velocities(frame, q).T @ w for frame, w in wrenches), self.zeros)
+        return sum((self.partial_velocities(frame, q).T @ w for frame, w in wrenches),
+                   self.zeros)
 
-    def torque_terms(self, q: Vector, u: Vector, udot: Vector, parameters: Vector) -> Matrix:
+    def torque_terms(self, q: Vector, u: Vector, udot: Vector,
+                     parameters: Vector) -> Matrix:
         """Return the terms of inverse dynamics, (5, n), rows as `TORQUE_TERMS`."""
         links, x = self._at(q, self.base_links(parameters))
         rest = self.zeros
-        # At u' = 0 the local angles of ball joints accelerate: a part of the Coriolis forces.
+        # At u' = 0 the local angles of ball joints accelerate: a part of the Coriolis
+        # forces.
         at_rest = self._angle_accelerations(u, rest)
         inertia = inverse_dynamics.inverse_dynamics(links, x, rest, udot, NO_GRAVITY)
         return np.stack([
             inertia + self.armature(udot),
             inverse_dynamics.inverse_dynamics(links, x, u, at_rest, NO_GRAVITY),
-            self.gravity_force(q, parameters), self.friction_force(u), self.spring_force(x)])
+            self.gravity_force(q, parameters), self.friction_force(u),
+            self.spring_force(x)])
 
-    def body_torques(self, q: Vector, u: Vector, udot: Vector, parameters: Vector) -> Matrix:
+    def body_torques(self, q: Vector, u: Vector, udot: Vector,
+                     parameters: Vector) -> Matrix:
         """Return the torques due to each body with its payload and elasticity, (n_bodies, n)."""
         links, x = self._at(q, self.links(parameters))
-        torques = joint_reactions.body_torques(links, x, u, self._angle_accelerations(u, udot),
+        torques = joint_reactions.body_torques(links, x, u,
+                                               self._angle_accelerations(u, udot),
                                                parameters[:3])
         for row, body in zip(torques, self.model.bodies):
             if body.beam is not None:
@@ -221,8 +237,9 @@ class TreeEquations:
             return factorized(M, order, watched=self.without_own_inertia)
         except ZeroDivisionError as error:
             name = self.model.joint_names[error.args[0]]
-            raise ModelError(f"the mass matrix is singular: joint '{name}' moves no mass; "
-                             'expected a body with inertia or a joint with armature') from None
+            raise ModelError(f"the mass matrix is singular: joint '{name}' moves no "
+                             'mass; expected a body with inertia or a joint with '
+                             'armature') from None
 
     def forward_dynamics(self, q: Vector, u: Vector, tau: Vector, wrench: Any,
                          parameters: Vector) -> Vector:
@@ -232,18 +249,20 @@ class TreeEquations:
         held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
         return solve(self.factors(q, parameters), self.order, tau - held)
 
-    def _forward_dynamics_of_free_bodies(self, q: Vector, u: Vector, tau: Vector, wrench: Any,
+    def _forward_dynamics_of_free_bodies(self, q: Vector, u: Vector, tau: Vector,
+                                         wrench: Any,
                                          parameters: Vector) -> Vector:
         """
         Return udot of a tree with free bodies, (n,).
 
-        The speeds of a free body are in this function the velocity of its origin along its own
-        axes, as they are at this instant. The rows of M that belong to them are the mass and
-        first moment of all that moves with it. They are eliminated first, which leaves M of
-        motions about the center of mass; not if the body carries several branches, whose common
-        entries of M are zero but would not be then.
+        The speeds of a free body are in this function the velocity of its origin along
+        its own axes, as they are at this instant. The rows of M that belong to them are
+        the mass and first moment of all that moves with it. They are eliminated first,
+        which leaves M of motions about the center of mass; not if the body carries
+        several branches, whose common entries of M are zero but would not be then.
         """
-        slides = {ball.body: slice(ball.speed - 3, ball.speed) for ball in self._free_balls}
+        slides = {ball.body: slice(ball.speed - 3,
+                                   ball.speed) for ball in self._free_balls}
         links = posed(self.base_links(parameters), self.model, q, list(slides))
         geometry = posed(self._links, self.model, q, list(slides))
         x, R = joint_positions(self.model, q), rotations(self.model, q)
@@ -252,7 +271,8 @@ class TreeEquations:
             # No other force depends on the position and velocity of the origin.
             x[slide], applied[slide] = 0.0, R[body].T @ applied[slide]
         acceleration = self._angle_accelerations(u, self.zeros)
-        held = (inverse_dynamics.inverse_dynamics(links, x, u, acceleration, parameters[:3])
+        held = (inverse_dynamics.inverse_dynamics(links, x, u, acceleration,
+                                                  parameters[:3])
                 + self.armature(acceleration) + self.spring_force(x))
         for frame, w in () if wrench is None else zip(self.wrench_frames, wrench):
             held = held - frame_kinematics.partial_velocities(geometry, frame, x).T @ w
@@ -299,16 +319,18 @@ class TreeEquations:
         """
         Return the coordinates that may move without kinetic energy in some configuration.
 
-        With the joints before it at rest, the body of a joint moves along the joint alone. Where
-        its own inertia resists that, as does no thin rod about itself and no body without mass,
-        the pivot of the coordinate is positive. Only at others may the mass matrix be singular.
+        With the joints before it at rest, the body of a joint moves along the joint
+        alone. Where its own inertia resists that, as does no thin rod about itself and
+        no body without mass, the pivot of the coordinate is positive. Only at others may
+        the mass matrix be singular.
         """
         bodies = self.model.bodies
         first: dict[int, int] = {}  # body of each coordinate
         for k, body in enumerate(bodies):
             if body.joint.deflection is None and body.joint.multiplier:
                 first.setdefault(body.joint.coordinate, k)
-        # The slides of a free body are eliminated first, which leaves motions about its center.
+        # The slides of a free body are eliminated first, which leaves motions about its
+        # center.
         central = {ball.body + 2 for ball in free_bodies(self.model)}
         return frozenset(coordinate for coordinate, k in first.items()
                          if not _own_inertia_resists(bodies[k], k in central))
@@ -320,8 +342,8 @@ class TreeEquations:
         """
         Return the Coriolis matrix C, (n, n), from Christoffel symbols: C = 1/2 d(C u)/du.
 
-        With ball joints, C = C_theta - M A with gamma = A u: C_theta are the Christoffel symbols
-        in the local angles, and u = (1 + A dt) theta'.
+        With ball joints, C = C_theta - M A with gamma = A u: C_theta are the Christoffel
+        symbols in the local angles, and u = (1 + A dt) theta'.
         """
         links, x = self._at(q, self.base_links(parameters))
         if not self.model.balls:
@@ -329,16 +351,20 @@ class TreeEquations:
         M = composite_inertia.mass_matrix(links, x)
         return self._christoffel(links, x, u, share) - M @ axis_rates(self.model, u)
 
-    def _christoffel(self, links: Sequence[Link], x: Vector, u: Vector, share: Share) -> Matrix:
+    def _christoffel(self, links: Sequence[Link], x: Vector, u: Vector,
+                     share: Share) -> Matrix:
         """Return the Coriolis matrix in joint positions x, (n, n)."""
         if self.model.flexible:  # the analytic derivatives are those of rigid bodies
             columns = [rates(inverse_dynamics.inverse_dynamics(
-                links, x, moving(u, unit), self.zeros, NO_GRAVITY)) for unit in np.eye(self.n)]
+                links, x, moving(u, unit), self.zeros,
+                NO_GRAVITY)) for unit in np.eye(self.n)]
             return 0.5 * np.stack(columns, axis=1)
-        return 0.5 * inverse_dynamics_derivatives(links, x, u, self.zeros, NO_GRAVITY, share)[1]
+        return 0.5 * inverse_dynamics_derivatives(links, x, u, self.zeros, NO_GRAVITY,
+                                                  share)[1]
 
     def inverse_dynamics_derivatives(self, q: Vector, u: Vector, udot: Vector,
-                                     parameters: Vector, share: Share = directly) -> Matrix:
+                                     parameters: Vector,
+                                     share: Share = directly) -> Matrix:
         """
         Return dtau/dq, dtau/du and dtau/dudot = M, (3, n, n), without external wrenches.
 
@@ -423,7 +449,8 @@ class TreeEquations:
     def kinetic_energy(self, q: Vector, u: Vector, parameters: Vector) -> Scalar:
         """Return the kinetic energy including the rotors (armature), J."""
         links, x = self._at(q, self.links(parameters))
-        return inverse_dynamics.kinetic_energy(links, x, u) + 0.5 * (u @ self.armature(u))
+        return inverse_dynamics.kinetic_energy(links, x,
+                                               u) + 0.5 * (u @ self.armature(u))
 
     def potential_energy(self, q: Vector, parameters: Vector) -> Scalar:
         """Return the potential energy of gravity and springs, J."""
@@ -455,11 +482,13 @@ class TreeEquations:
         """Return the linear, then angular velocity of a frame, (6,)."""
         return self._frame_motion(frame, q, u, self.zeros)[0]
 
-    def frame_acceleration(self, frame: Frame, q: Vector, u: Vector, udot: Vector) -> Vector:
+    def frame_acceleration(self, frame: Frame, q: Vector, u: Vector,
+                           udot: Vector) -> Vector:
         """Return the linear, then angular acceleration of a frame, (6,)."""
         return self._frame_motion(frame, q, u, self._angle_accelerations(u, udot))[1]
 
-    def _frame_motion(self, frame: Frame, q: Vector, u: Vector, acceleration: Vector) -> Matrix:
+    def _frame_motion(self, frame: Frame, q: Vector, u: Vector,
+                      acceleration: Vector) -> Matrix:
         """Return velocity and acceleration of a frame, (2, 6), for accelerations of angles."""
         poses = frame_kinematics.LinkPoses(*self._at(q, self._links))
         return frame_kinematics.frame_motion(frame, poses, u, acceleration)
