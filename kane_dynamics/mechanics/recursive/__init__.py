@@ -1,1 +1,1 @@
-"""Recursive algorithms that are compiled: RNEA, CRBA, reactions, derivatives, regressor."""
+"""Compiled recursive algorithms: RNEA, CRBA, reactions, derivatives, regressor."""

@@ -1,5 +1,5 @@
 """
-The dynamics of a kinematic tree in joint space, M udot + bias = tau + external, over any scalar.
+The dynamics of a tree in joint space, M udot + bias = tau + external, on any scalar.
 
 `TreeEquations` combines the recursive algorithms (RNEA, CRBA, LTDL) with the active
 forces of a Model and the run-time parameters: gravity, a payload, external wrenches. Its
@@ -75,9 +75,11 @@ class TreeEquations:
         self.n, self.n_q = model.n, len(model.coordinate_names)
         self.friction = friction
         self.wrench_frames = tuple(model.frame(name) for name in wrench_frames)
-        self.payload_frame = None if payload_frame is None else model.frame(payload_frame)
+        self.payload_frame = (None if payload_frame is None
+                              else model.frame(payload_frame))
         self.frame_reduction = frame_reduction
-        self.unsupported = RIGID_ONLY if model.flexible else ()  # not available for beams
+        # Quantities that are not available for beams.
+        self.unsupported = RIGID_ONLY if model.flexible else ()
 
     # The links, with their inertial parameters and at a configuration.
 
@@ -92,7 +94,7 @@ class TreeEquations:
 
     @property
     def joint_links(self) -> tuple[Link, ...]:
-        """Return the links with their origins at the model's joints, without a payload."""
+        """Return the links with origins at the model's joints, without a payload."""
         return self._raw_links
 
     @property
@@ -105,7 +107,7 @@ class TreeEquations:
         return self._loaded(self._links, parameters)
 
     def base_links(self, parameters: Vector) -> tuple[Link, ...]:
-        """Return the links with base inertial parameters only, sufficient for joint forces."""
+        """Return the links with base inertial parameters, enough for joint forces."""
         return regrouped(self.links(parameters))
 
     def _loaded(self, links: tuple[Link, ...], parameters: Vector) -> tuple[Link, ...]:
@@ -120,7 +122,7 @@ class TreeEquations:
         return carrying(links, frame.body, pose, P)
 
     def _at(self, q: Vector, links: tuple[Link, ...]) -> tuple[tuple[Link, ...], Vector]:
-        """Return links with the rotations of ball joints at q, and the joint positions, (n,)."""
+        """Return links with ball joints rotated as in q, and joint positions, (n,)."""
         if not self.model.balls:
             return links, q
         return posed(links, self.model, q), joint_positions(self.model, q)
@@ -163,7 +165,7 @@ class TreeEquations:
                                                  parameters[:3])
 
     def external_force(self, q: Vector, wrench: Any) -> Vector:
-        """Return the generalized force of wrenches (k, 6) at the declared frames, (n,)."""
+        """Return the generalized force of wrenches (k, 6) at their frames, (n,)."""
         wrenches = () if wrench is None else zip(self.wrench_frames, wrench)
         return sum((self.partial_velocities(frame, q).T @ w for frame, w in wrenches),
                    self.zeros)
@@ -185,7 +187,7 @@ class TreeEquations:
 
     def body_torques(self, q: Vector, u: Vector, udot: Vector,
                      parameters: Vector) -> Matrix:
-        """Return the torques due to each body with its payload and elasticity, (n_bodies, n)."""
+        """Return torques due to each body, its payload, elasticity, (n_bodies, n)."""
         links, x = self._at(q, self.links(parameters))
         torques = joint_reactions.body_torques(links, x, u,
                                                self._angle_accelerations(u, udot),
@@ -198,7 +200,7 @@ class TreeEquations:
 
     def joint_reactions(self, q: Vector, u: Vector, udot: Vector, wrench: Any,
                         parameters: Vector) -> Matrix:
-        """Return the reactions of parent on child at all joints, (n_bodies, 6), world axes."""
+        """Return reactions of parents on children, (n_bodies, 6), world axes."""
         wrenches = () if wrench is None else tuple(zip(self.wrench_frames, wrench))
         links, x = self._at(q, self._loaded(self._raw_links, parameters))
         reactions = joint_reactions.joint_reactions(
@@ -228,11 +230,11 @@ class TreeEquations:
         return inverse(self.factors(q, parameters), self.order)
 
     def factors(self, q: Vector, parameters: Vector, factorized: Any = factorize) -> Any:
-        """Return the LTDL factorization of M; raise ModelError if M is structurally singular."""
+        """Return the LTDL factorization of M; ModelError if M is singular."""
         return self._factors(self.mass_matrix(q, parameters), self.order, factorized)
 
     def _factors(self, M: Matrix, order: list[int], factorized: Any = factorize) -> Any:
-        """Return the factorization of a mass matrix with this order of the coordinates."""
+        """Return the factorization of a mass matrix in this order of coordinates."""
         try:
             return factorized(M, order, watched=self.without_own_inertia)
         except ZeroDivisionError as error:
@@ -243,7 +245,7 @@ class TreeEquations:
 
     def forward_dynamics(self, q: Vector, u: Vector, tau: Vector, wrench: Any,
                          parameters: Vector) -> Vector:
-        """Return udot = M^-1 (tau + external - bias), (n,), by CRBA and LTDL, not by ABA."""
+        """Return udot = M^-1 (tau + external - bias), (n,), by CRBA and LTDL, no ABA."""
         if self._free_balls:
             return self._forward_dynamics_of_free_bodies(q, u, tau, wrench, parameters)
         held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
@@ -296,7 +298,7 @@ class TreeEquations:
 
     @lazy_property
     def _free_balls(self) -> list[Ball]:
-        """Return the free bodies without a payload or wrench on the slides before them."""
+        """Return the free bodies whose slides carry no payload or wrench."""
         frames = (self.payload_frame, *self.wrench_frames)
         loaded = {frame.body for frame in frames if frame is not None}
         return [ball for ball in free_bodies(self.model)
@@ -304,7 +306,7 @@ class TreeEquations:
 
     @lazy_property
     def _free_order(self) -> list[int]:
-        """Return `order`, but with slides at its end if the free body carries one chain."""
+        """Return `order`, but slides last if the free body carries one chain."""
         parents = [body.parent for body in self.model.bodies]
         branching = {k for k in parents if parents.count(k) > 1 and k != WORLD}
         carriers = {j for k in branching for j in self.model.path(k)}
@@ -317,7 +319,7 @@ class TreeEquations:
     @lazy_property
     def without_own_inertia(self) -> frozenset[int]:
         """
-        Return the coordinates that may move without kinetic energy in some configuration.
+        Return the coordinates that may move without kinetic energy somewhere.
 
         With the joints before it at rest, the body of a joint moves along the joint
         alone. Where its own inertia resists that, as does no thin rod about itself and
@@ -340,7 +342,7 @@ class TreeEquations:
     def coriolis_matrix(self, q: Vector, u: Vector, parameters: Vector,
                         share: Share = directly) -> Matrix:
         """
-        Return the Coriolis matrix C, (n, n), from Christoffel symbols: C = 1/2 d(C u)/du.
+        Return the Coriolis matrix, (n, n), from Christoffel symbols: 1/2 d(C u)/du.
 
         With ball joints, C = C_theta - M A with gamma = A u: C_theta are the Christoffel
         symbols in the local angles, and u = (1 + A dt) theta'.
@@ -375,13 +377,13 @@ class TreeEquations:
         return rigid + np.stack([np.diag(x) for x in self.joint_slopes(u)])
 
     def joint_slopes(self, u: Vector) -> tuple[Vector, Vector, Vector]:
-        """Return what springs, friction and armature add to the diagonals of the derivatives."""
+        """Return what springs, friction, armature add to derivatives' diagonals."""
         return (self._by_coordinate(lambda joint: joint.multiplier**2 * joint.stiffness),
                 self.friction_slope(u), self.armature(np.ones(self.n)))
 
     def forward_dynamics_derivatives(self, q: Vector, u: Vector, tau: Vector,
                                      parameters: Vector) -> Matrix:
-        """Return dudot/dq, dudot/du and dudot/dtau = M^-1, (3, n, n), no external wrenches."""
+        """Return dudot/dq, dudot/du and dudot/dtau, (3, n, n), no external wrenches."""
         udot = self.forward_dynamics(q, u, tau, None, parameters)
         by_q, by_u, _ = self.inverse_dynamics_derivatives(q, u, udot, parameters)
         W = self.inverse_mass_matrix(q, parameters)
@@ -395,7 +397,7 @@ class TreeEquations:
             lambda joint: joint.multiplier**2 * joint.armature * x[joint.coordinate])
 
     def friction_force(self, u: Vector) -> Vector:
-        """Return the friction torque d u + mu tanh(u / u_s) + offset of every joint, (n,)."""
+        """Return the friction torque d u + mu tanh(u / u_s) + offset, (n,)."""
         if not self.friction:
             return self.zeros
 
@@ -416,14 +418,14 @@ class TreeEquations:
         return self._by_coordinate(slope)
 
     def spring_force(self, x: Vector) -> Vector:
-        """Return the torque that balances springs k (position - rest) and beams K eta, (n,)."""
+        """Return the torque of springs k (position - rest) and beams K eta, (n,)."""
         def force(joint: Joint) -> Scalar:
             return joint.multiplier * joint.stiffness * (position(joint, x) - joint.rest)
         return self._with_beams(self._by_coordinate(force),
                                 lambda beam: beam.stiffness @ x[list(beam.coordinates)])
 
     def elastic_force(self, beam: Beam, x: Vector, u: Vector) -> Vector:
-        """Return the force on a beam's modes that balances elasticity and damping, (m,)."""
+        """Return the force that balances a beam's elasticity and damping, (m,)."""
         modes = list(beam.coordinates)
         force = beam.stiffness @ x[modes]
         return force + beam.damping @ u[modes] if self.friction else force
@@ -489,12 +491,12 @@ class TreeEquations:
 
     def _frame_motion(self, frame: Frame, q: Vector, u: Vector,
                       acceleration: Vector) -> Matrix:
-        """Return velocity and acceleration of a frame, (2, 6), for accelerations of angles."""
+        """Return velocity and acceleration of a frame, (2, 6), for local angles."""
         poses = frame_kinematics.LinkPoses(*self._at(q, self._links))
         return frame_kinematics.frame_motion(frame, poses, u, acceleration)
 
     def partial_velocities(self, frame: Frame, q: Vector) -> Matrix:
-        """Return the Jacobian (partial velocities) of a frame, (6, n): linear, then angular."""
+        """Return the Jacobian (partial velocities), (6, n): linear, then angular."""
         links, x = self._at(q, self._links)
         return frame_kinematics.partial_velocities(links, frame, x)
 
@@ -520,7 +522,7 @@ def position(joint: Joint, x: Vector) -> Scalar:
 
 def _own_inertia_resists(body: Body, central: bool) -> bool:
     """
-    Return whether a body's own inertia, or its joint's rotor, resists the joint's motion.
+    Return whether a body's inertia, or its joint's rotor, resists the joint's motion.
 
     `central` says that the body's center of mass may stay at rest.
     """
