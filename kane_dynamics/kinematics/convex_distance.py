@@ -126,6 +126,7 @@ def convex_distances(first: ConvexShapes, first_poses: Array, second: ConvexShap
         shorter = np.sum(nearest**2, axis=1) < squares[going]
         active = active[shorter]
     core = np.linalg.norm(v, axis=1)
+    core[core**2 <= TOUCHING] = 0.0  # rounding of an origin inside of the simplex
     on_first = np.einsum('ki,kij->kj', weights, parts)
     # The balls reach towards each other along v.
     unit = v / np.maximum(core, np.sqrt(TOUCHING))[:, None]

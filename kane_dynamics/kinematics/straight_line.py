@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from kane_dynamics._util.checks import instance, integer, number
+from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.kinematics.damped_least_squares import inverse_kinematics
+from kane_dynamics.kinematics.damped_least_squares import AT_LIMIT, inverse_kinematics
 from kane_dynamics.kinematics.poses import checked_pose, pose_error, rotation_exp
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.motion.motion import Motion
+from kane_dynamics.native.runtime.kernel import Argument, checked
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,7 +35,7 @@ def straight_line(robot: Robot, frame: str, q: ArrayLike, target: ArrayLike,
     frame : str
         One of `robot.frame_names`.
     q : (n_q,) array_like
-        The configuration at the start, rad or m.
+        The configuration at the start, within the limits, rad or m.
     target : (4, 4) array_like
         Pose of the frame in the world at the end, m, such as of `pose_from`.
     duration : float
@@ -59,13 +61,14 @@ def straight_line(robot: Robot, frame: str, q: ArrayLike, target: ArrayLike,
                       lambda x: 0.0 < x < np.inf)
     points = integer(points, 'points', 5)
     end = checked_pose(target, 'target')
-    start = robot.frame_pose(frame, q)
+    q_start = _start(robot, q)
+    start = robot.frame_pose(frame, q_start)
     along = pose_error(start, end)  # a translation, and a rotation vector in world axes
 
     times = np.linspace(0.0, duration, points)
     share = times / duration
     shares = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-    configurations = [np.asarray(q, dtype=np.float64)]
+    configurations = [q_start]
     for done in shares[1:]:
         pose = np.eye(4)
         pose[:3, :3] = rotation_exp(done * along[3:]) @ start[:3, :3]
@@ -88,3 +91,18 @@ def straight_line(robot: Robot, frame: str, q: ArrayLike, target: ArrayLike,
     columns = [robot.coordinate_names.index(name) for name in names]
     return Motion.from_points(times, np.array(configurations)[:, columns],
                               joint_names=names)
+
+
+def _start(robot: Robot, q: ArrayLike) -> Array:
+    """Return the start; InputError unless it is one configuration within the limits."""
+    q_start = checked(Argument('q', (robot.n_q,), robot.coordinate_names), q)
+    if q_start.ndim != 1:
+        raise InputError(f'q: shape {q_start.shape}; expected ({robot.n_q},), one '
+                         'configuration')
+    beyond = np.maximum(robot.limits.lower - q_start, q_start - robot.limits.upper)
+    worst = int(beyond.argmax())
+    if beyond[worst] > AT_LIMIT:
+        raise InputError(f"q: joint '{robot.coordinate_names[worst]}': position "
+                         f'{q_start[worst]:g}; expected within its limits '
+                         f'{robot.limits.lower[worst]:g} to {robot.limits.upper[worst]:g}')
+    return q_start

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Self, TYPE_CHECKING
 
 from kane_dynamics._util.attribute_hints import HintingClass, missing, refused
+from kane_dynamics._util.checks import integer
 from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.text import SHORT, short
 from kane_dynamics._util.typing import Array
@@ -315,8 +316,8 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         Raises
         ------
         InputError
-            The name is no identifier, the function asks for something else, or its
-            result has another shape.
+            The name is no identifier, there is no input, a shape is none, the function
+            asks for something else, or its result has another shape.
         TypeError
             The function branches on the value of an input.
 
@@ -326,7 +327,12 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         if not (name.isascii() and name.isidentifier()):
             raise InputError(f'name: {name!r}; expected an identifier, such as '
                              "name='power'")
-        return self.kernels.compiled(function, name, inputs, shape)
+        if not inputs:
+            raise InputError(f'{name}: no inputs; expected at least one, such as '
+                             f'q=({self.n_q},)')
+        shapes = {key: _checked_shape(value, f'shape of {key}')
+                  for key, value in inputs.items()}
+        return self.kernels.compiled(function, name, shapes, _checked_shape(shape, 'shape'))
 
     def bind(self) -> Workspace:
         """Return a workspace: preallocated arrays with calls that allocate nothing."""
@@ -423,6 +429,14 @@ for _base in Robot.__mro__[1:-1]:
         _function = getattr(_method, 'checked', _method)
         if isfunction(_function):
             _function.__qualname__ = f'Robot.{_name}'
+
+
+def _checked_shape(value: Any, what: str) -> Shape:
+    """Return a shape as a tuple of integers; raise InputError for anything else."""
+    if not isinstance(value, tuple | list):
+        raise InputError(f'{what}: {SHORT.repr(value)}; expected a tuple of integers, '
+                         'such as (6,)')
+    return tuple(integer(size, what, 0) for size in value)
 
 
 def _restored(model: Model, options: dict[str, Any], gravity: Array,

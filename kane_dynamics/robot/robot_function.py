@@ -110,7 +110,10 @@ class RobotFunction:
     @property
     def identity(self) -> Hashable:
         """Return what tells the function from others of its name, within one robot."""
-        return origin(self.program) if self.is_of_library else self.function
+        if self.is_of_library:
+            return origin(self.program)
+        # Beside the function: its name, the shapes of inputs and result, and what it asks for.
+        return self.program.args
 
 
 def _asked(function: Callable[..., Any], name: str, count: int) -> tuple[str, ...]:

@@ -60,3 +60,13 @@ def test_what_cannot_be_reached_is_named_with_its_share_of_the_line(robot):
         straight_line(robot, 'tool0', HOME, far, 0.0)
     with pytest.raises(InputError, match='points: 3; expected'):
         straight_line(robot, 'tool0', HOME, far, 1.0, points=3)
+
+
+def test_the_start_is_one_configuration_within_the_limits(robot):
+    target = robot.frame_pose('tool0', HOME)
+    with pytest.raises(InputError, match=r'q: shape \(2, 6\); expected \(6,\)'):
+        straight_line(robot, 'tool0', [HOME, HOME], target, 2.0)
+    beyond = HOME + [0.0, 0.0, 5.0, 0.0, 0.0, 0.0]
+    with pytest.raises(InputError, match=r"q: joint 'elbow_joint': position 6.4; expected "
+                                         r'within its limits -3.14159 to 3.14159'):
+        straight_line(robot, 'tool0', beyond, target, 2.0)

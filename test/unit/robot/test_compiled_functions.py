@@ -83,6 +83,29 @@ def test_a_function_is_compiled_once(robot):
     assert robot.compiled(doubled, q=ROW, shape=ROW) is kernel
 
 
+def test_a_function_is_compiled_for_each_shape_of_its_inputs_and_result(robot):
+    def doubled(q):
+        return q + q
+    short = robot.compiled(doubled, q=(2,), shape=(2,))
+    long = robot.compiled(doubled, q=(3,), shape=(3,))
+    assert short([1.0, 2.0]).tolist() == [2.0, 4.0]
+    assert long([1.0, 2.0, 3.0]).tolist() == [2.0, 4.0, 6.0]
+    with pytest.raises(InputError, match=r'doubled: the function returns shape \(2,\)'):
+        robot.compiled(doubled, q=(2,), shape=())
+
+
+def test_shapes_are_tuples_of_integers_and_there_is_an_input(robot):
+    def doubled(q):
+        return q + q
+    assert robot.compiled(doubled, q=[2], shape=[2]) is robot.compiled(doubled, q=(2,), shape=(2,))
+    with pytest.raises(InputError, match='shape of q: 4; expected a tuple of integers'):
+        robot.compiled(doubled, q=4, shape=ROW)
+    with pytest.raises(InputError, match='shape: -1; expected an integer >= 0'):
+        robot.compiled(doubled, q=ROW, shape=(-1,))
+    with pytest.raises(InputError, match=r'constant: no inputs; expected .* q=\(4,\)'):
+        robot.compiled(lambda: 1.0, name='constant', shape=())
+
+
 def test_functions_of_the_library_are_told_apart_by_code_and_plain_values(robot):
     def scaled(factor):
         function = lambda q: factor * q  # noqa: E731
