@@ -1,4 +1,4 @@
-"""Equations of motion of small mechanisms in closed form, by SymPy: extra `equations`."""
+"""Equations of motion of small mechanisms in closed form (extra `equations`)."""
 
 from kane_dynamics.closed_forms.closed_form import closed_form, ClosedForm
 

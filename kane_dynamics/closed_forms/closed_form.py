@@ -1,4 +1,4 @@
-"""The equations of motion of a small mechanism in closed form, and their number of operations."""
+"""The equations of motion of a small mechanism in closed form, and their size."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from kane_dynamics.closed_forms.polynomials import shortened
-from kane_dynamics.closed_forms.symbolic import (exact_model, Parameter, parametrised, symbols,
-                                                 unwrapped)
+from kane_dynamics.closed_forms.symbolic import (
+    exact_model, Parameter, parametrised, symbols, unwrapped)
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.definition import kane
@@ -49,7 +49,7 @@ class ClosedForm:
     partials: dict[str, Any]
 
     def operations(self) -> dict[str, OperationCount]:
-        """Return operation counts of mass matrix and bias with shared common subexpressions."""
+        """Return operation counts of mass matrix and bias, subexpressions shared."""
         upper = [self.M[place] for place in _upper_triangle(len(self.q))]
         return {'mass_matrix': _count(upper), 'bias_force': _count(list(self.bias))}
 
@@ -79,8 +79,8 @@ def closed_form(model: Model, *, numbers: bool = False, friction: bool = True,
     require_angles(model, 'closed form')
     n = model.n
     if not 0 < n <= MOST:
-        raise InputError(f"closed form of '{model.name}': {n} coordinates; expected 1 to {MOST}: "
-                         'choose fewer with --joints, --base or --tip')
+        raise InputError(f"closed form of '{model.name}': {n} coordinates; expected 1 "
+                         f'to {MOST}: choose fewer with --joints, --base or --tip')
     q, q_scalar = symbols(f'q{r + 1}' for r in range(n))
     u, u_scalar = symbols(f'u{r + 1}' for r in range(n))
     parameters: list[Parameter] = []
@@ -100,10 +100,12 @@ def closed_form(model: Model, *, numbers: bool = False, friction: bool = True,
     entries += list(bias)
     for table in tables.values():
         entries += list(table.ravel())
-    short = shortened([unwrapped(entry) for entry in entries], q, u, progress=progress)
+    expressions = list(map(unwrapped, entries))
+    short = shortened(expressions, q, u, progress=progress)
     if numbers:
-        short = [_rounded(expression) for expression in short]
+        short = list(map(_rounded, short))
 
+    # Back to matrices: M, then the bias, then a table for each body.
     by_place = dict(zip(upper, short, strict=False))
     matrix = sp.Matrix(n, n, lambda r, s: by_place[min(r, s), max(r, s)])
     begin = len(upper)
@@ -113,14 +115,17 @@ def closed_form(model: Model, *, numbers: bool = False, friction: bool = True,
     for body in tables:
         partials[body] = sp.Matrix(6, n, short[begin:begin + 6 * n])
         begin += 6 * n
-    used = set().union(matrix.free_symbols, h.free_symbols,
-                       *(table.free_symbols for table in partials.values()))
+
+    # The parameters that appear.
+    used = set(matrix.free_symbols | h.free_symbols)
+    for table in partials.values():
+        used |= table.free_symbols
     appearing = [parameter for parameter in parameters if parameter.symbol in used]
     return ClosedForm(model, q, u, appearing, matrix, h, partials)
 
 
 def _partial_velocities(view: Any, q: Any) -> dict[str, Any]:
-    """Return the partial velocities of the bodies with mass, (6, n), in their own axes."""
+    """Return the partial velocities of bodies with mass, (6, n), in their own axes."""
     tables = {}
     for body, configuration in zip(view.bodies, configurations(view, q), strict=True):
         if unwrapped(body.inertial.mass) == 0 and not np.any(body.inertial.inertia):
@@ -137,7 +142,7 @@ def _upper_triangle(n: int) -> list[tuple[int, int]]:
 
 
 def _rounded(expression: Any) -> Any:
-    """Return an expression with rounded numbers, except exponents and small fractions."""
+    """Return an expression with its fractions and roots rounded, but no exponents."""
     if not expression.args:
         is_fraction = expression.is_Rational and not expression.is_Integer
         return _decimal(expression) if is_fraction else expression

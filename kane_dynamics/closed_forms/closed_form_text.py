@@ -10,15 +10,17 @@ from kane_dynamics.native.tracing.program import OperationCount
 import sympy as sp
 
 CAPTION = 'omega, and v of the center of mass, in the axes of each body'
-VECTORS = {'omega': slice(0, 3), 'v': slice(3, 6)}  # rows of a table of partial velocities
+# Rows of a table of partial velocities.
+VECTORS = {'omega': slice(0, 3), 'v': slice(3, 6)}
 Row = tuple[str, str, str]
 
 
 def as_text(form: ClosedForm, compiled: dict[str, OperationCount]) -> str:
-    """Return everything as plain text; `compiled` has the operation counts of the kernels."""
+    """Return everything as plain text; `compiled` has the kernels' operation counts."""
     n = len(form.q)
     lines = [f'{form.model.name}: M(q) udot + bias(q, u) = tau, u = qdot', '']
-    lines += [f'{symbol:6}{value:12}{meaning}' for symbol, value, meaning in legend(form)]
+    for symbol, value, meaning in legend(form):
+        lines.append(f'{symbol:6}{value:12}{meaning}')
     lines += ['', f'M, symmetric, {n} x {n}']
     for r in range(n):
         for s in range(r, n):
@@ -41,18 +43,23 @@ def as_latex(form: ClosedForm) -> str:
     """Return mass matrix, bias and partial velocities as LaTeX displays."""
     def latex(value: Any) -> str:
         return str(sp.latex(value, full_prec=False))
+
+    # The legend as comments, then a display for each quantity.
     lines = [r'% ' + '  '.join(row).rstrip() for row in legend(form)]
-    lines += [r'\[ M = ' + latex(form.M) + r' \]', r'\[ h = ' + latex(form.bias) + r' \]']
+    lines.append(r'\[ M = ' + latex(form.M) + r' \]')
+    lines.append(r'\[ h = ' + latex(form.bias) + r' \]')
     for body, table in form.partials.items():
         label = rf'\text{{{body}}}'.replace('_', r'\_')
         for r in range(len(form.q)):
-            lines.append(rf'\[ \omega_{{{r + 1}}}^{{{label}}} = {latex(table[:3, r])}, \quad '
-                         rf'v_{{{r + 1}}}^{{{label}}} = {latex(table[3:, r])} \]')
+            angular = latex(table[:3, r])
+            linear = latex(table[3:, r])
+            place = rf'_{{{r + 1}}}^{{{label}}}'
+            lines.append(rf'\[ \omega{place} = {angular}, \quad v{place} = {linear} \]')
     return '\n'.join(lines) + '\n'
 
 
 def as_markdown(form: ClosedForm) -> str:
-    """Return the table of partial velocities: one row per speed, two columns per body."""
+    """Return the table of partial velocities: a row per speed, two columns per body."""
     header = ['r']
     for body in form.partials:
         header += [f'{symbol} of {body}' for symbol in VECTORS]
@@ -84,14 +91,21 @@ def as_data(form: ClosedForm, compiled: dict[str, OperationCount]) -> dict[str, 
     parameters = {}
     for parameter in form.parameters:
         parameters[str(parameter.symbol)] = {
-            'value': parameter.value, 'unit': parameter.unit, 'meaning': parameter.meaning}
+            'value': parameter.value,
+            'unit': parameter.unit,
+            'meaning': parameter.meaning}
     operations = {}
     for name, count in form.operations().items():
-        operations[name] = {'closed_form': asdict(count), 'compiled': asdict(compiled[name])}
-    return {'joint_names': form.model.joint_names, 'q': list(map(str, form.q)),
-            'u': list(map(str, form.u)), 'parameters': parameters,
-            'mass_matrix': _rows(form.M), 'bias_force': list(map(_plain, form.bias)),
-            'partial_velocities': {body: _rows(table) for body, table in form.partials.items()},
+        operations[name] = {'closed_form': asdict(count),
+                            'compiled': asdict(compiled[name])}
+    partial_velocities = {body: _rows(table) for body, table in form.partials.items()}
+    return {'joint_names': form.model.joint_names,
+            'q': list(map(str, form.q)),
+            'u': list(map(str, form.u)),
+            'parameters': parameters,
+            'mass_matrix': _rows(form.M),
+            'bias_force': list(map(_plain, form.bias)),
+            'partial_velocities': partial_velocities,
             'operations': operations}
 
 
@@ -114,7 +128,10 @@ def _rows(matrix: Any) -> list[list[str]]:
 
 def _vector(column: Any) -> str:
     """Return a vector as text: 0, or its three components."""
-    return '0' if column.is_zero_matrix else f'({", ".join(map(_plain, column))})'
+    if column.is_zero_matrix:
+        return '0'
+    components = ', '.join(map(_plain, column))
+    return f'({components})'
 
 
 def _counts(count: OperationCount) -> str:

@@ -33,7 +33,9 @@ class Polynomials:
         """Collect the generators, and the rules that reduce their powers."""
         self.plain = _Trig(expressions)
         atoms = sorted(self.plain.atoms, key=sp.default_sort_key)
-        self.ring, *generators = ring(atoms, sp.QQ) if atoms else (ring('x', sp.QQ)[0],)
+
+        # A ring needs a generator, also where all expressions are numbers.
+        self.ring, *generators = ring(atoms or 'x', sp.QQ)
         self.generators = dict(zip(atoms, generators))
         self._values: dict[Any, Any] = {}
         # The square of each sine and each root, by the place of its generator.
@@ -103,12 +105,15 @@ class Polynomials:
     def _lowered(self, polynomial: Any) -> Any:
         """Return a polynomial with second powers of sines and roots replaced."""
         for place, square in self._rules:
+            # x^n = x^(n - 2) square, until no power above 1 remains.
             while any(powers[place] > 1 for powers in polynomial):
-                low, high = self.ring.zero, self.ring.zero
+                low = self.ring.zero
+                high = self.ring.zero
                 for powers, coefficient in polynomial.items():
                     if powers[place] > 1:
-                        high[(*powers[:place], powers[place] - 2,
-                              *powers[place + 1:])] = coefficient
+                        lowered = list(powers)
+                        lowered[place] -= 2
+                        high[tuple(lowered)] = coefficient
                     else:
                         low[powers] = coefficient
                 polynomial = low + high * square
@@ -116,7 +121,7 @@ class Polynomials:
 
 
 class _Trig:
-    """The symbols and functions (sin, cos, roots) of which expressions are polynomials."""
+    """Symbols and functions (sin, cos, roots) of which expressions are polynomials."""
 
     def __init__(self, expressions: Sequence[Any]) -> None:
         """Collect the symbols and functions of the expressions."""
@@ -141,13 +146,15 @@ class _Trig:
     def form(self, x: Any) -> Any:
         """Return a node as a sum or a product of simpler nodes, or unchanged."""
         if isinstance(x, sp.sin | sp.cos):
-            if x not in self._forms:  # expanding a constant offset would double the terms
+            # Expanding a constant offset would double the terms.
+            if x not in self._forms:
                 offset = x.args[0].as_coeff_Add()[0]
                 self._forms[x] = sp.expand_trig(x) if offset == 0 else x
             return self._forms[x]
         if x.is_Pow and x.exp == sp.S.Half and x.base.is_Integer and not x.base.is_prime:
-            return sp.Mul(*(sp.sqrt(p)**k for p, k in sp.factorint(x.base).items()),
-                          evaluate=False)
+            # The root of a product is the product of the roots of its prime factors.
+            roots = [sp.sqrt(p)**k for p, k in sp.factorint(x.base).items()]
+            return sp.Mul(*roots, evaluate=False)
         return x
 
 
@@ -186,13 +193,17 @@ def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = (
 
 
 def _short(polynomial: Any, q: list[Any]) -> Any:
-    """Return the shorter form of a polynomial: in sines and cosines of q, or of sums of q."""
+    """Return the shorter form of a polynomial: in functions of q or of sums of q."""
     products = polynomial.as_expr()
     if len(polynomial) > MOST_SHORTENED:
         return products
+    # Products of sines and cosines as sums of those of summed angles.
     sums = sp.expand(TR8(products))
+
+    # Or with the even powers of the cosines as sines, where that is shorter.
     for x in q:
-        products = min(products, _lowered(products, sp.cos(x), sp.sin(x)), key=sp.count_ops)
+        with_sines = _lowered(products, sp.cos(x), sp.sin(x))
+        products = min(products, with_sines, key=sp.count_ops)
     return min(map(sp.factor_terms, (products, sums)), key=sp.count_ops)
 
 

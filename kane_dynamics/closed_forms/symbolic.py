@@ -1,4 +1,4 @@
-"""Mechanics with SymPy symbols: a scalar type, and models whose constants are symbols."""
+"""Mechanics with SymPy symbols: a scalar type, and models with symbolic constants."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -22,7 +22,9 @@ class Symbolic:
 
     def __init__(self, value: Any) -> None:
         """Create a scalar from an expression or a number."""
-        self.value = value if isinstance(value, sp.Basic) else exact(float(value))
+        if not isinstance(value, sp.Basic):
+            value = exact(float(value))
+        self.value = value
 
     def __add__(self, other: Any) -> Any:
         if isinstance(other, np.ndarray):
@@ -34,7 +36,8 @@ class Symbolic:
             return NotImplemented
         return Symbolic(self.value * unwrapped(other))
 
-    __radd__, __rmul__ = __add__, __mul__
+    __radd__ = __add__
+    __rmul__ = __mul__
 
     def __neg__(self) -> 'Symbolic':
         return Symbolic(-self.value)
@@ -71,7 +74,7 @@ class Symbolic:
 
 
 def exact(value: float) -> Any:
-    """Return a number as exact SymPy number: its shortest decimal, or a root that it rounds."""
+    """Return a number as exact SymPy number: its shortest decimal, or a root."""
     for root in ROOTS:
         if abs(abs(value) - float(root)) < 1e-15:
             return root if value > 0.0 else -root
@@ -111,8 +114,10 @@ class ParameterSymbols:
         if value == 0.0:
             return 0.0
         symbol = sp.Symbol(name, positive=True)
-        self.parameters.setdefault(name, Parameter(symbol, abs(float(value)), unit, meaning))
-        return Symbolic(symbol if value > 0.0 else -symbol)
+        parameter = Parameter(symbol, abs(float(value)), unit, meaning)
+        self.parameters.setdefault(name, parameter)
+        signed = symbol if value > 0.0 else -symbol
+        return Symbolic(signed)
 
     def vector(self, name: str, values: Any, unit: str, meaning: str) -> Any:
         """Return a vector; the names of several nonzero components contain the axis."""
@@ -174,7 +179,8 @@ def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
 
     """
     if model.flexible:
-        raise ModelError(f"closed form of '{model.name}': flexible bodies; expected rigid bodies")
+        raise ModelError(f"closed form of '{model.name}': flexible bodies; expected "
+                         'rigid bodies')
     table = ParameterSymbols()
     bodies = []
     for number, body in enumerate(model.bodies, 1):
@@ -188,7 +194,7 @@ def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
 
 
 def exact_model(model: Model) -> Any:
-    """Return a model as `parametrised` does, with exact SymPy numbers in place of symbols."""
+    """Return a model as `parametrised` does, with exact numbers in place of symbols."""
     view, parameters = parametrised(model)
     values = {parameter.symbol: unwrapped(parameter.value) for parameter in parameters}
 
@@ -199,6 +205,8 @@ def exact_model(model: Model) -> Any:
             entries = [numbers_of(entry) for entry in value.ravel()]
             return np.array(entries, dtype=object).reshape(value.shape)
         return value
+
+    # All constants of the bodies and joints, and gravity.
     for body in view.bodies:
         for part in (body.inertial, body.joint):
             fields = vars(part)
@@ -212,7 +220,8 @@ def _inertial(table: ParameterSymbols, number: int, body: Body) -> Any:
     inertial = body.inertial
     return SimpleNamespace(
         mass=table.scalar(f'm{number}', inertial.mass, 'kg', f'mass of {body.name}'),
-        com=table.vector(f'r{number}', inertial.com, 'm', f'center of mass of {body.name}'),
+        com=table.vector(f'r{number}', inertial.com, 'm',
+                         f'center of mass of {body.name}'),
         inertia=table.tensor(f'I{number}', inertial.inertia,
                              f'central moment of inertia of {body.name}'))
 
@@ -221,10 +230,14 @@ def _joint(table: ParameterSymbols, number: int, joint: Joint) -> Any:
     """Return a joint whose properties are symbols."""
     slides = joint.kind == 'prismatic'
     length, force, inertia = ('m', 'N', 'kg') if slides else ('rad', 'N m', 'kg m^2')
-    rest = "minus the spring's rest at" if joint.rest < 0.0 else "spring's rest at"
+    rest_meaning = "spring's rest at"
+    if joint.rest < 0.0:
+        rest_meaning = f'minus the {rest_meaning}'
+
+    # The symbol's letter, the unit and the meaning of each property.
     letters = {
         'stiffness': ('k', f'{force}/{length}', 'stiffness at'),
-        'rest': ('s', length, rest),
+        'rest': ('s', length, rest_meaning),
         'damping': ('d', f'{force} s/{length}', 'damping at'),
         'friction': ('f', force, 'Coulomb friction at'),
         'friction_offset': ('b', force, 'friction at rest at'),
@@ -237,7 +250,8 @@ def _joint(table: ParameterSymbols, number: int, joint: Joint) -> Any:
     if joint.friction:
         speed = table.scalar(f'w{number}', joint.friction_speed, f'{length}/s',
                              f'friction speed at {joint.name}')
-    place = table.vector(f'l{number}', joint.translation, 'm', f'position of {joint.name}')
+    place = table.vector(f'l{number}', joint.translation, 'm',
+                         f'position of {joint.name}')
     return SimpleNamespace(name=joint.name, kind=joint.kind, axis=joint.axis,
                            rotation=joint.rotation, translation=place,
                            coordinate=joint.coordinate, multiplier=joint.multiplier,
