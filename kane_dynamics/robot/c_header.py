@@ -1,4 +1,4 @@
-"""The header of exported C: sizes, the order of joints and speeds, conventions, prototypes."""
+"""The header of exported C: sizes, order of joints and speeds, conventions."""
 
 from collections.abc import Sequence
 import inspect
@@ -79,7 +79,7 @@ def name_size(robot: Any) -> int:
 
 
 def limit_size(robot: Any, name: str, upper: str) -> str:
-    """Return the size of an array of limits in C: positions have an entry a coordinate."""
+    """Return the size of an array of limits in C; positions are by coordinate."""
     if name in ('lower_limits', 'upper_limits') and robot.n_q != len(robot.joint_names):
         return f'{upper}_N_Q'
     return f'{upper}_N_JOINTS'
@@ -93,7 +93,7 @@ def joint_limits(robot: Any) -> dict[str, Array]:
 
 
 def _data_declarations(robot: Any, prefix: str, upper: str) -> list[str]:
-    """Return the declarations of names and limits of the joints, and of the check of a state."""
+    """Return the declarations of joint names and limits, and of the state check."""
     number = f'{upper}_REAL'
     return [
         '', '/* Names and limits of the joints, in the order of their enumeration; limits of',
@@ -110,15 +110,17 @@ def _data_declarations(robot: Any, prefix: str, upper: str) -> list[str]:
 
 
 def _joint_enum(robot: Any, upper: str) -> list[str]:
-    """Return the lines of the enumerations of joints and of chosen or independent speeds."""
-    model, entries = robot.model, []
+    """Return the enumerations of joints and of chosen or independent speeds."""
+    model = robot.model
+    joints = dict(zip(model.joint_names, model.coordinate_joints))
+    entries = []
     for name in model.coordinate_names:
-        if name not in model.joint_names:
+        if name not in joints:
             note = 'entry of a unit quaternion (x, y, z, w)'
-        elif (joint := model.coordinate_joints[model.joint_names.index(name)]).kind == 'prismatic':
+        elif joints[name].kind == 'prismatic':
             note = 'prismatic; m, m/s, N'
         else:
-            note = f'{joint.kind}; rad, rad/s, N m'
+            note = f'{joints[name].kind}; rad, rad/s, N m'
         entries.append((name, note))
     lines = _enum(upper, 'joint', entries)
     if constrained(robot):
@@ -128,40 +130,49 @@ def _joint_enum(robot: Any, upper: str) -> list[str]:
 
 def _enum(upper: str, kind: str, entries: Sequence[tuple[str, str]]) -> list[str]:
     """Return the lines of an enumeration of names with notes; empty without entries."""
-    lines, used = [], set()
+    if not entries:
+        return []
+    lines = []
+    used = set()
     for k, (entry, note) in enumerate(entries):
         name = f'{upper}_{kind.upper()}_{identifier(entry).upper()}'
-        name = name if name not in used else f'{name}_{k}'
+        if name in used:
+            name = f'{name}_{k}'
         used.add(name)
-        lines.append(f'    {name} = {k}{"," if k < len(entries) - 1 else ""} '
-                     f'/* {comment(entry)}: {note} */')
-    return [f'enum {upper.lower()}_{kind} {{', *lines, '};'] if lines else []
+        comma = ',' if k < len(entries) - 1 else ''
+        lines.append(f'    {name} = {k}{comma} /* {comment(entry)}: {note} */')
+    return [f'enum {upper.lower()}_{kind} {{', *lines, '};']
 
 
 def _conventions(robot: Any, prefix: str) -> list[str]:
     """Return the lines of the calling conventions."""
     upper = prefix.upper()
+    equations = robot.equations
     gravity = ', '.join(f'{x:g}' for x in robot.parameters.gravity)
-    speeds = 'u = dq/dt, ' if not constrained(robot) else ''
+    speeds = '' if constrained(robot) else 'u = dq/dt, '
     lines = [f'M(q) udot + bias(q, u) = tau + external, {speeds}SI units, world axes.', '',
-             f'Arguments are arrays of {upper}_REAL: q, u, udot and tau have one entry per joint,',
-             *(['or per independent speed (u, udot, and tau, which is dual to u),'] if constrained(
-                 robot) else []),
-             'in the order above. A result may overlay an argument. Nothing is allocated, no',
-             'state is kept: any thread may call anything at any time. Arguments are not',
-             f'checked: call {prefix}_check_state before.', '',
-             'parameters: gravity, the acceleration of free fall, m/s^2']
-    lines += [] if robot.equations.payload_frame is None else [
-        '  then the payload, in its frame: mass, mass x center of mass (3), and the integrals',
-        '  of xx, xy, xz, yy, yz, zz over its mass; kg, kg m, kg m^2']
-    lines += [] if not robot.equations.watched else [
-        '  then the limits of a state, each as 1 / limit^2, 0 for none: conditioning of the',
-        '  speeds, constraint residuals in m and in rad, violation of redundant constraints.',
-        '  Beyond them the first entry of a result is NaN.']
-    lines.append(f'  NULL selects the values at export: gravity ({gravity})'
-                 + (' and the payload at export.' if robot.equations.payload_frame else '.'))
-    lines += ['t: pointer to the time, s'] if robot.equations.timed else []
-    if robot.equations.wrench_frames:
-        lines += ['wrench: for each frame that carries one, the force (N) then the moment (N m)',
-                  '  that the environment exerts at its origin, world axes; NULL means none']
+             f'Arguments are arrays of {upper}_REAL: q, u, udot and tau have one entry per joint,']
+    if constrained(robot):
+        lines.append('or per independent speed (u, udot, and tau, which is dual to u),')
+    lines += ['in the order above. A result may overlay an argument. Nothing is allocated, no',
+              'state is kept: any thread may call anything at any time. Arguments are not',
+              f'checked: call {prefix}_check_state before.', '',
+              'parameters: gravity, the acceleration of free fall, m/s^2']
+    if equations.payload_frame is not None:
+        lines += [
+            '  then the payload, in its frame: mass, mass x center of mass (3), and the integrals',
+            '  of xx, xy, xz, yy, yz, zz over its mass; kg, kg m, kg m^2']
+    if equations.watched:
+        lines += [
+            '  then the limits of a state, each as 1 / limit^2, 0 for none: conditioning of the',
+            '  speeds, constraint residuals in m and in rad, violation of redundant constraints.',
+            '  Beyond them the first entry of a result is NaN.']
+    and_payload = ' and the payload at export' if equations.payload_frame else ''
+    lines.append(f'  NULL selects the values at export: gravity ({gravity}){and_payload}.')
+    if equations.timed:
+        lines.append('t: pointer to the time, s')
+    if equations.wrench_frames:
+        lines += [
+            'wrench: for each frame that carries one, the force (N) then the moment (N m)',
+            '  that the environment exerts at its origin, world axes; NULL means none']
     return [comment(line) for line in lines]

@@ -82,10 +82,10 @@ def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str | Ke
 
 
 def _checked_laws(robot: Any, kernels: Sequence[Any]) -> list[Kernel]:
-    """Return the kernels of a controller, each once; InputError for those of another robot."""
+    """Return the kernels of a controller; InputError for those of another robot."""
     if isinstance(kernels, Kernel) or not isinstance(kernels, Iterable):
-        raise InputError(f'kernels: a {type(kernels).__name__}; expected a sequence of names and '
-                         'kernels')
+        raise InputError(f'kernels: a {type(kernels).__name__}; expected a sequence of '
+                         'names and kernels')
     laws = {kernel.name: kernel for kernel in kernels if isinstance(kernel, Kernel)}
     for law in laws.values():
         if law.parameters is not robot.parameters.block:
@@ -95,16 +95,20 @@ def _checked_laws(robot: Any, kernels: Sequence[Any]) -> list[Kernel]:
 
 
 def _checked_names(robot: Any, kernels: Sequence[Any]) -> list[str]:
-    """Return the names of the kernels, each once; raise InputError for an unknown one."""
+    """Return the names of the kernels; raise InputError for an unknown one."""
     if isinstance(kernels, str):
         raise InputError(f"kernels: the string '{kernels}'; expected a sequence of names")
     names = list(dict.fromkeys(kernels))
-    unknown = [name for name in names if name not in robot.kernels.names
-               and name.partition(':')[0] not in FRAME_NAMES]
-    if unknown or not names:
-        given = f"no kernel '{unknown[0]}'" if unknown else 'kernels: none'
-        raise InputError(f'{given}; expected some of {", ".join(robot.kernels.names)}; of a '
-                         f'frame: {", ".join(f"{name}:<frame>" for name in FRAME_NAMES)}')
+    refused = None if names else 'kernels: none'
+    for name in names:
+        quantity, _, frame = name.partition(':')
+        if name not in robot.kernels.names and quantity not in FRAME_NAMES:
+            refused = f"no kernel '{name}'"
+            break
+    if refused is not None:
+        of_frames = ', '.join(f'{name}:<frame>' for name in FRAME_NAMES)
+        raise InputError(f'{refused}; expected some of {", ".join(robot.kernels.names)}; of '
+                         f'a frame: {of_frames}')
     for name in names:
         quantity, _, frame = name.partition(':')
         if quantity in FRAME_NAMES:
@@ -153,29 +157,41 @@ def _kernel(robot: Any, prefix: str, name: str, precision: Precision) -> CKernel
 def _reference(robot: Any, prefix: str, kernel: Kernel, quantity: str, name: str,
                precision: Precision) -> CKernel:
     """Return a kernel with its reference results."""
-    rng, program = np.random.default_rng(0), kernel.traced()
-    inputs, results = [], []
-    tolerance = TOLERANCE if precision.name == 'float64' else float(precision.epsilon)
+    rng = np.random.default_rng(0)
+    program = kernel.traced()
+    is_double = precision.name == 'float64'
+    tolerance = TOLERANCE if is_double else float(precision.epsilon)
+    inputs = []
+    results = []
     for _ in range(TEST_STATES):
         q, t, growth = _configuration(robot, rng)
-        place = {'q': q, 't': np.array(t)}
-        inputs.append([place[a.name] if a.name in place else rng.uniform(-2.0, 2.0, a.shape)
-                       for a in kernel.arguments])
-        results.append(np.asarray(kernel(*inputs[-1])))
-        if precision.name == 'float32':
-            rounded = evaluate(program, [*inputs[-1], kernel.parameters], np.float32)
-            error = np.abs(rounded - results[-1]).max(initial=0.0)
-            size = np.abs(results[-1]).max(initial=float(quantity in RESIDUALS)) or 1.0
-            tolerance = max(tolerance, SPARE * float(error / size))
-            continue
-        if quantity in SOLVING:  # rounding error of a solution of M x = b
-            growth *= float(np.linalg.cond(robot.mass_matrix(q, t=t)))
-        tolerance = max(tolerance, 10.0 * float(np.finfo(float).eps) * growth)
-    return CKernel(quantity, identifier(f'{prefix}_{name}'), program, tolerance, inputs, results)
+        state = {'q': q, 't': np.array(t)}
+        arguments = []
+        for argument in kernel.arguments:
+            if argument.name in state:
+                arguments.append(state[argument.name])
+            else:
+                arguments.append(rng.uniform(-2.0, 2.0, argument.shape))
+        result = np.asarray(kernel(*arguments))
+        inputs.append(arguments)
+        results.append(result)
+        if is_double:
+            if quantity in SOLVING:  # rounding error of a solution of M x = b
+                growth *= float(np.linalg.cond(robot.mass_matrix(q, t=t)))
+            error = 10.0 * float(np.finfo(float).eps) * growth
+        else:
+            # Measured: the program in single precision on the same arguments.
+            rounded = evaluate(program, [*arguments, kernel.parameters], np.float32)
+            difference = np.abs(rounded - result).max(initial=0.0)
+            size = np.abs(result).max(initial=float(quantity in RESIDUALS)) or 1.0
+            error = SPARE * float(difference / size)
+        tolerance = max(tolerance, error)
+    symbol = identifier(f'{prefix}_{name}')
+    return CKernel(quantity, symbol, program, tolerance, inputs, results)
 
 
 def _configuration(robot: Any, rng: np.random.Generator) -> tuple[Array, float, float]:
-    """Return a configuration, (n_q,), a time for the self-test, and the growth of rounding."""
+    """Return a configuration, (n_q,), a time, and the growth of rounding."""
     if constrained(robot):
         from kane_dynamics.robot.verification import conditioning, regular_state
         q, t = regular_state(robot, rng)
@@ -188,20 +204,25 @@ def _configuration(robot: Any, rng: np.random.Generator) -> tuple[Array, float, 
 
 def _about(robot: Any, kernels: Sequence[CKernel]) -> list[str]:
     """Return the first lines of both files."""
-    model, equations = robot.model, robot.equations
-    loaded = ', '.join(frame.name for frame in equations.wrench_frames) or 'none'
-    payload = equations.payload_frame.name if equations.payload_frame else 'none'
+    model = robot.model
+    equations = robot.equations
+    wrench_frames = ', '.join(frame.name for frame in equations.wrench_frames) or 'none'
+    payload_frame = 'none'
+    if equations.payload_frame:
+        payload_frame = equations.payload_frame.name
     friction = 'in' if robot.friction else 'left out'
     lines = [f'Robot {model.name}, model {model.digest()}.',
              f'Damping and friction: {friction}.',
-             f'Frames that carry a wrench: {loaded}. Frame of the payload: {payload}.',
+             (f'Frames that carry a wrench: {wrench_frames}. Frame of the payload: '
+              f'{payload_frame}.'),
              'Arithmetic of one call (functions are sines, cosines, tanh and square roots):']
     for kernel in kernels:
         count = kernel.program.operation_count()
         lines.append(f'  {kernel.symbol}: {count.multiplications} multiplications, '
                      f'{count.additions} additions, {count.divisions} divisions, '
                      f'{count.functions} functions')
-    return [f'{MARK} {package_version()}.', *(f' * {comment(line)}' for line in lines), ' */']
+    commented = [f' * {comment(line)}' for line in lines]
+    return [f'{MARK} {package_version()}.', *commented, ' */']
 
 
 def _source_text(robot: Any, prefix: str, header: str, about: Sequence[str],
@@ -211,26 +232,30 @@ def _source_text(robot: Any, prefix: str, header: str, about: Sequence[str],
     lines = [*about, f'#include "{header}"', '', '#include <float.h>', '#include <math.h>',
              '#include <stddef.h>', '#include <stdint.h>', '',
              _array('default_parameters', robot.parameters.block, precision)]
-    no_wrench = robot.kernels.no_wrench
-    if any(name == 'wrench' for kernel in kernels for name, _ in kernel.program.inputs):
-        lines.append(_array('no_wrench', no_wrench, precision))
-    lines += ['', *_joint_data(robot, prefix, precision)]
-    texts = []
+    defaults = {'parameters': 'default_parameters', 'wrench': 'no_wrench'}
+    functions = []
+    has_wrench = False
     for kernel in kernels:
-        defaults = {'parameters': 'default_parameters', 'wrench': 'no_wrench'}
         inputs = dict(kernel.program.inputs)
-        texts += ['', c_functions(kernel.program, kernel.symbol,
-                                  {k: v for k, v in defaults.items() if k in inputs}, precision,
-                                  f'{prefix.upper()}_VERSIONS')]
-    lines += ['', elementary_functions(prefix.upper(), precision,
-                                       {name for name in ('sin_cos', 'tanh_each')
-                                        if any(f'{name}(' in text for text in texts)})]
+        has_wrench = has_wrench or 'wrench' in inputs
+        used_defaults = {name: c for name, c in defaults.items() if name in inputs}
+        functions += ['', c_functions(kernel.program, kernel.symbol, used_defaults, precision,
+                                      f'{prefix.upper()}_VERSIONS')]
+    if has_wrench:
+        lines.append(_array('no_wrench', robot.kernels.no_wrench, precision))
+    lines += ['', *_joint_data(robot, prefix, precision)]
+    # Elementary functions stand before those that call them.
+    called = set()
+    for name in ('sin_cos', 'tanh_each'):
+        if any(f'{name}(' in text for text in functions):
+            called.add(name)
+    lines += ['', elementary_functions(prefix.upper(), precision, called)]
     test = _self_test(prefix, kernels, precision) if self_test else []
-    return '\n'.join([*lines, *texts, '', *test, ''])
+    return '\n'.join([*lines, *functions, '', *test, ''])
 
 
 def _joint_data(robot: Any, prefix: str, precision: Precision) -> list[str]:
-    """Return the definitions of names and limits of the joints, and the check of a state."""
+    """Return the definitions of joint names and limits, and the state check."""
     upper, number, size = prefix.upper(), precision.c, f'fabs{precision.suffix}'
     names = [f'    {string(name)},' for name in robot.joint_names] or ['    ""']
     lines = [f'const char {prefix}_joint_names[{upper}_N_JOINTS][{upper}_NAME_SIZE] = {{',
@@ -265,20 +290,25 @@ def _array(name: str, values: Array, precision: Precision) -> str:
 
 def _self_test(prefix: str, kernels: Sequence[CKernel], precision: Precision) -> list[str]:
     """Return the reference data and the function that checks them."""
-    agree = AGREE.replace('REAL', precision.c).replace('FABS', f'fabs{precision.suffix}')
-    lines, body = [f'#ifndef {prefix.upper()}_NO_SELF_TEST', agree], []
+    agree = AGREE.replace('REAL', precision.c)
+    agree = agree.replace('FABS', f'fabs{precision.suffix}')
+    lines = [f'#ifndef {prefix.upper()}_NO_SELF_TEST', agree]
+    body = []
     for number, kernel in enumerate(kernels, 1):
-        count, tolerance = kernel.program.n_outputs, constant(kernel.tolerance, precision)
+        count = kernel.program.n_outputs
+        tolerance = constant(kernel.tolerance, precision)
         least = constant(float(kernel.name in RESIDUALS), precision)
         body += ['    {', f'        {precision.c} result[{max(count, 1)}];']
-        for k, (given, expected) in enumerate(zip(kernel.inputs, kernel.results)):
-            names = [f'{kernel.symbol}_{k}_{name}' for (name, _), _ in
-                     zip(kernel.program.inputs, given)]
-            lines += [_array(name, values, precision) for name, values in zip(names, given)]
+        for k, (arguments, expected) in enumerate(zip(kernel.inputs, kernel.results)):
+            names = []
+            for (name, _), values in zip(kernel.program.inputs, arguments):
+                names.append(f'{kernel.symbol}_{k}_{name}')
+                lines.append(_array(names[-1], values, precision))
             reference = f'{kernel.symbol}_{k}_expected'
             lines.append(_array(reference, expected, precision))
+            passed = ', '.join([*names, 'NULL', 'result'])
             agrees = f'agree(result, {reference}, {count}, {tolerance}, {least})'
-            body += [f'        {kernel.symbol}({", ".join([*names, "NULL", "result"])});',
+            body += [f'        {kernel.symbol}({passed});',
                      f'        if (!{agrees}) return {number};']
         body.append('    }')
     return [*lines, '', f'int {prefix}_self_test(void)', '{', *body, '    return 0;', '}',

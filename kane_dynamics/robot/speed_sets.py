@@ -134,35 +134,39 @@ def left_out_error(mechanism: Mechanism, stack: Stack, q: Array, t: float, most:
     """
     Raise ConstraintError if rows that were left out are not redundant at a state.
 
-    Either they contradict the kept rows, or they constrain the independent speeds.
+    Either they contradict the chosen rows, or they constrain the independent speeds.
     """
     Y, J = scaled_rows(mechanism, stack)
-    kept = list(best_choice(mechanism, stack, mechanism.free).kept)
-    others = [k for k in range(len(J)) if k not in kept]
-    if not others:
+    chosen = list(best_choice(mechanism, stack, mechanism.free).kept)
+    left_out = [k for k in range(len(J)) if k not in chosen]
+    if not left_out:
         return
     sizes = np.array(mechanism.sizes)
-    system = np.concatenate([Y[mechanism.free], J[kept]])
-    T = np.linalg.inv(system)
-    at = f'at {described(mechanism, q)}, t = {t:.6g} s'
     n = len(mechanism.free)
-    stopped = np.abs(J[others] @ T[:, :n]).max(axis=1, initial=0.0)
-    speeds = np.array([-z / max(float(np.linalg.norm(y)), 1e-300) for y, z in zip(
-        stack.Y[mechanism.free] * mechanism.units, stack.Z[mechanism.free])])
-    motion = T @ np.concatenate([speeds, (stack.b / sizes)[kept]])
-    off = np.abs(J[others] @ motion - (stack.b / sizes)[others]) * sizes[others]
-    if stopped.max() > most:
-        names = _listed(mechanism, [others[k] for k in np.flatnonzero(stopped > most)])
+    place = f'at {described(mechanism, q)}, t = {t:.6g} s'
+    # All speeds from the independent ones and the right-hand sides of the chosen rows.
+    T = np.linalg.inv(np.concatenate([Y[mechanism.free], J[chosen]]))
+
+    # A row that is not redundant has an entry for an independent speed.
+    constrained = np.abs(J[left_out] @ T[:, :n]).max(axis=1, initial=0.0)
+    if constrained.max() > most:
+        rows = [left_out[k] for k in np.flatnonzero(constrained > most)]
         raise ConstraintError(
-            f'{where}constraint rows {names} do not follow from the others {at}, as '
-            f'they did where the robot was prepared: {len(kept)} rows were independent '
-            'there, more are here, and fewer than the independent speeds '
+            f'{where}constraint rows {_listed(mechanism, rows)} do not follow from the '
+            f'others {place}, as they did where the robot was prepared: {len(chosen)} rows '
+            'were independent there, more are here, and fewer than the independent speeds '
             f'({", ".join(mechanism.speed_names) or "none"}) remain free')
-    if off.max() > most:
-        k = others[int(np.argmax(off))]
-        raise ConstraintError(f"{where}constraint '{mechanism.labels[k]}' contradicts "
-                              f'the others {at}: its velocity residual is '
-                              f'{off.max():.3g}; expected 0')
+
+    # Rows that contradict the chosen ones have a residual in the motion at u = 0.
+    free_rows = zip(stack.Y[mechanism.free] * mechanism.units, stack.Z[mechanism.free])
+    speeds = [-z / max(float(np.linalg.norm(y)), 1e-300) for y, z in free_rows]
+    targets = stack.b / sizes
+    motion = T @ np.concatenate([np.array(speeds), targets[chosen]])
+    residuals = np.abs(J[left_out] @ motion - targets[left_out]) * sizes[left_out]
+    if residuals.max() > most:
+        label = mechanism.labels[left_out[int(np.argmax(residuals))]]
+        raise ConstraintError(f"{where}constraint '{label}' contradicts the others {place}: "
+                              f'its velocity residual is {residuals.max():.3g}; expected 0')
 
 
 def _listed(mechanism: Mechanism, rows: Sequence[int]) -> str:

@@ -145,34 +145,43 @@ def _rigid(model: Model, gravity: Array, q: Array, u: Array, udot: Array) -> Arr
 
 def without_rotors(model: Model) -> Model:
     """Return the model without armature."""
-    return replace(model, bodies=tuple(
-        replace(body, joint=replace(body.joint, armature=0.0)) for body in model.bodies))
+    bodies = []
+    for body in model.bodies:
+        joint = replace(body.joint, armature=0.0)
+        bodies.append(replace(body, joint=joint))
+    return replace(model, bodies=tuple(bodies))
 
 
 def _coriolis(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
               udot: Array) -> Pair:
-    rest = np.zeros(robot.n)
-    return (robot.coriolis_matrix(q, u) @ u,
-            _rigid(model, gravity, q, u, rest) - _rigid(model, gravity, q, rest, rest))
+    zero = np.zeros(robot.n)
+    # The force quadratic in u: the torque without acceleration, less that at rest.
+    moving = _rigid(model, gravity, q, u, zero)
+    at_rest = _rigid(model, gravity, q, zero, zero)
+    return robot.coriolis_matrix(q, u) @ u, moving - at_rest
 
 
 def _derivatives(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
                  udot: Array) -> Pair:
-    n, none = robot.n, np.zeros(robot.n)
-    torque = kane.inverse_dynamics(model, seeded(q, none, 0, 2 * n),
-                                   seeded(u, none, n, 2 * n),
-                                   udot, gravity=gravity, friction=robot.friction)
+    n = robot.n
+    constant_part = np.zeros(n)
+    # Hyperdual q and u, so that each torque carries its gradient by both.
+    torque = kane.inverse_dynamics(
+        model, seeded(q, constant_part, 0, 2 * n), seeded(u, constant_part, n, 2 * n), udot,
+        gravity=gravity, friction=robot.friction)
     slopes = [getattr(x, 'gradient', np.zeros(2 * n)) for x in torque]
-    return np.hstack(robot.inverse_dynamics_derivatives(q, u,
-                                                        udot)[:2]), np.array(slopes)
+    by_q, by_u, _ = robot.inverse_dynamics_derivatives(q, u, udot)
+    return np.hstack([by_q, by_u]), np.array(slopes)
 
 
 def _forward_derivatives(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
                          tau: Array) -> Pair:
     M = kane.mass_matrix(model, q)
     udot = robot.forward_dynamics(q, u, tau)
-    slopes = np.hstack(robot.forward_dynamics_derivatives(q, u, tau)[:2])
-    return -M @ slopes, _derivatives(robot, model, gravity, q, u, udot)[1]
+    by_q, by_u, _ = robot.forward_dynamics_derivatives(q, u, tau)
+    # From tau = M udot + h at constant tau: M dudot = -dtau.
+    _, slopes = _derivatives(robot, model, gravity, q, u, udot)
+    return -M @ np.hstack([by_q, by_u]), slopes
 
 
 def _regressor(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
@@ -183,11 +192,13 @@ def _regressor(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
 
 def _body_torques(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
                   udot: Array) -> Pair:
-    elastic = sum((beams.modal_force(body.beam, joint_positions(model, q), u,
-                                     robot.friction)
-                   for body in model.bodies if body.beam is not None), np.zeros(robot.n))
-    return (robot.body_torques(q, u, udot).sum(axis=0),
-            _rigid(model, gravity, q, u, udot) - elastic)
+    positions = joint_positions(model, q)
+    elastic = np.zeros(robot.n)
+    for body in model.bodies:
+        if body.beam is not None:
+            elastic = elastic + beams.modal_force(body.beam, positions, u, robot.friction)
+    by_body = robot.body_torques(q, u, udot)
+    return by_body.sum(axis=0), _rigid(model, gravity, q, u, udot) - elastic
 
 
 OCCASIONAL = {'coriolis_matrix': _coriolis, 'inverse_dynamics_derivatives': _derivatives,

@@ -41,21 +41,24 @@ def suspected_degrees(robot: Configurations, q: Array) -> str | None:
     turns, or beyond a limit by more than a turn. For a joint without limits only the
     first row is checked, because it may turn without end.
     """
-    rows, model = np.atleast_2d(q), robot.equations.model
+    rows = np.atleast_2d(q)
+    model = robot.equations.model
     lower, upper = robot.limits.lower, robot.limits.upper
     words = []
     for j, name in enumerate(model.coordinate_names):
-        free = np.isinf(lower[j]) and np.isinf(upper[j])
-        values = rows[:1, j] if free else rows[:, j]
-        if not len(values):
+        without_limits = np.isinf(lower[j]) and np.isinf(upper[j])
+        values = rows[:1, j] if without_limits else rows[:, j]
+        if name in model.sliding or not len(values):
             continue
         value = float(values[np.argmax(np.abs(values))])
-        outside = max(lower[j] - values.min(initial=0.0),
-                      values.max(initial=0.0) - upper[j], 0.0)
-        beyond = abs(value) > 2.0 * TURN and (free or outside > 0.0)
-        if (beyond or outside > TURN) and name not in model.sliding:
-            limits = '' if free else f' (limits {lower[j]:.4g} to {upper[j]:.4g})'
-            words.append(f'{name} {value:.4g} rad{limits}')
+        below = lower[j] - values.min(initial=0.0)
+        above = values.max(initial=0.0) - upper[j]
+        outside = max(below, above, 0.0)
+        two_turns = abs(value) > 2.0 * TURN and (without_limits or outside > 0.0)
+        if two_turns or outside > TURN:
+            words.append(f'{name} {value:.4g} rad')
+            if not without_limits:
+                words[-1] += f' (limits {lower[j]:.4g} to {upper[j]:.4g})'
     if not words:
         return None
     return f'far outside: {", ".join(words)}; expected rad: are these degrees?'
@@ -64,9 +67,12 @@ def suspected_degrees(robot: Configurations, q: Array) -> str | None:
 def outside_limits(robot: Configurations, q: Array) -> list[str]:
     """Return 'name value (limits lower to upper)' of entries of q beyond a limit."""
     lower, upper = robot.limits.lower, robot.limits.upper
-    return [f'{name} {value:.4g} (limits {low:.4g} to {high:.4g})'
-            for name, value, low, high in zip(robot.coordinate_names, q, lower, upper)
-            if value < low - ON_LIMIT or value > high + ON_LIMIT]
+    beyond = (q < lower - ON_LIMIT) | (q > upper + ON_LIMIT)
+    words = []
+    for k in np.flatnonzero(beyond):
+        name = robot.coordinate_names[k]
+        words.append(f'{name} {q[k]:.4g} (limits {lower[k]:.4g} to {upper[k]:.4g})')
+    return words
 
 
 def warn_of_degrees(robot: Configurations, q: Array, what: str,
@@ -340,14 +346,15 @@ class Configurations(Dispatch):
     def limits(self) -> JointLimits:
         """Joint limits, initially those of the model."""
         model = self.equations.model
-        limits = [joint.limits for joint in model.coordinate_joints]
-        lower = np.array([limit.lower for limit in limits])
-        upper = np.array([limit.upper for limit in limits])
+        by_joint = np.empty((4, model.n))
+        for k, joint in enumerate(model.coordinate_joints):
+            limits = joint.limits
+            by_joint[:, k] = limits.lower, limits.upper, limits.velocity, limits.effort
+        lower, upper, velocity, effort = by_joint
         if model.balls:  # no position of a quaternion is outside
             lower = _of_coordinates(model, lower, -np.inf)
             upper = _of_coordinates(model, upper, np.inf)
-        return JointLimits(lower, upper, np.array([limit.velocity for limit in limits]),
-                           np.array([limit.effort for limit in limits]))
+        return JointLimits(lower, upper, velocity, effort)
 
     def neutral(self) -> Array:
         """

@@ -98,16 +98,22 @@ class Dispatch:
         for frame, wrench in wrenches.items():
             self.equations.model.frame(frame)  # raises InputError
             rows[frame] = converted(Argument(f"wrench of '{frame}'", (6,)), wrench)
-        declared = tuple(frame.name for frame in self.equations.wrench_frames)
-        frames = declared if set(rows) <= set(declared) else tuple(sorted(rows))
         shapes = {row.shape for row in rows.values()}
         if len(shapes) > 1:
-            raise InputError(f'wrench: shapes {", ".join(map(str, sorted(shapes)))}; '
-                             'expected one shape, (6,) or (N, 6), for all frames')
-        stacked = np.zeros((*shapes.pop()[:-1], len(frames), 6))
+            listed = ', '.join(map(str, sorted(shapes)))
+            raise InputError(f'wrench: shapes {listed}; expected one shape, (6,) or (N, 6), '
+                             'for all frames')
+        # The declared frames if they suffice; else a robot of these frames alone.
+        declared = tuple(frame.name for frame in self.equations.wrench_frames)
+        robot = self
+        frames = declared
+        if not set(rows) <= set(declared):
+            frames = tuple(sorted(rows))
+            robot = self._declaring(frames)
+        batch = shapes.pop()[:-1]
+        stacked = np.zeros((*batch, len(frames), 6))
         for k, frame in enumerate(frames):
             stacked[..., k, :] = rows.get(frame, 0.0)
-        robot = self if frames == declared else self._declaring(frames)
         return robot, stacked
 
     def _declaring(self, frames: tuple[str, ...]) -> Self:
