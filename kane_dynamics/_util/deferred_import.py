@@ -27,8 +27,9 @@ class _DeferredPackage(ModuleType):
     def __getattr__(self, name: str) -> Any:
         if name.startswith('__'):
             raise AttributeError(name)
-        # Annotations.
-        return getattr(import_module(self.__name__), name) if self.ready else Any
+        if self.ready:
+            return getattr(import_module(self.__name__), name)
+        return Any  # for annotations
 
 
 class _PrivateCopies:
@@ -99,7 +100,7 @@ def import_deferring(module: str, package: str) -> Any:
     with _IMPORTING:
         if not {module, package} & set(sys.modules) and find_spec(package) is not None:
             copies = _PrivateCopies(package)
-            # It needs more of the package than names in annotations.
+            # A module that needs more of the package than names in annotations fails.
             with suppress(Exception):
                 copy = copies.load(module)
                 copies.stand_in.ready = True

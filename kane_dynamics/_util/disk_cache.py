@@ -117,7 +117,7 @@ def store(name: str, body: bytes) -> None:
         except OSError:
             os.unlink(temporary)
             raise
-        # As good as random, but repeatable.
+        # The checksum is as good as a random number, but repeatable.
         chance = int.from_bytes(checksum[:4], 'big') / 2**32
         if chance * MOST_BYTES <= LOOKS * len(body):
             _prune(path)

@@ -130,7 +130,7 @@ class Driver:
         device = c_int(-1)
         status = self._library.cuPointerGetAttribute(byref(device), DEVICE_OF_POINTER,
                                                      pointer)
-        # Such as after a kernel failed, or in a forked child.
+        # The driver fails, such as after a kernel failed, or in a forked child.
         if status != INVALID_VALUE:
             self._require('cuPointerGetAttribute', status)
         return None if status or device.value < 0 else device.value

@@ -24,7 +24,7 @@ from kane_dynamics.native.tracing.program import Program, size_of
 
 KERNEL = 'kernel'  # name of the kernel in its module
 GLOBAL = 'ptr addrspace(1)'
-# The block, the threads of a block, the thread in its block.
+# Numbers of the block, of the threads of a block, of the thread in its block.
 REGISTERS = ('ctaid', 'ntid', 'tid')
 
 PLACE = """\

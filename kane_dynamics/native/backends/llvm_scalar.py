@@ -169,17 +169,24 @@ def _is_lane(x: Any, row: Expr, lane: int) -> bool:
 
 def _levels(schedule: list[Expr]) -> Iterator[list[Expr]]:
     """Group a schedule by the depth of nested functions; a depth uses vectors."""
-    level: dict[int, int] = {}
+    # The depth of a node is the largest number of elementary functions on a path to it.
+    depths: dict[int, int] = {}
     groups: dict[int, tuple[list[Expr], list[Expr]]] = {}
     for node in schedule:
-        depth = max((level[a.index] + (a.op in ELEMENTARY)
-                     for a in operands(node)), default=0)
-        level[node.index] = depth
+        depth = 0
+        for operand in operands(node):
+            is_function = operand.op in ELEMENTARY
+            depth = max(depth, depths[operand.index] + is_function)
+        depths[node.index] = depth
         plain, functions = groups.setdefault(depth, ([], []))
-        (functions if node.op in ELEMENTARY else plain).append(node)
+        group = functions if node.op in ELEMENTARY else plain
+        group.append(node)
+    # The functions of a depth do not depend on each other. Their arguments are complete
+    # after the plain operations of that depth.
     for depth in sorted(groups):
-        yield groups[depth][0]
-        yield groups[depth][1]
+        plain, functions = groups[depth]
+        yield plain
+        yield functions
 
 
 class Function:
@@ -199,7 +206,7 @@ class Function:
         self.names: dict[int, str] = {}
         self.lines: list[str] = []
         self.callees: list[Program] = []
-        # Pointer to stored arguments, by entries.
+        # Pointers to stored arguments, by their entries.
         self._stored: dict[tuple[object, ...], str] = {}
         self._wide = Rows(self.lines, self.names, program.outputs)
         schedule = program.schedule()
@@ -216,8 +223,9 @@ class Function:
         self.lines.insert(0, self._head(symbol))
 
     def _head(self, symbol: str) -> str:
-        # Of spilled rows.
-        aligned = f' alignstack({8 * LANES})' if self._wide.stored else ''
+        aligned = ''
+        if self._wide.stored:  # spilled rows need an aligned stack
+            aligned = f' alignstack({8 * LANES})'
         return f'define void @{symbol}(ptr %args){aligned} {{'
 
     def callee(self, program: Program) -> 'Function':
@@ -377,7 +385,7 @@ class Function:
             # Sine and cosine of one argument are evaluated together.
             by_index = {node.args[0].index: node.args[0] for node in chosen}
             arguments = list(by_index.values())
-            # Lanes hold different states.
+            # Lanes that hold different states already fill the vector.
             abreast = self.abreast if self.lanes == 1 else 1
             for start in range(0, len(arguments), abreast):
                 chunk = arguments[start:start + abreast]

@@ -29,7 +29,7 @@ ARCTAN = (-0.3333333333333333, 0.1999999999999552, -0.14285714284666542,
           -0.09090904578123903, 0.07692183190826087, -0.06664511447381948,
           0.0585814891280221,
           -0.0508544973794026, 0.03923165829558719, -0.01917688711906226)
-# Its leading bits and the rest.
+# log 2: its leading bits and the rest.
 LN2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
 # Largest position accepted, rad or m. Neighboring doubles of this size are 1e-4 apart.
 # The range reduction of sin and cos fails at 1e15; the margin covers sums and multiples

@@ -272,7 +272,7 @@ class Code:
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(objects))
         self._engine.finalize_object()
         self._loaded = np.empty(0)
-        # Threads may still run it.
+        # At the exit, threads may still run the code.
         finalize(self._loaded, self._engine.close).atexit = False
 
     def address(self, name: str) -> Address:

@@ -139,7 +139,7 @@ class Assembly:
                 continue
             width = next(w for w in (8, 4, 2, 1) if w <= size)
             vector = f'<{width} x double>'
-            # The last may overlap.
+            # The last vector may overlap the one before.
             for place in [*range(0, size - width, width), size - width]:
                 x = self.load(vector, pointer, 8 * place)
                 if math.isfinite(limit):

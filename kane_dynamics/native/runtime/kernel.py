@@ -289,8 +289,12 @@ class Kernel:
 
         """
         values += (None,) * (len(self.arguments) - len(values))
-        arrays = [self._default(a) if v is None else converted(a, v)
-                  for a, v in zip(self.arguments, values, strict=True)]
+        arrays = []
+        for argument, value in zip(self.arguments, values, strict=True):
+            if value is None:
+                arrays.append(self._default(argument))
+            else:
+                arrays.append(converted(argument, value))
         count = self._count(values, arrays)
         shape = self.shape if count is None else (count, *self.shape)
         if size_of(shape) > MAX_RESULTS:
@@ -300,9 +304,12 @@ class Kernel:
         if count is None:
             self._single(arrays, result)
         else:
-            if any(np.may_share_memory(result, x) and not _same_rows(result,
-                                                                     x) for x in arrays):
-                result = np.empty(shape)  # a row would be overwritten before it is read
+            # A result may overwrite an argument row by row. Where rows differ, one would
+            # be overwritten before it is read, so the result is computed elsewhere.
+            for array in arrays:
+                if np.may_share_memory(result, array) and not _same_rows(result, array):
+                    result = np.empty(shape)
+                    break
             self._batch(arrays, result, count)
         if out is not None:
             if result is not out:
@@ -356,12 +363,14 @@ class Kernel:
         count = len(result)
         blocks = (*inputs, constants, result)
         addresses = [address(block) for block in blocks]
-        strides = [block.strides[0] if block.ndim > rank else 0
-                   for block, rank in zip(blocks, self._ranks, strict=True)]
-        if reverse:
-            addresses = [begin + (count - 1) * stride
-                         for begin, stride in zip(addresses, strides)]
-            strides = [-stride for stride in strides]
+        # A stride of 0 shares a block that has no axis of rows.
+        strides = []
+        for block, rank in zip(blocks, self._ranks, strict=True):
+            strides.append(block.strides[0] if block.ndim > rank else 0)
+        if reverse:  # begin at the last rows, step back
+            for k, stride in enumerate(strides):
+                addresses[k] += (count - 1) * stride
+                strides[k] = -stride
         repeat(self.address, addresses, strides, count)
 
     def rollout(self, inputs: Sequence[Array], result: Array, steps: int, *,
@@ -446,9 +455,11 @@ class Kernel:
 
     def _check(self, result: Array, arrays: Sequence[Array], count: int | None) -> None:
         """Raise InputError if the result is not finite."""
-        if not np.isfinite(result).all():
-            self.answer(result, arrays, count, np.flatnonzero(
-                ~np.isfinite(result.reshape(count or 1, -1)).all(axis=1)).tolist())
+        if np.isfinite(result).all():
+            return
+        rows = result.reshape(count or 1, -1)
+        invalid = ~np.isfinite(rows).all(axis=1)
+        self.answer(result, arrays, count, np.flatnonzero(invalid).tolist())
 
     def answer(self, result: Array, arrays: Sequence[Array], count: int | None,
                places: Sequence[int]) -> None:

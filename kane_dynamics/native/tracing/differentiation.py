@@ -105,7 +105,7 @@ def reverse(outputs: Iterable[Any], cotangents: Iterable[Any], inputs: Sequence[
             cotangent[x.index] = _plus(cotangent.get(x.index, 0.0), weight)
     for y, weight in zip(outputs, cotangents, strict=True):
         add(y, weight)
-    # Of a call: cotangents of its results by place.
+    # Of a call: the cotangents of its results by their places.
     of_results: dict[int, dict[int, Any]] = {}
     for y in reversed(_between(inputs, outputs)):
         weight = cotangent.get(y.index, 0.0)

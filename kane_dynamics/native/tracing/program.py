@@ -83,6 +83,8 @@ class Program:
         roots = [x for x in self.outputs if isinstance(x, Expr)]
         if not roots:
             return []
+        # Backwards from the outputs: nodes are created after their operands, so one pass
+        # marks everything that is needed.
         nodes = roots[0].trace.nodes
         needed = bytearray(len(nodes))
         for root in roots:
@@ -204,13 +206,15 @@ def factored(program: Program) -> Program:
     def value_of(arg: Any) -> Any:
         return rewritten[arg.index] if isinstance(arg, Expr) else arg
 
+    # In order of creation, so that the operands of a node are rewritten before it.
     for node in program.schedule():
         args = [value_of(arg) for arg in node.args]
         common = _common_factor(node, uses) if node.op in ('add', 'sub') else None
         if common is not None:
+            # a*c +- b*c = c*(a +- b); the two products are in no output any more.
             factor, left, right = (value_of(x) for x in common)
-            difference = applied(node.op, [left, right])
-            rewritten[node.index] = factor * difference
+            combined = applied(node.op, [left, right])
+            rewritten[node.index] = factor * combined
         elif node.op in KEPT:
             rewritten[node.index] = trace.node(node.op, *args)
         else:
@@ -238,6 +242,7 @@ def _common_factor(node: Expr, uses: dict[int, int]) -> tuple[Any, Any, Any] | N
             return None
     p, q = node.args[0].args
     r, s = node.args[1].args
+    # A factor is common as the same node or as an equal constant, on either side.
     for factor, left in ((p, q), (q, p)):
         for candidate, right in ((r, s), (s, r)):
             equal_constants = not isinstance(factor, Expr) and factor == candidate

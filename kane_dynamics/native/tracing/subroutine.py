@@ -136,7 +136,7 @@ def inlined(program: Program, values: Sequence[Any]) -> list[Any]:
 
 def replayed(program: Program, leaf: Callable[[Expr], Any]) -> list[Any]:
     """Return the outputs of a program as a list, with `leaf(node)` for inputs."""
-    # By the index of a node; of a call the list of its results.
+    # Values by the index of their node; of a call the list of its results.
     values: dict[int, Any] = {}
 
     def value_of(x: Any) -> Any:
