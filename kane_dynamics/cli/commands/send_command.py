@@ -14,6 +14,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 FOLLOWED = 0.5  # of its travel: a joint with a larger error did not follow
+STILL = 1e-3  # rad or m: travel of a joint that rests, and the error with which it does
 
 
 def send(options: Namespace) -> int:
@@ -43,7 +44,7 @@ def send(options: Namespace) -> int:
                     'warnings': list(tracking.warnings)})
     else:
         print_tracking(tracking)
-    lost = tracking.largest_error > FOLLOWED * tracking.travel
+    lost = did_not_follow(tracking.travel, tracking.largest_error)
     if not lost.any():
         return 0
     names_lost = ', '.join(name for name, is_lost in zip(names, lost,
@@ -52,6 +53,11 @@ def send(options: Namespace) -> int:
     warn(f'the motion was not followed by {names_lost}; warnings of the node '
          f'meanwhile: {reasons}')
     return 1
+
+
+def did_not_follow(travel: Array, largest_error: Array) -> Array:
+    """Return which joints, of a travel each, did not follow; arguments in rad or m."""
+    return np.asarray(largest_error > np.where(travel > STILL, FOLLOWED * travel, STILL))
 
 
 def print_tracking(tracking: Any) -> None:
