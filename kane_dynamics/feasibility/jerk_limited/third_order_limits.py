@@ -4,10 +4,13 @@ Limits of a robot at the points of a path as functions of x = s'^2, x' and x''.
 With the torque a s'' + b s'^2 + c + friction (see `path_limits`) the limited quantities
 are
 
-    velocity        q_s sqrt(x) acceleration    q_s x'/2 + q_ss x torque          a x'/2
-    + b x + c + friction(q_s sqrt(x)) power           torque * velocity jerk
-    sqrt(x) (q_s x''/2 + 3/2 q_ss x' + q_sss x) torque rate     sqrt(x) (a x''/2 + (a_s/2
-    + b) x' + b_s x + c_s) + damping * acceleration
+    velocity        q_s sqrt(x)
+    acceleration    q_s x'/2 + q_ss x
+    torque          a x'/2 + b x + c + friction(q_s sqrt(x))
+    power           torque * velocity
+    jerk            sqrt(x) (q_s x''/2 + 3/2 q_ss x' + q_sss x)
+    torque rate     sqrt(x) (a x''/2 + (a_s/2 + b) x' + b_s x + c_s)
+                    + damping * acceleration
 
 The rate of the torque is that without Coulomb friction.
 """

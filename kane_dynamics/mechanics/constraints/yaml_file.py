@@ -7,23 +7,21 @@ Schema; frames and joints are named as in the URDF, lengths in m, angles in rad:
       pin:
         closure: {first: rocker_end, second: base_pin, kind: revolute, axis: [0, 1, 0]}
                                 # or weld, prismatic, cylindrical, spherical, planar,
-                                inline; # universal with second_axis, distance with
-                                length
+                                # inline; universal with second_axis; distance with length
       gear:
         coupling: {joint: wrist, ratios: {elbow: -1.5}, offset: 0.0}
       blade:
         knife_edge: {frame: skate, direction: [0, 1, 0]}
       wheel:
-        rolling: {frame: hub, radius: 0.1, axis: [0, 1, 0], normal: [0, 0, 1], height:
-        0.0}
+        rolling: {frame: hub, radius: 0.1, axis: [0, 1, 0], normal: [0, 0, 1],
+                  height: 0.0}
       planet:
         rolling: {frame: planet, radius: 0.1, axis: [0, 0, 1], surface: cylinder,
                   surface_frame: sun, surface_radius: 0.3, surface_axis: [0, 0, 1],
                   inside: false}
       drift:
-        point_velocity: {frame: tool, direction: [1, 0, 0], axes: tool, relative_to:
-        base,
-                         value: 0.0, angular: false}
+        point_velocity: {frame: tool, direction: [1, 0, 0], axes: tool,
+                         relative_to: base, value: 0.0, angular: false}
     independent: [crank]        # joints whose rates are independent; else chosen well
     actuated: [crank]           # joints with actuators, or {crank: 1.0}, with weights
     configuration: {crank: 0.8, coupler: 0.1, rocker: -1.2}
