@@ -25,8 +25,7 @@ Schema; frames and joints are named as in the URDF, lengths in m, angles in rad:
     independent: [crank]        # joints whose rates are independent; else chosen well
     actuated: [crank]           # joints with actuators, or {crank: 1.0}, with weights
     configuration: {crank: 0.8, coupler: 0.1, rocker: -1.2}
-                                # nearly closed: the assembly mode; joints left out are
-                                at 0
+                                # nearly closed: the assembly mode; others are at 0
 """
 
 from __future__ import annotations
