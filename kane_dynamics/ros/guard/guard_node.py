@@ -252,7 +252,12 @@ class GuardNode(Node):
 
     def _report(self, level: str, text: str) -> None:
         """Log a change between watching and commanding, as 'error' or 'info'."""
-        getattr(self.get_logger(), level)(text)
+        # A line of code that logs keeps its first severity: rclpy raises for another one.
+        log = self.get_logger()
+        if level == 'error':
+            log.error(text)
+        else:
+            log.info(text)
 
     def close(self) -> None:
         """Close the topics; command zeros first if the guard commands."""

@@ -525,3 +525,13 @@ def test_a_parameter_of_the_wrong_type_ends_the_guard_with_one_line():
         text=True, timeout=60.0)
     assert done.returncode == 2
     assert re.fullmatch("torque_guard: .*'node'.*\n", done.stderr)
+
+
+def test_the_guard_logs_a_return_and_then_a_takeover():
+    # The logger of ROS refuses another severity from a line of code that has logged.
+    from kane_dynamics.ros.guard.guard_node import GuardNode
+    import rclpy.logging
+    logger = rclpy.logging.get_logger('guard_reports')
+    node = SimpleNamespace(get_logger=lambda: logger)
+    for level in ('info', 'error', 'info'):
+        GuardNode._report(node, level, 'a report')
