@@ -338,9 +338,13 @@ class DynamicsNode(LifecycleNode):
         log.info(f'the arm adds {added} to commanded efforts itself')
         # Only now, when it is known whether the robot is a simulated one, which may add
         # less.
-        report = log.warning if self._real_robot() else log.info
+        real = self._real_robot()
         for contradiction in self._contradictions:
-            report(contradiction)
+            # In two lines of code: one that logs keeps its first severity in rclpy.
+            if real:
+                log.warning(contradiction)
+            else:
+                log.info(contradiction)
         if fault := self._activation_fault():
             log.info(f'the node remains inactive: {fault}')
 
