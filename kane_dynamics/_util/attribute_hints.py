@@ -34,6 +34,7 @@ COUNTERPARTS = {
     'forward_kinematics(frame, q)': 'fk fkine framesforwardkinematics '
                                     'updateframeplacements pose omf framepose '
                                     'calcrelativetransform transform placement',
+    'closed_configuration(q)': 'closedposture closeloops loopclosure assemble',
     'center_of_mass(q)': 'com centerofmass calccenterofmasspositioninworld subtreecom',
     'center_of_mass_jacobian(q)': 'jacobiancenterofmass comjacobian jcom '
                                   'calcjacobiancenterofmasstranslationalvelocity',

@@ -28,6 +28,7 @@ from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -47,6 +48,7 @@ SMALL, LARGEST = 1e-5, 1e-3  # excess of a limit between points; on the finest g
 # A grid on which tighter limits cost more time, relative, and is not fine yet.
 COARSE, FINE = 2e-3, 4000
 DIVISIONS = 32  # intervals that resolve a segment of the path
+ROUNDED = 50.0  # error of accelerations, in the rounding of positions over dt^2; measured
 
 
 def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = math.inf,
@@ -152,11 +154,29 @@ def _result(along: PathRobot, parts: Sequence[Checked], rate_uses: dict[str, Arr
     """Return the motion along all sections."""
     points, coefficients = joined([part.points for part in parts])
     motion = along.motion_of(points, coefficients)
+    _require_resolution(points)
     tau = parts[0].tau
     if len(parts) > 1:
         tau = np.concatenate([part.tau for part in parts])
     robot = along.robot.copy()  # has its own payload
     return TimeOptimal(motion, points, tau, robot, along.bounds, rate_uses)
+
+
+def _require_resolution(points: ControllerPoints) -> None:
+    """
+    Raise InputError where positions are too coarse for the accelerations between points.
+
+    Positions are floating-point numbers, and the polynomials between points have their
+    rounding over the squared interval as an error of the acceleration.
+    """
+    shortest = float(np.diff(points.t).min())
+    largest = float(np.abs(points.q).max())
+    error = ROUNDED * np.finfo(np.float64).eps * largest / shortest**2
+    if error > LARGEST * float(np.abs(points.udot).max()):
+        raise InputError(
+            f'path: {points.t[-1]:.3g} s long, with intervals of {shortest:.3g} s and '
+            f'positions up to {largest:.3g}, whose rounding exceeds limits by more than '
+            f'{LARGEST:g}; expected a longer path or fewer points')
 
 
 class _Coarse(Exception):  # noqa: N818 - raised only inside this module

@@ -61,6 +61,7 @@ def straight_line(robot: Robot, frame: str, q: ArrayLike, target: ArrayLike,
                       lambda x: 0.0 < x < np.inf)
     points = integer(points, 'points', 5)
     end = checked_pose(target, 'target')
+    names = _moved_joints(robot)
     q_start = _start(robot, q)
     start = robot.frame_pose(frame, q_start)
     along = pose_error(start, end)  # a translation, and a rotation vector in world axes
@@ -87,10 +88,20 @@ def straight_line(robot: Robot, frame: str, q: ArrayLike, target: ArrayLike,
                              'singular configuration; expected another line, or more '
                              'points')
         configurations.append(solution.q)
-    names = robot.speed_names if robot.constraint_names else robot.coordinate_names
     columns = [robot.coordinate_names.index(name) for name in names]
     return Motion.from_points(times, np.array(configurations)[:, columns],
                               joint_names=names)
+
+
+def _moved_joints(robot: Robot) -> tuple[str, ...]:
+    """Return the joints of the motion, which determine the others under constraints."""
+    if not robot.constraint_names:
+        return robot.coordinate_names
+    speeds = [name for name in robot.speed_names if name not in robot.coordinate_names]
+    if speeds:
+        raise InputError(f'robot: constraints with the speeds {speeds}; expected rates of '
+                         'joints as independent speeds')
+    return robot.speed_names
 
 
 def _start(robot: Robot, q: ArrayLike) -> Array:

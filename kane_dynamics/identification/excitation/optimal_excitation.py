@@ -178,7 +178,7 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
         progress((k + 1) / starts)
     if not found:
         raise InputError(f'motion: none satisfies {broken}; expected more starts, a '
-                         'lower share, or other limits')
+                         'lower share, other limits, or floor=None and distance=None')
     best = min(found, key=lambda p: design.cost(p, 0.0)[0])
     q = design.dense[0] @ best
     return Excitation(model.joint_names, design.basis, best, periods,

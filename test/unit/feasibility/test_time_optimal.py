@@ -122,8 +122,8 @@ def test_controllable_sets_are_those_of_linear_programs():
         b = np.concatenate([width - gamma, width + gamma, [last[1], -last[0]]])
         ends = [linprog([sign, 0.0], A, b, bounds=[(0.0, 50.0), (None, None)], method='highs')
                 for sign in (1.0, -1.0)]
-        limits = reachability.Limits(np.zeros((2, 4, 1)) + np.eye(4)[3][:, None], rows,
-                                     np.full(2, 50.0))
+        points = np.zeros((2, 4, 1)) + np.eye(4)[3][:, None]
+        limits = reachability.IntervalLimits(points, rows, np.full(2, 50.0))
         if ends[0].status == 2:
             with pytest.raises(reachability.Infeasible):
                 reachability.controllable_sets(limits, last)
@@ -759,3 +759,19 @@ def test_uniform_splines_are_those_of_scipy(count):
     for order, found in enumerate(spline_derivatives(q, s[1], *ends)):
         expected = spline(s, order + 1)
         assert found == pytest.approx(expected, rel=1e-10, abs=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(('distance', 'points'), [(1e-5, 1000), (1e-8, 1000), (1e-3, 50_000)])
+def test_a_path_whose_positions_are_too_coarse_for_its_grid_is_refused(distance, points):
+    start = np.array([0.0, -1.2, 1.4, -0.2, 1.57, 0.0])
+    arm = Robot(load_urdf('urdf/ur10e.urdf'))
+    with pytest.raises(InputError, match='expected a longer path or fewer points'):
+        time_optimal(arm, [start, start + distance], points=points)
+
+
+@pytest.mark.parametrize(('distance', 'points'), [(1e-4, 1000), (1e-1, 50_000)])
+def test_a_short_path_keeps_the_limits_where_its_positions_resolve_it(distance, points):
+    start = np.array([0.0, -1.2, 1.4, -0.2, 1.57, 0.0])
+    arm = Robot(load_urdf('urdf/ur10e.urdf'))
+    timing = time_optimal(arm, [start, start + distance], points=points)
+    assert demand(arm, timing.motion).uses['effort'].max() < 1.001

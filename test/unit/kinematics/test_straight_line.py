@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from kane_dynamics import (InputError, load_constraints, load_urdf, pose_error, pose_from, Robot,
-                           straight_line)
+from kane_dynamics import (absolute_rates, InputError, load_constraints, load_urdf, pose_error,
+                           pose_from, Robot, straight_line)
 import numpy as np
 import pytest
 
@@ -70,3 +70,12 @@ def test_the_start_is_one_configuration_within_the_limits(robot):
     with pytest.raises(InputError, match=r"q: joint 'elbow_joint': position 6.4; expected "
                                          r'within its limits -3.14159 to 3.14159'):
         straight_line(robot, 'tool0', beyond, target, 2.0)
+
+
+def test_a_closed_loop_with_other_speeds_than_joint_rates_is_refused_by_its_speeds():
+    choices = load_constraints(URDFS / 'palletizer.constraints.yaml')
+    choices.pop('independent', None)
+    machine = Robot(load_urdf(URDFS / 'palletizer.urdf'), **choices, speeds=absolute_rates)
+    q = machine.feasible_configuration()
+    with pytest.raises(InputError, match=r"robot: constraints with the speeds \['.*; expected"):
+        straight_line(machine, 'tool', q, machine.frame_pose('tool', q), 1.0)
