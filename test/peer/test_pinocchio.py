@@ -119,7 +119,7 @@ def derived(robot, name, state):
     """Return a quantity with many entries: compiled for small robots, the same code on numbers."""
     if robot.n <= SMALL:
         return getattr(robot, name)(*state)
-    value = getattr(robot.equations, name)(*state, robot.parameters.block)
+    value = getattr(robot.equations.tree, name)(*state, robot.parameters.block)
     return value.astype(float)
 
 

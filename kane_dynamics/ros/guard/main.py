@@ -28,6 +28,8 @@ def run_guard(arguments: Sequence[str]) -> int:
     """Run the guard with checked arguments; return the exit code."""
     from kane_dynamics.ros.common.process import run_until_signal
     from kane_dynamics.ros.common.transport import leave_shared_memory
+    # All imports are made while a signal still ends the process at once.
+    import kane_dynamics.ros.guard.guard_node  # noqa: F401
     leave_shared_memory()
     return run_until_signal(spin_guard, arguments)
 

@@ -28,6 +28,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run_plant(arguments: Sequence[str]) -> int:
     """Run the node with checked arguments; return the exit code."""
     from kane_dynamics.ros.common.process import run_until_signal
+    # All imports are made while a signal still ends the process at once.
+    import kane_dynamics.ros.plant.plant_node  # noqa: F401
     return run_until_signal(spin_plant, arguments)
 
 
