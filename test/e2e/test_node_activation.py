@@ -43,7 +43,7 @@ def test_a_node_that_commands_the_plant_by_itself_stops_when_a_controller_subscr
     hidden = rclpy.create_node('_ros2cli_7')
     hidden.create_subscription(Float64MultiArray, 'commands', lambda message: None, 1)
     start('-r', '__node:=second', module=PLANT).wait_for('joint states/s')
-    assert wait_until(lambda: robot.count_subscribers('commands') == 3)
+    assert wait_until(lambda: robot.count_subscribers('commands') == 3, 15.0)
     time.sleep(0.6)
     assert robot.state() == 'active' and 'deactivated' not in node.log
     hidden.destroy_node()

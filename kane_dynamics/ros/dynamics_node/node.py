@@ -42,6 +42,9 @@ ACTIVATION_PERIOD = 0.05  # s between two looks at what subscribes to `commands`
 # Time for which only simulated robots must subscribe before the node activates itself,
 # s: discovery may find a simulated robot before a real one.
 SETTLING = 0.5
+# The earliest self-activation after the start, s. Fast DDS announces a process every 3
+# s, and first announcements may be lost, so that a real robot is found so much later.
+DISCOVERY = 3.5
 LEAST_WITHOUT_ARM = 0.9  # s between two reports of a node that is not configured
 DEACTIVATED = ('deactivated: {name} subscribes to {topic} and is no simulated robot; '
                'expected simulated robots alone while activation is simulated. Stop it, '
@@ -71,6 +74,7 @@ class DynamicsNode(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__('kane_dynamics')
+        self._created = time.monotonic()
         answer_service_errors(self)
         self._live = LiveParameters(self, SPECS, self._frozen, self._check_parameters,
                                     self._apply_parameters)
@@ -193,11 +197,14 @@ class DynamicsNode(LifecycleNode):
     def _is_simulated_for_long(self) -> bool:
         """Return whether only simulated robots have subscribed for `SETTLING`."""
         now = time.monotonic()
+        if self._simulated_time:
+            return True
         if self._real_robot():
             self._simulated_since = math.inf
             return False
         self._simulated_since = min(self._simulated_since, now)
-        return self._simulated_time or now - self._simulated_since > SETTLING
+        settled = now - self._simulated_since > SETTLING
+        return settled and now - self._created > DISCOVERY
 
     def _real_robot(self) -> str:
         """
