@@ -289,7 +289,7 @@ class Configurations(Dispatch):
             first = finite_row(start, 'start', self.coordinate_names)
         if first is not None and len(fixed):
             return followed_configuration(self.mechanism, first, q, t=t, fixed=fixed,
-                                    rows=rows)
+                                          rows=rows)
         if start is not None:
             raise InputError(f'start: {first.tolist()}, without fixed; expected the '
                              'coordinates that move from there to their values in q')
