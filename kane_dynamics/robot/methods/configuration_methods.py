@@ -147,7 +147,7 @@ class Configurations(Dispatch):
 
     @property
     def configuration(self) -> Any:
-        """Configuration at which speeds and rows were chosen; None without one."""
+        """Return the configuration at which speeds and rows were chosen, or None."""
         return self._choices['configuration']
 
     @property

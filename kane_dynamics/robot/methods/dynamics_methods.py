@@ -59,8 +59,7 @@ class DynamicsMethods(Dispatch):
         ----------
         q, u, udot : (n,) or (N, n) arrays
             Coordinates, speeds and their rates; rad or m, s.
-        wrench : mapping of str to (6,) or (N, 6) arrays; or (k, 6) or (N, k, 6) array,
-        optional
+        wrench : mapping of str to (6,) or (N, 6) arrays, or (k, 6) or (N, k, 6) array
             External wrenches by frame: force then moment, at the frame's origin, world
             axes, N and N m. An array has one row for each of the `wrench_frames`, and is
             the fastest; of a single frame it may be (6,). Other frames need a mapping;
