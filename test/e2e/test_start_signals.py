@@ -13,7 +13,8 @@ NODES = ('kane_dynamics.ros.dynamics_node.main', 'kane_dynamics.ros.guard.main',
          'kane_dynamics.ros.plant.main')
 START = 2.0  # s, about the longest start of a node on an idle machine
 TIMEOUT = 60.0  # s
-ENDED = (0, 1, -signal.SIGINT, -signal.SIGTERM)  # not 0: before the node's code has begun
+# Not 0: before the node's code has begun; 2: plant_node had no URDF before the signal came.
+ENDED = (0, 1, 2, -signal.SIGINT, -signal.SIGTERM)
 
 # The signal comes in a finalizer, whose exceptions the interpreter ignores, in a long import.
 LOST = """
