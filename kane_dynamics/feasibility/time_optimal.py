@@ -121,7 +121,9 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     if rates.given:
         return _rate_limited(along, rates, speeds, points)
     parts = _fastest(along, speeds, points)
-    return _result(along, parts, {})
+    timing = _result(along, parts, {})
+    _require_resolution(timing.points)
+    return timing
 
 
 def _speed(value: float, name: str) -> float:
@@ -154,7 +156,6 @@ def _result(along: PathRobot, parts: Sequence[Checked], rate_uses: dict[str, Arr
     """Return the motion along all sections."""
     points, coefficients = joined([part.points for part in parts])
     motion = along.motion_of(points, coefficients)
-    _require_resolution(points)
     tau = parts[0].tau
     if len(parts) > 1:
         tau = np.concatenate([part.tau for part in parts])
