@@ -108,8 +108,9 @@ def load_mjcf(source: str | os.PathLike[str], *, strict: bool = True) -> MjcfMec
 
 def is_mjcf(source: Any) -> bool:
     """Return whether a source is the path of an XML file with the root <mujoco>."""
-    if not isinstance(source,
-                      str | os.PathLike) or not os.fspath(source).endswith('.xml'):
+    if not isinstance(source, str | os.PathLike):
+        return False
+    if not os.fspath(source).endswith('.xml'):
         return False
     try:
         events = ElementTree.iterparse(os.fspath(source), events=('start',))

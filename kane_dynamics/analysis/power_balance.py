@@ -72,8 +72,8 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
             balance = _constrained_balance(robot, q, u, tau, wrench, t, energy_rate)
         else:
             external = robot.external_force(q, wrench=wrench)
-            friction = robot.torque_terms(q, u, udot)[...,
-                                                      TORQUE_TERMS.index('friction'), :]
+            terms = robot.torque_terms(q, u, udot)
+            friction = terms[..., TORQUE_TERMS.index('friction'), :]
             balance = PowerBalance(_product(tau, u), _product(external, u),
                                    _product(friction, u), energy_rate,
                                    np.zeros(np.shape(tau)[:-1])[()])

@@ -80,8 +80,7 @@ def print_table(header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
     """Print a table: texts aligned left, numbers right, with six digits."""
     lines = [list(header)]
     for row in rows:
-        lines.append([cell if isinstance(cell,
-                                         str) else f'{cell + 0.0:.6g}' for cell in row])
+        lines.append([_cell(value) for value in row])
     columns = list(zip(*lines, strict=True))
     widths = [max(map(len, column)) for column in columns]
     numeric = [all(map(_is_number, column[1:])) for column in columns]
@@ -90,6 +89,11 @@ def print_table(header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
         for cell, width, is_numeric in zip(line, widths, numeric, strict=True):
             cells.append(cell.rjust(width) if is_numeric else cell.ljust(width))
         print('  '.join(cells).rstrip())
+
+
+def _cell(value: Any) -> str:
+    """Return a text as it is, and a number with six digits; -0.0 is 0."""
+    return value if isinstance(value, str) else f'{value + 0.0:.6g}'
 
 
 def print_json(value: Any) -> None:

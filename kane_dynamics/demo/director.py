@@ -122,8 +122,8 @@ class Director(Node):
             raise DemoError(f'the arm cannot save its record: {answer.message}')
         return TrackingLog.load(record)
 
-    def predict_and_let_go(self, robot: DemoRobot, record: Path) -> tuple[Any,
-                                                                          TrackingLog]:
+    def predict_and_let_go(self, robot: DemoRobot,
+                           record: Path) -> tuple[Any, TrackingLog]:
         """
         Predict the arm's fall from home, then let it fall.
 

@@ -209,8 +209,9 @@ class MujocoPlant(Node):
 
     def _save(self, request: Any, response: Any) -> Any:
         """Write the record, and the latencies, to the file."""
-        columns: Any = {name: np.array(values) for name,
-                        values in zip(COLUMNS, zip(*self._rows))}
+        columns: Any = {}
+        for name, values in zip(COLUMNS, zip(*self._rows)):
+            columns[name] = np.array(values)
         np.savez(self._record, latency=np.array(self._latencies).reshape(-1, 2),
                  **columns)
         response.success = True

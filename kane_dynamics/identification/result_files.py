@@ -68,8 +68,8 @@ def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, 
     return urdf, yaml.safe_dump({'joints': joints}, sort_keys=False)
 
 
-def _link_inertials(source: str | bytes | os.PathLike[str], model: Model) -> dict[str,
-                                                                                  Inertial]:
+def _link_inertials(source: str | bytes | os.PathLike[str],
+                    model: Model) -> dict[str, Inertial]:
     """Return the inertials of all links that joints of the URDF move, also locked joints."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', ModelWarning)
@@ -141,5 +141,4 @@ def written_payload(supplement: str | os.PathLike[str] | None, link: str,
 
 def six(payload: Inertial) -> list[float]:
     """Return the inertia as ixx, ixy, ixz, iyy, iyz, izz: the order of supplement and node."""
-    return [float(payload.inertia[r, s]) for r,
-            s in zip(*np.triu_indices(3), strict=True)]
+    return [float(moment) for moment in payload.inertia[np.triu_indices(3)]]

@@ -106,8 +106,9 @@ class LinkDistances:
         self._shape_pairs = self._shape_pairs[~overlapping]
         self.pairs = self._named(self._shape_pairs)
         numbers = {pair: k for k, pair in enumerate(self.pairs)}
-        self._pair_numbers = [numbers[self._name_pair(i, j)] for i,
-                              j in self._shape_pairs]
+        self._pair_numbers = []
+        for i, j in self._shape_pairs:
+            self._pair_numbers.append(numbers[self._name_pair(i, j)])
 
     def __call__(self, q: ArrayLike) -> Array:
         """

@@ -34,8 +34,8 @@ def verified(robot: Any, states: int) -> float:
         An error is larger than `TOLERANCE`; names the quantity and the error.
 
     """
-    if isinstance(states, bool) or not isinstance(states,
-                                                  int | np.integer) or states < 1:
+    whole = isinstance(states, int | np.integer) and not isinstance(states, bool)
+    if not whole or states < 1:
         raise InputError(f'states: {states!r}; expected an integer >= 1')
     rng = np.random.default_rng(0)
     gravity = robot.parameters.gravity

@@ -141,9 +141,8 @@ class UserSpeeds:
                     begin += count
         return results
 
-    def _derived(self,
-                 robot: Robot, rows: Array, tau: Array, times: Array) -> dict[str,
-                                                                              Array]:
+    def _derived(self, robot: Robot, rows: Array, tau: Array,
+                 times: Array) -> dict[str, Array]:
         """Return the quantities of `results` for states, (K, size), in one choice of speeds."""
         at: dict[str, Any] = {'t': times} if robot.equations.timed else {}
         q = np.ascontiguousarray(rows[:, :robot.n_q])

@@ -181,15 +181,16 @@ class Sweep:
     @lazy_property
     def description(self) -> dict[str, Any]:
         """Return everything that the table depends on as plain data."""
-        desired = self.desired
+        motion = None
+        if self.desired is not None:
+            motion = hashlib.sha256(self.desired.tobytes()).hexdigest()
+        values = {value.name: [value.kind, *value.numbers] for value in self.values}
         return {
             'version': package_version(), 'model': robot_digest(self.robot),
             'samples': self.samples, 'seed': self.seed, 'duration': self.duration,
             'step': self.step, 'integrator': self.integrator, 't0': self.t0,
             'payload_frame': self.payload_frame, 'chunk': self.chunk,
-            'motion': None if desired is None else hashlib.sha256(desired.tobytes()).hexdigest(),
-            'values': {value.name: [value.kind,
-                                    *value.numbers] for value in self.values}}
+            'motion': motion, 'values': values}
 
     @property
     def digest(self) -> str:
@@ -202,8 +203,8 @@ class Sweep:
         q0, u0 = joints.start(self.motion, self.t0)
         controller = self.controller
         # A mapping without one of the keys is a choice of controllers, {choice: [...]}.
-        if not isinstance(controller,
-                          Mapping) or not set(controller) & set(CONTROLLER_KEYS):
+        has_keys = isinstance(controller, Mapping) and set(controller) & set(CONTROLLER_KEYS)
+        if not has_keys:
             controller = {'kind': controller}
         controller = mapping(controller, 'controller', CONTROLLER_KEYS, InputError)
         kind = value_of('controller', controller.get('kind', NONE), names=CONTROLLERS)

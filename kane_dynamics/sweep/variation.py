@@ -156,8 +156,8 @@ def values_of(name: str, data: Any, joints: Sequence[str], default: Sequence[flo
         if unknown:
             raise InputError(f'{name}: no joint {SHORT.repr(unknown[0])}; expected '
                              f'{", ".join(joints)}; or {FORMS}')
-        data = [data.get(joint, start) for joint,
-                start in zip(joints, default, strict=True)]
+        starts = zip(joints, default, strict=True)
+        data = [data.get(joint, start) for joint, start in starts]
     if not isinstance(data, list | tuple | np.ndarray):
         return (value_of(name, data, signed=signed),)
     if len(data) != len(joints):

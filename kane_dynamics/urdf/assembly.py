@@ -24,8 +24,8 @@ from kane_dynamics.urdf.tree import UrdfTree
 import numpy as np
 from numpy.typing import ArrayLike
 
-Moving = list[tuple[StatedJoint,
-                    Placement]]  # the joint of each moving body, and where it is
+# The joint of each moving body, and where it is.
+Moving = list[tuple[StatedJoint, Placement]]
 
 UNLIMITED = Limits()
 DEGREES = 12.6  # rad, two turns: a bound beyond it, up to 720, looks like degrees

@@ -44,8 +44,8 @@ def bench(options: Namespace) -> None:
                     'no_peer': reason})
     elif peer is None:
         print(f'no comparison: {reason}')
-        print_table(['call', 'ns'], [[what, f'{row["ns"]:.0f}'] for what,
-                                     row in rows.items()])
+        times = [[what, f'{row["ns"]:.0f}'] for what, row in rows.items()]
+        print_table(['call', 'ns'], times)
     else:
         _print_comparison(rows)
 

@@ -133,8 +133,8 @@ def examined_recording(options: Namespace, model: Model) -> Recording:
     return recording
 
 
-def _without_doubtful_gravity(options: Namespace, model: Model) -> tuple[Model,
-                                                                         Recording]:
+def _without_doubtful_gravity(options: Namespace,
+                              model: Model) -> tuple[Model, Recording]:
     """
     Return model and recording for a fit of the model.
 

@@ -150,8 +150,9 @@ def _followed_joints(robot: Robot) -> tuple[str, ...]:
 
 def _names(joints: Any) -> list[str] | None:
     """Return joints as a list of names."""
-    if joints is None or (isinstance(joints, list) and all(isinstance(x,
-                                                                      str) for x in joints)):
+    if joints is None:
+        return None
+    if isinstance(joints, list) and all(isinstance(name, str) for name in joints):
         return joints
     raise InputError(f'joints: {joints!r}; expected a list of names')
 

@@ -208,8 +208,10 @@ class DesignCriterion:
                   'velocity': u / self.velocity,
                   'acceleration': udot / self.acceleration,
                   'effort': self.robot.inverse_dynamics(q, u, udot) / self.effort}
-        return {name: BETWEEN * np.abs(value).max(axis=0) for name,
-                value in values.items()}
+        largest = {}
+        for name, value in values.items():
+            largest[name] = BETWEEN * np.abs(value).max(axis=0)
+        return largest
 
 
 def worth(W: Array) -> tuple[float, Array]:

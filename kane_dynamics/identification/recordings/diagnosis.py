@@ -256,8 +256,8 @@ def _interruptions(recording: Recording) -> Iterator[RecordingFault]:
                          'without interruptions, as filters and differences need it')
 
 
-def _signals(model: Model, recording: Recording) -> tuple[Recording,
-                                                          list[RecordingFault]]:
+def _signals(model: Model,
+             recording: Recording) -> tuple[Recording, list[RecordingFault]]:
     """Return a recording without faults of single effort signals, and these faults."""
     joints_by_fault: dict[str, list[int]] = {}
     sound, outliers = without_outliers(longest_stretch(recording))
@@ -337,8 +337,8 @@ def _best_repair(robot: Robot, recording: Recording, errors: Array, gravity_adde
     return best
 
 
-def _within_limits(robot: Robot, r: Recording) -> tuple[Recording,
-                                                        list[tuple[str, int]]]:
+def _within_limits(robot: Robot,
+                   r: Recording) -> tuple[Recording, list[tuple[str, int]]]:
     """Return the efforts in N m where they exceed the limits by far, with fault and joint."""
     rigid = robot.inverse_dynamics(r.q, r.u, r.udot)
     tau = r.tau.copy()

@@ -102,8 +102,8 @@ def _axis_component(step: JointStep, acceleration: UnitAcceleration) -> Scalar:
 
 
 def _propagated(links: Sequence[Link], steps: Sequence[JointStep], i: int,
-                acceleration: UnitAcceleration) -> Iterator[tuple[int,
-                                                                  UnitAcceleration]]:
+                acceleration: UnitAcceleration
+                ) -> Iterator[tuple[int, UnitAcceleration]]:
     """Yield force and moment of link i on each link toward the root, up to a beam."""
     weights, force, moment = acceleration
     while links[i].parent != WORLD:

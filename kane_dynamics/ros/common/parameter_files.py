@@ -24,8 +24,9 @@ def parameter_blocks(path: Path) -> dict[str, dict[str, Any]]:
     try:
         data = yaml.safe_load(path.read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as error:
-        reason = str(error.strerror).lower() if isinstance(error,
-                                                           OSError) else 'no UTF-8 text'
+        reason = 'no UTF-8 text'
+        if isinstance(error, OSError):
+            reason = str(error.strerror).lower()
         raise InputError(f"parameter file '{path}': {reason}; expected a readable "
                          'file') from None
     except yaml.YAMLError as error:

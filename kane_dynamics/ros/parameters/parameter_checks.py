@@ -23,9 +23,9 @@ FRAMES = ('payload.frame', 'imu.frame', 'wrench.frames', 'observer.frame')
 
 def _number(spec: Spec, value: Any) -> float:
     """Return a finite number within the bounds of `spec`."""
-    if isinstance(value, bool) or not isinstance(value,
-                                                 (int, float)) or math.isnan(value) or (
-            math.isinf(value) and not spec.infinite):
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError
+    if math.isnan(value) or (math.isinf(value) and not spec.infinite):
         raise ValueError
     if value < spec.low or value > spec.high or (spec.positive and value == 0.0):
         raise ValueError
@@ -257,8 +257,8 @@ def terms(values: Mapping[str, Any]) -> Terms:
     return Terms.beside(values['arm_compensates'])
 
 
-def controller_settings(values: Mapping[str, Any], joints: Sequence[str]) -> dict[str,
-                                                                                  Any]:
+def controller_settings(values: Mapping[str, Any],
+                        joints: Sequence[str]) -> dict[str, Any]:
     """Return the settings of a Controller, as keyword arguments."""
     return {'mode': values['mode'], 'compensate': terms(values),
             'kp': per_joint(values, 'gains.kp', joints, 0.0),

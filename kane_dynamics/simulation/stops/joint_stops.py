@@ -140,9 +140,8 @@ class JointStops:
     def _forget(self, i: int, done: int) -> None:
         """Forget the contacts of simulation i after `done` steps."""
         if i in self._contacts:
-            self._contacts[i] = {step: contact for step,
-                                 contact in self._contacts[i].items()
-                                 if step <= done}
+            contacts = self._contacts[i].items()
+            self._contacts[i] = {step: contact for step, contact in contacts if step <= done}
         if i in self._pressures:
             self._pressures[i] = [_Pressure(steps[steps <= done],
                                             energies[steps <= done])

@@ -271,8 +271,10 @@ def _pulls(stages: Sequence[Vector], side: Vector) -> list[Scalar]:
     """Return the largest pull of each stop in several stages, (k,); 0 if it presses."""
     largest = [0.0 * s for s in side]
     for forces in stages:
-        magnitudes = (f * s * select(f * s < 0.0, -1.0, 1.0) for f,
-                      s in zip(forces, side))
+        magnitudes = []
+        for f, s in zip(forces, side):
+            pull = f * s
+            magnitudes.append(pull * select(pull < 0.0, -1.0, 1.0))
         rounding = PULL * sum(magnitudes, 0.0)
         pulls = [f * s - rounding for f, s in zip(forces, side)]
         largest = [select(x < y, y, x) for x, y in zip(largest, pulls)]
