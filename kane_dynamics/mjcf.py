@@ -350,8 +350,7 @@ class _Reader:
         R = _matrix(_scalar_last(compiled.body_iquat[body]))
         inertia = R @ np.diag(compiled.body_inertia[body]) @ R.T
         return Inertial(float(compiled.body_mass[body]),
-                        np.array(compiled.body_ipos[body]),
-                        0.5 * (inertia + inertia.T))
+                        np.array(compiled.body_ipos[body]), 0.5 * (inertia + inertia.T))
 
     def _add_site(self, site: int) -> None:
         """Add a site as a frame."""

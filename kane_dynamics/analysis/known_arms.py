@@ -16,8 +16,7 @@ TABLE = Path(__file__).with_name('arms.yaml')
 UNCONFIRMED = 'unconfirmed'
 NO_INTERFACE = 'no effort interface'
 _KEYS = ('vendor', 'arm', 'name', 'joints', 'interface', 'versions', 'compensates',
-         'note',
-         'efforts', 'sources')
+         'note', 'efforts', 'sources')
 
 
 class EffortKind(StrEnum):

@@ -33,8 +33,7 @@ def draw(plot: Any, options: Namespace, robot: Robot, trajectory: Trajectory,
     name = robot.model.name
     if what == 'trajectory':
         plot.plot_trajectory(trajectory, options.plot, prismatic=sliding,
-                             limits=robot.limits,
-                             title=f'{name}: motion over time')
+                             limits=robot.limits, title=f'{name}: motion over time')
     elif what == 'tracking' and desired is not None:
         q_desired, _, _ = desired.sample(trajectory.t)
         joints = [robot.coordinate_names.index(joint) for joint in desired.joint_names]

@@ -1,8 +1,8 @@
 """Identification of inertial parameters and friction from recordings: extra `identify`."""
 
 from kane_dynamics.identification.base_regressor import (base_parameters, base_speeds,
-                                                         BaseFit,
-                                                         BaseParameters, fit_base)
+                                                         BaseFit, BaseParameters,
+                                                         fit_base)
 from kane_dynamics.identification.collision_calibration import (calibrate_collision,
                                                                 CollisionCalibration)
 from kane_dynamics.identification.efforts import Efforts
@@ -18,9 +18,6 @@ from kane_dynamics.identification.regression import friction_speeds, rows
 
 __all__ = ['BaseFit', 'BaseParameters', 'CollisionCalibration', 'Efforts', 'Excitation',
            'Identification', 'Payload', 'PayloadEstimator', 'Recording',
-           'RecordingFault',
-           'TorqueDelays',
-           'base_parameters', 'base_speeds', 'calibrate_collision', 'diagnose', 'excite',
-           'fit_base', 'friction_speeds', 'identify', 'identify_payload',
-           'read_recording',
-           'rows', 'torque_delays']
+           'RecordingFault', 'TorqueDelays', 'base_parameters', 'base_speeds',
+           'calibrate_collision', 'diagnose', 'excite', 'fit_base', 'friction_speeds',
+           'identify', 'identify_payload', 'read_recording', 'rows', 'torque_delays']

@@ -7,9 +7,8 @@ from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.regression import (compressed, FRICTION,
-                                                     full_regressor,
-                                                     RegressionRows, rows,
-                                                     settled_speeds, stacked,
+                                                     full_regressor, RegressionRows,
+                                                     rows, settled_speeds, stacked,
                                                      UNBOUNDED, weights, without_losses)
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.mechanics.ball_joints import require_angles

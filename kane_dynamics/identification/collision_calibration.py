@@ -100,8 +100,7 @@ class _Estimates:
         """Return some of the rows."""
         return _Estimates(self.t[chosen], self.u[chosen], self.torque[chosen],
                           self.coulomb[:, chosen], self.damping[chosen],
-                          self.offset[chosen],
-                          self.settled[chosen])
+                          self.offset[chosen], self.settled[chosen])
 
 
 def calibrate_collision(robot: Robot, recording: Recording, *, gain: float = 50.0,

@@ -12,13 +12,11 @@ from kane_dynamics.identification.physical_consistency import physical, pseudo_i
 from kane_dynamics.identification.recordings.diagnosis import diagnose
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.regression import (compressed, factorized,
-                                                     fit_friction,
-                                                     FRICTION, friction_speeds,
-                                                     full_regressor,
+                                                     fit_friction, FRICTION,
+                                                     friction_speeds, full_regressor,
                                                      LOWEST, RegressionRows, rms, rows,
                                                      settled_speeds, stacked, STANDSTILL,
-                                                     triangle,
-                                                     UNBOUNDED, weights)
+                                                     triangle, UNBOUNDED, weights)
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.identification.standard_deviations import friction_statistics, statistics
 from kane_dynamics.model.model import Inertial, Model
@@ -206,8 +204,7 @@ def identified(model: Model, x: Array, speeds: Array, *,
     """Return the model with the values of the unknowns."""
     losses = {}
     for name, row, speed in zip(model.joint_names, x[-4 * model.n:].reshape(-1, 4),
-                                speeds,
-                                strict=True):
+                                speeds, strict=True):
         losses[name] = dict(zip(FRICTION, row.tolist(), strict=True),
                             friction_speed=float(speed))
     bodies = []

@@ -14,8 +14,7 @@ import numpy as np
 import yaml
 
 PASSIVE = ('damping', 'friction', 'friction_speed', 'friction_offset', 'armature',
-           'stiffness',
-           'rest')
+           'stiffness', 'rest')
 
 
 def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, str]:

@@ -174,8 +174,7 @@ def beside(axes: Axes, *words: tuple[str, str]) -> None:
     weight = 'normal'
     for k, (text, color) in enumerate(words):
         axes.text(1.02, 0.98 - 0.18 * k, text, transform=axes.transAxes, va='top',
-                  fontsize=9.0,
-                  color=color, fontweight=weight)
+                  fontsize=9.0, color=color, fontweight=weight)
         weight = 'bold'
 
 

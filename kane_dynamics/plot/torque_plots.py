@@ -120,8 +120,7 @@ def stack(axes: Axes, t: Array, terms: Array) -> None:
             next_level = level + part_of(term, 0.0)
             if term.any():
                 axes.fill_between(t, level, next_level, color=color, alpha=0.85,
-                                  linewidth=0.0,
-                                  label=label)
+                                  linewidth=0.0, label=label)
             level = next_level
     axes.plot(t, terms.sum(axis=1), color=INK, linewidth=1.3, label='sum')
     axes.axhline(0.0, color=INK, linewidth=0.6)

@@ -70,8 +70,7 @@ def _plot_positions(axes: Axes, runs: Mapping[str, Run], i: int) -> None:
         axes.plot(t, np.asarray(actual)[:, i], color=_RUNS[k % len(_RUNS)], label=label)
     t, desired, _ = next(iter(runs.values()))
     axes.plot(t, np.asarray(desired)[:, i], color=INK, linestyle=(0, (4, 3)),
-              linewidth=1.2,
-              label='desired')
+              linewidth=1.2, label='desired')
     hide_rounding(axes, NOISE, 0.1)
 
 

@@ -142,8 +142,8 @@ def _side_by_side(trajectory: Trajectory, path: Path | None,
                 if names and names not in legends:
                     legends.append(names)
                     axes.legend(loc='lower left', bbox_to_anchor=(0.0, 1.02),
-                                fontsize=8.0,
-                                borderaxespad=0.0, ncols=2, handlelength=1.2)
+                                fontsize=8.0, borderaxespad=0.0, ncols=2,
+                                handlelength=1.2)
                 bounds = quantity.bounds(limits, trajectory.joint_names)
                 if bounds is not None:
                     _limits(axes, values, bounds, colors)

@@ -359,8 +359,7 @@ class KernelSet:
             # always.
             key = self.key if traced.is_of_library else None
             kernel = Kernel(name, traced.program, key, traced.arguments, block, shape,
-                            reason,
-                            in_order=self._in_order)
+                            reason, in_order=self._in_order)
             self._made[place] = kernel
         return kernel
 

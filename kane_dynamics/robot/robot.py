@@ -200,8 +200,7 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         """Pickle model, options, limits and parameters; kernels load from the cache."""
         return _restored, (self.model, self.options, self.parameters.gravity,
                            self.parameters.payload, self.__dict__.get('limits'),
-                           self._bare,
-                           self._carried)
+                           self._bare, self._carried)
 
     @property
     def options(self) -> dict[str, Any]:

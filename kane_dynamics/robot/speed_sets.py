@@ -7,12 +7,10 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import moving
 from kane_dynamics.mechanics.constraints.conditioning import (best_choice, described,
-                                                              EXCESS,
-                                                              figure, loosened,
+                                                              EXCESS, figure, loosened,
                                                               scaled_rows, SHARE,
                                                               SINGULAR, singular_error,
-                                                              Stack,
-                                                              stacked, system)
+                                                              Stack, stacked, system)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.constraints.transmission import require_transmission
 from kane_dynamics.mechanics.equations import Equations

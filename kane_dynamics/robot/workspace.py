@@ -60,8 +60,7 @@ class Workspace(entry.NativeMethods):
     """
 
     __slots__ = ('__weakref__', '_at', '_kernels', '_owned', '_states', 'q', 't', 'tau',
-                 'u',
-                 'udot', 'wrench')
+                 'u', 'udot', 'wrench')
     _unmade: Array | None = None  # of the class: initial tables
     q: Array
     u: Array

@@ -91,8 +91,7 @@ class JumpWatch(Observer):
             return []
         n_q = self._robot.n_q
         functions = _functions(self._mechanism, starts[0, :n_q], np.zeros(n_q),
-                               self._start,
-                               of_state)
+                               self._start, of_state)
         names: list[tuple[str, str]] = []
         for name, x in functions.items():
             names += [name] * np.size(x)

@@ -54,8 +54,7 @@ MOST_SAMPLES = 1_000_000
 DEFAULT_SAMPLES = 1000
 # Quantities that `simulate` computes for all rows of its result at once.
 AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy',
-              'constraint_forces',
-              'constraint_residual', 'constraint_velocity_residual')
+              'constraint_forces', 'constraint_residual', 'constraint_velocity_residual')
 
 
 @hinting
@@ -161,8 +160,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         # Before the first evaluation of user-defined functions, which may not be finite.
         observers.append(JumpWatch(robot, states, start, step, count, single))
     integrator, step_text = stable_integrator(robot, states[:1, :robot.n_q], step,
-                                              integrator,
-                                              start)
+                                              integrator, start)
     if step_text is not None:
         warnings.warn(step_text, ModelWarning, stacklevel=3)
     # With the Runge-Kutta method, a step that is too long explains errors of the energy.
@@ -173,8 +171,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     observers += [limits, balance]
 
     steps = _steps(robot, states, single, step, count, every, torque, integrator, start,
-                   stops,
-                   progress is not None)
+                   stops, progress is not None)
     samples = run(steps, states, count, every, observers, progress)
 
     texts = [] if step_text is None else [step_text]

@@ -214,8 +214,7 @@ class SwitchingSteps(Steps):
         if self._law is not None:
             for place in watched:
                 require_following(phase.robot, self._law.followed, place.q, place.t,
-                                  where,
-                                  NEARLY)
+                                  where, NEARLY)
         worst = max(watched, key=attrgetter('figure'))
         if worst.figure > SHARE * phase.limit:
             best = self._preferred(worst.stack)
@@ -292,8 +291,7 @@ class SwitchingSteps(Steps):
         dual_to = (self.robot if self._law is None else robot).speed_names
         try:
             stages = watched_configurations(robot, state, source.torque_at(state, done),
-                                            dual_to,
-                                            self.step, source.choice.integrator)
+                                            dual_to, self.step, source.choice.integrator)
         except (ConstraintError, ZeroDivisionError):
             raise self._diverged(i, done + 1) from None
         result = []
@@ -534,8 +532,7 @@ class _StagesInNumbers:
         """Return joint rates and udot of a stage of the linearly implicit equations."""
         generalized, t = self._stage(q, moment)
         v, udot = ImplicitStep(self.equations).stage(q, u, generalized, before, g,
-                                                     self._wrench,
-                                                     self._block, t)
+                                                     self._wrench, self._block, t)
         return np.asarray(v, dtype=np.float64), np.asarray(udot, dtype=np.float64)
 
     def quadratures(self, q: Any, u: Any, moment: int) -> Any:

@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.simulation.observers import (Chunk, diverged, Extremes, Impact,
-                                                Observer,
-                                                Power)
+                                                Observer, Power)
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.torque_input import (evaluated_torque, TorqueFunction,
                                                    TorqueInput)

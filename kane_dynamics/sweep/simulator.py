@@ -88,8 +88,7 @@ class Simulator:
         if Mode.COMPUTED_TORQUE in self._controllers:
             followed, self._gains = joints.followed, joints.followed_names
         self.trial = Trial(sweep.robot, sweep.payload_frame, self.integrator,
-                           joints.tracked,
-                           followed)
+                           joints.tracked, followed)
         self._shared = self.trial.shared(sweep.step)
 
     @property

@@ -160,8 +160,7 @@ def _joint(joint: Any, stated: Element, notices: Notices) -> StatedJoint:
     if mimic is not None:
         mimic = Mimic(mimic.joint, mimic.multiplier, mimic.offset)
     return StatedJoint(joint.name, joint.type, joint.parent, joint.child, R, p, axis,
-                       limits,
-                       damping, friction, mimic)
+                       limits, damping, friction, mimic)
 
 
 def _limits(joint: Any, what: str) -> StatedLimits | None:

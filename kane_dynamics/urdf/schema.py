@@ -52,16 +52,14 @@ MANY = ('link', 'joint')
 NEEDED = {'inertial': ('mass', 'inertia'), 'joint': ('parent', 'child')}
 CHILDREN = {tag: rule.children for tag, rule in RULES.items()}
 # Elements and attributes that do not concern dynamics: no warning.
-HARMLESS = {'visual',
-            'collision', 'material', 'gazebo', 'ros2_control', 'sensor', 'camera',
-            'contact',
-            'self_collision_checking', 'collision_checking', 'self_filter', 'verbose',
-            'group', 'disable_collisions', 'xmlns', 'dont_collapse'}
+HARMLESS = {'visual', 'collision', 'material', 'gazebo', 'ros2_control', 'sensor',
+            'camera', 'contact', 'self_collision_checking', 'collision_checking',
+            'self_filter', 'verbose', 'group', 'disable_collisions', 'xmlns',
+            'dont_collapse'}
 # <gazebo> elements that change a simulated robot's motion.
 GAZEBO = {'springStiffness', 'springReference', 'spring_stiffness', 'spring_reference',
-          'implicitSpringDamper',
-          'dampingFactor', 'damping', 'friction', 'turnGravityOff',
-          'gravity', 'stopCfm', 'stopErp', 'fudgeFactor', 'maxVel',
+          'implicitSpringDamper', 'dampingFactor', 'damping', 'friction',
+          'turnGravityOff', 'gravity', 'stopCfm', 'stopErp', 'fudgeFactor', 'maxVel',
           'joint', 'link'}
 XACRO = 'xacro FILE.urdf.xacro > FILE.urdf, or load a file whose name ends in .xacro'
 

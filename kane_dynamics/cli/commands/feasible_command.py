@@ -12,8 +12,7 @@ from kane_dynamics.cli.robot_options import load_rigid, warn_degrees
 from kane_dynamics.cli.tables import QUANTITIES, read_motion, write_states
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility import (Demand, demand, fastest, largest_payload,
-                                       time_optimal,
-                                       TimeOptimal)
+                                       time_optimal, TimeOptimal)
 from kane_dynamics.feasibility.samples import NONE
 from kane_dynamics.feasibility.time_scale import LOWEST, TimeScale
 from kane_dynamics.feasibility.torque_demand import demand_at

@@ -62,8 +62,8 @@ def identification(options: Namespace) -> None:
     if plot is not None:
         names = data['joint_names']
         plot.plot_replay(outcome.t, outcome.measured, outcome.computed, names,
-                         options.plot,
-                         prismatic=model.sliding, limits=_effort_limits(robot, names),
+                         options.plot, prismatic=model.sliding,
+                         limits=_effort_limits(robot, names),
                          title=f'{model.name}: measured torque, and torque {title}')
         data['files'] = [*data['files'], options.plot]
     if options.json:
@@ -97,8 +97,7 @@ def recorded(options: Namespace, model: Model,
     if numbered is None and joints is not None:
         numbered = model.joint_names
     recording = read_recording(options.recording, joints or model.joint_names,
-                               options.topic,
-                               numbered=numbered)
+                               options.topic, numbered=numbered)
     if options.resample is not None:
         recording = recording.resampled(options.resample)
     elif options.cutoff is not None and recording.uneven:
@@ -193,8 +192,7 @@ def _identifiable(result: Identification) -> dict[str, dict[str, dict[str, float
     values = inertial_parameters(result.model).reshape(-1, 10)
     table: dict[str, dict[str, dict[str, float]]] = {}
     for body, row, deviations in zip(result.model.bodies, values,
-                                     result.inertial_deviations,
-                                     strict=True):
+                                     result.inertial_deviations, strict=True):
         table[body.name] = {}
         for name, value, deviation in zip(PARAMETERS, row, deviations, strict=True):
             if np.isfinite(deviation):

@@ -171,8 +171,8 @@ def _print_bodies(bodies: list[dict[str, Any]]) -> None:
         kind = body['kind'] if body['mimics'] is None else f'mimics {body["mimics"]}'
         limits = body['limits']
         table.append([indent + body['joint'], kind, body['body'], body['mass'],
-                      _range(limits),
-                      _limit(limits['velocity']), _limit(limits['effort'])])
+                      _range(limits), _limit(limits['velocity']),
+                      _limit(limits['effort'])])
     print_table(['joint', 'kind', 'body', 'mass [kg]', f'range [{angle}]',
                  f'speed [{rate}]',
                  f'effort [{torque}]'], table)

@@ -33,8 +33,7 @@ def replay(options: Namespace) -> None:
             write_states(stream, recording.t, states, robot.joint_names)
     if plot is not None:
         plot.plot_replay(data['t'], data['measured'], data['computed'],
-                         robot.joint_names,
-                         options.plot, prismatic=model.sliding,
+                         robot.joint_names, options.plot, prismatic=model.sliding,
                          limits=robot.limits.effort,
                          title=f'{model.name}: measured and computed torque')
     data['files'] = [path for path in (options.out, options.plot) if path]

@@ -74,8 +74,7 @@ def there_and_back(q: Array, travel: Array, duration: float,
     """Return a motion from q by some travel and back, at rest at the start, turn and end."""
     still = np.zeros((3, len(q)))
     return Motion.from_points([0.0, 0.5 * duration, duration], [q, q + travel, q], still,
-                              still,
-                              joint_names=names)
+                              still, joint_names=names)
 
 
 def _travel(by: list[float], robot: Robot, names: tuple[str, ...], q: Array) -> Array:

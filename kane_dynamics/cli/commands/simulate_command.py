@@ -10,8 +10,7 @@ from kane_dynamics._util.progress import progress_bar
 from kane_dynamics._util.typing import Array
 from kane_dynamics.cli import pictures
 from kane_dynamics.cli.printing import (model_warnings, print_files, print_json,
-                                        print_table,
-                                        without_rounding)
+                                        print_table, without_rounding)
 from kane_dynamics.cli.robot_options import load, positions, split, vector
 from kane_dynamics.cli.tables import read_motion, read_states
 from kane_dynamics.control.computed_torque import ComputedTorque

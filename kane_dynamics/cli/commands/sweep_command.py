@@ -25,8 +25,7 @@ import numpy as np
 
 FILES = ('urdf', 'supplement', 'constraints', 'motion')  # relative to the sweep's file
 ROBOT = ('urdf', 'xacro', 'supplement', 'constraints', 'base', 'tip', 'joints',
-         'root_joint',
-         'gravity')
+         'root_joint', 'gravity')
 SWEEP = tuple(field.name for field in fields(Sweep) if field.init and field.name != 'model')
 SHOWN = 5  # different errors in the summary
 

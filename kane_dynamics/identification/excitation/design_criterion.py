@@ -75,8 +75,7 @@ class DesignCriterion:
         self.velocity = np.minimum(limits.velocity, stated)
         self.acceleration = per_joint(acceleration, 'acceleration', names, finite=False)
         for name, speed, acceleration_limit in zip(names, self.velocity,
-                                                   self.acceleration,
-                                                   strict=True):
+                                                   self.acceleration, strict=True):
             if not 0.0 < speed < math.inf or acceleration_limit == 0.0:
                 raise InputError(f"joint '{name}': limits {speed} of speed and "
                                  f'{acceleration_limit} of acceleration; expected '

@@ -168,8 +168,7 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
         clearance = Clearance(model, shapes, floor, distance)
         floor = None if floor_frames is None else floor
     design = DesignCriterion(model, FourierBasis(duration / periods, harmonics), share,
-                             velocity,
-                             acceleration, floor, floor_frames, clearance)
+                             velocity, acceleration, floor, floor_frames, clearance)
     found = []
     for k in range(starts):
         kept, broken = within(design, improved(design, random_motion(design, rng)))
@@ -182,8 +181,7 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
     best = min(found, key=lambda p: design.cost(p, 0.0)[0])
     q = design.dense[0] @ best
     return Excitation(model.joint_names, design.basis, best, periods,
-                      design.condition(best),
-                      design.uses(best),
+                      design.condition(best), design.uses(best),
                       None if clearance is None else clearance.lowest(q),
                       None if clearance is None else clearance.nearest(q))
 

@@ -127,8 +127,7 @@ class PayloadEstimator:
         time = constant(t, (), 't (s)', InputError)
         with np.errstate(over='ignore', invalid='ignore'):  # asked for below
             Y, rates, left, held, acting = self._rows(state[0], state[1], state[2],
-                                                      state[3],
-                                                      time)
+                                                      state[3], time)
             # A joint at rest may hold by friction what the model says it must hold by
             # torque.
             row = self._equations.row(Y, rates, left, self._sigma + held, acting)

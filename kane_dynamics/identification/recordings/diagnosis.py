@@ -506,8 +506,7 @@ def _torque_offsets(robot: Robot, r: Recording, torque: Array) -> Iterator[_Repa
         columns = columns[:, columns.any(axis=0)]
         size = np.linalg.norm(columns, axis=0)
         solution = scientific('scipy.linalg').lstsq(columns / size, torque[:, j],
-                                                    cond=RANK,
-                                                    lapack_driver='gelsy')
+                                                    cond=RANK, lapack_driver='gelsy')
         x = solution[0] / size
         offset = float(x[-1])
         coulomb_friction = abs(float(x[-3]))

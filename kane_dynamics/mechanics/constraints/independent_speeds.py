@@ -23,8 +23,7 @@ from kane_dynamics.mechanics.constraints.conditioning import (described, pivots,
                                                               scaled_rows, stacked)
 from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import positive
 from kane_dynamics.mechanics.constraints.loop_closure import (closed_configuration,
-                                                              closing_iterations,
-                                                              STRIDE)
+                                                              closing_iterations, STRIDE)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.constraints.speeds import speed_places
 from kane_dynamics.model.model import Model

@@ -30,9 +30,8 @@ from dataclasses import dataclass
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.vector import cross, symmetric
 from kane_dynamics.mechanics.recursive.inverse_dynamics import (inertia_wrench,
-                                                                JointStep,
-                                                                link_motion, LinkMotion,
-                                                                Z)
+                                                                JointStep, link_motion,
+                                                                LinkMotion, Z)
 from kane_dynamics.mechanics.recursive.link import Link
 from kane_dynamics.mechanics.recursive.subroutines import directly, Share
 from kane_dynamics.model.model import WORLD

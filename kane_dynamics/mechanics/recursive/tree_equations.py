@@ -19,8 +19,7 @@ from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
 from kane_dynamics.mechanics.ball_joints import (axis_acceleration, axis_rates, Ball,
-                                                 free_bodies,
-                                                 joint_positions, rotations)
+                                                 free_bodies, joint_positions, rotations)
 from kane_dynamics.mechanics.friction import friction_slope, friction_torque
 from kane_dynamics.mechanics.recursive import (center_of_mass as masses,
                                                composite_inertia,
@@ -29,8 +28,7 @@ from kane_dynamics.mechanics.recursive import (center_of_mass as masses,
 from kane_dynamics.mechanics.recursive.derivatives import inverse_dynamics_derivatives
 from kane_dynamics.mechanics.recursive.link import homogeneous, Link
 from kane_dynamics.mechanics.recursive.link_frames import (carrying, denavit_hartenberg,
-                                                           linkage,
-                                                           posed, regrouped)
+                                                           linkage, posed, regrouped)
 from kane_dynamics.mechanics.recursive.subroutines import directly, Share
 from kane_dynamics.model.beam import Beam
 from kane_dynamics.model.model import Body, Frame, Joint, Model, WORLD

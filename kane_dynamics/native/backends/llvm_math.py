@@ -200,8 +200,8 @@ class Vector:
         low = self.const(0.0)  # of the base
         one = self.const(1.0)
         for edge, reduced, share in (
-                (math.sqrt(2.0) - 1.0, self.op('fdiv', self.op('fsub', size, one),
-                                               self.op('fadd', size, one)),
+                (math.sqrt(2.0) - 1.0,
+                 self.op('fdiv', self.op('fsub', size, one), self.op('fadd', size, one)),
                  0.5),
                 (math.sqrt(2.0) + 1.0, self.op('fdiv', self.const(-1.0), size),
                  1.0)):

@@ -28,8 +28,7 @@ from kane_dynamics.native.tracing.program import Shape
 # follow: for `entry`, those of the default arguments; for `bound`, those of all
 # arguments and of the result. CODE is the function to which a method forwards its call.
 TABLE = ('CODE', 'FALLBACK', 'VECTORCALL', 'NDARRAY', 'FLOAT64', 'NEW_ARRAY',
-         'NEW_FLOAT',
-         'RELEASE', 'RESULT_SHAPE', 'RING', 'RESULT')
+         'NEW_FLOAT', 'RELEASE', 'RESULT_SHAPE', 'RING', 'RESULT')
 
 # Byte offsets of the fields of a CPython object and of an ndarray.
 COUNT, TYPE, DATA, NDIM, SHAPE, DTYPE, FLAGS, WEAKREFS = 0, 8, 16, 24, 32, 56, 64, 72

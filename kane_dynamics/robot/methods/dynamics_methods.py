@@ -364,8 +364,7 @@ class DynamicsMethods(Dispatch):
                              "names of inputs to their rates, such as {'q': dq}")
         names, _ = self._by(name, tuple(tangents))
         result: Array = self._derived(name, Derivative('jvp', names),
-                                      tuple(tangents.values()),
-                                      arguments, wrench, t)
+                                      tuple(tangents.values()), arguments, wrench, t)
         return result
 
     def derivative(self, name: str, *arguments: ArrayLike,

@@ -21,8 +21,7 @@ from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics
 from kane_dynamics.ros.parameters.arm_statement import examine_statement
 from kane_dynamics.ros.parameters.parameter_checks import (controller_settings, FOREIGN,
-                                                           FRAMES,
-                                                           per_joint, read,
+                                                           FRAMES, per_joint, read,
                                                            unknown_parameters,
                                                            with_prefix)
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS

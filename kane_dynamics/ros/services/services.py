@@ -21,9 +21,8 @@ from kane_dynamics.ros.services.trajectory_filling import (fill_trajectory_table
 from kane_dynamics.ros.services.worker import Worker
 from kane_dynamics_interfaces.action import SimulateMotion
 from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics,
-                                          GetDynamics,
-                                          InverseDynamics, SetPayload, Simulate,
-                                          TimeOptimal)
+                                          GetDynamics, InverseDynamics, SetPayload,
+                                          Simulate, TimeOptimal)
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup

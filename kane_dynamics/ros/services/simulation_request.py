@@ -76,9 +76,8 @@ class SimulationRequest:
         q0 = vector(request.position, names.joints, robot.n_q, 'position')
         return cls(served.simulated, served.loads, names, close_loops(robot, q0),
                    vector(request.velocity, index, n, 'velocity', 0.0), duration, step,
-                   sample,
-                   torque, values['simulation.integrator'], values['simulation.stops'],
-                   RIGID * (served.bending is not None))
+                   sample, torque, values['simulation.integrator'],
+                   values['simulation.stops'], RIGID * (served.bending is not None))
 
     def run(self, response: Any, proceed: Callable[[float], bool]) -> None:
         """
@@ -90,10 +89,9 @@ class SimulationRequest:
         began = time.perf_counter()
         try:
             trajectory = simulate(self.robot, self.q0, self.u0, self.duration,
-                                  step=self.step,
-                                  torque=self.torque, sample=self.sample,
-                                  progress=proceed,
-                                  integrator=self.integrator, stops=self.stops)
+                                  step=self.step, torque=self.torque, sample=self.sample,
+                                  progress=proceed, integrator=self.integrator,
+                                  stops=self.stops)
         except InputError as error:
             warning = step_warning(self.robot, self.q0, self.step, self.integrator)
             if warning is None:

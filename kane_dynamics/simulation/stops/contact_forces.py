@@ -19,8 +19,7 @@ from kane_dynamics.mechanics.ball_joints import angle_places, angles, on_unit_qu
 from kane_dynamics.mechanics.constraints.row_units import coordinate_units
 from kane_dynamics.mechanics.integrators.held_joints import REGULAR
 from kane_dynamics.mechanics.joint_stops import (ended_motion, nearest_stops,
-                                                 stop_impulses,
-                                                 stopped_state)
+                                                 stop_impulses, stopped_state)
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 

@@ -161,8 +161,7 @@ class JointStops:
                 for j, (limit, speed) in contact.hits.items():
                     name = self._robot.coordinate_names[j]
                     self._events.append(StopEvent(self._start + step * self._step, name,
-                                                  limit,
-                                                  speed, contact.loss, i))
+                                                  limit, speed, contact.loss, i))
         for i, pressures in self._pressures.items():
             for steps, energies in pressures:
                 impacts.append(Impact(steps - done - 1, i, energies[:, 1],
@@ -354,8 +353,7 @@ class JointStops:
                                     np.array([step]))
         if one is not None and self._constrained:
             energies[:, 1] -= work_through_constraints(robot, np.stack([begin, end]),
-                                                       one.force,
-                                                       self._step)
+                                                       one.force, self._step)
         self._contacts.setdefault(i, {})[step] = Contact(hits, *energies[0].tolist())
 
 

@@ -250,8 +250,7 @@ class _HeldMotion(RobotMotion):
             if method is not None:
                 k_v, k_u, g = implicit
                 v, solution = method.held_stage(held, q, u, tau, (k_v, k_u), g[()],
-                                                wrench,
-                                                physical, t)
+                                                wrench, physical, t)
             else:
                 system = linear_system(equations, q, u, tau, wrench, physical, t)
                 solution = held_solution(system, system.M, system.net, held)
