@@ -57,7 +57,7 @@ class Child:
         """
         Return the processor time used so far, s.
 
-        Zero if the system does not provide it.
+        It is zero if the system does not provide it.
         """
         try:
             fields = Path(f'/proc/{self.process.pid}/stat').read_text(

@@ -421,7 +421,7 @@ def _torque_limits(robot: Robot, actuators: tuple[str, ...]) -> Array:
     """
     Return the effort limits of actuators; 0 for an unactuated base.
 
-    InputError if no actuator is left.
+    Raise InputError if no actuator is left.
     """
     limits = dict(zip(robot.joint_names, robot.limits.effort.tolist()))
     equations = robot.equations

@@ -546,7 +546,7 @@ def watched_configurations(robot: Robot, state: Array, tau: Array,
     """
     Return where a step computes its margin: times after its start, s, and q, (n_q,).
 
-    Computed in NumPy, without the correction of closed loops.
+    They are computed in NumPy, without the correction of closed loops.
 
     Parameters
     ----------

@@ -148,7 +148,7 @@ def segment_ends(t: Array, q: Array, u: Array, udot: Array | None) -> Array:
     """
     Return q, h u and h^2 udot at both ends of all segments, (6, K - 1, n).
 
-    Without udot, (4, K - 1, n).
+    Without udot the shape is (4, K - 1, n).
     """
     h = (t[1:] - t[:-1])[:, None]
     if udot is None:

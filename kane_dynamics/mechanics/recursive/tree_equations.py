@@ -368,7 +368,7 @@ class TreeEquations:
         """
         Return dtau/dq, dtau/du and dtau/dudot = M, (3, n, n), without external wrenches.
 
-        Of rigid bodies, without ball joints.
+        The bodies are rigid, and there are no ball joints.
         """
         rigid = inverse_dynamics_derivatives(self.base_links(parameters), q, u, udot,
                                              parameters[:3], share)

@@ -162,7 +162,7 @@ def _first_real(node: Node, subscribers: list[tuple[str, str]]) -> str:
     """
     Return the full name of the first node that is no simulated robot.
 
-    Empty without.
+    The name is empty if all of them are.
     """
     for name, namespace in subscribers:
         if not _publishes(node, name, namespace, SIMULATED_ROBOT):

@@ -82,7 +82,7 @@ def robot_options(values: Mapping[str, Any]) -> dict[str, Any]:
     """
     Return the options of Robot that the parameters give.
 
-    KaneError for invalid constraints.
+    Raise KaneError for invalid constraints.
     """
     options: dict[str, Any] = {'payload_frame': values['payload.frame'] or None,
                                'wrench_frames': values['wrench.frames']}

@@ -101,7 +101,7 @@ def _column(message: JointTrajectory, field: str, index: Index) -> Array | None:
     """
     Return one field of all points, (K, n) in the node's order.
 
-    None if it is unused.
+    The result is None if the field is unused.
     """
     rows = [getattr(point, field) for point in message.points]
     if not any(len(row) for row in rows):

@@ -102,7 +102,7 @@ class Awake:
         """
         Close the device, so that processors may sleep again.
 
-        Without effect if it is closed.
+        It may be closed already.
         """
         file = self._file
         self._file = None
@@ -133,7 +133,7 @@ def collect_if_disabled() -> None:
     """
     Collect garbage if automatic collection is disabled.
 
-    Fast, as old objects are frozen.
+    This is fast, as old objects are frozen.
     """
     if not gc.isenabled():
         gc.collect()

@@ -24,7 +24,7 @@ def without_shared_memory() -> dict[str, str]:
     """
     Return the environment of a process that uses UDP alone.
 
-    Empty if transports are set there.
+    It is empty if the user has set transports.
 
     With the discovery range LOCALHOST, rmw_fastrtps adds shared memory whatever the
     environment says; a profile of the same range replaces it.

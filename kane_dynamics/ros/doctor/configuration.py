@@ -102,7 +102,7 @@ def configured_efforts(path: Path, namespace: str = '') -> Efforts | None:
     """
     Return what the efforts of joint states are, by a parameter file.
 
-    None if it does not say.
+    The result is None if the file does not say.
 
     Parameters
     ----------

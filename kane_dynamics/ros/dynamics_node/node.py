@@ -210,7 +210,7 @@ class DynamicsNode(LifecycleNode):
         """
         Return why `commands` may reach a robot that is not simulated.
 
-        Empty: they cannot.
+        The reason is empty if they cannot.
         """
         return '' if self._simulated_time else not_simulated(self, 'commands')
 

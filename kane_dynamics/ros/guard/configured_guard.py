@@ -144,7 +144,7 @@ class ConfiguredGuard:
         """
         Send the state of the guard, as the answer to a request.
 
-        Not while it listens.
+        While it listens it sends none.
         """
         watch = self.path.watch
         now = time.perf_counter()

@@ -24,7 +24,7 @@ def added_terms(arm_compensates: Collection[str]) -> Array | None:
     """
     Return the weight of each torque term that the simulated arm adds itself.
 
-    None without any.
+    The result is None if it adds none.
 
     Raises
     ------

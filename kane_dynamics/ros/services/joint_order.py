@@ -40,7 +40,7 @@ class JointOrder:
         """
         Return the order that the names of a request give.
 
-        Without names, the robot's order.
+        Without names it is the robot's order.
         """
         index = order(names, robot.joint_names, 'joint_names')
         every = list(names) or list(robot.joint_names)
@@ -52,7 +52,7 @@ def close_loops(robot: Robot, q: Array) -> Array:
     """
     Return the configuration near q that satisfies the constraints.
 
-    Q without constraints.
+    Without constraints it is q itself.
 
     The independent joints keep their values. InputError if the constraint residual at q
     is larger than `NEARLY_CLOSED`, rad or lengths of the mechanism, or if the loops

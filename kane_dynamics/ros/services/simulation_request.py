@@ -48,7 +48,7 @@ class SimulationRequest:
         """
         Check a Simulate request or a SimulateMotion goal.
 
-        InputError names an invalid field.
+        Raise InputError that names an invalid field.
         """
         robot = served.robot
         n = served.robot.n

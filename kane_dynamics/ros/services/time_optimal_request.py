@@ -23,7 +23,7 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
     """
     Return the computation of a TimeOptimal request, for a worker.
 
-    It fills in a response.
+    The computation fills in a response.
 
     It uses the robot of the simulations, with the gravity and the payload of now. The
     path is of the driving joints: all joints without closed loops, else those with

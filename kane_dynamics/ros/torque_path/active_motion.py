@@ -46,7 +46,7 @@ class ActiveMotion:
         """
         Return the desired q, u and udot at a time, ns.
 
-        None without an active motion.
+        The result is None without an active motion.
         """
         motion, moment = self.at(stamp)
         return None if motion is None else motion.sample(moment)

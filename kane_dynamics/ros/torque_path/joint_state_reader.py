@@ -125,7 +125,7 @@ class JointStateLayout:
         """
         Gather the joints with these indices: positions, then velocities.
 
-        And other joints.
+        Other joints that are needed are gathered too.
         """
         self.entry = index
         self.others = others

@@ -130,7 +130,7 @@ class StateCheck:
         """
         Return why the state with this stamp, ns, is refused.
 
-        None if it is possible.
+        The result is None if it is possible.
         """
         confirms = self._confirmed or stamp - self._stamp <= self._timeout
         if not self._stamp or not confirms:
@@ -175,7 +175,7 @@ class StateCheck:
         """
         Return the reason why the last state is impossible, with details.
 
-        None if it is not.
+        The result is None if it is possible.
         """
         q, u = np.split(self._state, 2)
         lower, upper, fastest, slope, step = self._bounds
@@ -222,7 +222,7 @@ def speed_limits(robot: Robot, values: Mapping[str, Any]) -> Array:
     """
     Return the speed limits of the joints, (n_q,).
 
-    InputError if the parameter does not fit.
+    Raise InputError if the parameter does not fit.
     """
     stated = per_joint(values, 'limits.velocity', robot.joint_names, math.inf)
     return np.minimum(robot.limits.velocity, stated)

@@ -123,7 +123,7 @@ class TorquePath:
         """
         Return the initial q, u and udot of a new motion.
 
-        None before the first state.
+        The result is None before the first accepted state.
         """
         state = self.active_motion.desired(stamp)
         if state is None and self.last_update and self.states.known:
@@ -136,7 +136,7 @@ class TorquePath:
         """
         Return the last accepted positions, (n,), for other threads.
 
-        None if missing.
+        The result is None without a valid state, as before the first one.
         """
         lost = self.loops is not None and self.loops.lost
         valid = self.running and self.last_update and self.states.known and not (
