@@ -49,6 +49,7 @@ SMALL, LARGEST = 1e-5, 1e-3  # excess of a limit between points; on the finest g
 COARSE, FINE = 2e-3, 4000
 DIVISIONS = 32  # intervals that resolve a segment of the path
 ROUNDED = 50.0  # error of accelerations, in the rounding of positions over dt^2; measured
+RESTING = 100.0  # roundings of its position that a joint at rest may vary by, at most
 
 
 def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = math.inf,
@@ -170,10 +171,13 @@ def _require_resolution(points: ControllerPoints) -> None:
     Positions are floating-point numbers, and the polynomials between points have their
     rounding over the squared interval as an error of the acceleration.
     """
+    rounding = np.finfo(np.float64).eps * np.abs(points.q).max(axis=0)
+    moving = np.ptp(points.q, axis=0) > RESTING * rounding
+    largest = float(np.abs(points.q[:, moving]).max(initial=0.0))
     shortest = float(np.diff(points.t).min())
-    largest = float(np.abs(points.q).max())
-    error = ROUNDED * np.finfo(np.float64).eps * largest / shortest**2
-    if error > LARGEST * float(np.abs(points.udot).max()):
+    error = ROUNDED * float(rounding[moving].max(initial=0.0)) / shortest**2
+    coarse = error > LARGEST * float(np.abs(points.udot).max())
+    if coarse or not moving.any():
         raise InputError(
             f'path: {points.t[-1]:.3g} s long, with intervals of {shortest:.3g} s and '
             f'positions up to {largest:.3g}, whose rounding exceeds limits by more than '

@@ -769,6 +769,13 @@ def test_a_path_whose_positions_are_too_coarse_for_its_grid_is_refused(distance,
         time_optimal(arm, [start, start + distance], points=points)
 
 
+def test_joints_at_rest_far_from_zero_do_not_count_as_coarse():
+    start = np.array([0.0, -1.2, 1.4, -0.2, 6.2, 0.0])
+    arm = Robot(load_urdf('urdf/ur10e.urdf'))
+    timing = time_optimal(arm, [start, start + np.array([1e-5, 0.0, 0.0, 0.0, 0.0, 0.0])])
+    assert demand(arm, timing.motion).uses['effort'].max() < 1.001
+
+
 @pytest.mark.parametrize(('distance', 'points'), [(1e-4, 1000), (1e-1, 50_000)])
 def test_a_short_path_keeps_the_limits_where_its_positions_resolve_it(distance, points):
     start = np.array([0.0, -1.2, 1.4, -0.2, 1.57, 0.0])
