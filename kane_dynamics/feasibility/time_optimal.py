@@ -28,7 +28,6 @@ from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.mechanics.ball_joints import require_angles
-from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -123,7 +122,7 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
         return _rate_limited(along, rates, speeds, points)
     parts = _fastest(along, speeds, points)
     timing = _result(along, parts, {})
-    _require_resolution(timing.points)
+    _require_resolution(timing)
     return timing
 
 
@@ -164,20 +163,31 @@ def _result(along: PathRobot, parts: Sequence[Checked], rate_uses: dict[str, Arr
     return TimeOptimal(motion, points, tau, robot, along.bounds, rate_uses)
 
 
-def _require_resolution(points: ControllerPoints) -> None:
+def _require_resolution(timing: TimeOptimal) -> None:
     """
     Raise InputError where positions are too coarse for the accelerations between points.
 
     Positions are floating-point numbers, and the polynomials between points have their
-    rounding over the squared interval as an error of the acceleration.
+    rounding over the squared interval as an error of the acceleration. It matters where
+    the motion uses a limit.
     """
+    points = timing.points
     rounding = np.finfo(np.float64).eps * np.abs(points.q).max(axis=0)
     moving = np.ptp(points.q, axis=0) > RESTING * rounding
     largest = float(np.abs(points.q[:, moving]).max(initial=0.0))
-    shortest = float(np.diff(points.t).min())
-    error = ROUNDED * float(rounding[moving].max(initial=0.0)) / shortest**2
-    coarse = error > LARGEST * float(np.abs(points.udot).max())
-    if coarse or not moving.any():
+    intervals = np.diff(points.t)
+    errors = ROUNDED * rounding[moving].max(initial=0.0) / intervals**2
+    # Equal positions, as of a rest between two sections, have an exact difference.
+    errors[(np.diff(points.q, axis=0) == 0.0).all(axis=1)] = 0.0
+
+    largest_use = np.zeros(len(points.t))
+    for quantity, uses in timing.uses.items():
+        if quantity != 'velocity':  # which no error of the acceleration changes
+            largest_use = np.maximum(largest_use, uses.max(axis=1))
+    use_of_interval = np.maximum(largest_use[1:], largest_use[:-1])
+    excess = use_of_interval + errors / np.abs(points.udot).max() - 1.0
+    if excess.max() > LARGEST or not moving.any():
+        shortest = intervals[excess.argmax()]
         raise InputError(
             f'path: {points.t[-1]:.3g} s long, with intervals of {shortest:.3g} s and '
             f'positions up to {largest:.3g}, whose rounding exceeds limits by more than '
