@@ -121,9 +121,7 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     if rates.given:
         return _rate_limited(along, rates, speeds, points)
     parts = _fastest(along, speeds, points)
-    timing = _result(along, parts, {})
-    _require_resolution(timing)
-    return timing
+    return _result(along, parts, {})
 
 
 def _speed(value: float, name: str) -> float:
@@ -160,7 +158,9 @@ def _result(along: PathRobot, parts: Sequence[Checked], rate_uses: dict[str, Arr
     if len(parts) > 1:
         tau = np.concatenate([part.tau for part in parts])
     robot = along.robot.copy()  # has its own payload
-    return TimeOptimal(motion, points, tau, robot, along.bounds, rate_uses)
+    timing = TimeOptimal(motion, points, tau, robot, along.bounds, rate_uses)
+    _require_resolution(timing)
+    return timing
 
 
 def _require_resolution(timing: TimeOptimal) -> None:
