@@ -172,26 +172,30 @@ def _require_resolution(timing: TimeOptimal) -> None:
     the motion uses a limit.
     """
     points = timing.points
-    rounding = np.finfo(np.float64).eps * np.abs(points.q).max(axis=0)
+    positions = np.abs(points.q).max(axis=0)
+    rounding = np.finfo(np.float64).eps * positions
     moving = np.ptp(points.q, axis=0) > RESTING * rounding
-    largest = float(np.abs(points.q[:, moving]).max(initial=0.0))
     intervals = np.diff(points.t)
-    errors = ROUNDED * rounding[moving].max(initial=0.0) / intervals**2
+    accelerations = np.abs(points.udot).max()
+    errors = ROUNDED * rounding[moving].max(initial=0.0) / (intervals**2 * accelerations)
+    # Most grids are far from coarse, and need no more.
+    if errors.max() <= LARGEST and moving.any():
+        return
+
     # Equal positions, as of a rest between two sections, have an exact difference.
     errors[(np.diff(points.q, axis=0) == 0.0).all(axis=1)] = 0.0
-
     largest_use = np.zeros(len(points.t))
     for quantity, uses in timing.uses.items():
         if quantity != 'velocity':  # which no error of the acceleration changes
             largest_use = np.maximum(largest_use, uses.max(axis=1))
-    use_of_interval = np.maximum(largest_use[1:], largest_use[:-1])
-    excess = use_of_interval + errors / np.abs(points.udot).max() - 1.0
+    excess = np.maximum(largest_use[1:], largest_use[:-1]) + errors - 1.0
     if excess.max() > LARGEST or not moving.any():
         shortest = intervals[excess.argmax()]
         raise InputError(
             f'path: {points.t[-1]:.3g} s long, with intervals of {shortest:.3g} s and '
-            f'positions up to {largest:.3g}, whose rounding exceeds limits by more than '
-            f'{LARGEST:g}; expected a longer path or fewer points')
+            f'positions up to {positions[moving].max(initial=0.0):.3g}, whose rounding '
+            f'exceeds limits by more than {LARGEST:g}; expected a longer path or fewer '
+            'points')
 
 
 class _Coarse(Exception):  # noqa: N818 - raised only inside this module
