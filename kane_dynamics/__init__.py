@@ -41,6 +41,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.model.primitive_inertias import ball, box, disc, point_mass, rod
     from kane_dynamics.motion.motion import Motion
     from kane_dynamics.robot.robot import Robot
+    from kane_dynamics.robot.torque_bounds import TorqueBounds, Uncertainty
     from kane_dynamics.simulation.simulate import simulate
     from kane_dynamics.simulation.step_size import longest_step
     from kane_dynamics.simulation.trajectory import Trajectory
@@ -55,7 +56,8 @@ __all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'C
            'LinkDistances', 'LinkShape', 'LoopError',
            'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
            'MomentumObserver', 'Motion', 'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot',
-           'Rolling', 'Speeds', 'SweepError', 'Terms', 'Torsion', 'Trajectory', 'UrdfError',
+           'Rolling', 'Speeds', 'SweepError', 'Terms', 'Torsion', 'TorqueBounds', 'Trajectory',
+           'Uncertainty', 'UrdfError',
            'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'disc', 'expand_xacro',
            'fill_trajectory', 'frame_wrench', 'inverse_kinematics', 'knife_edge',
            'load_collision_shapes', 'load_constraints', 'load_mjcf', 'load_urdf', 'longest_step',
@@ -102,6 +104,7 @@ _NAMES_BY_MODULE = {
     'model.primitive_inertias': 'ball box disc point_mass rod',
     'motion.motion': 'Motion',
     'robot.robot': 'Robot',
+    'robot.torque_bounds': 'TorqueBounds Uncertainty',
     'simulation.simulate': 'simulate',
     'simulation.step_size': 'longest_step',
     'simulation.trajectory': 'Trajectory',

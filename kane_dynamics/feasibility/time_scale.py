@@ -40,6 +40,7 @@ from kane_dynamics.mechanics.algebra.intervals import highest_free, positive_int
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.torque_bounds import Uncertainty
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -72,8 +73,8 @@ class TimeScale:
 
 
 def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float = STEP,
-            power: ArrayLike = math.inf, bending: QuasiStatic | None = None
-            ) -> TimeScale | None:
+            power: ArrayLike = math.inf, bending: QuasiStatic | None = None,
+            uncertainty: Uncertainty | None = None) -> TimeScale | None:
     """
     Return the highest speed at which a motion satisfies all limits, if there is one.
 
@@ -92,6 +93,8 @@ def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float
         Limit on the absolute mechanical power of each joint, W.
     bending : QuasiStatic, optional
         As in `demand`. The speed is a limit with the deflections that it causes.
+    uncertainty : Uncertainty, optional
+        As in `demand`: the speed is feasible for all parameters of the box.
 
     Returns
     -------
@@ -114,19 +117,29 @@ def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float
         bent, stiff = (demand_at(robot, motion, speed, step, power, additional, arm).tau
                        for arm in (bending, None))
         return bent - stiff
+
+    def deviation(additional: Array, speed: float) -> Array:
+        """Return how far the torques may be from those of the model at a speed."""
+        return demand_at(robot, motion, speed, step, power, additional, None,
+                         uncertainty).deviation
+    if bending is not None and uncertainty is not None:
+        raise InputError('uncertainty: given with bending; expected one of them')
     additional = NONE
     for _ in range(ROUNDS + 1):
         path = SampledPath(robot, motion, step, power, additional)
         top = min(most, HIGHEST, path.speed_bound)
         if not path.inside or top < LOWEST:
             return None
-        if bending is None:
-            speed = _highest_speed(path, LOWEST, top)
-        else:
+        if bending is not None:
             speed = _highest_bent(path, top, partial(added_torques, additional))
+        elif uncertainty is not None:
+            speed = _highest_uncertain(path, top, partial(deviation, additional))
+        else:
+            speed = _highest_speed(path, LOWEST, top)
         if speed is None:
             return None
-        at_speed = demand_at(robot, motion, speed, step, power, additional, bending)
+        at_speed = demand_at(robot, motion, speed, step, power, additional, bending,
+                             uncertainty)
         scale = TimeScale(math.inf) if speed == HIGHEST else _bound(at_speed, speed)
         refined = at_speed.in_doubt
         if not refined.size:
@@ -142,8 +155,9 @@ def _bound(demanded: Demand, speed: float) -> TimeScale:
     j = int(uses[limit].argmax())
     if uses[limit][j] < 1.0 - 1e3 * ROUNDING:
         return TimeScale(speed)
-    quantities = {'effort': demanded.tau, 'velocity': demanded.u,
-                  'power': demanded.power}
+    largest_torque = np.abs(demanded.tau) + demanded.deviation
+    quantities = {'effort': largest_torque, 'velocity': demanded.u,
+                  'power': largest_torque * demanded.u}
     k = int(np.abs(quantities[limit][:, j]).argmax())
     return TimeScale(speed, demanded.joint_names[j], limit, float(demanded.t[k]))
 
@@ -187,6 +201,7 @@ class SampledPath:
         self.constant = gravity + spring + at_actuators(robot, q, offsets)
         self.linear = at_actuators(robot, q, self.u * self.damping)
         self.effort = limits.effort
+        self.margin = np.zeros_like(self.u)  # of effort, for uncertain parameters
         self.power = per_joint(power, 'power', robot.joint_names, finite=False)
         above = q >= limits.lower - ROUNDING * np.maximum(1.0, np.abs(limits.lower))
         below = q <= limits.upper + ROUNDING * np.maximum(1.0, np.abs(limits.upper))
@@ -223,7 +238,8 @@ class SampledPath:
 
     def bound(self, rows: Indices, speed: float) -> Array:
         """Return the largest torque allowed by effort and power at a speed."""
-        return np.minimum(self.effort, torque_of(self.power, speed * self.u[rows]))
+        widest = np.minimum(self.effort, torque_of(self.power, speed * self.u[rows]))
+        return np.asarray(widest - self.margin[rows])
 
     def forbidden(self, rows: Indices, low: float, high: float) -> tuple[Array, Array]:
         """
@@ -302,4 +318,20 @@ def _highest_bent(path: SampledPath, top: float,
         return _highest_speed(path, LOWEST, top)
     message = (f'bending: no highest speed found from {LOWEST:g}; expected beams that '
                'bend less')
+    return upper_fixed_point(highest, LOWEST, PRECISION, message)
+
+
+def _highest_uncertain(path: SampledPath, top: float,
+                       deviation: Callable[[float], Array]) -> float | None:
+    """
+    Return the highest speed that is feasible for all uncertain parameters, or None.
+
+    What the parameters may add to the torque is a sum of absolute values, which follows
+    from the speed before.
+    """
+    def highest(last: float) -> float | None:
+        path.margin = deviation(last)
+        return _highest_speed(path, LOWEST, top)
+    message = (f'uncertainty: no highest speed found from {LOWEST:g}; expected smaller '
+               'errors')
     return upper_fixed_point(highest, LOWEST, PRECISION, message)

@@ -16,6 +16,7 @@ from kane_dynamics.loop_tracking.driven_mechanism import (mechanism_motion,
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.parameters import JointLimits
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.torque_bounds import torque_deviation, Uncertainty
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -58,6 +59,9 @@ class Demand:
         Limits of the robot.
     power_limit : (n,) array
         W; infinite for no limit.
+    deviation : (N, n) array
+        How far the torques may be from `tau` with uncertain parameters, N m or N; zeros
+        without them. Limits of effort and power are compared with the largest torques.
 
     """
 
@@ -69,6 +73,7 @@ class Demand:
     tau: Array
     limits: JointLimits
     power_limit: Array
+    deviation: Array
 
     @property
     def power(self) -> Array:
@@ -122,9 +127,10 @@ class Demand:
 
     def _sizes(self) -> Iterator[tuple[str, Array, Array]]:
         """Yield the limits on absolute values: name, (N, n) values, (n,) bounds."""
-        yield 'effort', self.tau, self.limits.effort
+        largest_torque = np.abs(self.tau) + self.deviation
+        yield 'effort', largest_torque, self.limits.effort
         yield 'velocity', self.u, self.limits.velocity
-        yield 'power', self.power, self.power_limit
+        yield 'power', largest_torque * self.u, self.power_limit
 
     def _worst(self, limit: str, values: Array, beyond: Array, slack: Array,
                bound: Array) -> list[Excess]:
@@ -139,7 +145,8 @@ class Demand:
 
 
 def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = STEP,
-           power: ArrayLike = math.inf, bending: QuasiStatic | None = None) -> Demand:
+           power: ArrayLike = math.inf, bending: QuasiStatic | None = None,
+           uncertainty: Uncertainty | None = None) -> Demand:
     """
     Return torque, speed and power of a motion, including payload and friction.
 
@@ -166,6 +173,9 @@ def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = ST
         speeds: the torques are those with the deflections in equilibrium along the
         motion, with its gravity and payload. Actuators are at the independent joints;
         the other joints of closed loops have the positions and speeds of rigid beams.
+    uncertainty : Uncertainty, optional
+        Box of uncertain parameters of the robot; the limits hold for all of them. Not with
+        `bending`.
 
     Raises
     ------
@@ -176,16 +186,18 @@ def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = ST
     """
     additional = NONE
     for _ in range(ROUNDS):
-        result = demand_at(robot, motion, speed, step, power, additional, bending)
+        result = demand_at(robot, motion, speed, step, power, additional, bending,
+                           uncertainty)
         refined = result.in_doubt
         if not refined.size:
             return result
         additional = np.concatenate([additional, speed * refined])
-    return demand_at(robot, motion, speed, step, power, additional, bending)
+    return demand_at(robot, motion, speed, step, power, additional, bending, uncertainty)
 
 
 def demand_at(robot: Robot, motion: Motion, speed: float, step: float, power: ArrayLike,
-              additional: Array, bending: QuasiStatic | None = None) -> Demand:
+              additional: Array, bending: QuasiStatic | None = None,
+              uncertainty: Uncertainty | None = None) -> Demand:
     """Return the demand of a motion at its samples and at additional times."""
     t, q, u, udot = sampled(robot, motion, step, additional)
     if not 0.0 < speed < math.inf:
@@ -193,16 +205,24 @@ def demand_at(robot: Robot, motion: Motion, speed: float, step: float, power: Ar
     t, u, udot = t / speed, speed * u, speed**2 * udot
     if bending is not None:
         _require_rigid_model(robot, bending)
+        if uncertainty is not None:
+            raise InputError('uncertainty: given with bending; expected one of them')
     if not robot.equations.in_joint_rates:
-        q, u, udot, tau = _of_mechanism(robot, motion, t, q, u, udot, bending)
+        whole = whole_motion(robot, motion, t, q, u, udot)
+        q, u, udot, tau = _of_mechanism(robot, whole, t, bending)
+        state = whole.q, whole.u, whole.udot
     else:
         tau = (bending or robot).inverse_dynamics(q, u, udot)
+        state = q, u, udot
+    deviation = np.zeros_like(tau)
+    if uncertainty is not None:
+        deviation = torque_deviation(robot, *state, uncertainty, t, of_joints=True)
     if not np.isfinite(tau).all():
         k, j = np.argwhere(~np.isfinite(tau))[0].tolist()
         raise InputError(f"joint '{robot.joint_names[j]}': torque {tau[k, j]} at "
                          f'{speed * t[k]:.4g} s; expected a motion with finite torques')
     return Demand(robot.joint_names, t, q, u, udot, tau, robot.limits,
-                  per_joint(power, 'power', robot.joint_names, finite=False))
+                  per_joint(power, 'power', robot.joint_names, finite=False), deviation)
 
 
 def _require_rigid_model(robot: Robot, bending: QuasiStatic) -> None:
@@ -214,11 +234,9 @@ def _require_rigid_model(robot: Robot, bending: QuasiStatic) -> None:
         bending.require_drives('robot: actuated', robot.actuated_names)
 
 
-def _of_mechanism(robot: Robot, motion: Motion, t: Array, q: Array, rates: Array,
-                  accelerations: Array, bending: QuasiStatic | None
-                  ) -> tuple[Array, Array, Array, Array]:
+def _of_mechanism(robot: Robot, whole: MechanismMotion, t: Array,
+                  bending: QuasiStatic | None) -> tuple[Array, Array, Array, Array]:
     """Return q, rates, accelerations and torques of all joints, (N, n_q) each."""
-    whole = whole_motion(robot, motion, t, q, rates, accelerations)
     if bending is None:
         tau = robot.inverse_dynamics(*whole, t=t)
     else:

@@ -13,6 +13,7 @@ from kane_dynamics.identification.payload.recorded_motion import recorded_joints
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.mechanics.friction import coulomb as coulomb_shape
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.torque_bounds import torque_deviation, Uncertainty
 import numpy as np
 
 MARGIN = 1.4  # threshold over the largest estimate without contact; above 1 / release
@@ -104,8 +105,8 @@ class _Estimates:
 
 
 def calibrate_collision(robot: Robot, recording: Recording, *, gain: float = 50.0,
-                        margin: float = MARGIN, drift: float = DRIFT, held: bool = False
-                        ) -> CollisionCalibration:
+                        margin: float = MARGIN, drift: float = DRIFT, held: bool = False,
+                        uncertainty: Uncertainty | None = None) -> CollisionCalibration:
     """
     Return thresholds of collision detection from a recording without contact.
 
@@ -134,6 +135,9 @@ def calibrate_collision(robot: Robot, recording: Recording, *, gain: float = 50.
     held : bool
         True if the torques are commands that act until the next row, False if they are
         measured.
+    uncertainty : Uncertainty, optional
+        By how much parameters may differ between the recording and use, for example the
+        payload: thresholds rise by the largest torque of it along the recording.
 
     Raises
     ------
@@ -163,6 +167,9 @@ def calibrate_collision(robot: Robot, recording: Recording, *, gain: float = 50.
     usual = np.quantile(left, 0.99, axis=0)
     names_of = robot.speed_names
     allowed = np.maximum(allowed, LEAST * largest_torque)
+    if uncertainty is not None:
+        deviation = torque_deviation(robot, *motion[:3], uncertainty, motion[4])
+        allowed = allowed + deviation.max(axis=0)
     suspected = error > CONTACT * usual + allowed
     coulomb, damping, offset, speed = friction
     return CollisionCalibration(

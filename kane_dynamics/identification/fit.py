@@ -8,7 +8,7 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.base_regressor import true_unknowns
-from kane_dynamics.identification.physical_consistency import physical, pseudo_inertia_of
+from kane_dynamics.identification.physical_consistency import physical
 from kane_dynamics.identification.recordings.diagnosis import diagnose
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.regression import (compressed, factorized,
@@ -19,6 +19,7 @@ from kane_dynamics.identification.regression import (compressed, factorized,
                                                      triangle, UNBOUNDED, weights)
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.identification.standard_deviations import friction_statistics, statistics
+from kane_dynamics.mechanics.recursive.regressor import pseudo_inertia_of
 from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np

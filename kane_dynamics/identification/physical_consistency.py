@@ -16,7 +16,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.regression import LOWEST, triangle
 from kane_dynamics.identification.solvers import scientific
-from kane_dynamics.mechanics.recursive.regressor import ENTRIES
+from kane_dynamics.mechanics.recursive.regressor import parameters_of, pseudo_inertia_of
 from kane_dynamics.model.model import Inertial
 import numpy as np
 
@@ -30,22 +30,6 @@ SYMMETRIC = np.zeros((10, 4, 4))
 for _k, (_r, _s) in enumerate(zip(*np.tril_indices(4), strict=True)):
     SYMMETRIC[_k, _r, _s] = SYMMETRIC[_k, _s,
                                       _r] = 1.0 if _r == _s else 1.0 / np.sqrt(2.0)
-
-
-def parameters_of(P: Array) -> Array:
-    """Return the ten parameters of a pseudo-inertia (4, 4), or of any symmetric matrix."""
-    about_origin = np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3]
-    return np.array([P[3, 3], *P[:3, 3], *(about_origin[r, s] for r, s in ENTRIES)])
-
-
-def pseudo_inertia_of(parameters: Array) -> Array:
-    """Return the pseudo-inertia (4, 4) of ten parameters."""
-    inertia = np.empty((3, 3))
-    for (r, s), value in zip(ENTRIES, parameters[4:], strict=True):
-        inertia[r, s] = inertia[s, r] = value
-    first = parameters[1:4, None]
-    return np.block([[0.5 * np.trace(inertia) * np.eye(3) - inertia, first],
-                     [first.T, parameters[:1, None]]])
 
 
 def prior_metric(prior: Inertial) -> Array:

@@ -16,18 +16,18 @@ from tempfile import TemporaryDirectory
 from host_gpu import host_gpu, on_gpu, values_of
 from kane_dynamics import (box, CollisionDetector, ComputedTorque, Controller,
                            fill_trajectory, gpu, MomentumObserver, Motion, natural_vibration,
-                           QuasiStatic, Robot, simulate, stiffened)
+                           QuasiStatic, Robot, simulate, stiffened, Uncertainty)
 from kane_dynamics.analysis.power_balance import power_balance
 from kane_dynamics.control.controller import Mode
 from kane_dynamics.feasibility import demand, fastest, time_optimal
 from kane_dynamics.identification import PayloadEstimator
 from kane_dynamics.identification.payload.payload_rows import PayloadRegressor
-from kane_dynamics.identification.physical_consistency import parameters_of
 from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
 from kane_dynamics.mechanics.ball_joints import balls, coordinate_rates, moved as joints_moved
 from kane_dynamics.mechanics.definition import kane, kinematics, nonholonomic
 from kane_dynamics.mechanics.energy_form import energies
 from kane_dynamics.mechanics.integrators import INTEGRATORS
+from kane_dynamics.mechanics.recursive.regressor import parameters_of
 from kane_dynamics.model.model import with_payload
 from kane_dynamics.optimal_control import TrajectoryOptimizer
 from kane_dynamics.robot.verification import without_rotors
@@ -247,6 +247,17 @@ def by_body(case):
 def regressor(case):
     Y = case.robot.regressor(case.q, case.u, case.udot, **case.t)
     assert_close(Y @ case.robot.inertial_parameters, rigid(case))
+
+
+def torque_bounds(case):
+    """Compare bounds for uncertain inertial parameters with the regressor's absolute values."""
+    model = case.robot.model
+    box = Uncertainty.of(model, mass=0.1, com=0.01, inertia=0.2)
+    bounds = case.robot.torque_bounds(case.q, case.u, case.udot, box, **case.t)
+    Y = case.robot.regressor(case.q, case.u, case.udot, **case.t)
+    width = np.abs(Y) @ box.inertial.ravel()
+    assert_close(bounds.upper, inverse(case) + width)
+    assert_close(bounds.lower, inverse(case) - width)
 
 
 def joint_reactions(case):

@@ -94,6 +94,7 @@ ROWS = (
     Row('torque by source', check.sources),
     Row('torque by body', check.by_body),
     Row('regressor', check.regressor, {BEAM: NO_TEN}),
+    Row('torque bounds of uncertain parameters', check.torque_bounds, {BEAM: NO_TEN}),
     Row('joint reactions', check.joint_reactions),
     Row('constraint forces', check.constraint_forces, {
         (TREE,): NO_CONSTRAINT, (BEAM,): NO_CONSTRAINT}),

@@ -7,11 +7,11 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_equations import PayloadEquations
 from kane_dynamics.identification.payload.payload_rows import PayloadRows
 from kane_dynamics.identification.payload.recorded_motion import recorded_joints, recorded_motion
-from kane_dynamics.identification.physical_consistency import (physical, prior_metric,
-                                                               pseudo_inertia_of)
+from kane_dynamics.identification.physical_consistency import physical, prior_metric
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.regression import rms
 from kane_dynamics.identification.solvers import on_one_processor
+from kane_dynamics.mechanics.recursive.regressor import pseudo_inertia_of
 from kane_dynamics.mechanics.recursive.regressor import ENTRIES
 from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.robot.robot import Robot

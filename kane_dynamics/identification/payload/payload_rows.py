@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.physical_consistency import pseudo_inertia_of
+from kane_dynamics.mechanics.recursive.regressor import pseudo_inertia_of
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.friction import coulomb
 from kane_dynamics.model.model import Joint, Model, WORLD

@@ -30,13 +30,24 @@ ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 def inertial_parameters(model: Model) -> Array:
     """Return the inertial parameters of all bodies, (10 n_bodies,); kg, m."""
-    result: list[float] = []
-    for body in model.bodies:
-        P = body.inertial.pseudo_inertia
-        inertia = np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3]  # about the origin
-        result += [P[3, 3], *P[:3, 3]]
-        result += [inertia[r, s] for r, s in ENTRIES]
-    return np.array(result)
+    by_body = [parameters_of(body.inertial.pseudo_inertia) for body in model.bodies]
+    return np.array(by_body).ravel()
+
+
+def parameters_of(P: Array) -> Array:
+    """Return the ten parameters of a pseudo-inertia (4, 4), or of any symmetric matrix."""
+    about_origin = np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3]
+    return np.array([P[3, 3], *P[:3, 3], *(about_origin[r, s] for r, s in ENTRIES)])
+
+
+def pseudo_inertia_of(parameters: Array) -> Array:
+    """Return the pseudo-inertia (4, 4) of ten parameters."""
+    inertia = np.empty((3, 3))
+    for (r, s), value in zip(ENTRIES, parameters[4:], strict=True):
+        inertia[r, s] = inertia[s, r] = value
+    first = parameters[1:4, None]
+    return np.block([[0.5 * np.trace(inertia) * np.eye(3) - inertia, first],
+                     [first.T, parameters[:1, None]]])
 
 
 def regressor(links: Sequence[Link], q: Vector, u: Vector, udot: Vector, gravity: Vector,

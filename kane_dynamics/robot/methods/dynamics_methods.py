@@ -11,6 +11,7 @@ from kane_dynamics.mechanics.recursive.regressor import inertial_parameters
 from kane_dynamics.native.tracing.program import size_of
 from kane_dynamics.robot.derivative_kernels import Derivative, require_known
 from kane_dynamics.robot.methods.dispatch import compiled, Dispatch
+from kane_dynamics.robot.torque_bounds import TorqueBounds, torque_deviation, Uncertainty
 from kane_dynamics.robot.torque_breakdown import SOURCES, TorqueBreakdown
 import numpy as np
 from numpy.typing import ArrayLike
@@ -195,6 +196,41 @@ class DynamicsMethods(Dispatch):
         `mechanics.recursive.regressor` defines the order of parameters.
         """
         return self._call('regressor', (q, u, udot), out, t)
+
+    def torque_bounds(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
+                      uncertainty: Uncertainty, *, wrench: ArrayLike | None = None,
+                      t: ArrayLike = 0.0) -> TorqueBounds:
+        """
+        Return the smallest and the largest torque for uncertain parameters, N m or N.
+
+        They are exact: each joint's torque reaches both within the box of parameters. The
+        parameters are those of inverse dynamics, in which it is linear: inertial
+        parameters, payload, armature, and friction but for its speed.
+
+        Parameters
+        ----------
+        q, u, udot, wrench, t
+            As in `inverse_dynamics`.
+        uncertainty : Uncertainty
+            The box, of the robot's model.
+
+        Returns
+        -------
+        TorqueBounds
+            lower and upper, (n,) or (N, n) arrays.
+
+        Raises
+        ------
+        InputError
+            The box is not of this robot, or the robot has beams.
+
+        """
+        if wrench is None and not self.equations.timed:
+            torque = self.inverse_dynamics(q, u, udot)
+        else:
+            torque = self.inverse_dynamics(q, u, udot, wrench=wrench, t=t)
+        deviation = torque_deviation(self, q, u, udot, uncertainty, t)
+        return TorqueBounds(torque - deviation, torque + deviation)
 
     @property
     def inertial_parameters(self) -> Array:

@@ -1,0 +1,344 @@
+"""
+Bounds of the torque for uncertain inertial parameters and friction.
+
+Inverse dynamics is linear in the inertial parameters, in the friction coefficients and in
+the armatures p: tau = tau_0 + Y (p - p_0). If each parameter lies within p_0 +- delta,
+independently of the others, the torque of each actuator lies within tau_0 +- |Y| delta,
+and reaches both ends: the bounds are exact for the box.
+
+The friction speed enters nonlinearly and is taken as known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
+
+from kane_dynamics._util.checks import instance, number
+from kane_dynamics._util.fork_safety import lazy_property
+from kane_dynamics._util.frozen import freeze
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.constraints.conditioning import guarded
+from kane_dynamics.mechanics.equations import Equations
+from kane_dynamics.mechanics.friction import friction_torque
+from kane_dynamics.mechanics.recursive.regressor import parameters_of, pseudo_inertia_of
+from kane_dynamics.model.model import Inertial, Joint, Model, WORLD
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.tracing.subroutine import Subroutines
+from kane_dynamics.robot.kernel_set import OUTLINED
+import numpy as np
+from numpy.typing import ArrayLike
+
+FRICTION = ('damping', 'friction', 'friction_offset')  # in which the torque is linear
+LOSSES = (*FRICTION, 'armature')
+
+
+class TorqueBounds(NamedTuple):
+    """Smallest and largest torque, (n,) or (N, n) arrays, N m or N."""
+
+    lower: Array
+    upper: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """
+    Box of uncertain parameters: each lies within plus or minus a number of its value.
+
+    `Uncertainty.of` makes one from relative errors.
+
+    Attributes
+    ----------
+    inertial : (bodies, 10) array
+        Of the inertial parameters of each body about its origin, in the order of
+        `mechanics.recursive.regressor`: kg, kg m, kg m^2.
+    damping, friction, friction_offset, armature : (bodies,) arrays
+        Of these properties of each body's joint, in units of `Joint`.
+    payload : (10,) array
+        Of the payload's inertial parameters, in the axes of the robot's payload frame.
+
+    Raises
+    ------
+    InputError
+        A shape differs, or a number is negative or not finite.
+
+    """
+
+    inertial: ArrayLike
+    damping: ArrayLike
+    friction: ArrayLike
+    friction_offset: ArrayLike
+    armature: ArrayLike
+    payload: ArrayLike = (0.0,) * 10
+
+    def __post_init__(self) -> None:
+        """Check shapes and numbers."""
+        bodies = len(np.atleast_1d(np.asarray(self.damping)))
+        for field in fields(self):
+            shape = {'inertial': (bodies, 10), 'payload': (10,)}.get(field.name, (bodies,))
+            try:
+                values = np.array(getattr(self, field.name), dtype=np.float64)
+            except (TypeError, ValueError):
+                raise InputError(f'uncertainty: {field.name}: not an array of numbers; '
+                                 f'expected shape {shape}') from None
+            if values.shape != shape:
+                raise InputError(f'uncertainty: {field.name}: shape {values.shape}; '
+                                 f'expected {shape}')
+            if not ((values >= 0.0) & np.isfinite(values)).all():
+                worst = values[~((values >= 0.0) & np.isfinite(values))][0]
+                raise InputError(f'uncertainty: {field.name}: {worst}; expected finite '
+                                 'numbers >= 0')
+            freeze(self, field.name, values)
+
+    @lazy_property
+    def box(self) -> Array:
+        """Return all numbers, (10 + 14 bodies,): payload, bodies, then joints."""
+        losses = [np.asarray(getattr(self, name)) for name in LOSSES]
+        return np.concatenate([np.ravel(self.payload), np.ravel(self.inertial), *losses])
+
+    @classmethod
+    def of(cls, model: Model, *, mass: float = 0.0, com: float = 0.0,
+           inertia: float = 0.0, friction: float = 0.0, offset: float = 0.0,
+           payload_mass: float = 0.0, payload_com: ArrayLike = (0.0, 0.0, 0.0)
+           ) -> Uncertainty:
+        """
+        Return the box around a model's values with these errors of all bodies and joints.
+
+        The parameters about a body's origin depend on mass, center of mass and inertia
+        together. The box holds all their combinations, and some more.
+
+        Parameters
+        ----------
+        model : Model
+            Its values are the center of the box.
+        mass, inertia, friction : float
+            Relative errors of masses; of inertias about the centers of mass, relative to
+            the largest moment; of damping, Coulomb friction and armature. 0.1 is 10 %.
+        com : float
+            Error of each coordinate of the centers of mass, m.
+        offset : float
+            Error of the torque of each joint that does not depend on the motion, N m
+            or N.
+        payload_mass : float
+            Error of the mass of the payload at the robot's payload frame, kg.
+        payload_com : (3,) array_like
+            The largest distances of that mass from the frame along its axes, m.
+
+        Raises
+        ------
+        InputError
+            An error is negative or not finite.
+
+        """
+        instance(model, Model, 'model')
+        errors = {'mass': mass, 'com': com, 'inertia': inertia, 'friction': friction,
+                  'offset': offset, 'payload_mass': payload_mass}
+        for name, value in errors.items():
+            number(value, name, 'a finite number >= 0', lambda x: 0.0 <= x < np.inf)
+        inertial = []
+        for body in model.bodies:
+            inertial.append(_inertial_box(body.inertial, mass, com, inertia))
+        joints = [body.joint for body in model.bodies]
+        relative = {}
+        for name in ('damping', 'friction', 'armature'):
+            values = [getattr(joint, name) for joint in joints]
+            relative[name] = friction * np.abs(np.array(values, dtype=np.float64))
+        payload = _payload_box(payload_mass, payload_com)
+        return cls(np.array(inertial).reshape(-1, 10), friction_offset=np.full(
+            len(joints), offset), payload=payload, **relative)
+
+
+def _inertial_box(inertial: Inertial, mass: float, com: float, inertia: float) -> Array:
+    """Return the half-widths of a body's ten parameters, (10,)."""
+    m, center = inertial.mass, np.abs(inertial.com)
+    heaviest, farthest = m * (1.0 + mass), center + com
+    moments = heaviest * farthest - m * center
+    # Entries of m c c^T, which the parallel axis theorem adds to the inertia.
+    products = heaviest * np.outer(farthest, farthest) - m * np.outer(center, center)
+    largest = float(np.abs(np.linalg.eigvalsh(inertial.inertia)).max())
+    axes = np.trace(products) - np.diag(products)
+    xx, yy, zz = inertia * largest + axes
+    xy, xz, yz = inertia * largest + products[np.triu_indices(3, 1)]
+    return np.array([m * mass, *moments, xx, xy, yy, xz, yz, zz])
+
+
+def _payload_box(mass: float, com: ArrayLike) -> Array:
+    """Return the half-widths for a point mass at most so far from the frame, (10,)."""
+    try:
+        distances = np.array(com, dtype=np.float64)
+    except (TypeError, ValueError):
+        distances = np.full(3, np.nan)
+    if distances.shape != (3,) or not (np.isfinite(distances) & (distances >= 0.0)).all():
+        raise InputError(f'payload_com: {com!r}; expected three finite distances >= 0, m')
+    products = np.outer(distances, distances)
+    xx, yy, zz = np.trace(products) - np.diag(products)
+    xy, xz, yz = products[np.triu_indices(3, 1)]
+    return mass * np.array([1.0, *distances, xx, xy, yy, xz, yz, zz])
+
+
+def torque_deviation(robot: Any, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
+                     uncertainty: Uncertainty, t: ArrayLike = 0.0, *,
+                     of_joints: bool = False) -> Array:
+    """
+    Return how far the torque may be from that of the model, |Y| delta, N m or N.
+
+    Parameters
+    ----------
+    robot : Robot
+        Without beams.
+    q, u, udot, t
+        As in `Robot.inverse_dynamics`.
+    uncertainty : Uncertainty
+        Of the robot's model.
+    of_joints : bool
+        Of the actuators' torques, `Robot.joint_torques`, instead of the generalized
+        forces.
+
+    Returns
+    -------
+    (n,) or (N, n) array; n_q instead of n with `of_joints`.
+
+    """
+    instance(uncertainty, Uncertainty, 'uncertainty')
+    bodies = robot.model.bodies
+    if len(uncertainty.box) != (10 + len(LOSSES)) * len(bodies) + 10:
+        raise InputError(f'uncertainty: of {len(np.asarray(uncertainty.damping))} bodies; '
+                         f'expected {len(bodies)}: '
+                         f'{", ".join(body.name for body in bodies)}')
+    equations: Equations = robot.equations
+    box = uncertainty.box
+    if equations.tree.payload_frame is None and box[:10].any():
+        raise InputError('uncertainty: of a payload, of a robot without payload frame; '
+                         'expected Robot(..., payload_frame=...)')
+    entry = _entry(robot, of_joints and not equations.in_joint_rates)
+    count = np.shape(q)[:-1]
+    if len(count) == 1:  # all states of a batch have the same box
+        box = np.broadcast_to(box, (*count, len(box)))
+    if not equations.timed:
+        return np.asarray(entry(q, u, udot, box))
+    times = np.full(count, t) if np.ndim(t) == 0 and count else t
+    return np.asarray(entry(q, u, udot, box, times))
+
+
+def _entry(robot: Any, of_joints: bool) -> Callable[..., Any]:
+    """Return the entry point of the kernel of a robot, compiled at its first use."""
+    place = 'torque_deviation', str(of_joints)
+    entry: Callable[..., Any] | None = robot._entries.get(place)
+    if entry is None:
+        if robot.model.flexible:
+            raise InputError('robot: with beams; expected a rigid one, as the torque of '
+                             'beams is not linear in their parameters')
+        kernel = _deviation_kernel(robot, of_joints)
+        entry = robot._entries[place] = kernel.entry('', kernel)
+    return entry
+
+
+def _deviation_kernel(robot: Any, of_joints: bool) -> Kernel:
+    """Return the kernel of |Y| delta, of generalized forces or of joint torques."""
+    equations: Equations = robot.equations
+    bodies = len(robot.model.bodies)
+    inertial_size = 10 + 10 * bodies
+    size = inertial_size + len(LOSSES) * bodies
+    n, n_q = robot.n, robot.n_q
+
+    def deviation(q: Vector, u: Vector, udot: Vector, box: Vector, t: Scalar,
+                  parameters: Vector, limits: Vector) -> Vector:
+        Y = _regressor(equations, q, u, udot, parameters, t)
+        Y = np.concatenate([_payload_columns(equations, Y), Y], axis=1)
+        losses = box[inertial_size:].reshape(len(LOSSES), bodies)
+        columns, sizes = _loss_columns(equations, q, u, udot, losses, t)
+
+        # Uncertain losses of a joint act along one line: their sizes add up.
+        Y = np.concatenate([Y, columns], axis=1)
+        widths = np.concatenate([box[:inertial_size], sizes])
+        if of_joints:
+            unit_torques = [equations.joint_torques(unit, q, t) for unit in np.eye(n)]
+            Y = np.stack(unit_torques, axis=1) @ Y
+        result = _absolute(Y) @ widths
+        if not equations.watched:
+            return result
+        return guarded(result, equations.margin(q, t, limits))
+
+    def reason(state: dict[str, Array]) -> Kernel | None:
+        """Return the kernel in speeds that are regular at a state, or raise the error."""
+        from kane_dynamics.robot.robot import in_choice
+        regular = robot.speed_sets.instead(equations.mechanism, state)
+        if regular is None or regular.equations.in_joint_rates:
+            return None
+        choice = regular.equations.mechanism
+        return _deviation_kernel(in_choice(robot, choice.free, choice.kept), of_joints)
+
+    name = 'joint_torque_deviation' if of_joints else 'torque_deviation'
+    inputs = {'q': (n_q,), 'u': (n,), 'udot': (n,), 'box': (size,)}
+    shape = (n_q,) if of_joints else (n,)
+    if equations.in_joint_rates:
+        return robot.kernels.compiled(deviation, name, inputs, shape)
+    return robot.kernels.compiled(deviation, name, inputs, shape, reason=reason)
+
+
+def _regressor(equations: Equations, q: Vector, u: Vector, udot: Vector,
+               parameters: Vector, t: Scalar) -> Matrix:
+    """Return the regressor of the bodies; of large trees with subroutines."""
+    if equations.in_joint_rates and equations.n > OUTLINED:
+        return equations.tree.regressor(q, u, udot, parameters, Subroutines())
+    return equations.regressor(q, u, udot, parameters, t)
+
+
+def _payload_columns(equations: Equations, Y: Matrix) -> Matrix:
+    """Return the columns of the payload's parameters, (n, 10), from those of its body."""
+    frame = equations.tree.payload_frame
+    if frame is None or frame.body == WORLD:
+        return np.zeros((len(Y), 10))
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = frame.rotation, frame.translation
+    # The pseudo-inertia on the body is pose P pose^T, linear in the ten parameters.
+    on_body = [parameters_of(pose @ pseudo_inertia_of(unit) @ pose.T) for unit in np.eye(10)]
+    own = 10 * frame.body
+    return Y[:, own:own + 10] @ np.column_stack(on_body)
+
+
+def _loss_columns(equations: Equations, q: Vector, u: Vector, udot: Vector,
+                  losses: Matrix, t: Scalar) -> tuple[Matrix, Vector]:
+    """
+    Return the directions of the joints' torques, (n, bodies), and their half-widths.
+
+    The direction of a joint is the generalized force of a unit torque in it.
+    """
+    motion = equations.joint_motion(q, u, udot, t)
+    directions, sizes = [], []
+    by_name = dict(zip(LOSSES, losses, strict=True))
+    for k, body in enumerate(equations.model.bodies):
+        joint = body.joint
+        unit = np.zeros(len(motion.qdot))
+        unit[joint.coordinate] = joint.multiplier
+        directions.append(motion.projected(unit))
+        rate = joint.multiplier * motion.qdot[joint.coordinate]
+        size = _absolute_number(joint.multiplier * motion.qddot[joint.coordinate])
+        size = size * by_name['armature'][k]
+        if equations.tree.friction:
+            for name in FRICTION:
+                unit_friction = friction_torque(_with_only(joint, name), rate)
+                size = size + _absolute_number(unit_friction) * by_name[name][k]
+        sizes.append(size)
+    return np.stack(directions, axis=1), np.array(sizes)
+
+
+def _with_only(joint: Joint, name: str) -> Joint:
+    """Return the joint with one kind of friction, of coefficient 1."""
+    friction: dict[str, Any] = dict.fromkeys(FRICTION, 0.0)
+    friction[name] = 1.0
+    return replace(joint, **friction)
+
+
+def _absolute_number(x: Scalar) -> Scalar:
+    """Return the absolute value of a number over any scalar."""
+    return abs(x) if isinstance(x, int | float) else select(x < 0.0, -x, x)
+
+
+def _absolute(values: Matrix) -> Matrix:
+    """Return the absolute values of an array over any scalar."""
+    flat = [_absolute_number(x) for x in np.ravel(values)]
+    return np.array(flat, dtype=object).reshape(np.shape(values))

@@ -1,0 +1,198 @@
+"""Torque bounds: reached at vertices of the box, never exceeded inside, of every kind."""
+
+from dataclasses import replace
+from statistics import median
+from time import perf_counter
+
+from kane_dynamics import Inertial, InputError, load_urdf, Robot, Uncertainty
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.mechanics.recursive.regressor import (inertial_parameters, parameters_of,
+                                                         pseudo_inertia_of)
+from kinds_of_mechanism import case, KINDS
+from mechanisms import random_model
+import numpy as np
+import pytest
+
+RIGID = [kind for kind in KINDS if kind != 'flexible']
+SMALL = 1e-3  # relative, so that every vertex is a possible body
+SIZES = (0.02, 0.05, 0.3, 0.004)  # of damping, friction, offset and armature
+
+
+def box_of(model):
+    """Return a small box around the inertial parameters, and one around the losses."""
+    inertial = SMALL * np.abs(inertial_parameters(model).reshape(-1, 10))
+    losses = [size * np.arange(1.0, len(model.bodies) + 1.0) for size in SIZES]
+    losses[3] = losses[3] * [not is_part_of_ball(body) for body in model.bodies]
+    return Uncertainty(inertial, *losses)
+
+
+def is_part_of_ball(body):
+    """Return whether a joint is a part of a ball joint, which has no armature."""
+    return '/w' in body.joint.name
+
+
+def at_vertex(robot, uncertainty, inertial_signs, loss_signs):
+    """Return the robot with the parameters of a vertex; signs of bodies, and of 4 losses."""
+    bodies = []
+    parameters = inertial_parameters(robot.model).reshape(-1, 10)
+    parameters = parameters + inertial_signs * uncertainty.inertial
+    for k, body in enumerate(robot.model.bodies):
+        inertial = Inertial.from_pseudo_inertia(pseudo_inertia_of(parameters[k]))
+        changed = {}
+        for name, signs in zip(('damping', 'friction', 'friction_offset', 'armature'),
+                               loss_signs, strict=True):
+            width = getattr(uncertainty, name)[k]
+            changed[name] = getattr(body.joint, name) + float(signs[k]) * width
+        bodies.append(replace(body, inertial=inertial, joint=replace(body.joint, **changed)))
+    return Robot(replace(robot.model, bodies=tuple(bodies)), **robot.options)
+
+
+def torque_of(robot, q, u, udot, t):
+    """Return inverse dynamics by the equations over floats."""
+    parameters = np.concatenate([robot.parameters.gravity, np.zeros(10)])
+    return np.array(robot.equations.inverse_dynamics(q, u, udot, None, parameters, t),
+                    dtype=float)
+
+
+@pytest.mark.parametrize('kind', RIGID)
+def test_bounds_are_reached_at_vertices_for_every_kind_of_mechanism(kind):
+    c = case(kind)
+    robot, model = c.robot, c.robot.model
+    # No loss may become negative at a vertex, whose joint would be none.
+    sturdy = []
+    for body in model.bodies:
+        armature = 0.0 if is_part_of_ball(body) else 1.0
+        joint = replace(body.joint, damping=1.0, friction=2.0, armature=armature)
+        sturdy.append(replace(body, joint=joint))
+    robot = Robot(replace(model, bodies=tuple(sturdy)), **robot.options)
+    box = box_of(robot.model)
+    bounds = robot.torque_bounds(c.q, c.u, c.udot, box, **c.t)
+    Y = robot.regressor(c.q, c.u, c.udot, **c.t)
+    rates, accelerations = c.joint_motion
+    for row in range(robot.n):
+        inertial_signs = np.sign(Y[row]).reshape(-1, 10)
+        of_joints = []
+        for body in robot.model.bodies:
+            joint = body.joint
+            along = np.sign(c.T[joint.coordinate, row] * joint.multiplier)
+            rate = np.sign(joint.multiplier * rates[joint.coordinate])
+            turn = np.sign(joint.multiplier * accelerations[joint.coordinate])
+            of_joints.append(along * np.array([rate, rate, 1.0, turn]))
+        loss_signs = np.array(of_joints).T
+        upper = at_vertex(robot, box, inertial_signs, loss_signs)
+        lower = at_vertex(robot, box, -inertial_signs, -loss_signs)
+        state = c.q, c.u, c.udot, c.time
+        scale = np.abs(bounds.upper).max() + np.abs(bounds.lower).max()
+        assert abs(torque_of(upper, *state)[row] - bounds.upper[row]) < 1e-10 * scale
+        assert abs(torque_of(lower, *state)[row] - bounds.lower[row]) < 1e-10 * scale
+
+
+def test_no_torque_of_a_million_samples_is_beyond_its_bounds():
+    model = random_model(2, 6, branching=0.3)
+    robot = Robot(model)
+    box = Uncertainty.of(model, mass=0.2, com=0.02, inertia=0.3, friction=0.4, offset=0.1)
+    rng = np.random.default_rng(1)
+    states, samples = 250, 4000
+    q, u, udot = rng.uniform(-2.0, 2.0, (3, states, model.n))
+    bounds = robot.torque_bounds(q, u, udot, box)
+    Y, torque = robot.regressor(q, u, udot), robot.inverse_dynamics(q, u, udot)
+    closest = np.zeros(model.n)
+    joints = [body.joint for body in model.bodies]
+    speeds = np.array([joint.friction_speed for joint in joints])
+    for k in range(states):
+        p = rng.uniform(-1.0, 1.0, (samples, Y.shape[2])) * box.inertial.ravel()
+        # Half of the samples are vertices of the box.
+        p[::2] = np.sign(p[::2]) * box.inertial.ravel()
+        losses = rng.choice([-1.0, 1.0], (4, samples, model.n))
+        added = p @ Y[k].T
+        added += losses[0] * box.damping * u[k] + losses[1] * box.friction * np.tanh(u[k] / speeds)
+        added += losses[2] * box.friction_offset + losses[3] * box.armature * udot[k]
+        low, high = bounds.lower[k] - torque[k], bounds.upper[k] - torque[k]
+        slack = 1e-12 * np.abs(torque[k]).max()
+        assert (added <= high + slack).all()
+        assert (added >= low - slack).all()
+        closest = np.maximum(closest, (added / high).max(axis=0))
+    assert (closest > 0.5).all()  # or the bounds would be wide
+
+
+def test_the_box_of_relative_errors_holds_all_bodies_within_them():
+    model = random_model(3, 4)
+    errors = {'mass': 0.1, 'com': 0.03, 'inertia': 0.2}
+    box = Uncertainty.of(model, **errors)
+    rng = np.random.default_rng(0)
+    for k, body in enumerate(model.bodies):
+        m, center, inertia = body.inertial.mass, body.inertial.com, body.inertial.inertia
+        given = parameters_of(body.inertial.pseudo_inertia)
+        largest = np.linalg.eigvalsh(inertia).max()
+        for _ in range(200):
+            sign = rng.choice([-1.0, 1.0], 5)
+            moved = Inertial(m * (1.0 + 0.1 * sign[0]), center + 0.03 * sign[1:4],
+                             inertia + 0.2 * largest * sign[4] * np.eye(3) * 0.5)
+            change = parameters_of(moved.pseudo_inertia) - given
+            assert (np.abs(change) <= box.inertial[k] * (1.0 + 1e-12) + 1e-14).all()
+
+
+def test_an_uncertain_payload_is_bounded_at_its_frame():
+    robot = case('tree').robot
+    c = case('tree')
+    box = Uncertainty.of(robot.model, payload_mass=2.0, payload_com=(0.1, 0.0, 0.2))
+    bounds = robot.torque_bounds(c.q, c.u, c.udot, box)
+    empty = robot.inverse_dynamics(c.q, c.u, c.udot)
+    for place in ((0.0, 0.0, 0.0), (0.1, 0.0, 0.2), (0.1, 0.0, 0.0), (0.0, 0.0, 0.2)):
+        loaded = robot.with_payload('tool', Inertial(2.0, place, np.zeros((3, 3))))
+        tau = loaded.inverse_dynamics(c.q, c.u, c.udot)
+        assert (tau <= bounds.upper + 1e-12).all()
+        assert (tau >= bounds.lower - 1e-12).all()
+        assert (np.abs(tau - empty) > 0.0).all()
+
+
+def test_bounds_of_a_batch_are_those_of_its_states_and_take_at_most_three_regressors():
+    model = load_urdf(resource_path('urdf', 'ur10e.urdf'))
+    robot, n = Robot(model), model.n
+    box = Uncertainty.of(model, mass=0.1, com=0.01, inertia=0.1, friction=0.3)
+    q, u, udot = np.random.default_rng(2).uniform(-2.0, 2.0, (3, 2000, n))
+    many = robot.torque_bounds(q, u, udot, box)
+    one = robot.torque_bounds(q[7], u[7], udot[7], box)
+    np.testing.assert_allclose(many.upper[7], one.upper, rtol=1e-13, atol=1e-12)
+    np.testing.assert_allclose(many.lower[7], one.lower, rtol=1e-13, atol=1e-12)
+    robot.regressor(q, u, udot)
+    ratios = []
+    for _ in range(15):
+        start = perf_counter()
+        robot.regressor(q, u, udot)
+        middle = perf_counter()
+        robot.torque_bounds(q, u, udot, box)
+        ratios.append((perf_counter() - middle) / (middle - start))
+    assert median(ratios) < 3.0
+
+
+@pytest.mark.parametrize(('change', 'words'), [
+    ({'damping': np.zeros(2)}, 'uncertainty: inertial: shape'),
+    ({'friction': [-1.0, 0.0]}, 'uncertainty: friction: -1.0; expected finite numbers >= 0'),
+    ({'armature': [np.nan, 0.0]}, 'uncertainty: armature: nan'),
+    ({'friction_offset': 'no'}, 'uncertainty: friction_offset: not an array of numbers'),
+    ({'payload': np.zeros(9)}, r'uncertainty: payload: shape \(9,\); expected \(10,\)')])
+def test_impossible_boxes_are_refused(change, words):
+    parts = {'inertial': np.zeros((2, 10)), **dict.fromkeys(
+        ('damping', 'friction', 'friction_offset', 'armature'), np.zeros(2))}
+    if 'damping' in change:
+        parts['inertial'] = np.zeros((3, 10))
+    with pytest.raises(InputError, match=words):
+        Uncertainty(**{**parts, **change})
+
+
+def test_boxes_of_other_robots_are_refused():
+    c, other = case('tree'), random_model(2, 6)
+    with pytest.raises(InputError, match='uncertainty: of 6 bodies; expected 2: upper, fore'):
+        c.robot.torque_bounds(c.q, c.u, c.udot, Uncertainty.of(other, mass=0.1))
+    with pytest.raises(InputError, match='expected a Uncertainty'):
+        c.robot.torque_bounds(c.q, c.u, c.udot, 0.1)
+    with pytest.raises(InputError, match=r'mass: -0\.1; expected a finite number >= 0'):
+        Uncertainty.of(other, mass=-0.1)
+    with pytest.raises(InputError, match='robot: with beams'):
+        flexible = case('flexible')
+        flexible.robot.torque_bounds(flexible.q, flexible.u, flexible.udot,
+                                     Uncertainty.of(flexible.robot.model, mass=0.1))
+    bare = Robot(c.robot.model)
+    with pytest.raises(InputError, match='without payload frame'):
+        bare.torque_bounds(c.q, c.u, c.udot, Uncertainty.of(bare.model, payload_mass=1.0))

@@ -1,0 +1,96 @@
+"""Limits that hold for every robot within a box of uncertain parameters."""
+
+from dataclasses import replace
+
+from kane_dynamics import Inertial, InputError, Limits, Motion, Robot, Uncertainty
+from kane_dynamics.feasibility import demand, fastest
+from kane_dynamics.mechanics.recursive.regressor import (inertial_parameters,
+                                                         pseudo_inertia_of)
+from linkages import at_angle, four_bar_model, PIN
+from mechanisms import random_model
+import numpy as np
+import pytest
+
+
+def arm(effort=150.0):
+    """Return an arm with friction and limits of effort."""
+    model = random_model(5, 3, branching=0.0)
+    bodies = [replace(body, joint=replace(body.joint, limits=Limits(effort=effort)))
+              for body in model.bodies]
+    return Robot(replace(model, bodies=tuple(bodies)))
+
+
+def course(robot, seed=0):
+    """Return a random motion through five points."""
+    points = np.random.default_rng(seed).uniform(-1.0, 1.0, (5, 3))
+    return Motion.from_points(np.linspace(0.0, 2.0, 5), points, joint_names=robot.joint_names)
+
+
+def other_robots(robot, uncertainty, count):
+    """Yield robots at random vertices of a small box around the inertial parameters."""
+    rng = np.random.default_rng(3)
+    for _ in range(count):
+        sign = rng.choice([-1.0, 1.0], uncertainty.inertial.shape)
+        parameters = inertial_parameters(robot.model).reshape(-1, 10)
+        parameters = parameters + sign * uncertainty.inertial
+        bodies = []
+        for body, numbers in zip(robot.model.bodies, parameters, strict=True):
+            inertial = Inertial.from_pseudo_inertia(pseudo_inertia_of(numbers))
+            bodies.append(replace(body, inertial=inertial))
+        yield Robot(replace(robot.model, bodies=tuple(bodies)), **robot.options)
+
+
+def box(robot, share=1e-3):
+    """Return a small box around the inertial parameters, so that each vertex is a robot."""
+    inertial = share * np.abs(inertial_parameters(robot.model).reshape(-1, 10))
+    nothing = np.zeros(len(robot.model.bodies))
+    return Uncertainty(inertial, nothing, nothing, nothing, nothing)
+
+
+def test_demand_with_uncertainty_is_that_of_the_worst_robot():
+    robot = arm()
+    motion, uncertain = course(robot), box(robot)
+    needed = demand(robot, motion, uncertainty=uncertain)
+    np.testing.assert_array_equal(needed.tau, demand(robot, motion).tau)
+    bounds = robot.torque_bounds(needed.q, needed.u, needed.udot, uncertain)
+    np.testing.assert_allclose(needed.tau + needed.deviation, bounds.upper, rtol=1e-12)
+    largest = np.abs(needed.tau) + needed.deviation
+    np.testing.assert_allclose(needed.uses['effort'], largest.max(axis=0) / 150.0)
+    for other in other_robots(robot, uncertain, 5):
+        tau = other.inverse_dynamics(needed.q, needed.u, needed.udot)
+        assert (np.abs(tau) <= largest + 1e-9).all()
+
+
+def test_the_highest_speed_with_uncertainty_is_where_the_largest_torque_is_the_limit():
+    robot = arm()
+    motion = course(robot)
+    uncertain = Uncertainty.of(robot.model, mass=0.1, com=0.02, inertia=0.1, friction=0.3)
+    sure = fastest(robot, motion)
+    found = fastest(robot, motion, uncertainty=uncertain)
+    assert found.speed < sure.speed
+    assert found.limit == 'effort'
+    at_limit = demand(robot, motion, speed=found.speed, uncertainty=uncertain)
+    assert at_limit.fits
+    assert at_limit.uses['effort'].max() == pytest.approx(1.0, abs=1e-7)
+    assert not demand(robot, motion, speed=1.001 * found.speed, uncertainty=uncertain).fits
+    none = Uncertainty.of(robot.model)
+    assert fastest(robot, motion, uncertainty=none).speed == pytest.approx(sure.speed, rel=1e-9)
+
+
+def test_demand_of_a_loop_bounds_the_torques_of_its_actuators():
+    robot = Robot(four_bar_model(), constraints=[PIN], configuration=at_angle(0.9))
+    motion = Motion.from_points([0.0, 1.0, 2.0], [[0.9], [1.2], [1.0]],
+                                joint_names=robot.joint_names[:1])
+    uncertain = box(robot)
+    needed = demand(robot, motion, uncertainty=uncertain)
+    assert needed.deviation.shape == needed.tau.shape
+    assert (needed.deviation.max(axis=1) > 0.0).all()
+    largest = np.abs(needed.tau) + needed.deviation
+    for other in other_robots(robot, uncertain, 4):
+        assert (np.abs(demand(other, motion).tau) <= largest + 1e-9).all()
+
+
+def test_uncertainty_with_bending_is_refused():
+    robot = arm()
+    with pytest.raises(InputError, match='uncertainty: given with bending; expected one'):
+        fastest(robot, course(robot), bending=object(), uncertainty=box(robot))
