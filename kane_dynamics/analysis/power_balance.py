@@ -89,8 +89,12 @@ def _constrained_balance(robot: Robot, q: Any, u: Any, tau: Any, wrench: Any, t:
     equations: Any = robot.equations
     rates = joint_speeds(robot.model, np.asarray(q), robot.joint_rates(q, u, t=t))
     joints = _product(robot.joint_torques(tau, q, t=t), rates)
-    lost = [equations.tree.friction_force(row).astype(np.float64) @ row
-            for row in np.atleast_2d(rates)]
+    lost = []
+    times = np.broadcast_to(np.asarray(t, dtype=np.float64), len(np.atleast_2d(rates)))
+    for q_row, row, tau_row, time in zip(np.atleast_2d(np.asarray(q)), np.atleast_2d(rates),
+                                         np.atleast_2d(tau), times):
+        friction_of_joints = equations.driven_friction(q_row, row, tau_row, time)
+        lost.append(friction_of_joints.astype(np.float64) @ row)
     friction = np.reshape(lost, np.shape(joints))[()]
     external = 0.0 * joints
     if wrench is not None:

@@ -13,6 +13,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.definition.kinematics import configurations
+from kane_dynamics.mechanics.friction import refuse_load_friction
 from kane_dynamics.model.model import Model
 from kane_dynamics.native.tracing.program import OperationCount
 import numpy as np
@@ -77,6 +78,8 @@ def closed_form(model: Model, *, numbers: bool = False, friction: bool = True,
 
     """
     require_angles(model, 'closed form')
+    if friction:
+        refuse_load_friction(model, f"closed form of '{model.name}'")
     n = model.n
     if not 0 < n <= MOST:
         raise InputError(f"closed form of '{model.name}': {n} coordinates; expected 1 "

@@ -166,7 +166,8 @@ def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = (
     Parameters
     ----------
     expressions : sequence of SymPy expressions
-        Expressions in sines and cosines of q, polynomial in u and tanh(u).
+        Expressions in sines and cosines of q, polynomial in u and in tanh(u), |u| and
+        exp(-u^2).
     q, u : symbols
         Coordinates and speeds; the coefficient of each product of speeds is simplified
         by itself, and left expanded if it has more than `MOST_SHORTENED` terms.
@@ -181,7 +182,7 @@ def shortened(expressions: Sequence[Any], q: Iterable[Any], u: Iterable[Any] = (
     """
     angles = list(q)
     polynomials = Polynomials(expressions)
-    frictions = [x for x in polynomials.generators if isinstance(x, sp.tanh)]
+    frictions = [x for x in polynomials.generators if isinstance(x, sp.tanh | sp.Abs | sp.exp)]
     speeds = [*u, *frictions]
     results = []
     for done, expression in enumerate(expressions, 1):

@@ -7,6 +7,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
+from kane_dynamics.mechanics.friction import slides
 from kane_dynamics.model.model import Body, Joint, Model
 import numpy as np
 import sympy as sp
@@ -56,6 +57,12 @@ class Symbolic:
     def __rtruediv__(self, other: Any) -> Any:
         return Symbolic(unwrapped(other) / self.value)
 
+    def __lt__(self, other: Any) -> 'Condition':
+        return Condition(self.value < unwrapped(other))
+
+    def __gt__(self, other: Any) -> 'Condition':
+        return Condition(self.value > unwrapped(other))
+
     def sin(self) -> 'Symbolic':
         """Return the sine; numpy.sin calls this on object arrays."""
         return Symbolic(sp.sin(self.value))
@@ -68,9 +75,28 @@ class Symbolic:
         """Return the hyperbolic tangent; numpy.tanh calls this on object arrays."""
         return Symbolic(sp.tanh(self.value))
 
+    def exp(self) -> 'Symbolic':
+        """Return the exponential; numpy.exp calls this on object arrays."""
+        return Symbolic(sp.exp(self.value))
+
     def sqrt(self) -> 'Symbolic':
         """Return the square root; numpy.sqrt calls this on object arrays."""
         return Symbolic(sp.sqrt(self.value))
+
+
+class Condition:
+    """Comparison of SymPy expressions, for `mechanics.algebra.dual.select`."""
+
+    def __init__(self, comparison: Any) -> None:
+        """Store a SymPy relation."""
+        self.comparison = comparison
+
+    def select(self, x: Any, y: Any) -> Symbolic:
+        """Return x if the comparison holds, else y; -y if y < 0, else y, is |y|."""
+        first, second = unwrapped(x), unwrapped(y)
+        if first == -second and self.comparison == (second < 0):
+            return Symbolic(sp.Abs(second))
+        return Symbolic(sp.Piecewise((first, self.comparison), (second, True)))
 
 
 def exact(value: float) -> Any:
@@ -169,8 +195,8 @@ def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
         numbers.
     parameters : list of Parameter
         m mass, r center of mass, I moment of inertia, l place of the joint, k stiffness,
-        s rest position, d damping, f friction and w its speed, J armature, with the
-        body's number.
+        s rest position, d damping, c quadratic damping, f friction and w its speed, J
+        armature and others, with the body's number.
 
     Raises
     ------
@@ -228,8 +254,8 @@ def _inertial(table: ParameterSymbols, number: int, body: Body) -> Any:
 
 def _joint(table: ParameterSymbols, number: int, joint: Joint) -> Any:
     """Return a joint whose properties are symbols."""
-    slides = joint.kind == 'prismatic'
-    length, force, inertia = ('m', 'N', 'kg') if slides else ('rad', 'N m', 'kg m^2')
+    units = {'revolute': ('rad', 'N m', 'kg m^2'), 'prismatic': ('m', 'N', 'kg')}
+    length, force, inertia = units[joint.kind]
     rest_meaning = "spring's rest at"
     if joint.rest < 0.0:
         rest_meaning = f'minus the {rest_meaning}'
@@ -239,15 +265,25 @@ def _joint(table: ParameterSymbols, number: int, joint: Joint) -> Any:
         'stiffness': ('k', f'{force}/{length}', 'stiffness at'),
         'rest': ('s', length, rest_meaning),
         'damping': ('d', f'{force} s/{length}', 'damping at'),
+        'quadratic_damping': ('c', f'{force} s^2/{length}^2', 'quadratic damping at'),
         'friction': ('f', force, 'Coulomb friction at'),
+        'friction_backward': ('fb', force, 'Coulomb friction at negative rates at'),
+        'breakaway_friction': ('fs', force, 'breakaway friction at'),
+        'stribeck_speed': ('ws', f'{length}/s', 'Stribeck speed at'),
+        'load_friction': ('e', '', 'load friction at'),
+        'load_friction_backdriven': ('eb', '', 'load friction of a driven motor at'),
         'friction_offset': ('b', force, 'friction at rest at'),
         'armature': ('J', inertia, 'armature at')}
-    properties = {}
+    properties: dict[str, Any] = {}
     for name, (letter, unit, meaning) in letters.items():
-        properties[name] = table.scalar(f'{letter}{number}', getattr(joint, name), unit,
+        value = getattr(joint, name)
+        if value is None:  # as in the other direction
+            properties[name] = None
+            continue
+        properties[name] = table.scalar(f'{letter}{number}', value, unit,
                                         f'{meaning} {joint.name}')
     speed: Any = 1.0
-    if joint.friction:
+    if slides(joint):
         speed = table.scalar(f'w{number}', joint.friction_speed, f'{length}/s',
                              f'friction speed at {joint.name}')
     place = table.vector(f'l{number}', joint.translation, 'm',

@@ -202,7 +202,10 @@ def _law(robot: Robot, followed: Sequence[int] | None, commanded: bool
         qdot_d = motion.qdot + motion.T @ du
 
         rigid = tree.rigid_dynamics(q, motion.qdot, qddot, wrench, parameters)
-        tau = motion.projected(np.array(rigid) + tree.friction_force(qdot_d))
+        loads = None
+        if equations.carries_loads:
+            loads = equations.drive_torques(q, motion.projected(rigid), t)
+        tau = motion.projected(np.array(rigid) + tree.friction_force(qdot_d, loads))
         if not commanded:
             return tau
         # The torques of the actuators, with NaN where they or the followed joints do not

@@ -370,7 +370,7 @@ class Controller:
                                                self._kp, self._kd)
         force: Array = self._back @ self._terms(q, u, corrected, t)
         if self._compensate.friction:
-            force = force + self._friction(q, u_d, t)
+            force = force + self._friction(q, u, corrected, u_d, t)
         return force if self._direct else self._joint_torques(force, q, t)
 
     @lazy_property
@@ -425,13 +425,32 @@ class Controller:
         rows[CORIOLIS] += self.robot.mass_matrix(q, **time) @ drift
         return rows
 
-    def _friction(self, q: Array, rates: Array, t: float) -> Array:
-        """Return the friction at desired rates of the joints that follow, (n,)."""
-        if self._direct:
+    def _friction(self, q: Array, u: Array, accelerations: Array, rates: Array,
+                  t: float) -> Array:
+        """
+        Return the friction at desired rates of the joints that follow, (n,).
+
+        Friction that depends on loads is that under the torques of the motion with these
+        accelerations.
+        """
+        if self._direct and not self.robot.equations.carries_loads:
             return self.robot.friction_force(rates)
+        if self.robot.equations.carries_loads:
+            return self._loaded_friction(q, u, accelerations, rates, t)
         u_d = self._motion.speeds(q, rates, t)
         terms = self.robot.torque_terms(q, u_d, 0.0 * u_d, **self._time(t))
         return np.asarray(terms[FRICTION])
+
+    def _loaded_friction(self, q: Array, u: Array, accelerations: Array, rates: Array,
+                         t: float) -> Array:
+        """Return friction that depends on the loads of the drives, as `_friction`."""
+        equations: Any = self.robot.equations
+        force = np.delete(self._terms(q, u, accelerations, t), FRICTION, axis=0).sum(axis=0)
+        u_d = rates if self._direct else self._motion.speeds(q, rates, t)
+        motion = equations.joint_motion(q, u_d, equations.zeros, t)
+        loads = equations.drive_torques(q, force, t)
+        friction = equations.tree.friction_force(motion.qdot, loads)
+        return np.asarray(motion.projected(friction), dtype=np.float64)
 
     # The torques of the joints with a generalized force.
 

@@ -68,6 +68,8 @@ def _observer(robot: Robot) -> Kernel:
              forgotten: Vector, parameters: Vector) -> Matrix:
         residual, last_momentum, last_beta = memory
         momentum, beta = equations.momentum_terms(q, u, parameters)
+        if equations.carries_loads:
+            tau = tau - equations.load_friction(q, u, tau)
         # The first sample has no time since the last: the estimate is 0.
         has_begun = elapsed > 0.0
         safe_elapsed = select(has_begun, elapsed, 1.0)

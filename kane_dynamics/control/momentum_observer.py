@@ -95,6 +95,8 @@ class MomentumObserver:
         self.friction_error = friction_error
         kernel = _momentum_kernel(robot)
         self._momentum_terms = kernel.entry('', kernel)  # compiles
+        if robot.equations.carries_loads:
+            self._load_friction = _load_friction_kernel(robot)
         self._q = np.zeros(robot.n_q)
         self._u = np.zeros(robot.n)
         self._t: float | None = None
@@ -166,7 +168,7 @@ class MomentumObserver:
             self.reset()
             elapsed = None
         try:
-            torques = self._torques(q, u, tau)
+            torques = self._torques(q, u, tau, t)
             momentum, beta = self._terms(t)
         except (InputError, ConstraintError):
             self.reset()
@@ -200,8 +202,8 @@ class MomentumObserver:
                              'with held=True')
         self._tau = torques
 
-    def _torques(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike) -> Array:
-        """Store a checked state; return tau less the friction beyond the model, (n,)."""
+    def _torques(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike, t: float) -> Array:
+        """Store a checked state; return tau less friction that beta lacks, (n,)."""
         robot = self.robot
         self._q = _row(q, 'q', robot.n_q)
         self._u = _row(u, 'u', robot.n)
@@ -210,6 +212,9 @@ class MomentumObserver:
             raise InputError(f'tau: {torques.tolist()}; expected finite numbers')
         if self.friction_error is not None:
             torques -= self.friction_error.torque(self._u)
+        if robot.equations.carries_loads:
+            time = (t,) if robot.equations.timed else ()
+            torques -= self._load_friction(self._q, self._u, torques, *time)
         return torques
 
     def _terms(self, t: float) -> tuple[Array, Array]:
@@ -225,6 +230,16 @@ def _row(values: ArrayLike, name: str, count: int) -> Array:
     if array.shape != (count,):
         raise InputError(f'{name}: shape {array.shape}; expected ({count},)')
     return array
+
+
+def _load_friction_kernel(robot: Robot) -> Kernel:
+    """Return the kernel of `Equations.load_friction`."""
+    equations = robot.equations
+
+    def friction(q: Vector, u: Vector, tau: Vector, t: Scalar) -> Vector:
+        return equations.load_friction(q, u, tau, t)
+    return robot.compiled(friction, name='load_friction', q=(robot.n_q,), u=(robot.n,),
+                          tau=(robot.n,), shape=(robot.n,))
 
 
 def _momentum_kernel(robot: Robot) -> Kernel:

@@ -25,7 +25,7 @@ from kane_dynamics.feasibility.segment_peaks import largest
 from kane_dynamics.feasibility.time_scale import HIGHEST
 from kane_dynamics.feasibility.torque_demand import at_actuators, unit_torques
 from kane_dynamics.loop_tracking.driven_mechanism import motion_of_closed
-from kane_dynamics.mechanics.friction import friction_slope, friction_torque
+from kane_dynamics.mechanics.friction import friction_slope, friction_torque, slides
 from kane_dynamics.motion.controller_points import Segments
 from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 from kane_dynamics.robot.kernel_set import kernel_per_robot
@@ -349,7 +349,7 @@ def rough_coordinates(robot: Robot) -> list[int]:
         return []
     rough = set()
     for body in robot.model.bodies:
-        if body.joint.damping or body.joint.friction:
+        if body.joint.damping or body.joint.quadratic_damping or slides(body.joint):
             rough.add(body.joint.coordinate)
     return sorted(rough)
 

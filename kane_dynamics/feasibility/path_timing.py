@@ -9,6 +9,7 @@ from kane_dynamics.feasibility.path_geometry import Section
 from kane_dynamics.feasibility.segment_peaks import (MotionStates, QUANTITIES,
                                                      SegmentPeaks)
 from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.friction import slides
 from kane_dynamics.model.model import Joint
 from kane_dynamics.motion.controller_points import ControllerPoints, Segments
 from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
@@ -250,7 +251,7 @@ def coulomb_joints(robot: Robot) -> list[Joint]:
     """Return the joints with Coulomb friction."""
     if not robot.friction:
         return []
-    return [body.joint for body in robot.model.bodies if body.joint.friction]
+    return [body.joint for body in robot.model.bodies if slides(body.joint)]
 
 
 def _turning(coulomb: Sequence[Joint], u: Array, segments: Segments | None) -> Flags:

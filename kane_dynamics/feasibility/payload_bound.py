@@ -13,6 +13,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.samples import NONE, ROUNDS, STEP
 from kane_dynamics.feasibility.torque_demand import Demand, demand, demand_at, torque_of
 from kane_dynamics.mechanics.algebra.fixed_point import upper_fixed_point
+from kane_dynamics.mechanics.friction import refuse_load_friction
 from kane_dynamics.model.inertial import check_moments, Inertial
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
@@ -83,6 +84,8 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
         If the center of mass or the inertia is invalid.
 
     """
+    if robot.friction:
+        refuse_load_friction(robot.model, 'largest_payload')
     moments = np.zeros((3, 3))
     if inertia is not None:
         moments = constant(inertia, (3, 3), 'inertia')

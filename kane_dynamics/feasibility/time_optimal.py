@@ -28,6 +28,7 @@ from kane_dynamics.feasibility.samples import MOST_SAMPLES, ROUNDING
 from kane_dynamics.feasibility.timing_result import TimeOptimal
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.mechanics.friction import refuse_load_friction, stribeck_excess
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -107,6 +108,8 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
     if robot.model.flexible:
         raise InputError('robot: with beams; expected a rigid robot, as a path does not '
                          'state their deflections')
+    if robot.friction:
+        refuse_load_friction(robot.model, 'time_optimal')
     names = robot.joint_names
     bounds = Bounds(robot.limits.effort, robot.limits.velocity,
                     per_joint(power, 'power', names, finite=False),
@@ -119,9 +122,21 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
         raise InputError('rest: given for a robot without constraints; expected None')
     along = PathRobot(robot, path, bounds, rest)
     if rates.given:
+        _require_linear_damping(robot, rates)
         return _rate_limited(along, rates, speeds, points)
     parts = _fastest(along, speeds, points)
     return _result(along, parts, {})
+
+
+def _require_linear_damping(robot: Robot, rates: RateBounds) -> None:
+    """Raise InputError for limits of the torque's rate and friction that is not linear."""
+    if not robot.friction or np.isinf(rates.torque_rate).all():
+        return
+    for body in robot.model.bodies:
+        joint = body.joint
+        if joint.quadratic_damping or (joint.stribeck_speed and stribeck_excess(joint)):
+            raise InputError(f"torque_rate: joint '{joint.name}' has quadratic damping or "
+                             'Stribeck friction; expected neither')
 
 
 def _speed(value: float, name: str) -> float:

@@ -38,6 +38,8 @@ from kane_dynamics.loop_tracking.driven_mechanism import MechanismMotion
 from kane_dynamics.mechanics.algebra.fixed_point import upper_fixed_point
 from kane_dynamics.mechanics.algebra.intervals import highest_free, positive_intervals
 from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.mechanics.friction import (refuse_load_friction, slides,
+                                              stribeck_excess)
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.robot.torque_bounds import Uncertainty
@@ -181,6 +183,9 @@ class SampledPath:
                  additional: Array) -> None:
         """Compute the coefficients of the torque as a polynomial in the speed."""
         require_angles(robot.model, 'fastest')
+        if robot.friction:
+            refuse_load_friction(robot.model, 'fastest')
+            _refuse_falling_friction(robot)
         t, q, self.u, udot = sampled(robot, motion, step, additional)
         self.friction, limits = robot.friction_force, robot.limits
         # Torques of actuators for unit forces of the joints `rough`.
@@ -218,7 +223,8 @@ class SampledPath:
         self.u = robot.joint_rates(whole.q, whole.u)
         self.friction = Robot(robot.model, friction=robot.friction).friction_force
         self.rough = sorted({body.joint.coordinate for body in robot.model.bodies
-                             if robot.friction and body.joint.friction})
+                             if robot.friction and (slides(body.joint)
+                                                    or body.joint.quadratic_damping)})
         self.shared = unit_torques(robot, whole.q, self.rough)
         return whole
 
@@ -265,6 +271,16 @@ class SampledPath:
         above = positive_intervals(A, B, C + upward - bound)
         below = positive_intervals(-A, -B, -C - downward - bound)
         return np.concatenate([above, below], axis=1)
+
+
+def _refuse_falling_friction(robot: Robot) -> None:
+    """Raise InputError if the friction of a joint falls with its rate."""
+    for body in robot.model.bodies:
+        joint = body.joint
+        if joint.stribeck_speed and stribeck_excess(joint):
+            raise InputError(f"fastest: joint '{joint.name}' has a stribeck_speed of "
+                             f'{joint.stribeck_speed:g}; expected 0, since friction must '
+                             'not fall with the speed')
 
 
 def _damping(robot: Robot) -> Array:

@@ -8,6 +8,7 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.mechanics.friction import refuse_load_friction
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -123,6 +124,8 @@ class Efforts:
                                  'external torques lack')
             return np.asarray(robot.inverse_dynamics(q, u, udot) - tau)
         if self.kind is EffortKind.JOINT_TORQUE:
+            if robot.friction:
+                refuse_load_friction(robot.model, f'efforts: {self}')
             tau = tau + robot.friction_force(u)
             if udot is not None:
                 tau = tau + _armature(robot) * np.asarray(udot)

@@ -6,15 +6,16 @@ from typing import Any
 import warnings
 
 from kane_dynamics.errors import InputError, ModelWarning
-from kane_dynamics.model.model import Inertial, Model, WORLD
+from kane_dynamics.model.model import FRICTION, Inertial, Joint, Model, WORLD
 from kane_dynamics.urdf import load_urdf
 from kane_dynamics.urdf.rewritten_urdf import rewritten
 from kane_dynamics.urdf.supplement import INERTIA_KEYS, read_supplement
 import numpy as np
 import yaml
 
-PASSIVE = ('damping', 'friction', 'friction_speed', 'friction_offset', 'armature',
-           'stiffness', 'rest')
+PASSIVE = (*FRICTION, 'friction_speed', 'armature', 'stiffness', 'rest')
+OF_SOME = ('quadratic_damping', 'friction_backward', 'breakaway_friction', 'stribeck_speed',
+           'load_friction', 'load_friction_backdriven')  # written if not the default
 
 
 def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, str]:
@@ -62,9 +63,20 @@ def written(source: str | bytes | os.PathLike[str], model: Model) -> tuple[str, 
     for body in model.bodies:
         joint = body.joint
         losses[joint.name] = joint.damping, joint.friction
-        joints[joint.name] = {key: getattr(joint, key) for key in PASSIVE}
+        joints[joint.name] = _passive(joint)
     urdf = rewritten(source, inertials, riders, losses)
     return urdf, yaml.safe_dump({'joints': joints}, sort_keys=False)
+
+
+def _passive(joint: Joint) -> dict[str, float]:
+    """Return the passive properties of a joint for a supplement."""
+    properties = {}
+    for key in PASSIVE:
+        value = getattr(joint, key)
+        if key in OF_SOME and value == getattr(Joint, key):
+            continue
+        properties[key] = value
+    return properties
 
 
 def _link_inertials(source: str | bytes | os.PathLike[str],

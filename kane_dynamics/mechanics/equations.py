@@ -30,6 +30,7 @@ from kane_dynamics.mechanics.constraints.mechanism_state import (MechanismState,
                                                                  ReleasedJointState)
 from kane_dynamics.mechanics.constraints.redundant_forces import shared_forces
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
+from kane_dynamics.mechanics.friction import carries_load
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 from kane_dynamics.model.model import Frame
 import numpy as np
@@ -93,6 +94,7 @@ class Equations:
         self.timed = mechanism.key is None  # only user-defined functions depend on time
         self.watched = bool(mechanism.labels)
         self._redundant = redundant
+        self.carries_loads = tree.carries_loads
         self.actuated: list[int] | None = None
         self._inverse_weights: Vector = None  # of the actuated joints
         if actuated is not None:
@@ -103,6 +105,22 @@ class Equations:
             else:
                 weights = np.ones(len(self.actuated))
             self._inverse_weights = 1.0 / weights
+        if self.carries_loads and self.watched:
+            self._require_drives()
+
+    def _require_drives(self) -> None:
+        """Raise ConstraintError unless the motors' torques determine the loads of drives."""
+        drives = self.actuated or []
+        names = [self.model.joint_names[k] for k in drives]
+        for joint in self.model.coordinate_joints:
+            if carries_load(joint) and joint.name not in names:
+                raise ConstraintError(f"joint '{joint.name}': load friction in a mechanism "
+                                      'with constraints; expected it among the joints '
+                                      'that have motors, by actuated=')
+        if len(drives) > self.n:
+            raise ConstraintError(f'load friction: {len(drives)} motors for {self.n} '
+                                  'independent speeds; expected as many motors, since '
+                                  'redundant ones may share the load in any way')
 
     def _actuated_coordinates(
             self, joints: Sequence[str] | Mapping[str, float]) -> list[int]:
@@ -245,16 +263,58 @@ class Equations:
     # Dynamics: joint forces of the tree, projected on the independent speeds.
 
     def _joint_forces(self, q: Vector, motion: JointMotion, wrench: Any,
-                      parameters: Vector) -> Vector:
+                      parameters: Vector, t: Scalar) -> Vector:
         """Return the joint forces f of the tree for a motion, (n_j,)."""
-        return self.tree.inverse_dynamics(q, motion.qdot, motion.qddot, wrench,
-                                          parameters)
+        if not self.tree.carries_loads:
+            return self.tree.inverse_dynamics(q, motion.qdot, motion.qddot, wrench,
+                                              parameters)
+        # The loads of the drives have the generalized force of the motion.
+        rigid = self.tree.rigid_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
+        loads = self.drive_torques(q, motion.projected(rigid), t)
+        return rigid + self.tree.friction_force(motion.qdot, loads)
+
+    def driven_friction(self, q: Vector, rates: Vector, tau: Vector,
+                        t: Scalar = 0.0) -> Vector:
+        """
+        Return the friction of the joints, (n_j,), while motors have torques.
+
+        Parameters
+        ----------
+        q : (n_q,) array
+            rad or m.
+        rates : (n_j,) array
+            Of the joints.
+        tau : (n,) array
+            Generalized force of the motors.
+        t : scalar
+            s.
+
+        """
+        if not self.tree.carries_loads:
+            return self.tree.friction_force(rates)
+        torques = self.drive_torques(q, tau, t)
+        return torques - self.tree.drive_loads(rates, torques)
+
+    def load_friction(self, q: Vector, u: Vector, tau: Vector,
+                      t: Scalar = 0.0) -> Vector:
+        """Return what motors' torques tau, (n,), add to `friction_force`, (n,)."""
+        if not self.tree.carries_loads:
+            return self.zeros
+        motion = self.joint_motion(q, u, self.zeros, t)
+        friction = self.driven_friction(q, motion.qdot, tau, t)
+        return motion.projected(friction - self.tree.friction_force(motion.qdot))
+
+    def drive_torques(self, q: Vector, tau: Vector, t: Scalar = 0.0) -> Vector:
+        """Return the torques of the drives, (n_j,), of a generalized force, (n,)."""
+        if self.mechanism.in_joint_speeds:
+            return tau
+        return self.shared_torques(q, tau, t)
 
     def inverse_dynamics(self, q: Vector, u: Vector, udot: Vector, wrench: Any,
                          parameters: Vector, t: Scalar = 0.0) -> Vector:
         """Return tau = M udot + bias - external, (n,), dual to u."""
         motion = self.joint_motion(q, u, udot, t)
-        return motion.projected(self._joint_forces(q, motion, wrench, parameters))
+        return motion.projected(self._joint_forces(q, motion, wrench, parameters, t))
 
     def rigid_dynamics(self, q: Vector, u: Vector, udot: Vector, wrench: Any,
                        parameters: Vector, t: Scalar = 0.0) -> Vector:
@@ -325,6 +385,8 @@ class Equations:
         """
         Return the momenta p of the independent speeds and beta, (2, n).
 
+        tau is that of the motors less `load_friction`.
+
         With q' = T u + X: p = T^T M_q q', and p' = tau + external - beta,
         beta = T^T (h_q - dM_q/dt q') - (dT/dt)^T M_q q', with the tree's bias force h_q.
         """
@@ -334,7 +396,13 @@ class Equations:
 
         # dM_q/dt = C + C^T
         C = self.tree.coriolis_matrix(q, qdot, parameters)
-        bias = self.tree.bias_force(q, qdot, parameters)
+        if self.carries_loads:
+            # Friction without load: `load_friction` is that of the motors' torques.
+            tree = self.tree
+            bias = tree.rigid_dynamics(q, qdot, tree.zeros, None, parameters)
+            bias = bias + tree.friction_force(qdot)
+        else:
+            bias = self.tree.bias_force(q, qdot, parameters)
         tree_beta = bias - (C @ qdot + qdot @ C)
         beta = motion.projected(tree_beta) - motion.T_rate.T @ momentum
         return np.array([motion.projected(momentum), beta])
@@ -390,7 +458,12 @@ class Equations:
         """Return the motion at udot = 0, the joint forces of the actual one, udot."""
         # M udot = tau - T^T f, with the joint forces f at udot = 0.
         motion = self.joint_motion(q, u, self.zeros, t)
-        force_at_zero = self._joint_forces(q, motion, wrench, parameters)
+        if self.tree.carries_loads:
+            rigid = self.tree.rigid_dynamics(q, motion.qdot, motion.qddot, wrench,
+                                             parameters)
+            force_at_zero = rigid + self.driven_friction(q, motion.qdot, tau, t)
+        else:
+            force_at_zero = self._joint_forces(q, motion, wrench, parameters, t)
         M_q = self.tree.mass_matrix(q, parameters)
         order = list(range(self.n))
         factors = factorize(motion.congruent(M_q), order, self._watched_pivots)
@@ -460,15 +533,22 @@ class Equations:
         return self._row_forces(q, t, motion.N, force - applied)
 
     def constraint_forces_of_motion(self, q: Vector, u: Vector, udot: Vector,
-                                    applied: Vector, parameters: Vector,
+                                    applied: Vector, motors: Vector, parameters: Vector,
                                     t: Scalar = 0.0) -> Vector:
         """
         Return the force of every row, (m,), in a motion under given joint forces.
 
-        `applied`, (n_j,), are the forces of actuators, stops and others on the joints.
+        `applied`, (n_j,), are the forces of actuators, stops and others on the joints,
+        `motors`, (n_j,), those of the actuators, on which friction may depend.
         """
         motion = self.joint_motion(q, u, udot, t)
-        force = self._joint_forces(q, motion, None, parameters)
+        if self.carries_loads:
+            rigid = self.tree.rigid_dynamics(q, motion.qdot, motion.qddot, None,
+                                             parameters)
+            loads = self.tree.drive_loads(motion.qdot, motors)
+            force = rigid + (motors - loads)
+        else:
+            force = self._joint_forces(q, motion, None, parameters, t)
         return self._row_forces(q, t, motion.N, force - applied)
 
     def _row_forces(self, q: Vector, t: Scalar, N: Matrix,
@@ -490,7 +570,7 @@ class Equations:
         if not self.mechanism.labels:
             return self.tree.joint_reactions(q, motion.qdot, motion.qddot, wrench,
                                              parameters)
-        force = self._joint_forces(q, motion, wrench, parameters)
+        force = self._joint_forces(q, motion, wrench, parameters, t)
         applied = self.shared_torques(q, motion.projected(force), t)
         row_forces = self._row_forces(q, t, motion.N, force - applied)
 
@@ -514,6 +594,8 @@ class Equations:
         motion = self.joint_motion(q, u, self.zeros, t)
         terms = self.tree.torque_terms(q, motion.qdot, motion.qddot, parameters)
         inertia_at_zero, coriolis, *others = terms
+        if self.carries_loads:
+            others[1] = self._loaded_friction(q, motion, udot, parameters, t)
 
         # The accelerations at udot = 0 are quadratic in the speeds: their inertia is
         # Coriolis.
@@ -522,6 +604,14 @@ class Equations:
         for joint_force in (inertia_at_zero + coriolis, *others):
             result.append(motion.projected(joint_force))
         return np.stack(result)
+
+    def _loaded_friction(self, q: Vector, motion: JointMotion, udot: Vector,
+                         parameters: Vector, t: Scalar) -> Vector:
+        """Return the friction of the joints, (n_j,), in a motion with accelerations."""
+        qddot = motion.qddot + motion.T @ udot
+        rigid = self.tree.rigid_dynamics(q, motion.qdot, qddot, None, parameters)
+        loads = self.drive_torques(q, motion.projected(rigid), t)
+        return self.tree.friction_force(motion.qdot, loads)
 
     def body_torques(self, q: Vector, u: Vector, udot: Vector, parameters: Vector,
                      t: Scalar = 0.0) -> Matrix:

@@ -1,19 +1,43 @@
 """
-The friction law of a joint: viscous damping, smoothed Coulomb friction and an offset.
+The friction law of a joint.
 
-    torque(rate) = d rate + mu tanh(rate / u_s) + offset
+With the rate v of the joint and the load L on its drive, the torque that overcomes
+friction is
 
-with ``damping`` d, ``friction`` mu, ``friction_speed`` u_s and ``friction_offset`` of
-`model.Joint`. This is the torque that overcomes friction; the dissipated power is
-``torque(rate) rate``. All formulations of the dynamics, the integrators and
-identification use the functions below; to change or to extend the law, edit them and the
-fields of `model.Joint`.
+    friction(v, L) = d v + c v |v| + offset + (level(v) + mu |L|) y + (h + k L) y^2
+    y = tanh(v / u_s),    level(v) = mu_c + e exp(-(v / v_s)^2)
 
-All functions run over any scalar.
+with the fields of `model.Joint`: ``damping`` d, ``quadratic_damping`` c,
+``friction_offset``, ``friction_speed`` u_s and ``stribeck_speed`` v_s. Where y is 1 or
+-1, Coulomb friction is ``friction`` for positive and ``friction_backward`` for negative
+rates: mu_c is their mean, h half their difference. Stribeck friction e is what
+``breakaway_friction`` exceeds ``friction`` by, in both directions. Load friction is
+``load_friction`` times |L| where the motor drives the load, L v > 0, and
+``load_friction_backdriven`` times |L| where the load drives the motor: mu is the mean of
+both, k half their difference.
+
+The load is the torque of the motor less friction, as it accelerates the bodies and the
+rotor and holds gravity, springs and external wrenches:
+
+    tau = L + friction(v, L)
+
+Inverse dynamics knows L. Forward dynamics knows tau, and `load_of_drive` solves this
+equation for L, joint by joint. The solution is unique, because `model.Joint` accepts
+only coefficients with which the right side grows with L, or, of a self-locking drive
+(``load_friction_backdriven`` of 1 or more), `require_solvable` refuses forward dynamics
+with this smooth law.
+
+All formulations of the dynamics, the integrators and identification use the functions
+below; to change or to extend the law, edit them and the fields of `model.Joint`. They
+run over any scalar.
 """
 
+from typing import Any
+
 from kane_dynamics._util.typing import Scalar
-from kane_dynamics.model.model import Joint
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.model.model import Joint, Model
 import numpy as np
 
 
@@ -22,25 +46,139 @@ def coulomb(rate: Scalar, onset: Scalar) -> Scalar:
     return np.tanh(rate * (1.0 / onset))
 
 
-def friction_torque(joint: Joint, rate: Scalar) -> Scalar:
-    """Return the torque that overcomes a joint's friction at a rate, N m or N."""
-    torque = joint.damping * rate
-    if joint.friction:
-        torque = torque + joint.friction * coulomb(rate, joint.friction_speed)
+def magnitude(x: Scalar) -> Scalar:
+    """Return the magnitude of a scalar."""
+    return select(x < 0.0, -x, x)
+
+
+def slides(joint: Joint) -> bool:
+    """Return whether a joint has friction that depends on the direction of motion."""
+    return bool(joint.friction or joint.friction_backward or joint.breakaway_friction
+                or carries_load(joint))
+
+
+def carries_load(joint: Joint) -> bool:
+    """Return whether the friction of a joint depends on the torque that it transmits."""
+    return bool(joint.load_friction or joint.load_friction_backdriven)
+
+
+def carries_loads(model: Model) -> bool:
+    """Return whether the friction of any joint depends on the torque that it transmits."""
+    return any(carries_load(body.joint) for body in model.bodies)
+
+
+def coulomb_levels(joint: Joint) -> tuple[Any, Any]:
+    """Return Coulomb friction for positive and for negative rates, N m or N."""
+    backward = joint.friction_backward
+    return joint.friction, joint.friction if backward is None else backward
+
+
+def stribeck_excess(joint: Joint) -> Any:
+    """Return what breakaway friction exceeds Coulomb friction by, N m or N."""
+    if joint.breakaway_friction is None:
+        return 0.0
+    return joint.breakaway_friction - joint.friction
+
+
+def load_fractions(joint: Joint) -> tuple[Any, Any]:
+    """Return load friction per unit of load, of a driving and of a backdriven motor."""
+    backdriven = joint.load_friction_backdriven
+    return joint.load_friction, joint.load_friction if backdriven is None else backdriven
+
+
+def friction_torque(joint: Joint, rate: Scalar, load: Scalar = 0.0,
+                    direction: Scalar = None) -> Scalar:
+    """
+    Return the torque that overcomes a joint's friction, N m or N.
+
+    Parameters
+    ----------
+    joint : Joint
+        With the parameters of the law.
+    rate : scalar
+        rad/s or m/s.
+    load : scalar
+        The load on the drive, N m or N.
+    direction : scalar, optional
+        Direction of sliding, -1 or 1, of the set-valued law. Default: the smooth law's
+        ``tanh(rate / friction_speed)``.
+
+    """
+    torque = _viscous(joint, rate)
+    if slides(joint):
+        y = direction
+        if direction is None:
+            y = coulomb(rate, joint.friction_speed)
+        even, odd = _sliding_levels(joint, rate, load)
+        torque = torque + even * y
+        if odd is not None:
+            torque = torque + odd * (y * y)
     return torque + joint.friction_offset
 
 
-def friction_slope(joint: Joint, rate: Scalar) -> Scalar:
+def friction_slope(joint: Joint, rate: Scalar, load: Scalar = 0.0) -> Scalar:
     """Return the derivative of `friction_torque` by the rate, N m s or N s/m."""
     slope: Scalar = joint.damping
-    if joint.friction:
+    if joint.quadratic_damping:
+        slope = slope + (2.0 * joint.quadratic_damping) * magnitude(rate)
+    if slides(joint):
         # d tanh(x) / dx = 1 - tanh(x)^2
         y = coulomb(rate, joint.friction_speed)
-        slope = slope + (joint.friction / joint.friction_speed) * (1.0 - y * y)
+        even, odd = _sliding_levels(joint, rate, load)
+        change = even / joint.friction_speed * (1.0 - y * y)
+        if odd is not None:
+            change = change + (2.0 / joint.friction_speed) * odd * y * (1.0 - y * y)
+        slope = slope + change
+        if _has_stribeck(joint):
+            # d level / dv = -2 v / v_s^2 times the excess at this rate
+            excess = _stribeck(joint, rate)
+            slope = slope - (2.0 / joint.stribeck_speed**2) * rate * excess * y
     return slope
 
 
-def friction_over_rate(joint: Joint, rate: Scalar) -> Scalar:
+def load_slope(joint: Joint, rate: Scalar, load: Scalar) -> Scalar:
+    """Return the derivative of `friction_torque` by the load."""
+    if not carries_load(joint):
+        return 0.0
+    mean, half_difference = _load_parts(joint)
+    y = coulomb(rate, joint.friction_speed)
+    return mean * y * select(load < 0.0, -1.0, 1.0) + half_difference * (y * y)
+
+
+def load_of_drive(joint: Joint, rate: Scalar, torque: Scalar, direction: Scalar = None,
+                  factor: Scalar = 1.0) -> Scalar:
+    """
+    Return the load L, N m or N, with torque = L + friction(rate, L).
+
+    The equation is piecewise linear in L: with x = torque - friction(rate, 0), it is
+    x = a L, where a differs between both signs of L, which are those of x.
+
+    Parameters
+    ----------
+    joint : Joint
+        With the parameters of the law.
+    rate : scalar
+        rad/s or m/s.
+    torque : scalar
+        Of the motor, N m or N.
+    direction : scalar, optional
+        As of `friction_torque`.
+    factor : scalar
+        Factor on the friction.
+
+    """
+    x = torque - factor * friction_torque(joint, rate, 0.0, direction)
+    if not carries_load(joint):
+        return x
+    mean, half_difference = _load_parts(joint)
+    y = direction
+    if direction is None:
+        y = coulomb(rate, joint.friction_speed)
+    by_load = half_difference * (y * y) + mean * y * select(x < 0.0, -1.0, 1.0)
+    return x / (1.0 + factor * by_load)
+
+
+def friction_over_rate(joint: Joint, rate: Scalar, load: Scalar = 0.0) -> Scalar:
     """
     Return friction without its offset divided by the rate, N m s or N s/m.
 
@@ -48,6 +186,109 @@ def friction_over_rate(joint: Joint, rate: Scalar) -> Scalar:
     u_s^2), within 8 % of mu tanh(rate / u_s) / rate and regular at rest.
     """
     ratio: Scalar = joint.damping
-    if joint.friction:
-        ratio = ratio + joint.friction / np.sqrt(rate * rate + joint.friction_speed**2)
+    if joint.quadratic_damping:
+        ratio = ratio + joint.quadratic_damping * magnitude(rate)
+    if slides(joint):
+        smoothed = np.sqrt(rate * rate + joint.friction_speed**2)
+        even, odd = _sliding_levels(joint, rate, load)
+        ratio = ratio + even / smoothed
+        if odd is not None:
+            ratio = ratio + odd * rate / (smoothed * smoothed)
     return ratio
+
+
+def breakaway_torques(joint: Joint, load: float) -> tuple[float, float]:
+    """
+    Return the least and the largest torque of the motor, N m or N, that a joint at rest holds.
+
+    Friction of a joint at rest is any torque up to breakaway friction: the motor may
+    have any torque in this interval while the drive carries the load.
+    """
+    forward, backward = coulomb_levels(joint)
+    excess = stribeck_excess(joint)
+    driving, backdriven = load_fractions(joint)
+    up, down = driving, backdriven
+    if load < 0.0:
+        up, down = backdriven, driving
+    center = load + joint.friction_offset
+    return (center - (backward + excess + down * abs(load)),
+            center + (forward + excess + up * abs(load)))
+
+
+def require_solvable(model: Model) -> None:
+    """
+    Raise InputError where the load of a drive does not follow from the motor's torque.
+
+    That is so of self-locking drives, in the smooth law.
+    """
+    for body in model.bodies:
+        driving, backdriven = load_fractions(body.joint)
+        if least_load_slope(driving, backdriven) <= 0.0:
+            raise InputError(
+                f"joint '{body.joint.name}': load_friction {driving:g} and "
+                f'load_friction_backdriven {backdriven:g}; expected a drive that is not '
+                'self-locking (load_friction_backdriven below 1): of others the motion '
+                'does not follow from the torque with the smooth law of friction')
+
+
+def least_load_slope(driving: float, backdriven: float) -> float:
+    """Return the least derivative of L + friction(v, L) by L, for all rates v."""
+    mean = 0.5 * (driving + backdriven)
+    half_difference = 0.5 * (driving - backdriven)
+    # 1 + k y^2 - mu y for 0 <= y <= 1: at its end, or where its slope is zero.
+    slopes = [1.0, 1.0 + half_difference - mean]
+    if half_difference > 0.5 * mean:
+        slopes.append(1.0 - mean * mean / (4.0 * half_difference))
+    return min(slopes)
+
+
+def refuse_load_friction(model: Model, what: str) -> None:
+    """Raise InputError if the friction of a joint depends on the torque that it transmits."""
+    for body in model.bodies:
+        if carries_load(body.joint):
+            raise InputError(f"{what}: joint '{body.joint.name}' has load friction "
+                             f'{body.joint.load_friction:g}; expected none, because the '
+                             'torque is then not linear in the accelerations')
+
+
+def _viscous(joint: Joint, rate: Scalar) -> Scalar:
+    """Return linear and quadratic damping, N m or N."""
+    torque = joint.damping * rate
+    if joint.quadratic_damping:
+        torque = torque + joint.quadratic_damping * (magnitude(rate) * rate)
+    return torque
+
+
+def _sliding_levels(joint: Joint, rate: Scalar, load: Scalar) -> tuple[Scalar, Scalar]:
+    """Return the factors of y and of y^2, N m or N; None for a factor that is zero."""
+    forward, backward = coulomb_levels(joint)
+    even: Scalar = forward
+    odd: Scalar = None
+    if joint.friction_backward is not None:
+        even = 0.5 * (forward + backward)
+        odd = 0.5 * (forward - backward)
+    if _has_stribeck(joint):
+        even = even + _stribeck(joint, rate)
+    if carries_load(joint):
+        mean, half_difference = _load_parts(joint)
+        even = even + mean * magnitude(load)
+        if joint.load_friction_backdriven is not None:
+            odd = half_difference * load + (0.0 if odd is None else odd)
+    return even, odd
+
+
+def _has_stribeck(joint: Joint) -> bool:
+    """Return whether friction falls with the rate from breakaway to Coulomb friction."""
+    return bool(joint.breakaway_friction is not None and joint.stribeck_speed)
+
+
+def _stribeck(joint: Joint, rate: Scalar) -> Scalar:
+    """Return Stribeck friction at a rate, N m or N."""
+    relative = rate * (1.0 / joint.stribeck_speed)
+    return stribeck_excess(joint) * np.exp(-(relative * relative))
+
+
+def _load_parts(joint: Joint) -> tuple[Any, Any]:
+    """Return mean and half difference of the load fractions in both directions of power."""
+    driving, backdriven = load_fractions(joint)
+    return 0.5 * (driving + backdriven), 0.5 * (driving - backdriven)

@@ -57,8 +57,9 @@ def check_ball_property(joint: str, properties: dict[str, Any]) -> None:
         raise ModelError(f"joint '{joint}': limits {limits.lower:g} to {limits.upper:g} "
                          'of a part of a ball joint, which has no angle; expected '
                          'limits of velocity and effort alone')
-    for name in ('armature', 'stiffness', 'rest'):
-        if properties.get(name, 0.0):
+    for name in ('armature', 'stiffness', 'rest', 'load_friction',
+                 'load_friction_backdriven'):
+        if properties.get(name):
             raise ModelError(f"joint '{joint}': {name} {properties[name]:g} of a part "
                              'of a ball joint, which has no angle; expected damping, '
                              'friction or limits of velocity and effort')

@@ -19,7 +19,8 @@ from kane_dynamics.model.beam import renumbered
 from kane_dynamics.model.flexible_link import AssumedModes, FlexibleLink
 from kane_dynamics.model.inertial import check_moments, Inertial
 from kane_dynamics.model.joint_expansion import expand_joint, StatedJoint
-from kane_dynamics.model.model import Body, Frame, GRAVITY, Joint, Limits, Model, WORLD
+from kane_dynamics.model.model import (Body, Frame, FRICTION, GRAVITY, Joint, Limits,
+                                       Model, WORLD)
 from kane_dynamics.model.placement import ORIGIN, Placement, stated_pose
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,8 +29,7 @@ KINDS = ('revolute',
          'prismatic', 'universal', 'spherical', 'ball', 'planar', 'floating', 'free',
          'fixed')
 PROPERTIES = ('limits',
-              'damping', 'friction', 'friction_speed', 'friction_offset', 'armature',
-              'stiffness', 'rest')
+              *FRICTION, 'friction_speed', 'armature', 'stiffness', 'rest')
 MASSLESS = Inertial()
 ALONG = 0.01  # of a beam's length: what is nearer to its root may be a hub
 Z = (0.0, 0.0, 1.0)
@@ -152,9 +152,11 @@ class ModelBuilder:
         multiplier, offset : float
             Of a joint that mimics another; offset in rad or m.
         **properties
-            Properties of a joint of one degree of freedom: limits, damping, friction,
-            friction_speed, friction_offset, armature, stiffness, rest. For other joints,
-            see `joint`.
+            Properties of a joint of one degree of freedom: limits, armature, stiffness,
+            rest, and its friction law as of `Joint`: damping, quadratic_damping,
+            friction, friction_backward, breakaway_friction, stribeck_speed,
+            load_friction, load_friction_backdriven, friction_speed, friction_offset. For
+            other joints, see `joint`.
 
         Raises
         ------

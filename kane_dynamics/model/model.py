@@ -35,6 +35,13 @@ __all__ = ['Array',
 
 GRAVITY = (0.0, 0.0, -9.81)
 ROUNDING = 1e-9  # relative tolerance for equal bounds of a mimic joint and its master
+# The fields of `Joint` of its friction law, but for the speed of its smoothing.
+FRICTION = ('damping', 'quadratic_damping', 'friction', 'friction_backward',
+            'breakaway_friction', 'stribeck_speed', 'load_friction',
+            'load_friction_backdriven', 'friction_offset')
+NONNEGATIVE = ('damping', 'quadratic_damping', 'friction', 'friction_backward',
+               'breakaway_friction', 'stribeck_speed', 'load_friction',
+               'load_friction_backdriven', 'friction_speed', 'armature', 'stiffness')
 WORLD = -1  # parent index of a body, or body index of a frame, fixed in the world
 
 
@@ -100,14 +107,32 @@ class Joint:
     limits : Limits
     damping : float
         Viscous friction, N m s/rad or N s/m.
+    quadratic_damping : float
+        Friction that grows with the square of the rate, N m s^2/rad^2 or N s^2/m^2: the
+        torque is ``quadratic_damping * rate * |rate|``.
     friction : float
-        Coulomb friction, N m or N, smoothed as ``friction * tanh(rate /
-        friction_speed)``.
+        Coulomb friction at positive rates, N m or N, smoothed as ``friction *
+        tanh(rate / friction_speed)``.
+    friction_backward : float, optional
+        Coulomb friction at negative rates, N m or N. Default: `friction`.
+    breakaway_friction : float, optional
+        Friction of a joint at rest, N m or N, at least `friction`; at negative rates it
+        exceeds Coulomb friction by as much. Default: as Coulomb friction.
+    stribeck_speed : float
+        Rate, rad/s or m/s, at which friction has fallen from breakaway friction to
+        Coulomb friction and 1/e of the difference; 0 if it falls at once. Then the
+        smooth law has no breakaway friction.
+    load_friction : float
+        Friction per unit of load, as a fraction: the load is the motor's torque less
+        friction (`mechanics.friction`). It acts where the motor drives the load.
+    load_friction_backdriven : float, optional
+        As `load_friction`, where the load drives the motor; 1 or more for a
+        self-locking drive. Default: `load_friction`.
     friction_speed : float
         rad/s or m/s, positive.
     friction_offset : float
-        Constant torque added to friction, N m or N: Coulomb friction that depends on
-        direction, or the offset of a torque sensor.
+        Constant torque added to friction, N m or N, such as the offset of a torque
+        sensor.
     armature : float
         Rotor inertia reflected through the gear, kg m^2 or kg.
     stiffness, rest : float
@@ -133,7 +158,13 @@ class Joint:
     offset: float = 0.0
     limits: Limits = Limits()
     damping: float = 0.0
+    quadratic_damping: float = 0.0
     friction: float = 0.0
+    friction_backward: float | None = None
+    breakaway_friction: float | None = None
+    stribeck_speed: float = 0.0
+    load_friction: float = 0.0
+    load_friction_backdriven: float | None = None
     friction_speed: float = 0.05
     friction_offset: float = 0.0
     armature: float = 0.0
@@ -164,14 +195,21 @@ class Joint:
         for name in ('multiplier', 'offset', 'rest', 'friction_offset'):
             freeze(self, name, float(constant(getattr(self, name), (), f'{what}: '
                                                                        f'{name}')))
-        for name in ('damping', 'friction', 'friction_speed', 'armature', 'stiffness'):
-            value = float(constant(getattr(self, name), (), f'{what}: {name}'))
+        for name in NONNEGATIVE:
+            stated = getattr(self, name)
+            if stated is None:  # as the quantity in the other direction
+                continue
+            value = float(constant(stated, (), f'{what}: {name}'))
             if value < 0.0:
                 raise ModelError(f'{what}: {name} {value}; expected a nonnegative '
                                  'number')
             if name == 'friction_speed' and value == 0.0:
                 raise ModelError(f'{what}: {name} 0; expected a positive number')
             freeze(self, name, value)
+        breakaway = self.breakaway_friction
+        if breakaway is not None and breakaway < self.friction:
+            raise ModelError(f'{what}: breakaway_friction {breakaway}; expected at least '
+                             f'the friction, {self.friction}')
 
     def __repr__(self) -> str:
         """Return kind, axis and what differs from a free, ideal joint, on one line."""
@@ -179,7 +217,7 @@ class Joint:
         words = [f'{self.kind} {preposition} {self.axis.round(6).tolist()}']
         if self.limits != Limits():
             words.append(f'{self.limits.lower:.6g} to {self.limits.upper:.6g}')
-        for name in ('damping', 'friction', 'armature', 'stiffness'):
+        for name in (*FRICTION, 'armature', 'stiffness'):
             if getattr(self, name):
                 words.append(f'{name} {getattr(self, name):.6g}')
         return f"<Joint '{self.name}': {', '.join(words)}>"
@@ -285,10 +323,22 @@ class Model:
             if k not in used:
                 raise ModelError(f"coordinate '{name}': moves no joint; expected at "
                                  'least one')
+        self._check_drives()
         _check_unique('body', [body.name for body in self.bodies])
         _check_unique('joint', [body.joint.name for body in self.bodies])
         _check_unique('coordinate', self.coordinate_names)
         _check_unique('frame', [frame.name for frame in self.frames])
+
+    def _check_drives(self) -> None:
+        """Raise ModelError for load friction of a joint that has no drive of its own."""
+        names = set(self.joint_names)
+        for body in self.bodies:
+            joint = body.joint
+            loaded = joint.load_friction or joint.load_friction_backdriven
+            if loaded and joint.name not in names:
+                raise ModelError(f"joint '{joint.name}': load friction {loaded:g} of a "
+                                 'joint that mimics another; expected it at the joint '
+                                 'with the drive')
 
     @property
     def n(self) -> int:

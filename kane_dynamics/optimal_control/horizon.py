@@ -19,6 +19,7 @@ from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.linear_solve import solution
 from kane_dynamics.mechanics.ball_joints import chord, coordinate_rates, joint_speeds
+from kane_dynamics.mechanics.friction import refuse_load_friction
 from kane_dynamics.mechanics.integrators.implicit_friction import (implicit_friction_slopes,
                                                                    implicit_friction_step)
 from kane_dynamics.mechanics.integrators.mechanism_step import MechanismStep, solved
@@ -193,6 +194,8 @@ class MechanismHorizon:
     def __init__(self, robot: Robot, actuators: list[int]) -> None:
         """Store the equations; `actuators` are indices of joints."""
         equations = robot.equations
+        if robot.friction:
+            refuse_load_friction(robot.model, 'optimal control')
         self._equations = equations
         self._physical = robot.parameters.physical
         self._step = MechanismStep(equations, actuators)
@@ -374,6 +377,8 @@ class TreeHorizon:
 
     def __init__(self, robot: Robot) -> None:
         """Store the equations."""
+        if robot.friction:
+            refuse_load_friction(robot.model, 'optimal control')
         n = robot.n
         self.n = n
         self._equations = robot.equations.tree

@@ -147,6 +147,9 @@ class SlopesOfDynamics:
     def inverse_dynamics_derivatives(self, q: Vector, u: Vector, udot: Vector,
                                      parameters: Vector, **time: Scalar) -> Matrix:
         """Return dtau/dq, dtau/du and M side by side, (n, n_q + 2 n), no wrenches."""
+        if self._equations.carries_loads:
+            tau = self._equations.inverse_dynamics(q, u, udot, None, parameters, **time)
+            return jacobian(tau, [*q, *u, *udot], Subroutines())
         M = self._square(self._equations.mass_matrix(q, parameters, **time))
         return np.concatenate([self._slopes(q, u, udot, parameters, **time), M], axis=1)
 
@@ -179,6 +182,9 @@ class SlopesOfDynamics:
         entries = np.array(inlined(program, scalars), dtype=object)
         slopes = entries.reshape(program.shape)
         W = self._square(self._equations.inverse_mass_matrix(q, parameters, **time))
+        if self._equations.carries_loads:
+            # dudot/dx = -W dtau/dx needs the derivative of tau by udot in place of M.
+            W = self._by_torque(q, u, tau, parameters, **time)
         return np.concatenate([-(W @ slopes), W], axis=1)
 
     def _slopes(self, q: Vector, u: Vector, udot: Vector, parameters: Vector,
@@ -186,6 +192,12 @@ class SlopesOfDynamics:
         """Return dtau/dq and dtau/du side by side, (n, n_q + n)."""
         tau = self._equations.inverse_dynamics(q, u, udot, None, parameters, **time)
         return jacobian(tau, [*q, *u], Subroutines())
+
+    def _by_torque(self, q: Vector, u: Vector, tau: Vector, parameters: Vector,
+                   **time: Scalar) -> Matrix:
+        """Return dudot/dtau, (n, n), of a robot whose friction depends on the torque."""
+        udot = self._equations.forward_dynamics(q, u, tau, None, parameters, **time)
+        return self._square(jacobian(udot, [*tau], Subroutines()))
 
     def _square(self, matrix: Matrix) -> Matrix:
         """Return an (n, n) matrix, also of a fully driven mechanism: (0, 0)."""

@@ -72,6 +72,9 @@ def _dynamics(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
     M = kane.mass_matrix(model, q)
     bias = kane.bias_force(model, q, u, gravity=gravity, friction=robot.friction)
     tau = M @ udot + bias
+    loaded = robot.equations.carries_loads
+    if loaded:  # the torque is not linear in udot
+        tau = kane.inverse_dynamics(model, q, u, udot, gravity=gravity)
     pairs = {
         'mass_matrix': (robot.mass_matrix(q), M),
         'bias_force': (robot.bias_force(q, u), bias),
@@ -79,7 +82,11 @@ def _dynamics(robot: Any, model: Model, gravity: Array, q: Array, u: Array,
                           kane.gravity_force(model, q, gravity=gravity)),
         'inverse_dynamics': (robot.inverse_dynamics(q, u, udot), tau)}
     if robot.n and np.linalg.cond(M) < 1e12:
-        pairs['forward_dynamics'] = (M @ robot.forward_dynamics(q, u, tau) + bias, tau)
+        acceleration = robot.forward_dynamics(q, u, tau)
+        needed = M @ acceleration + bias
+        if loaded:
+            needed = kane.inverse_dynamics(model, q, u, acceleration, gravity=gravity)
+        pairs['forward_dynamics'] = (needed, tau)
     return pairs
 
 

@@ -105,6 +105,7 @@ class EnergyBalance(Observer):
         self._kernel = energy_kernel(robot)
         self._parameters = robot.parameters.block.copy()
         self._driven = driven_kernel(robot)
+        self._loaded = load_friction_kernel(robot)
         # An implicit step damps high frequencies by design.
         vibrates = any(body.beam is not None or body.joint.stiffness
                        for body in robot.model.bodies)
@@ -147,7 +148,7 @@ class EnergyBalance(Observer):
         changing = not callable(tau) and tau.shape[1] > 1
         with np.errstate(over='ignore', invalid='ignore'):
             # Impacts, and moving constraints under changing torques, need every row.
-            if not impacts and not (changing and self._driven):
+            if not impacts and not (changing and (self._driven or self._loaded)):
                 rows = FEW_ROWS if len(states) > 1 else MANY_ROWS
                 for skip in sorted({-(-count // rows), min(SKIP, count)}, reverse=True):
                     terms = self._balance(states,
@@ -185,10 +186,12 @@ class EnergyBalance(Observer):
         work = self._work(states, chosen, rows, tau)
         if callable(tau):
             input_power = power = power + tau(rows).T
-        elif self._driven is not None:
-            begin, end = self._driven_power(chosen, tau)
-            work = work + 0.5 * h * (begin + end)
-            input_power = power + np.concatenate([begin[:1], end])
+        else:
+            for kernel, sign in ((self._driven, 1.0), (self._loaded, -1.0)):
+                if kernel is not None:
+                    begin, end = sign * self._power_at_ends(kernel, chosen, tau)
+                    work = work + 0.5 * h * (begin + end)
+                    input_power = input_power + np.concatenate([begin[:1], end])
         passive = 0.5 * h * (power[1:] + power[:-1])
         energy = kinetic + potential
         gained = energy[1:] - energy[:1]
@@ -247,19 +250,17 @@ class EnergyBalance(Observer):
                          constants=self._parameters)
         return np.ascontiguousarray(terms.T)
 
-    def _driven_power(self, states: Array, tau: Array) -> Array:
-        """Return the power of moving constraints at both ends of each interval, (2, K, N)."""
-        assert self._driven is not None
+    def _power_at_ends(self, kernel: Kernel, states: Array, tau: Array) -> Array:
+        """Return a power under held torques at both ends of each interval, (2, K, N)."""
         shape = (len(states), states.shape[1] - 1)
         torques = np.ascontiguousarray(np.broadcast_to(tau, (*shape, tau.shape[2])))
         powers = np.empty((2, *shape))
         for ends, power in zip((states[:, :-1], states[:, 1:]), powers):
             rows = np.ascontiguousarray(ends)
             results = power.reshape(-1)
-            self._driven.run([rows.reshape(-1, rows.shape[2]),
-                              torques.reshape(len(results), tau.shape[2])], results,
-                             len(results),
-                             constants=self._parameters)
+            kernel.run([rows.reshape(-1, rows.shape[2]),
+                        torques.reshape(len(results), tau.shape[2])], results,
+                       len(results), constants=self._parameters)
         return powers.swapaxes(1, 2)
 
     def warning(self) -> str | None:
@@ -321,9 +322,9 @@ def _differences(rows: Array, order: int) -> Array:
 def compile_balance(robot: Robot) -> None:
     """Compile the kernels of `EnergyBalance`."""
     energy_kernel(robot).compile_lanes()
-    driven = driven_kernel(robot)
-    if driven is not None:
-        driven.compile_lanes()
+    for kernel in (driven_kernel(robot), load_friction_kernel(robot)):
+        if kernel is not None:
+            kernel.compile_lanes()
 
 
 def energy_kernel(robot: Robot) -> Kernel:
@@ -352,6 +353,21 @@ def driven_kernel(robot: Robot) -> Kernel | None:
         return force @ equations.joint_speeds(q, u, *time) - tau @ u
     return robot.compiled(power, name='driven_power', state=(_size(robot),), tau=(n,),
                           shape=())
+
+
+def load_friction_kernel(robot: Robot) -> Kernel | None:
+    """Return the kernel of the power of load friction, W; None without any."""
+    equations, n_q, n = robot.equations, robot.n_q, robot.n
+    if not equations.carries_loads:
+        return None
+
+    def power(state: Vector, tau: Vector) -> Scalar:
+        q, u, time = np.split(state, [n_q, n_q + n])
+        motion = equations.joint_motion(q, u, equations.zeros, *time)
+        friction = equations.driven_friction(q, motion.qdot, tau, *time)
+        return (friction - equations.tree.friction_force(motion.qdot)) @ motion.qdot
+    return robot.compiled(power, name='load_friction_power', state=(_size(robot),),
+                          tau=(n,), shape=())
 
 
 _DRIVEN: WeakKeyDictionary[Mechanism, bool] = WeakKeyDictionary()

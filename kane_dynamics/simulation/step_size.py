@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.friction import slides
 from kane_dynamics.mechanics.integrators import integrator_of
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
@@ -146,7 +147,7 @@ def _may_limit_step(model: Model, friction: bool) -> bool:
         joint = body.joint
         if body.beam is not None or joint.stiffness:
             return True
-        if friction and (joint.damping or joint.friction):
+        if friction and (joint.damping or joint.quadratic_damping or slides(joint)):
             return True
     return False
 

@@ -9,6 +9,7 @@ from kane_dynamics.control.computed_torque import ComputedTorque, law_kernel
 from kane_dynamics.errors import InputError
 from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel, windows
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.energy_balance import load_friction_kernel
 from kane_dynamics.simulation.observers import Extremes, Power
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice
 import numpy as np
@@ -127,14 +128,25 @@ class TorqueInput:
             def power_at(rows: Array) -> Array:
                 q = np.ascontiguousarray(buffer[:, rows, :n_q])
                 u = np.ascontiguousarray(buffer[:, rows, n_q:n_q + n])
-                power: Array = np.einsum('nkj,nkj->nk', self.torques(done + rows, q, u),
-                                         u)
+                tau = self.torques(done + rows, q, u)
+                power: Array = np.einsum('nkj,nkj->nk', tau, u)
+                if self.robot.equations.carries_loads:
+                    power = power - self._load_friction_power(buffer[:, rows], tau)
                 return power
             return power_at
         table: Array = self.torque
         if table.shape[1] == 1:
             return table
         return table[:, done:done + buffer.shape[1] - 1]
+
+    def _load_friction_power(self, states: Array, tau: Array) -> Array:
+        """Return the power of load friction, (N, rows), W, at states, (N, rows, size)."""
+        kernel = load_friction_kernel(self.robot)
+        assert kernel is not None
+        size = kernel.arguments[0].shape[0]
+        power: Array = kernel(states[..., :size].reshape(-1, size),
+                              tau.reshape(-1, tau.shape[-1]))
+        return power.reshape(tau.shape[:-1])
 
     def torque_at(self, state: Array, done: int) -> Array:
         """Return the torque, (n,), at the state (size,) of the first simulation after steps."""

@@ -151,10 +151,11 @@ class UserSpeeds:
         generalized = tau if in_user_speeds else self.torques(robot, q, tau, times)
         udot, stop_forces = actual_accelerations(robot, q, u, generalized, self._stops,
                                                  **at)
-        applied = stop_forces + self._actuator_torques(robot, q, generalized, tau, times)
+        motors = self._actuator_torques(robot, q, generalized, tau, times)
+        applied = stop_forces + motors
         energy = np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)],
                           axis=1)
-        forces = self._constraint_forces(robot, q, u, udot, applied, times)
+        forces = self._constraint_forces(robot, q, u, udot, applied, motors, times)
         residuals = constraint_residuals(robot, q, u, **at)
         if not in_user_speeds:
             converted = self.speeds(robot, q, u, udot, times)
@@ -179,16 +180,16 @@ class UserSpeeds:
                             (q, force), times)
 
     def _constraint_forces(self, robot: Robot, q: Array, u: Array, udot: Array,
-                           applied: Array,
+                           applied: Array, motors: Array,
                            times: Array) -> Array:
         """Return the forces of all rows, (K, m), in a motion under given joint forces."""
         equations = robot.equations
         shapes = {'q': (robot.n_q,), 'u': (robot.n,), 'udot': (robot.n,),
-                  'applied': (robot.model.n,)}
+                  'applied': (robot.model.n,), 'motors': (robot.model.n,)}
         return self._called(robot, 'constraint_forces_of_motion', shapes,
                             (len(robot.constraint_names),),
                             equations.constraint_forces_of_motion,
-                            (q, u, udot, applied), times)
+                            (q, u, udot, applied, motors), times)
 
 
 def _parts_by_robot(history: History, sampled: Array) -> list[tuple[Robot, list[_Part]]]:

@@ -251,7 +251,12 @@ class Trial:
             *time, parameters = inputs
             t = time[0][()] if time else 0.0
             motion = free.joint_motion(q, u, free.zeros, t)
-            net = tau - motion.projected(factors * tree.friction_force(motion.qdot))
+            if tree.carries_loads:
+                torques = self.equations.drive_torques(q, tau, t)
+                friction = torques - tree.drive_loads(motion.qdot, torques, factors)
+            else:
+                friction = factors * tree.friction_force(motion.qdot)
+            net = tau - motion.projected(friction)
             power = net @ u
             if driven:
                 forces = free.actual_joint_forces(q, u, net, parameters, t)
@@ -318,10 +323,15 @@ class TrialMotion:
         """Return the torque of the controller and the plant's deviation from model friction."""
         time = self._time(moment)
         motion = self.equations.joint_motion(q, u, self.equations.zeros, time_of(time))
-        friction = self.equations.tree.friction_force(motion.qdot)
-        tau: Vector = (self.law(q, u, self._desired[moment], time)
-                       + motion.projected((1.0 - self._factors) * friction))
-        return tau
+        tree = self.equations.tree
+        tau: Vector = self.law(q, u, self._desired[moment], time)
+        if tree.carries_loads:
+            # The torque that gives the drives their loads with the model's friction.
+            torques = self.equations.drive_torques(q, tau, time_of(time))
+            loads = tree.drive_loads(motion.qdot, torques, self._factors)
+            return motion.projected(loads + tree.friction_force(motion.qdot, loads))
+        friction = tree.friction_force(motion.qdot)
+        return tau + motion.projected((1.0 - self._factors) * friction)
 
     @lazy_property
     def _stage(self) -> Program:

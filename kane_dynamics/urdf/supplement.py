@@ -9,7 +9,13 @@ Schema; every key is optional unless noted::
         stiffness: 5.0          # spring towards `rest`, N m/rad or N/m, >= 0
         rest: 0.0               # rad or m
         damping: 0.5            # viscous, for the URDF's, N m s/rad or N s/m, >= 0
+        quadratic_damping: 0.1  # of the rate times its magnitude, N m s^2/rad^2, >= 0
         friction: 1.2           # Coulomb friction in place of the URDF's, N m or N, >= 0
+        friction_backward: 1.0  # at negative rates, N m or N, >= 0; default: friction
+        breakaway_friction: 1.5 # at rest, N m or N, >= friction; default: friction
+        stribeck_speed: 0.1     # at which it falls to friction, rad/s or m/s; default 0
+        load_friction: 0.05     # per torque that the drive transmits, >= 0
+        load_friction_backdriven: 0.1  # where the load drives; default: load_friction
         friction_speed: 0.05    # of friction * tanh(rate / friction_speed), > 0
         friction_offset: 0.1    # added at any rate, N m or N
     payload:
@@ -50,10 +56,10 @@ from kane_dynamics.errors import ModelError, UrdfError
 from kane_dynamics.model.flexible_link import FlexibleLink
 from kane_dynamics.model.inertial import Inertial, principal_moments
 from kane_dynamics.model.mode_shapes import Bending, Torsion
+from kane_dynamics.model.model import FRICTION
 import numpy as np
 
-JOINT_KEYS = ('armature', 'stiffness', 'rest', 'damping', 'friction', 'friction_speed',
-              'friction_offset')
+JOINT_KEYS = ('armature', 'stiffness', 'rest', *FRICTION, 'friction_speed')
 SIGNED_KEYS = ('rest', 'friction_offset')
 BEAM_KEYS = ('length',
              'density', 'stiffness', 'modes', 'direction', 'up', 'damping', 'tip_mass',

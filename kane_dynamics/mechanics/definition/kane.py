@@ -27,7 +27,8 @@ from kane_dynamics.mechanics.definition import beams
 from kane_dynamics.mechanics.definition.kinematics import (Configuration, configurations,
                                                            frame_partial_velocities,
                                                            motions, position, rate)
-from kane_dynamics.mechanics.friction import friction_torque
+from kane_dynamics.mechanics.friction import (carries_load, friction_torque,
+                                              load_of_drive)
 from kane_dynamics.model.model import Body, Joint, Model
 import numpy as np
 
@@ -88,7 +89,8 @@ def generalized_inertia_force(model: Model, q: Vector, u: Vector,
 def generalized_active_force(model: Model, q: Vector, u: Vector, *,
                              tau: Vector | None = None, gravity: Vector | None = None,
                              friction: bool = True,
-                             wrenches: Wrenches | None = None) -> Vector:
+                             wrenches: Wrenches | None = None,
+                             loads: Vector | None = None) -> Vector:
     """
     Return the generalized active force F_r, (n,), N m or N.
 
@@ -106,6 +108,8 @@ def generalized_active_force(model: Model, q: Vector, u: Vector, *,
         Whether to include damping and Coulomb friction.
     wrenches : mapping of frame name to (force, moment), optional
         External wrenches at the frame's origin, world axes, N and N m.
+    loads : (n,) array of scalars, optional
+        Loads of the drives, on which friction may depend. Default: none.
 
     """
     g = model.gravity if gravity is None else gravity
@@ -116,7 +120,8 @@ def generalized_active_force(model: Model, q: Vector, u: Vector, *,
         force = force + configuration.partial_velocity @ (body.inertial.mass * g)
         force = force - on_coordinate(model, joint, spring_torque(joint, x))
         if friction:
-            torque = friction_torque(joint, rate(joint, u))
+            load = 0.0 if loads is None else loads[joint.coordinate]
+            torque = friction_torque(joint, rate(joint, u), load)
             force = force - on_coordinate(model, joint, torque)
         if body.beam is not None:
             force = force + beams.weight(body.beam, configuration, x, g)
@@ -134,9 +139,17 @@ def inverse_dynamics(model: Model, q: Vector, u: Vector, udot: Vector, *,
                      gravity: Vector | None = None, friction: bool = True,
                      wrenches: Wrenches | None = None) -> Vector:
     """Return tau, (n,), such that F_r + F_r* = 0; arguments as in the two sums."""
+    inertia_force = generalized_inertia_force(model, q, u, udot)
+    loads = None
+    if friction and any(carries_load(body.joint) for body in model.bodies):
+        # The load of a drive is the torque of the motion without friction.
+        force = generalized_active_force(model, q, u, gravity=gravity, friction=False,
+                                         wrenches=wrenches)
+        loads = -(force + inertia_force)
     active_force = generalized_active_force(model, q, u, gravity=gravity,
-                                            friction=friction, wrenches=wrenches)
-    return -(active_force + generalized_inertia_force(model, q, u, udot))
+                                            friction=friction, wrenches=wrenches,
+                                            loads=loads)
+    return -(active_force + inertia_force)
 
 
 def bias_force(model: Model, q: Vector, u: Vector, *, gravity: Vector | None = None,
@@ -180,10 +193,28 @@ def forward_dynamics(model: Model, q: Array, u: Array, tau: Array, *,
                      gravity: Array | None = None, friction: bool = True,
                      wrenches: Wrenches | None = None) -> Array:
     """Return udot, (n,), from M udot = F_r + F_r* at udot = 0; numbers only."""
+    loads = np.array(tau, dtype=np.float64)
+    if friction:
+        loads = loads_of_drives(model, u, loads)
     force = generalized_active_force(model, q, u, tau=tau, gravity=gravity,
-                                     friction=friction, wrenches=wrenches)
+                                     friction=friction, wrenches=wrenches, loads=loads)
     force = force + generalized_inertia_force(model, q, u, np.zeros(model.n))
     return np.linalg.solve(mass_matrix(model, q), force)
+
+
+def loads_of_drives(model: Model, u: Array, tau: Array) -> Array:
+    """Return the loads of the drives, (n,), under torques of the motors; numbers only."""
+    loads = np.array(tau, dtype=np.float64)
+    for body in model.bodies:
+        joint = body.joint
+        if carries_load(joint):
+            k = joint.coordinate
+            others = sum(other.joint.multiplier * friction_torque(other.joint,
+                                                                  rate(other.joint, u))
+                         for other in model.bodies
+                         if other is not body and other.joint.coordinate == k)
+            loads[k] = load_of_drive(joint, rate(joint, u), tau[k] - others)
+    return loads
 
 
 def central_inertia(body: Body, configuration: Configuration) -> Matrix:

@@ -224,18 +224,19 @@ def conservative_force(model: Model, q: Array) -> Array:
     return -lifted(energy, n).gradient
 
 
-def friction_force(model: Model, u: Array) -> Array:
+def friction_force(model: Model, u: Array, loads: Array | None = None) -> Array:
     """
     Return the generalized active force of damping and Coulomb friction, (n,), N m or N.
 
-    The virtual power of a joint is -(d x' + mu tanh(x'/x_s') + offset) times the
-    variation of its rate x'.
+    The virtual power of a joint is minus its friction torque times the variation of its
+    rate. `loads`, (n,), are those of the drives; none by default.
     """
     force = np.zeros(model.n)
     for body in model.bodies:
         joint = body.joint
         rate = joint.multiplier * u[joint.coordinate]
-        force[joint.coordinate] -= friction_torque(joint, rate) * joint.multiplier
+        load = 0.0 if loads is None else loads[joint.coordinate]
+        force[joint.coordinate] -= friction_torque(joint, rate, load) * joint.multiplier
         if body.beam is not None:
             modes = list(body.beam.coordinates)
             force[modes] -= body.beam.damping @ u[modes]

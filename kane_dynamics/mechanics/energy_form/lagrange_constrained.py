@@ -72,7 +72,8 @@ class EnergyForm:
     friction: bool = True
 
     def inverse_dynamics(self, q: Array, u: Array, udot: Array, t: float = 0.0, *,
-                         wrenches: Wrenches | None = None) -> Array:
+                         wrenches: Wrenches | None = None,
+                         loads: Array | None = None) -> Array:
         """
         Return tau, (n,), dual to u, such that F~_r + F~_r* = 0.
 
@@ -86,10 +87,12 @@ class EnergyForm:
             s.
         wrenches : mapping of frame name to (force, moment), optional
             External wrench at the frame's origin, world axes, N and N m.
+        loads : (n_q,) array, optional
+            Loads of the drives, on which friction may depend; none by default.
 
         """
         motion = admissible(self.mechanism, q, u, udot, t)
-        return self._residual_force(motion, motion.variations, wrenches)
+        return self._residual_force(motion, motion.variations, wrenches, loads)
 
     def forward_dynamics(self, q: Array, u: Array, tau: Array, t: float = 0.0, *,
                          wrenches: Wrenches | None = None) -> Array:
@@ -166,12 +169,12 @@ class EnergyForm:
         return np.stack(columns, axis=1)
 
     def _residual_force(self, motion: AdmissibleMotion, variations: Array,
-                        wrenches: Wrenches | None) -> Array:
+                        wrenches: Wrenches | None, loads: Array | None = None) -> Array:
         """Return -(F + F*), (k,), for variations of the coordinates, (n_q, k)."""
         force = (self.form.inertia_force(motion, variations)
                  + self.form.conservative_force(motion, variations))
         if self.friction:
-            friction = energies.friction_force(motion.state.model, motion.qdot)
+            friction = energies.friction_force(motion.state.model, motion.qdot, loads)
             force = force + variations.T @ friction
         if wrenches is not None:
             for frame, (force_at_frame, moment) in wrenches.items():

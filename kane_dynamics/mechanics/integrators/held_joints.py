@@ -69,13 +69,21 @@ def linear_system(equations: Equations, q: Vector, u: Vector, tau: Vector,
     """Return the equations of motion of a state; arguments as of `forward_dynamics`."""
     tree = equations.tree
     if equations.in_joint_rates:
-        bias = equations.inverse_dynamics(q, u, equations.zeros, wrench, parameters)
+        if equations.carries_loads:
+            rigid = equations.rigid_dynamics(q, u, equations.zeros, wrench, parameters)
+            bias = rigid + equations.driven_friction(q, u, tau)
+        else:
+            bias = equations.inverse_dynamics(q, u, equations.zeros, wrench, parameters)
         M = equations.mass_matrix(q, parameters)
         return LinearSystem(None, u, equations.zeros, M, tau - bias, tree.order)
 
     # Chosen speeds or constraints: the terms of the tree at u' = 0, projected by T.
     motion = equations.joint_motion(q, u, equations.zeros, t)
-    bias = tree.inverse_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
+    if equations.carries_loads:
+        rigid = tree.rigid_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
+        bias = rigid + equations.driven_friction(q, motion.qdot, tau, t)
+    else:
+        bias = tree.inverse_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
     M = congruent(tree.mass_matrix(q, parameters), motion.T)
     net = tau - motion.T.T @ bias
     return LinearSystem(motion.T, motion.qdot, motion.qddot, M, net,

@@ -20,6 +20,7 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
+from kane_dynamics.mechanics.friction import slides as slides_in
 from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
 import numpy as np
 
@@ -83,9 +84,10 @@ def _speed_at_end(equations: TreeEquations, q: Vector, u: Vector, tau: Vector, h
 
 
 def slides(equations: TreeEquations) -> bool:
-    """Return whether a joint has Coulomb friction, which an implicit step linearizes."""
+    """Return whether a joint has friction that an implicit step linearizes."""
     bodies = equations.model.bodies
-    return equations.friction and any(body.joint.friction for body in bodies)
+    return equations.friction and any(
+        slides_in(body.joint) or body.joint.quadratic_damping for body in bodies)
 
 
 def resisted_speed(M: Matrix, momentum: Vector, u: Vector, h: Scalar, order: list[int],

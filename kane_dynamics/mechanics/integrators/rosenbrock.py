@@ -64,13 +64,13 @@ class ImplicitStep:
             sprung = np.full(self.n, sprung.any())
         self._sprung = sprung.astype(float)
 
-    def resistance(self, v: Vector) -> Vector:
+    def resistance(self, v: Vector, loads: Vector | None = None) -> Vector:
         """
         Return the friction of the joints divided by speed, (n_j,), N m s or N s/m.
 
         For Coulomb friction that is mu / sqrt(v^2 + u_s^2), within 8 % of mu tanh(v /
         u_s) / v. The slope of the law is not suitable: it vanishes in sliding, and large
-        steps then oscillate about zero speed.
+        steps then oscillate about zero speed. `loads`, (n_j,), are those of the drives.
         """
         total: list[Scalar] = [0.0] * self.n
         if not self._tree.friction:
@@ -78,7 +78,8 @@ class ImplicitStep:
         for body in self.equations.model.bodies:
             joint = body.joint
             r = joint.coordinate
-            ratio = friction_over_rate(joint, joint.multiplier * v[r])
+            load = 0.0 if loads is None else loads[r]
+            ratio = friction_over_rate(joint, joint.multiplier * v[r], load)
             total[r] = total[r] + joint.multiplier**2 * ratio
         return np.array(total)
 
@@ -121,7 +122,11 @@ class ImplicitStep:
 
         # Each stage evaluates its own friction over speed; otherwise stopping joints
         # reverse.
-        D = factors * self.resistance(v)
+        loads = None
+        if self.equations.carries_loads:
+            torques = self.equations.drive_torques(q, tau, t)
+            loads = self._tree.drive_loads(v, torques)
+        D = factors * self.resistance(v, loads)
 
         # Forces of dampers and springs that the first stage's results change.
         first_qddot = T @ first_udot

@@ -39,7 +39,9 @@ class TreeInLanes:
     def suits(equations: TreeEquations) -> bool:
         """Return whether every body is rigid and has a coordinate (no mimic joint)."""
         model = equations.model
-        return not model.flexible and len(model.bodies) == equations.n == equations.n_q
+        if model.flexible or equations.carries_loads:
+            return False
+        return len(model.bodies) == equations.n == equations.n_q
 
     def inverse_mass_matrix(self, q: Vector, parameters: Vector) -> Matrix:
         """Return the inverse mass matrix, (n, n)."""

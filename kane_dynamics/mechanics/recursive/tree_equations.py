@@ -20,7 +20,10 @@ from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
 from kane_dynamics.mechanics.ball_joints import (axis_acceleration, axis_rates, Ball,
                                                  free_bodies, joint_positions, rotations)
-from kane_dynamics.mechanics.friction import friction_slope, friction_torque
+from kane_dynamics.mechanics.friction import (carries_load, carries_loads,
+                                              friction_slope, friction_torque,
+                                              load_of_drive, load_slope,
+                                              require_solvable)
 from kane_dynamics.mechanics.recursive import (center_of_mass as masses,
                                                composite_inertia,
                                                frame_kinematics, inverse_dynamics,
@@ -72,6 +75,8 @@ class TreeEquations:
         self.model = model
         self.n, self.n_q = model.n, len(model.coordinate_names)
         self.friction = friction
+        # Whether friction depends on the torques that the drives transmit.
+        self.carries_loads = friction and carries_loads(model)
         self.wrench_frames = tuple(model.frame(name) for name in wrench_frames)
         self.payload_frame = (None if payload_frame is None
                               else model.frame(payload_frame))
@@ -139,8 +144,8 @@ class TreeEquations:
     def inverse_dynamics(self, q: Vector, u: Vector, udot: Vector, wrench: Any,
                          parameters: Vector) -> Vector:
         """Return tau = M udot + bias - external, (n,), by RNEA."""
-        return self.rigid_dynamics(q, u, udot, wrench,
-                                   parameters) + self.friction_force(u)
+        load = self.rigid_dynamics(q, u, udot, wrench, parameters)
+        return load + self.friction_force(u, load)
 
     def rigid_dynamics(self, q: Vector, u: Vector, udot: Vector, wrench: Any,
                        parameters: Vector) -> Vector:
@@ -177,11 +182,12 @@ class TreeEquations:
         # forces.
         at_rest = self._angle_accelerations(u, rest)
         inertia = inverse_dynamics.inverse_dynamics(links, x, rest, udot, NO_GRAVITY)
-        return np.stack([
-            inertia + self.armature(udot),
-            inverse_dynamics.inverse_dynamics(links, x, u, at_rest, NO_GRAVITY),
-            self.gravity_force(q, parameters), self.friction_force(u),
-            self.spring_force(x)])
+        inertia = inertia + self.armature(udot)
+        coriolis = inverse_dynamics.inverse_dynamics(links, x, u, at_rest, NO_GRAVITY)
+        gravity = self.gravity_force(q, parameters)
+        spring = self.spring_force(x)
+        load = inertia + coriolis + gravity + spring if self.carries_loads else None
+        return np.stack([inertia, coriolis, gravity, self.friction_force(u, load), spring])
 
     def body_torques(self, q: Vector, u: Vector, udot: Vector,
                      parameters: Vector) -> Matrix:
@@ -246,6 +252,10 @@ class TreeEquations:
         """Return udot = M^-1 (tau + external - bias), (n,), by CRBA and LTDL, no ABA."""
         if self._free_balls:
             return self._forward_dynamics_of_free_bodies(q, u, tau, wrench, parameters)
+        if self.carries_loads:
+            held = self.rigid_dynamics(q, u, self.zeros, wrench, parameters)
+            load = self.drive_loads(u, tau)
+            return solve(self.factors(q, parameters), self.order, load - held)
         held = self.inverse_dynamics(q, u, self.zeros, wrench, parameters)
         return solve(self.factors(q, parameters), self.order, tau - held)
 
@@ -266,7 +276,7 @@ class TreeEquations:
         links = posed(self.base_links(parameters), self.model, q, list(slides))
         geometry = posed(self._links, self.model, q, list(slides))
         x, R = joint_positions(self.model, q), rotations(self.model, q)
-        applied = tau - self.friction_force(u)
+        applied = self.drive_loads(u, tau)
         for body, slide in slides.items():
             # No other force depends on the position and velocity of the origin.
             x[slide], applied[slide] = 0.0, R[body].T @ applied[slide]
@@ -372,7 +382,16 @@ class TreeEquations:
         """
         rigid = inverse_dynamics_derivatives(self.base_links(parameters), q, u, udot,
                                              parameters[:3], share)
-        return rigid + np.stack([np.diag(x) for x in self.joint_slopes(u)])
+        if not self.carries_loads:
+            return rigid + np.stack([np.diag(x) for x in self.joint_slopes(u)])
+        # tau = L + friction(u, L): dtau = (1 + dfriction/dL) dL + dfriction/du du
+        load = self.rigid_dynamics(q, u, udot, None, parameters)
+        stiffness, _, armature = self.joint_slopes(u)
+        of_load = rigid + np.stack([np.diag(stiffness), np.diag(self.zeros),
+                                    np.diag(armature)])
+        by_load = 1.0 + self.load_slope(u, load)
+        by_q, by_u, by_udot = by_load[:, None] * of_load
+        return np.stack([by_q, by_u + np.diag(self.friction_slope(u, load)), by_udot])
 
     def joint_slopes(self, u: Vector) -> tuple[Vector, Vector, Vector]:
         """Return what springs, friction, armature add to derivatives' diagonals."""
@@ -385,6 +404,10 @@ class TreeEquations:
         udot = self.forward_dynamics(q, u, tau, None, parameters)
         by_q, by_u, _ = self.inverse_dynamics_derivatives(q, u, udot, parameters)
         W = self.inverse_mass_matrix(q, parameters)
+        if self.carries_loads:
+            # dtau/dudot is M with rows times 1 + dfriction/dL.
+            load = self.drive_loads(u, tau)
+            W = W * (1.0 / (1.0 + self.load_slope(u, load)))
         return np.stack([-(W @ by_q), -(W @ by_u), W])
 
     # Forces along the joints: rotor inertia, friction and springs.
@@ -394,26 +417,59 @@ class TreeEquations:
         return self._by_coordinate(
             lambda joint: joint.multiplier**2 * joint.armature * x[joint.coordinate])
 
-    def friction_force(self, u: Vector) -> Vector:
-        """Return the friction torque d u + mu tanh(u / u_s) + offset, (n,)."""
+    def friction_force(self, u: Vector, load: Vector | None = None) -> Vector:
+        """
+        Return the torque that overcomes friction, (n,), by `friction.friction_torque`.
+
+        `load`, (n,), are the loads of the drives; None for drives without load.
+        """
         if not self.friction:
             return self.zeros
 
         def force(joint: Joint) -> Scalar:
             rate = joint.multiplier * u[joint.coordinate]
-            return joint.multiplier * friction_torque(joint, rate)
+            torque = friction_torque(joint, rate, _entry(load, joint))
+            return joint.multiplier * torque
         return self._with_beams(self._by_coordinate(force),
                                 lambda beam: beam.damping @ u[list(beam.coordinates)])
 
-    def friction_slope(self, u: Vector) -> Vector:
+    def friction_slope(self, u: Vector, load: Vector | None = None) -> Vector:
         """Return d friction_force / du, (n,)."""
         if not self.friction:
             return self.zeros
 
         def slope(joint: Joint) -> Scalar:
             rate = joint.multiplier * u[joint.coordinate]
-            return joint.multiplier**2 * friction_slope(joint, rate)
+            return joint.multiplier**2 * friction_slope(joint, rate, _entry(load, joint))
         return self._by_coordinate(slope)
+
+    def load_slope(self, u: Vector, load: Vector) -> Vector:
+        """Return d friction_force / d load, (n,)."""
+        def slope(joint: Joint) -> Scalar:
+            # No joint that mimics another has load friction.
+            return load_slope(joint, u[joint.coordinate], load[joint.coordinate])
+        return self._by_coordinate(slope)
+
+    def drive_loads(self, u: Vector, tau: Vector,
+                    factors: Vector | None = None) -> Vector:
+        """
+        Return the loads of the drives, (n,): L with tau = L + factors friction(u, L).
+
+        `factors`, (n,), are 1 by default.
+        """
+        friction = self.friction_force(u)
+        loads = tau - (friction if factors is None else factors * friction)
+        if not self.carries_loads:
+            return loads
+        require_solvable(self.model)
+        for joint in self.model.coordinate_joints:
+            k = joint.coordinate
+            if carries_load(joint):
+                # Friction without load, that of joints which mimic this one included.
+                factor = 1.0 if factors is None else factors[k]
+                torque = loads[k] + factor * friction_torque(joint, u[k])
+                loads[k] = load_of_drive(joint, u[k], torque, factor=factor)
+        return loads
 
     def spring_force(self, x: Vector) -> Vector:
         """Return the torque of springs k (position - rest) and beams K eta, (n,)."""
@@ -532,3 +588,8 @@ def _own_inertia_resists(body: Body, central: bool) -> bool:
     mass = 0.0 if central else inertial.mass
     about_joint = inertial.inertia + mass * offset
     return bool(joint.axis @ about_joint @ joint.axis > RESISTS * np.trace(about_joint))
+
+
+def _entry(load: Vector | None, joint: Joint) -> Scalar:
+    """Return the load of a joint, or 0 where no loads are known."""
+    return 0.0 if load is None else load[joint.coordinate]

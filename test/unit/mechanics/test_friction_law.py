@@ -1,0 +1,286 @@
+"""The friction law: every term against its formula, in every formulation and kind of robot."""
+
+from dataclasses import replace
+
+from definition import Definition
+from kane_dynamics import (ComputedTorque, load_urdf, ModelBuilder, MomentumObserver, Motion,
+                           Robot, rod, simulate)
+from kane_dynamics.closed_forms.closed_form import closed_form
+from kane_dynamics.errors import ConstraintError, InputError, ModelError
+from kane_dynamics.feasibility import fastest, time_optimal
+from kane_dynamics.mechanics import friction
+from kane_dynamics.mechanics.energy_form import energies
+from kane_dynamics.model.model import Joint
+from linkages import at_angle, four_bar_model, PIN
+from mechanisms import random_model, random_state, wheel
+import numpy as np
+import pytest
+
+AXIS = (0.0, 0.0, 1.0)
+LAW = {'damping': 0.7, 'quadratic_damping': 0.3, 'friction': 1.2, 'friction_backward': 0.8,
+       'breakaway_friction': 1.5, 'stribeck_speed': 0.4, 'load_friction': 0.2,
+       'load_friction_backdriven': 0.35, 'friction_speed': 0.05, 'friction_offset': 0.1}
+
+
+def formula(joint, v, load):
+    """Return the friction of a joint in sliding, written for each direction by itself."""
+    excess = (joint.breakaway_friction - joint.friction) * np.exp(-(v / joint.stribeck_speed)**2)
+    coulomb = joint.friction if v > 0.0 else joint.friction_backward
+    fraction = joint.load_friction if v * load > 0.0 else joint.load_friction_backdriven
+    return (joint.damping * v + joint.quadratic_damping * v * abs(v) + joint.friction_offset
+            + np.sign(v) * (coulomb + excess + fraction * abs(load)))
+
+
+def with_law(model, seed=0, **changes):
+    """Return a model whose joints with drives have all terms of the law."""
+    rng = np.random.default_rng(seed)
+    drives = set(model.joint_names)
+    bodies = []
+    for body in model.bodies:
+        values = {name: value * rng.uniform(0.7, 1.3) for name, value in LAW.items()}
+        values['breakaway_friction'] = values['friction'] + rng.uniform(0.1, 0.4)
+        values |= changes
+        if body.joint.name not in drives:
+            values |= {'load_friction': 0.0, 'load_friction_backdriven': None}
+        bodies.append(replace(body, joint=replace(body.joint, **values)))
+    return replace(model, bodies=tuple(bodies))
+
+
+@pytest.mark.parametrize('v', [-1.3, -0.4, 0.5, 1.7])
+@pytest.mark.parametrize('load', [-2.0, 0.0, 3.0])
+def test_every_term_has_its_formula_in_sliding(v, load):
+    joint = Joint('j', 'revolute', AXIS, **LAW)
+    expected = formula(joint, v, load)
+    assert friction.friction_torque(joint, v, load) == pytest.approx(expected, rel=1e-6)
+    exact = friction.friction_torque(joint, v, load, np.sign(v))
+    assert exact == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize('v', [-0.7, -0.03, 0.01, 0.04, 0.9])
+@pytest.mark.parametrize('load', [-2.0, 3.0])
+def test_slopes_are_derivatives_of_the_law(v, load):
+    joint = Joint('j', 'revolute', AXIS, **LAW)
+    h = 1e-6
+    by_rate = (friction.friction_torque(joint, v + h, load)
+               - friction.friction_torque(joint, v - h, load)) / (2 * h)
+    assert friction.friction_slope(joint, v, load) == pytest.approx(by_rate, rel=1e-6)
+    by_load = (friction.friction_torque(joint, v, load + h)
+               - friction.friction_torque(joint, v, load - h)) / (2 * h)
+    assert friction.load_slope(joint, v, load) == pytest.approx(by_load, rel=1e-6)
+
+
+@pytest.mark.parametrize('v', [-0.7, -0.03, 0.0, 0.04, 0.9])
+@pytest.mark.parametrize('load', [-2.0, 0.0, 3.0])
+@pytest.mark.parametrize('fractions', [(0.2, 0.35), (0.2, None), (2.5, 0.0), (0.1, 0.99)])
+def test_the_load_of_a_drive_is_the_one_that_gives_the_torque(v, load, fractions):
+    joint = Joint('j', 'revolute', AXIS, **LAW | {
+        'load_friction': fractions[0], 'load_friction_backdriven': fractions[1]})
+    torque = load + friction.friction_torque(joint, v, load)
+    assert friction.load_of_drive(joint, v, torque) == pytest.approx(load, abs=1e-12)
+
+
+def test_friction_over_rate_is_within_8_percent_of_the_law_without_offset():
+    joint = Joint('j', 'revolute', AXIS, friction=1.2, damping=0.3, load_friction=0.2)
+    for v in np.geomspace(1e-3, 3.0, 30):
+        over_rate = friction.friction_over_rate(joint, v, -2.0)
+        assert over_rate == pytest.approx(friction.friction_torque(joint, v, -2.0) / v, rel=0.08)
+
+
+def test_power_of_friction_is_never_negative():
+    joint = Joint('j', 'revolute', AXIS, **LAW | {'friction_offset': 0.0})
+    for v in np.linspace(-2.0, 2.0, 401):
+        for load in (-5.0, 0.0, 5.0):
+            assert friction.friction_torque(joint, v, load) * v >= 0.0
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_formulations_agree_with_all_terms_of_the_law(seed):
+    model = with_law(random_model(seed, 3, mimics=1), seed)
+    robot, by_definition = Robot(model), Definition(model)
+    q, u, udot = random_state(model, seed)
+    tau = robot.inverse_dynamics(q, u, udot)
+    size = np.abs(robot.torque_terms(q, u, udot)).max()
+    np.testing.assert_allclose(tau, by_definition.inverse_dynamics(q, u, udot), atol=1e-12 * size)
+    np.testing.assert_allclose(robot.torque_terms(q, u, udot).sum(axis=0), tau,
+                               atol=1e-12 * size)
+
+    # The load is the torque of the energies, and forward dynamics undoes inverse dynamics.
+    load = -(energies.generalized_inertia_force(model, q, u, udot)
+             + energies.conservative_force(model, q))
+    np.testing.assert_allclose(tau, load - energies.friction_force(model, u, load),
+                               atol=1e-11 * size)
+    np.testing.assert_allclose(robot.forward_dynamics(q, u, tau), udot, atol=1e-9)
+    np.testing.assert_allclose(by_definition.forward_dynamics(q, u, tau), udot, atol=1e-9)
+    assert robot.verify() < 1e-9
+
+
+@pytest.mark.parametrize('seed', range(2))
+def test_derivatives_are_those_of_the_law(seed):
+    robot = Robot(with_law(random_model(seed, 3), seed))
+    q, u, udot = random_state(robot.model, seed)
+    tau = robot.inverse_dynamics(q, u, udot)
+
+    def differences(function, *at):
+        columns = []
+        for k in range(3):
+            h = 1e-6 * np.eye(3)
+            rows = []
+            for unit in h:
+                ends = [list(at), list(at)]
+                ends[0][k], ends[1][k] = at[k] + unit, at[k] - unit
+                rows.append((function(*ends[0]) - function(*ends[1])) / 2e-6)
+            columns.append(np.stack(rows, axis=1))
+        return columns
+    for name, at in (('inverse_dynamics', (q, u, udot)), ('forward_dynamics', (q, u, tau))):
+        analytic = getattr(robot, f'{name}_derivatives')(*at)
+        for matrix, expected in zip(analytic, differences(getattr(robot, name), *at)):
+            np.testing.assert_allclose(matrix, expected,
+                                       atol=1e-6 * (1.0 + np.abs(expected).max()))
+
+
+def worm(driving=0.3, backdriven=0.6, **law):
+    """Return a wheel of 1 kg m^2 on a drive with load friction."""
+    return wheel(load_friction=driving, load_friction_backdriven=backdriven, **law)
+
+
+def test_a_loaded_wheel_moves_with_the_efficiency_of_its_drive():
+    robot = worm()
+    for tau, u, expected in ((2.0, 1.0, 2.0 / 1.3), (-2.0, 1.0, -2.0 / 0.4),
+                             (2.0, -1.0, 2.0 / 0.4), (-2.0, -1.0, -2.0 / 1.3)):
+        assert robot.forward_dynamics([0.0], [u], [tau])[0] == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
+def test_simulations_with_load_friction_balance_their_energy(integrator):
+    robot = Robot(with_law(random_model(1, 3), 1))
+    q0, u0, _ = random_state(robot.model, 1)
+    run = simulate(robot, q0, u0, 0.5, step=1e-4, torque=[3.0, -2.0, 1.0], integrator=integrator)
+    assert run.warnings == ()
+    reference = simulate(robot, q0, u0, 0.5, step=2e-5, torque=[3.0, -2.0, 1.0])
+    np.testing.assert_allclose(run.q[-1], reference.q[-1], atol=2e-5)
+
+
+def test_computed_torque_with_load_friction_follows_its_motion():
+    robot = Robot(with_law(random_model(2, 3), 2))
+    motion = Motion.from_points([0.0, 1.0], [[0.0, 0.0, 0.0], [0.5, -0.3, 0.2]],
+                                joint_names=robot.joint_names)
+    law = ComputedTorque(robot, motion, 100.0, 20.0)
+    run = simulate(robot, [0.0] * 3, [0.0] * 3, 1.0, step=1e-3, torque=law, integrator='implicit')
+    assert run.warnings == ()
+    np.testing.assert_allclose(run.q[-1], [0.5, -0.3, 0.2], atol=2e-3)
+
+
+def loaded_four_bar(actuated=('crank',), joint='crank', independent='crank'):
+    """Return a four-bar linkage with load friction at a joint."""
+    model = four_bar_model()
+    bodies = tuple(replace(body, joint=replace(body.joint, **LAW)) if body.name == joint
+                   else body for body in model.bodies)
+    return Robot(replace(model, bodies=bodies), constraints=[PIN], independent=[independent],
+                 actuated=actuated)
+
+
+@pytest.mark.parametrize('independent', ['crank', 'rocker'])
+def test_load_friction_of_a_closed_loop_is_that_of_its_motor(independent):
+    robot = loaded_four_bar(independent=independent)
+    q = at_angle(1.1)
+    tau = robot.inverse_dynamics(q, [0.9], [-1.2])
+    assert robot.forward_dynamics(q, [0.9], tau)[0] == pytest.approx(-1.2, abs=1e-10)
+    assert robot.torque_terms(q, [0.9], [-1.2]).sum() == pytest.approx(tau[0], rel=1e-12)
+
+    # The motor's torque is its load and the friction of the law, by hand.
+    plain = Robot(four_bar_model(), constraints=[PIN], independent=[independent],
+                  actuated=['crank'])
+    load = plain.joint_torques(plain.inverse_dynamics(q, [0.9], [-1.2]), q)[0]
+    rate = robot.joint_rates(q, [0.9])[0]
+    torque = load + friction.friction_torque(robot.model.bodies[0].joint, rate, load)
+    assert robot.joint_torques(tau, q)[0] == pytest.approx(torque, rel=1e-12)
+
+
+@pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
+def test_a_closed_loop_with_load_friction_balances_its_energy(integrator):
+    robot = loaded_four_bar()
+    run = simulate(robot, at_angle(1.1), [0.9], 0.5, step=2e-4, torque=[9.0],
+                   integrator=integrator)
+    assert run.warnings == ()
+    # With the constraint forces of a motion under the motor's torque, the joints balance.
+    forces = robot.constraint_forces(run.q, run.u, run.tau)
+    np.testing.assert_allclose(run.constraint_forces, forces,
+                               atol=1e-9 * np.abs(forces).max())
+
+
+def test_drives_whose_load_is_not_determined_are_refused():
+    with pytest.raises(ConstraintError, match="joint 'crank': load friction in a mechanism"):
+        loaded_four_bar(actuated=None)
+    with pytest.raises(ConstraintError, match='2 motors for 1 independent speeds'):
+        loaded_four_bar(actuated=['crank', 'rocker'])
+    with pytest.raises(ConstraintError, match="joint 'coupler'"):
+        loaded_four_bar(joint='coupler')
+    model = random_model(0, 2, mimics=1)
+    bodies = [*model.bodies[:2], replace(model.bodies[2], joint=replace(
+        model.bodies[2].joint, load_friction=0.1))]
+    with pytest.raises(ModelError, match='of a joint that mimics another'):
+        replace(model, bodies=tuple(bodies))
+
+
+def test_forward_dynamics_of_a_self_locking_drive_is_refused():
+    robot = worm(backdriven=1.2)
+    assert robot.inverse_dynamics([0.0], [1.0], [-1.0])[0] == pytest.approx(-1.0 + 1.2)
+    with pytest.raises(InputError, match='not self-locking'):
+        robot.forward_dynamics([0.0], [1.0], [1.0])
+
+
+@pytest.mark.parametrize('field, value', [
+    ('quadratic_damping', -1.0), ('friction_backward', -0.1), ('breakaway_friction', 0.5),
+    ('stribeck_speed', float('nan')), ('load_friction', 'x'), ('load_friction_backdriven', -1)])
+def test_a_bad_parameter_of_the_law_is_refused_by_name(field, value):
+    with pytest.raises(ModelError, match=f"joint 'j': {field}"):
+        Joint('j', 'revolute', AXIS, friction=1.0, **{field: value})
+
+
+def test_the_other_direction_is_as_the_first_by_default():
+    joint = Joint('j', 'revolute', AXIS, friction=1.0, load_friction=0.1)
+    assert friction.coulomb_levels(replace(joint, friction=2.0)) == (2.0, 2.0)
+    assert friction.load_fractions(joint) == (0.1, 0.1)
+    assert friction.breakaway_torques(joint, -5.0) == pytest.approx((-6.5, -3.5))
+
+
+def test_the_observer_sees_no_contact_in_a_motion_with_load_friction():
+    robot = Robot(with_law(random_model(3, 2), 3))
+    run = simulate(robot, [0.1, 0.2], [0.5, -0.4], 0.5, step=1e-4, sample=1e-3,
+                   torque=[3.0, -2.0])
+    observer = MomentumObserver(robot, gain=50.0, held=False)
+    for t, q, u, tau in zip(run.t, run.q, run.u, run.tau):
+        residual = observer.update(t, q, u, tau)
+    assert np.abs(residual).max() < 2e-3 * np.abs(run.tau).max()
+
+
+def test_closed_forms_have_all_terms_but_load_friction():
+    b = ModelBuilder('wheel')
+    law = {name: value for name, value in LAW.items() if 'load' not in name}
+    b.body('wheel', inertial=rod(3.0, (-1, 0, 0), (1, 0, 0)), **law)
+    form = closed_form(b.model())
+    robot = Robot(b.model())
+    values = {p.symbol: p.value for p in form.parameters}
+    for u in (-0.7, 0.02, 1.3):
+        bias = float(form.bias[0].subs(values).subs(form.u[0], u))
+        assert bias == pytest.approx(robot.bias_force([0.0], [u])[0], rel=1e-12)
+    b.joint('wheel', load_friction=0.1)
+    with pytest.raises(InputError, match=r'load friction 0\.1'):
+        closed_form(b.model())
+
+
+def test_supplement_states_all_terms(tmp_path):
+    urdf = """<robot name='r'><link name='a'/><link name='b'><inertial><mass value='1'/>
+        <inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial></link>
+        <joint name='j' type='continuous'><parent link='a'/><child link='b'/>
+        <axis xyz='0 0 1'/></joint></robot>"""
+    joint = load_urdf(urdf, supplement={'joints': {'j': LAW}}).bodies[0].joint
+    assert {name: getattr(joint, name) for name in LAW} == LAW
+
+
+def test_feasibility_refuses_load_friction():
+    robot = worm()
+    motion = Motion.from_points([0.0, 1.0], [[0.0], [1.0]], joint_names=robot.joint_names)
+    for function in (fastest, lambda robot, motion: time_optimal(robot, [[0.0], [1.0]])):
+        with pytest.raises(InputError, match=r"joint 'wheel' has load friction 0\.3"):
+            function(robot, motion)
