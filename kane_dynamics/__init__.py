@@ -20,8 +20,10 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.kinematics import (inverse_kinematics, InverseKinematics, pose_error,
                                           pose_exp, pose_from, pose_log, rotation_exp,
                                           rotation_log, rotation_quaternion, rotation_rpy)
+    from kane_dynamics.kinematics.cartesian_motion import cartesian_motion, CartesianMotion
     from kane_dynamics.kinematics.link_distances import LinkDistances
-    from kane_dynamics.kinematics.straight_line import straight_line
+    from kane_dynamics.kinematics.pose_motion import PoseLimits, PoseMotion
+    from kane_dynamics.kinematics.pose_path import PosePath
     from kane_dynamics.loop_tracking.loop_error import LoopError
     from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
     from kane_dynamics.mechanics.constraints import (Closure, Coupling, DependentSpeeds,
@@ -48,23 +50,26 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.urdf import expand_xacro, load_urdf
     from kane_dynamics.urdf.link_shapes import load_collision_shapes
 
-__all__ = ['Bending', 'Body', 'Closure', 'CollisionDetector', 'CompileError', 'ComputedTorque',
+__all__ = ['Bending', 'Body', 'CartesianMotion', 'Closure', 'CollisionDetector', 'CompileError',
+           'ComputedTorque',
            'ConstraintError', 'Controller', 'controller_kernels', 'Coupling', 'DependentSpeeds',
            'DeviceError', 'FilledTrajectory', 'FlexibleLink', 'Frame', 'FrictionError',
            'Inertial', 'InputError',
            'InverseKinematics', 'Joint', 'KaneError', 'Limits',
            'LinkDistances', 'LinkShape', 'LoopError',
            'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
-           'MomentumObserver', 'Motion', 'PointVelocity', 'Prescribed', 'QuasiStatic', 'Robot',
+           'MomentumObserver', 'Motion', 'PointVelocity', 'PoseLimits', 'PoseMotion', 'PosePath',
+           'Prescribed', 'QuasiStatic', 'Robot',
            'Rolling', 'Speeds', 'SweepError', 'Terms', 'Torsion', 'TorqueBounds', 'Trajectory',
            'Uncertainty', 'UrdfError',
-           'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'disc', 'expand_xacro',
+           'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'cartesian_motion', 'disc',
+           'expand_xacro',
            'fill_trajectory', 'frame_wrench', 'inverse_kinematics', 'knife_edge',
            'load_collision_shapes', 'load_constraints', 'load_mjcf', 'load_urdf', 'longest_step',
            'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_from',
            'pose_log', 'power_balance', 'rod', 'rotation_exp', 'rotation_log',
            'rotation_quaternion', 'rotation_rpy', 'simulate', 'stiffened',
-           'straight_line', 'with_beam',
+           'with_beam',
            'with_locked', 'with_model', 'with_names', 'with_tool']
 
 _NAMES_BY_MODULE = {
@@ -85,8 +90,10 @@ _NAMES_BY_MODULE = {
     'kinematics':
         'inverse_kinematics InverseKinematics pose_error pose_exp pose_from pose_log '
         'rotation_exp rotation_log rotation_quaternion rotation_rpy',
+    'kinematics.cartesian_motion': 'cartesian_motion CartesianMotion',
     'kinematics.link_distances': 'LinkDistances',
-    'kinematics.straight_line': 'straight_line',
+    'kinematics.pose_motion': 'PoseLimits PoseMotion',
+    'kinematics.pose_path': 'PosePath',
     'loop_tracking.loop_error': 'LoopError',
     'loop_tracking.loop_tracker': 'LoopTracker',
     'mechanics.constraints':

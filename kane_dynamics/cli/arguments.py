@@ -1,6 +1,6 @@
 """Arguments of the subcommands; modules that only one of them needs are imported for it."""
 
-from argparse import ArgumentParser, ArgumentTypeError, SUPPRESS
+from argparse import Action, ArgumentParser, ArgumentTypeError, Namespace, SUPPRESS
 from collections.abc import Callable
 import math
 from typing import Any
@@ -109,6 +109,52 @@ def _inverse_kinematics(sub: ArgumentParser) -> None:
                       help='orientation as a quaternion')
     sub.add_argument('--q0', nargs='+', metavar='X',
                      help=f'positions to start from (default: {WITHIN})')
+
+
+def _cartesian(sub: ArgumentParser) -> None:
+    _add_model(sub)
+    _add_constraints(sub)
+    sub.add_argument('frame', metavar='FRAME',
+                     help='a frame, such as a link of the URDF')
+    sub.add_argument('--q', nargs='+', metavar='X',
+                     help=f'positions at the start, rad or m (default: {WITHIN})')
+    for option, text in (
+            ('to', 'next position, m, or pose: position, roll, pitch, yaw, rad'),
+            ('via', 'position on an arc to the next --to, m')):
+        sub.add_argument(f'--{option}', nargs='+', type=float, metavar='X', dest='stations',
+                         action=_Station, help=f'{text}; may be repeated')
+    sub.add_argument('--free', action='store_true',
+                     help='leave the orientation free: positions alone')
+    sub.add_argument('--blend', type=float, default=0.0, metavar='X',
+                     help='largest distance from a corner that is rounded, m; default: 0, '
+                          'a rest at each corner')
+    sub.add_argument('--blend-angle', type=float, default=0.05, metavar='X',
+                     help='largest angle there, rad; default: %(default)g')
+    for name, default, unit in (('linear', (0.25, 1.0, 10.0), 'm'),
+                                ('angular', (1.0, 4.0, 40.0), 'rad')):
+        stated = ' '.join(f'{value:g}' for value in default)
+        sub.add_argument(f'--{name}', nargs=3, type=float, default=list(default),
+                         metavar=('V', 'A', 'J'),
+                         help=f'{name} speed, acceleration and jerk of the frame, {unit}/s, '
+                              f'{unit}/s^2, {unit}/s^3; default: {stated}')
+    sub.add_argument('--duration', type=float, metavar='X',
+                     help='instead of --linear and --angular, s')
+    sub.add_argument('--tolerance', type=float, default=1e-5, metavar='X',
+                     help='largest distance from the path, m and rad; default: '
+                          '%(default)g')
+    sub.add_argument('--rate', type=float, default=100.0, metavar='X',
+                     help='rows per second; default: %(default)g')
+    sub.add_argument('-o', '--out', metavar='CSV', help='write the motion')
+
+
+class _Station(Action):
+    """Collects --to and --via in the order in which they are stated."""
+
+    def __call__(self, parser: ArgumentParser, namespace: Namespace, values: Any,
+                 option_string: str | None = None) -> None:
+        """Append an option and its numbers."""
+        stations = list(getattr(namespace, self.dest) or [])
+        setattr(namespace, self.dest, [*stations, [option_string, *values]])
 
 
 def _bench(sub: ArgumentParser) -> None:
@@ -437,6 +483,7 @@ ADD: dict[str, Callable[[ArgumentParser], None]] = {
     'inspect': _inspect,
     'jacobian': _jacobian,
     'inverse-kinematics': _inverse_kinematics,
+    'cartesian': _cartesian,
     'bench': _bench,
     'export': _export,
     'equations': _equations,

@@ -68,6 +68,17 @@ examples:
 
 Without --rpy and --quaternion any orientation will do. A solution near --q0 is preferred. Exits
 with 1 if no configuration within the limits reaches the target.""",
+    'cartesian': """
+examples:
+  kane-dynamics cartesian arm.urdf tool0 --q 0 -1.2 1.4 -1.8 -1.6 0 --to 0.6 0.2 0.5 -o line.csv
+  kane-dynamics cartesian arm.urdf tool0 --q 0 -1.2 1.4 -1.8 -1.6 0 --to 0.6 0 0.5 \\
+      --to 0.6 0.3 0.5 3.14 0 0 --blend 0.02 --linear 0.5 2 20 --angular 2 8 80 -o corner.csv
+  kane-dynamics cartesian arm.urdf tool0 --q 0 -1.2 1.4 -1.8 -1.6 0 --via 0.7 0.1 0.5 \\
+      --to 0.6 0.2 0.5 --duration 3
+
+--to with three numbers keeps the orientation of the pose before; six are X Y Z and roll, pitch,
+yaw. --via before --to makes an arc. The file is a motion for `torque`, `send`, `fill`, `view` and
+`feasible --time-optimal`. A joint that cannot follow is an error that names the place.""",
     'bench': """
 examples:
   kane-dynamics bench arm.urdf

@@ -27,6 +27,8 @@ COMMANDS = {
     'jacobian': ('Pose and Jacobian of a frame', 'kinematics_command.jacobian'),
     'inverse-kinematics': ('Joint positions at which a frame has a pose',
                            'kinematics_command.inverse'),
+    'cartesian': ('A motion in which a frame follows lines and arcs',
+                  'cartesian_command.cartesian'),
     'bench': ('Times of calls on this machine', 'bench_command.bench'),
     'export': ('C99 source and header of the compiled dynamics',
                'export_command.export'),
@@ -126,7 +128,7 @@ def _options(parser: argparse.ArgumentParser,
 
     def restored(value: Any) -> Any:
         if isinstance(value, list):
-            return [marked.get(part, part) for part in value]
+            return [restored(part) for part in value]
         return marked.get(value, value) if isinstance(value, str) else value
     for name, value in vars(options).items():
         setattr(options, name, restored(value))

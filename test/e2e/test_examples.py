@@ -49,6 +49,14 @@ def test_planar_arm():
     assert numbers(jacobian) == pytest.approx([-s.sum(), -s[1], c.sum(), c[1]], abs=1e-6)
 
 
+def test_drawing():
+    *corners, tool, motors, paper = printed('drawing')
+    # Blends of the short line in the end have half of its length: 5/32 of that, times sqrt(2).
+    assert [numbers(line)[1] for line in corners] == [10.0] * 4 + [5.5] * 2
+    assert numbers(motors)[0] < 0.7 * numbers(tool)[0]
+    assert paper.endswith('True')
+
+
 def test_free_flying_arm():
     turned, *momenta = printed('free_flying_arm')
     assert numbers(turned)[1] > 90.0

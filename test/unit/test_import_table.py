@@ -20,7 +20,8 @@ mechanics
 native
 mjcf motion
 robot
-kinematics loop_tracking
+loop_tracking
+kinematics
 control
 simulation
 analysis

@@ -86,3 +86,32 @@ def test_torques_of_a_motion_do_not_flood_a_terminal(tmp_path, capsys, monkeypat
     row = next(line.split() for line in printed.splitlines() if line.startswith('shoulder_lift'))
     assert len(printed.splitlines()) == 8
     assert float(row[1]) == pytest.approx(lift[np.argmax(np.abs(lift))], rel=1e-5)
+
+
+def test_cartesian_writes_a_motion_along_its_path_and_names_what_is_missing(capsys, tmp_path):
+    home = ['0', '-1.2', '1.4', '-1.77', '-1.57', '0']
+    out = tmp_path / 'motion.csv'
+    path = ['--to', '0.7', '0.3', '0.5', '--via', '0.75', '0.1', '0.5',
+            '--to', '0.7', '-0.1', '0.5', '-2.4', '0', '0', '--blend', '0.01']
+    code, data = answer(capsys, 'cartesian', URDF, 'tool0', '--q', *home, *path, '-o', str(out))
+    assert code == 0 and data['files'] == [str(out)] and data['distance'] < 1e-5
+    corner, = data['corners']
+    assert corner['distance'] <= 0.01 and not corner['rests']
+    robot = Robot(load_urdf(URDF))
+    end = robot.frame_pose('tool0', data['end'])
+    assert_allclose(end, pose_from((0.7, -0.1, 0.5), rpy=(-2.4, 0.0, 0.0)), atol=1e-8)
+    header, *rows = out.read_text().splitlines()
+    assert header.startswith('t,q.shoulder_pan_joint,') and len(rows) > 100 * data['duration']
+    assert_allclose([float(x) for x in rows[-1].split(',')[1:7]], data['end'], atol=1e-12)
+    assert main(['cartesian', URDF, 'tool0', '--q', *home, '--to', '0.7', '0.3', '0.5', '--free',
+                 '--duration', '2']) == 0
+    assert capsys.readouterr().out.startswith('2 s; distance from the path')
+    for arguments, message in (
+            ([], '--to: missing'), (['--to', '1', '2'], '--to: 2 numbers; expected 3 or 6'),
+            (['--via', '1', '2', '3'], '--to: missing'),
+            (['--via', '1', '2', '3', '--via', '1', '2', '3'], '--via: two in a row'),
+            (['--to', '2', '0', '0.5'], "'tool0' does not reach"),
+            (['--to', '0.7', '0.3', '0.5', '--rate', '0'], '--rate: 0.0; expected'),
+            (['--to', '0.7', '0.3', '0.5', '--linear', '0', '1', '1'], 'linear: ')):
+        assert main(['cartesian', URDF, 'tool0', '--q', *home, *arguments]) == 2
+        assert message in capsys.readouterr().err
