@@ -47,15 +47,17 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.simulation.simulate import simulate
     from kane_dynamics.simulation.step_size import longest_step
     from kane_dynamics.simulation.trajectory import Trajectory
+    from kane_dynamics.task_space.cartesian_impedance import CartesianImpedance
+    from kane_dynamics.task_space.joint_impedance import JointImpedance
     from kane_dynamics.urdf import expand_xacro, load_urdf
     from kane_dynamics.urdf.link_shapes import load_collision_shapes
 
-__all__ = ['Bending', 'Body', 'CartesianMotion', 'Closure', 'CollisionDetector', 'CompileError',
-           'ComputedTorque',
-           'ConstraintError', 'Controller', 'controller_kernels', 'Coupling', 'DependentSpeeds',
+__all__ = ['Bending', 'Body', 'CartesianImpedance', 'CartesianMotion', 'Closure',
+           'CollisionDetector', 'CompileError', 'ComputedTorque', 'ConstraintError',
+           'Controller', 'controller_kernels', 'Coupling', 'DependentSpeeds',
            'DeviceError', 'FilledTrajectory', 'FlexibleLink', 'Frame', 'FrictionError',
            'Inertial', 'InputError',
-           'InverseKinematics', 'Joint', 'KaneError', 'Limits',
+           'InverseKinematics', 'Joint', 'JointImpedance', 'KaneError', 'Limits',
            'LinkDistances', 'LinkShape', 'LoopError',
            'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
            'MomentumObserver', 'Motion', 'PointVelocity', 'PoseLimits', 'PoseMotion', 'PosePath',
@@ -115,12 +117,14 @@ _NAMES_BY_MODULE = {
     'simulation.simulate': 'simulate',
     'simulation.step_size': 'longest_step',
     'simulation.trajectory': 'Trajectory',
+    'task_space.cartesian_impedance': 'CartesianImpedance',
+    'task_space.joint_impedance': 'JointImpedance',
     'urdf': 'expand_xacro load_urdf',
     'urdf.link_shapes': 'load_collision_shapes',
 }
 _PACKAGES = ('analysis', 'closed_forms', 'control', 'errors', 'feasibility', 'gpu',
              'identification', 'kinematics', 'mechanics', 'model', 'motion', 'optimal_control',
-             'plot', 'robot', 'simulation', 'sweep', 'urdf', 'view')
+             'plot', 'robot', 'simulation', 'sweep', 'task_space', 'urdf', 'view')
 _MODULES = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
 
 

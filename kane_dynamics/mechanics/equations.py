@@ -20,7 +20,7 @@ from typing import Any
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import moving, rates
-from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
+from kane_dynamics.mechanics.algebra.ltdl import factorize, Factors, inverse, solve
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints import ConstraintRows
 from kane_dynamics.mechanics.constraints.conditioning import guarded, LIMITS, margin
@@ -351,12 +351,16 @@ class Equations:
     def inverse_mass_matrix(self, q: Vector, parameters: Vector,
                             t: Scalar = 0.0) -> Matrix:
         """Return M^-1, (n, n)."""
+        return inverse(*self.mass_factors(q, parameters, t))
+
+    def mass_factors(self, q: Vector, parameters: Vector,
+                     t: Scalar = 0.0) -> tuple[Factors, list[int]]:
+        """Return the LTDL factorization of M and the order of its rows, for `solve`."""
         if self.mechanism.in_joint_speeds:
-            return self.tree.inverse_mass_matrix(q, parameters)
+            return self.tree.factors(q, parameters), self.tree.order
         order = list(range(self.n))
         M = self.mass_matrix(q, parameters, t)
-        factors = factorize(M, order, self._watched_pivots)
-        return inverse(factors, order)
+        return factorize(M, order, self._watched_pivots), order
 
     @property
     def _watched_pivots(self) -> range:

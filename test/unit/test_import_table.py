@@ -23,6 +23,7 @@ robot
 loop_tracking
 kinematics
 control
+task_space
 simulation
 analysis
 """

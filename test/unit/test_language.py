@@ -14,10 +14,10 @@ ROOT = Path(__file__).resolve().parents[2]
 TERMS = {
     r'mass[ -]cent(?:re|er)s?': 'center of mass',
     r'cent(?:re|res|red)': 'center',
+    # 'posture' is the term of the field for what a redundant arm does in the null space.
     r'matter': 'mass, inertial properties',
     r'roads?': 'formulation, algorithm',
     r'doubt\w*': 'warning',
-    r'postures?': 'configuration',
     r'freedoms': 'degrees of freedom',
     r'push(?:es)?': 'external wrench',
     r'gaps?': 'constraint residual',

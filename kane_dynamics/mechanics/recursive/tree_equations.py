@@ -157,6 +157,27 @@ class TreeEquations:
         return (rigid + self.armature(acceleration) + self.spring_force(x)
                 - self.external_force(q, wrench))
 
+    def reference_dynamics(self, q: Vector, u: Vector, reference: Vector, udot: Vector,
+                           parameters: Vector) -> Vector:
+        """
+        Return M udot + C(q, u) reference + gravity + springs, (n,), without friction.
+
+        C is `coriolis_matrix`, with dM/dt = C + C^T: unlike the bias force of u, C(q, u)
+        times a reference does no work on the difference u - reference. C u is quadratic
+        in u, and C(u) w = C((u + w)/2) (u + w)/2 - C((u - w)/2) (u - w)/2.
+        """
+        links, x = self._at(q, self.base_links(parameters))
+        acceleration = udot
+        if self.model.balls:
+            acceleration = udot - axis_rates(self.model, u) @ reference
+        mean = 0.5 * (u + reference)
+        half = 0.5 * (u - reference)
+        force = inverse_dynamics.inverse_dynamics(links, x, mean, acceleration,
+                                                  parameters[:3])
+        of_half = inverse_dynamics.inverse_dynamics(links, x, half, self.zeros,
+                                                    NO_GRAVITY)
+        return force - of_half + self.armature(acceleration) + self.spring_force(x)
+
     def bias_force(self, q: Vector, u: Vector, parameters: Vector) -> Vector:
         """Return the bias force h(q, u) without external wrenches, (n,)."""
         return self.inverse_dynamics(q, u, self.zeros, None, parameters)

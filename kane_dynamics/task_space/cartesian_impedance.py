@@ -1,0 +1,395 @@
+"""
+Cartesian impedance: a frame held to a target pose by a spring and a damper.
+
+With e the displacement and the orientation error, J the Jacobian of the frame, u_r a
+reference motion with J u_r = the desired twist, and s = u - u_r:
+
+    tau = compensation(u_r) + J^T (-dV/de - D J s + wrench) + N^T (posture) + walls
+
+V = 1/2 e^T K e is the spring's energy (`Spring`), D the damping by ratio from the
+inertia and K at each state (`modal_damping`), N the projector on motions that do not
+move the frame (`TaskInertia`). The inertia is not shaped: no inverse of the Jacobian
+multiplies a feedback, and no measured force is needed. The reference motion alone uses
+the regularized Lambda.
+
+The compensation leaves the feedback passive (`reference_dynamics`): while the target
+rests, without a posture, kinetic plus spring energy falls at every state, singular ones
+included. Source: C. Ott, "Cartesian impedance control of redundant and flexible-joint
+robots", Springer, 2008.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import math
+from typing import Any, NamedTuple
+
+from kane_dynamics._util.attribute_hints import guarded
+from kane_dynamics._util.checks import finite_row, number, per_joint
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
+from kane_dynamics.control.terms import EVERY_TERM, Terms
+from kane_dynamics.errors import InputError
+from kane_dynamics.kinematics.poses import checked_pose
+from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
+from kane_dynamics.mechanics.constraints.transmission import transmission_margin
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.task_space.effort_limits import within_limits
+from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task, FrameTask,
+                                                 in_axes, independent_directions,
+                                                 singular_mass as checked_mass,
+                                                 symmetric_product, TaskInertia)
+from kane_dynamics.task_space.joint_walls import JointWalls
+from kane_dynamics.task_space.law_kernel import identifier, Law, law_kernel, Settings
+from kane_dynamics.task_space.modal_damping import inverse_root_times
+from kane_dynamics.task_space.pose_checks import flat_pose, pose_margin
+from kane_dynamics.task_space.posture import posture_forces
+from kane_dynamics.task_space.reference_dynamics import (compensation_weights,
+                                                         reference_dynamics, WEIGHTS)
+from kane_dynamics.task_space.reference_motion import reference_motion, TargetMotion
+from kane_dynamics.task_space.stiffness import (checked_matrix, factor, Spring,
+                                                spring_energy, stored_energy_limits)
+import numpy as np
+from numpy.typing import ArrayLike
+
+RATIO = 0.7  # default damping ratio
+NULL_DAMPING = 2.0  # 1/s: default rate at which motion that the frame does not see decays
+
+
+class ImpedanceState(NamedTuple):
+    """
+    Errors, wrench and saturation of a Cartesian impedance at a state.
+
+    Attributes
+    ----------
+    error : (6,) array
+        Displacement from the target, m, and orientation error, rad, in the task's axes.
+    wrench : (6,) array
+        The wrench of spring and damper on the frame, N, N m, in the task's axes.
+    spring_scale : (2,) array
+        Factors of force and moment by `force_limit` and `moment_limit`, 1 without.
+    effort_scale : float
+        Factor of the task's torques by the effort limits, 1 without.
+    mass : float
+        Mass with which the frame resists motion in its heaviest direction, kg.
+    regularization : float
+        lambda^2 of `TaskInertia`, 1/kg; 0 away from singular configurations.
+
+    """
+
+    error: Array
+    wrench: Array
+    spring_scale: Array
+    effort_scale: float
+    mass: float
+    regularization: float
+
+
+STATE_SIZE = 6 + 6 + 2 + 3
+
+
+@guarded
+class CartesianImpedance:
+    """
+    Cartesian impedance of a frame: spring, damper and posture, without inertia shaping.
+
+    ``tau = compensation + J^T (K e + D de/dt + wrench) + N^T posture + walls``, with
+    every setting a run-time argument of one compiled kernel: `update` changes them
+    between two calls.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot without beams.
+    frame : str
+        One of `frame_names` of a moving body.
+    stiffness : (6,) or (6, 6) array_like
+        N/m, then N m/rad, in the axes; positive semidefinite.
+    damping_ratio : float or (6,) array_like
+        Of the modes of the frame's inertia on the spring; 0.7 by default. Six ratios
+        scale the axes.
+    damping : (6,) or (6, 6) array_like, optional
+        N s/m and N m s/rad, in place of the damping by ratio.
+    axes : str
+        'world', 'frame' (the axes of the target), or a frame that is fixed to the world
+        or to the body of `frame`. Axes of a body turn with the target, not with the
+        measured pose, so that the spring has an energy.
+    directions : sequence of str, optional
+        Directions in the axes that count as the task for feedforward and null space.
+        Default: as many of x, y, z, rx, ry, rz as the frame can follow.
+    posture : (n_q,) array_like, optional
+        Positions towards which joint springs pull in the null space; a force there does
+        not accelerate the frame. Entries of ball joints are not used.
+    posture_stiffness : float or array_like
+        N m/rad or N/m, one for each joint with a position; 0 by default.
+    null_damping : float
+        1/s: the rate at which motion that does not move the frame decays. Near singular
+        configurations it damps the directions that the frame loses.
+    limit_stiffness, limit_margin : float or array_like, optional
+        Soft walls before the joint limits, N m/rad and rad. Default: 0.1 rad or 5 % of
+        the range, with the effort limit at the joint limit; 0 for none.
+    force_limit, moment_limit : float
+        Largest force and moment of the spring, N and N m. Directions are kept.
+    effort_limit : float or array_like, optional
+        Limits that the task's torques respect, by one common factor. Default: the
+        robot's.
+    compensate : Terms
+        The terms of the model that are compensated.
+    singular_mass : float, optional
+        kg; see `TaskSpace`.
+
+    Raises
+    ------
+    InputError
+        Names the argument, what was given and what is expected.
+
+    """
+
+    def __init__(self, robot: Robot, frame: str, *, stiffness: ArrayLike,
+                 damping_ratio: ArrayLike | None = None,
+                 damping: ArrayLike | None = None, axes: str = 'world',
+                 directions: Sequence[str] | None = None,
+                 posture: ArrayLike | None = None,
+                 posture_stiffness: ArrayLike = 0.0, null_damping: float = NULL_DAMPING,
+                 limit_stiffness: ArrayLike | None = None,
+                 limit_margin: ArrayLike | None = None, force_limit: float = math.inf,
+                 moment_limit: float = math.inf, effort_limit: ArrayLike | None = None,
+                 compensate: Terms = EVERY_TERM,
+                 singular_mass: float | None = None) -> None:
+        """Check the settings; kernels compile on first use."""
+        self.robot = robot
+        if directions is None:
+            directions = independent_directions(robot, frame, axes)
+        self._task = frame_task(robot, frame, axes, directions)
+        self._walls = JointWalls(robot)
+        self._timed = robot.equations.timed
+        self._shapes = _settings(robot, self._walls)
+        self._values: dict[str, Any] = {}
+        self._zero = np.zeros(6)
+        self._block = np.zeros(self._shapes.size)
+        if posture is None:
+            posture = np.zeros(robot.n_q)
+            if np.any(np.asarray(posture_stiffness)):
+                raise InputError(f'posture_stiffness: {posture_stiffness!r}, without a '
+                                 'posture; expected a posture, (n_q,)')
+        self.update(stiffness=stiffness, damping_ratio=damping_ratio, damping=damping,
+                    posture=posture, posture_stiffness=posture_stiffness,
+                    null_damping=null_damping, limit_stiffness=limit_stiffness,
+                    limit_margin=limit_margin, force_limit=force_limit,
+                    moment_limit=moment_limit, effort_limit=effort_limit,
+                    compensate=compensate, singular_mass=singular_mass)
+        self._law = self._compiled(False)
+
+    # Settings, which may change between two calls.
+
+    def update(self, **settings: Any) -> None:
+        """
+        Change settings between two calls, by their names; the others stay.
+
+        On an InputError no setting changes. Settings of the constructor but `frame`,
+        `axes` and `directions`; None restores a default.
+        """
+        unknown = sorted(settings.keys() - set(CHANGEABLE))
+        if unknown:
+            raise InputError(f'update: {", ".join(unknown)}; expected some of '
+                             f'{", ".join(CHANGEABLE)}')
+        values = {**self._values, **settings}
+        block = self._shapes.packed(self._checked(values))
+        self._values = values
+        self._block = block
+
+    def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
+        """Return the settings of the kernel by name, checked."""
+        robot = self.robot
+        K = checked_matrix(values['stiffness'], 'stiffness')
+        D = np.zeros((6, 6))
+        ratio = values['damping_ratio']
+        if values['damping'] is not None:
+            if ratio is not None:
+                raise InputError('damping, damping_ratio: both given; expected one')
+            D = checked_matrix(values['damping'], 'damping')
+            ratio = 0.0
+        elif ratio is None:
+            ratio = RATIO
+        ratios = per_joint(ratio, 'damping_ratio', AXES)
+
+        positive = 'a positive number'
+        limits = {}
+        for name in ('force_limit', 'moment_limit'):
+            limits[name] = number(values[name], name, positive, lambda x: x > 0.0)
+        effort = np.asarray(robot.limits.effort, np.float64)
+        if values['effort_limit'] is not None:
+            stated = per_joint(values['effort_limit'], 'effort_limit',
+                               robot.joint_names, finite=False)
+            effort = np.minimum(effort, stated)
+        if not isinstance(values['compensate'], Terms):
+            raise InputError(f'compensate: {values["compensate"]!r}; expected Terms')
+        wall_names = [robot.joint_names[r] for r in self._walls.joints]
+        return {
+            'stiffness': K, 'factor': factor(K), 'root': np.sqrt(2.0 * ratios),
+            'damping': D,
+            'bounds': stored_energy_limits(K, limits['force_limit'],
+                                           limits['moment_limit']),
+            'weights': compensation_weights(values['compensate']),
+            'posture': finite_row(values['posture'], 'posture', robot.coordinate_names),
+            'posture_stiffness': per_joint(values['posture_stiffness'],
+                                           'posture_stiffness', wall_names),
+            'null_damping': number(values['null_damping'], 'null_damping',
+                                   'a finite number >= 0, 1/s',
+                                   lambda x: 0.0 <= x < math.inf),
+            'singular_mass': checked_mass(robot, values['singular_mass']),
+            'effort': effort,
+            **self._walls.settings(values['limit_stiffness'], values['limit_margin'])}
+
+    # Torques.
+
+    def torque(self, q: ArrayLike, u: ArrayLike, pose: ArrayLike,
+               twist: ArrayLike | None = None, acceleration: ArrayLike | None = None,
+               wrench: ArrayLike | None = None, t: float = 0.0) -> Array:
+        """
+        Return the torques of the joints, (n_q,).
+
+        Parameters
+        ----------
+        q, u : (n_q,), (n,) array_like
+            The measured state, rad or m, s.
+        pose : (4, 4) array_like
+            The target in the world, m.
+        twist, acceleration : (6,) array_like, optional
+            Of the target: linear at the frame's origin, then angular; world axes.
+            Default: at rest.
+        wrench : (6,) array_like, optional
+            Force and moment to exert on the environment at the frame's origin, world
+            axes, N, N m.
+        t : float
+            Time, s, where speeds or constraints depend on it.
+
+        Raises
+        ------
+        InputError
+            A wrong shape, a number that is not finite, or no pose.
+        ConstraintError
+            The configuration is open or singular.
+
+        """
+        return self._law(q, u, flat_pose(pose), self._zero if twist is None else twist,
+                         self._zero if acceleration is None else acceleration,
+                         self._zero if wrench is None else wrench, self._block,
+                         *((t,) if self._timed else ()))
+
+    def state(self, q: ArrayLike, u: ArrayLike, pose: ArrayLike,
+              twist: ArrayLike | None = None, t: float = 0.0) -> ImpedanceState:
+        """Return errors, wrench and saturation at a state; arguments as `torque`."""
+        kernel = self._compiled(True)
+        time = (t,) if self._timed else ()
+        row = kernel(q, u, flat_pose(pose), self._zero if twist is None else twist,
+                     self._zero, self._zero, self._block, *time)
+        return ImpedanceState(row[:6], row[6:12], row[12:14], *map(float, row[14:]))
+
+    def energy(self, q: ArrayLike, pose: ArrayLike) -> float:
+        """Return the energy that the spring and the walls store, J."""
+        target = checked_pose(pose, 'pose')
+        measured = self.robot.frame_pose(self._task.frame.name, q)
+        settings = self._shapes.unpacked(self._block)
+        axes = self._task.in_world(target[:3, :3])
+        spring = spring_energy(measured, target, axes, settings['stiffness'],
+                               settings['bounds'])
+        positions = finite_row(q, 'q', self.robot.coordinate_names)
+        return spring + float(self._walls.energy(positions, settings))
+
+    def compile(self) -> None:  # noqa: A003
+        """Compile the kernels of `torque` and `state`."""
+        self._compiled(True)
+
+    def _compiled(self, with_state: bool) -> Callable[..., Array]:
+        """Return the entry point of the torques, or of the state."""
+        robot = self.robot
+        task = self._task
+        shapes = self._shapes
+        walls = self._walls
+
+        def law_of(choice: Robot) -> Law:
+            return _law(choice, task, walls, shapes, with_state)
+        name = 'impedance_state' if with_state else 'cartesian_impedance'
+        inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'pose': (16,), 'twist': (6,),
+                  'acceleration': (6,), 'desired_wrench': (6,),
+                  'settings': (shapes.size,)}
+        size = STATE_SIZE if with_state else len(robot.joint_names)
+        kernel = law_kernel(robot, law_of, identifier(name, task.words), inputs, (size,))
+        return kernel.entry('', kernel)
+
+
+AXES = ('x', 'y', 'z', 'rx', 'ry', 'rz')
+CHANGEABLE = ('stiffness', 'damping_ratio', 'damping', 'posture', 'posture_stiffness',
+              'null_damping', 'limit_stiffness', 'limit_margin', 'force_limit',
+              'moment_limit', 'effort_limit', 'compensate', 'singular_mass')
+
+
+def _settings(robot: Robot, walls: JointWalls) -> Settings:
+    """Return the layout of the settings."""
+    joints = walls.count
+    return Settings({
+        'stiffness': (6, 6), 'factor': (6, 6), 'root': (6,), 'damping': (6, 6),
+        'bounds': (2,), 'weights': (len(WEIGHTS),), 'posture': (robot.n_q,),
+        'posture_stiffness': (joints,), 'null_damping': (), 'singular_mass': (),
+        'effort': (len(robot.joint_names),), 'wall_stiffness': (joints,),
+        'wall_lower': (joints,), 'wall_upper': (joints,), 'wall_damping': (joints,)})
+
+
+def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,
+         with_state: bool) -> Law:
+    """Return the law as a function over any scalar; see the module."""
+    equations = robot.equations
+    frame = task.frame
+
+    def law(q: Vector, u: Vector, pose: Vector, twist: Vector, acceleration: Vector,
+            wrench: Vector, settings: Vector, *, t: Scalar, parameters: Vector
+            ) -> Vector:
+        values = shapes.unpacked(settings)
+        target = pose.reshape(4, 4)
+        axes = task.in_world(target[:3, :3])
+        motion = equations.joint_motion(q, u, equations.zeros, t)
+        J = in_axes(axes, equations.partial_velocities(frame, q, t))
+        mobility = frame_mobility(equations, J, q, parameters, t)
+        inertia = TaskInertia(task, mobility, values['singular_mass'])
+
+        # Feedforward of the reference motion.
+        desired = TargetMotion(axes, twist, acceleration)
+        u_r, udot_r = reference_motion(equations, task, inertia, q, u, desired, t)
+        compensation = reference_dynamics(equations, q, u, u_r, udot_r,
+                                          values['weights'], parameters, t)
+        compensation = compensation + motion.projected(
+            walls.force(q, motion.qdot, values))
+
+        # Spring and damper, on the motion relative to the reference.
+        s = u - u_r
+        measured = equations.frame_pose(frame, q, t)
+        spring = Spring(measured, target, axes, values)
+        damping = damping_wrench(mobility.W, J @ s, values)
+        posture, drag = posture_forces(equations, walls, inertia, q, s, motion,
+                                       parameters, values)
+        pull = J.T @ (spring.wrench + in_axes(axes, wrench)) + posture
+
+        # Within the effort limits damping comes before the pull; each keeps its
+        # direction, by one factor for all torques.
+        held = equations.shared_torques(q, compensation, t)
+        resisting = equations.shared_torques(q, drag - J.T @ damping, t)
+        pulling = equations.shared_torques(q, pull, t)
+        damped, _ = within_limits(held, resisting, values['effort'])
+        tau, scale = within_limits(damped, pulling, values['effort'])
+        if with_state:
+            numbers = [scale, inertia.mass, inertia.regularization]
+            tau = np.concatenate([spring.error, spring.wrench - damping, spring.saturation,
+                                  np.array(numbers)])
+        elif equations.actuated is not None:
+            tau = nan_unless(tau, transmission_margin(equations.mechanism, motion.T,
+                                                      equations.actuated))
+        return nan_unless(tau, pose_margin(target))
+    return law
+
+
+def damping_wrench(W: Matrix, velocity: Vector, values: dict[str, Any]) -> Vector:
+    """Return D times a velocity, (6,): the damping by ratio and the stated one."""
+    F = np.triu(values['factor'])
+    modes = symmetric_product(F @ W, F.T)
+    by_ratio = F.T @ inverse_root_times(modes, F @ (values['root'] * velocity))
+    return values['root'] * by_ratio + values['damping'] @ velocity

@@ -1,0 +1,37 @@
+"""Saturation of a task's torques at the effort limits that keeps their direction."""
+
+from __future__ import annotations
+
+from kane_dynamics._util.typing import Scalar, Vector
+from kane_dynamics.mechanics.algebra.dual import select
+import numpy as np
+
+TINY = 1e-300
+
+
+def within_limits(compensation: Vector, task: Vector, limits: Vector
+                  ) -> tuple[Vector, Scalar]:
+    """
+    Return compensation + s task with the largest s up to 1 within limits, and s.
+
+    All torques of the task have the same factor, so that its wrench keeps its direction.
+    Where the compensation alone exceeds a limit in the direction of the task, s is 0;
+    the result then exceeds it, too.
+
+    Parameters
+    ----------
+    compensation, task : (n,) arrays of scalars
+        Torques of the joints, N m or N.
+    limits : (n,) array of scalars
+        N m or N.
+
+    """
+    scale: Scalar = 1.0
+    for held, torque, limit in zip(compensation, task, limits):
+        is_negative = torque < 0.0
+        size = select(is_negative, -torque, torque)
+        room = limit - select(is_negative, -held, held)
+        room = select(room < 0.0, 0.0, room)
+        share = room / select(size < TINY, TINY, size)
+        scale = select(share < scale, share, scale)
+    return compensation + scale * np.asarray(task), scale

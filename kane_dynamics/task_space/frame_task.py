@@ -1,0 +1,303 @@
+"""The frame, axes and directions of a task, and its dynamics over any scalar."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from kane_dynamics._util.checks import number
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
+from kane_dynamics.control.computed_torque import require_rigid
+from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
+from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
+from kane_dynamics.mechanics.equations import Equations
+from kane_dynamics.model.model import Frame, WORLD
+from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+HEAVY = 10.0  # times the robot's mass: directions that resist like more are singular
+LEAST = 1e-9  # of the least mobility: keeps the factorization of singular ones finite
+ROUNDING = 1e-14  # of the trace of a mobility, likewise
+INDEPENDENT = 1e-6  # least relative singular value of directions that count as independent
+ORDINARY = 1.0  # rad or m
+ATTEMPTS = 10  # to close the loops
+
+
+@dataclass(frozen=True, eq=False)
+class FrameTask:
+    """
+    A frame, the axes of its task, and the directions in them.
+
+    Attributes
+    ----------
+    frame : Frame
+    axes : str
+        'world', 'frame', or the name of a frame.
+    moving : bool
+        Whether the axes are fixed to the frame's body, not to the world.
+    rotation : (3, 3) array
+        Columns are the axes: in the world, or in the frame if they are moving.
+    rows : tuple of int
+        Of the six directions, linear then angular.
+    length : float
+        m; scales angles to distances.
+
+    """
+
+    frame: Frame
+    axes: str
+    moving: bool
+    rotation: Array
+    rows: tuple[int, ...]
+    length: float
+
+    def in_world(self, R: Matrix) -> Matrix:
+        """Return the axes as columns, in the world, for the frame's orientation R."""
+        if self.moving:
+            return R @ self.rotation
+        return self.rotation
+
+    def scaled(self, six: Matrix) -> Matrix:
+        """Return the rows of the task, angular ones times `length`, of six rows."""
+        scales = self.scales
+        return np.array([scales[k] * six[row] for k, row in enumerate(self.rows)])
+
+    def unscaled_wrench(self, force: Vector) -> Vector:
+        """Return the six components of a wrench from a force dual to `scaled` ones."""
+        wrench = np.zeros(6).astype(object)
+        for k, row in enumerate(self.rows):
+            wrench[row] = self.scales[k] * force[k]
+        return wrench
+
+    @property
+    def scales(self) -> tuple[float, ...]:
+        """Return the factors of `scaled`, one for each row."""
+        return tuple(1.0 if row < 3 else self.length for row in self.rows)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Return what distinguishes tasks of one robot, as text."""
+        directions = ''.join(map(str, self.rows))
+        return self.frame.name, self.axes, directions
+
+
+def frame_task(robot: Robot, frame: str, axes: str,
+               directions: Sequence[str]) -> FrameTask:
+    """
+    Return a task, checked.
+
+    Raises
+    ------
+    InputError
+        An unknown frame or direction; the frame does not move; axes that move relative
+        to the frame.
+
+    """
+    require_rigid(robot)
+    model = robot.model
+    controlled = model.frame(frame)
+    if controlled.body == WORLD:
+        raise InputError(f"frame: '{frame}', which does not move; expected a frame of a "
+                         'moving body')
+    moving = axes == 'frame'
+    rotation = np.eye(3)
+    if axes not in ('world', 'frame'):
+        reference = model.frame(axes)
+        moving = reference.body == controlled.body
+        if moving:
+            rotation = controlled.rotation.T @ reference.rotation
+        elif reference.body == WORLD:
+            rotation = reference.rotation
+        else:
+            raise InputError(f"axes: '{axes}', which moves relative to '{frame}'; "
+                             "expected 'world', 'frame', or a frame that is fixed to the "
+                             f"world or to the body of '{frame}'")
+    if isinstance(directions, str):
+        raise InputError(f"directions: the string '{directions}'; expected a sequence of "
+                         f'some of {", ".join(DIRECTIONS)}')
+    names = list(directions)
+    if not names or len(set(names)) < len(names) or not set(names) <= set(DIRECTIONS):
+        raise InputError(f'directions: {names}; expected some of '
+                         f'{", ".join(DIRECTIONS)}, each once')
+    rows = tuple(sorted(DIRECTIONS.index(name) for name in names))
+    length = float(robot.mechanism.length)
+    return FrameTask(controlled, axes, moving, rotation, rows, length)
+
+
+def singular_mass(robot: Robot, stated: float | None) -> float:
+    """Return the mass above which a direction counts as singular, kg; HEAVY times all."""
+    if stated is not None:
+        return number(stated, 'singular_mass', 'a positive, finite mass in kg',
+                      lambda x: 0.0 < x < np.inf)
+    # The rotors count as masses at the mechanism's length.
+    mass = 0.0
+    for body in robot.model.bodies:
+        joint = body.joint
+        rotor = joint.multiplier**2 * joint.armature
+        if joint.kind == 'revolute':
+            rotor /= robot.mechanism.length**2
+        mass += body.inertial.mass + rotor
+    return HEAVY * mass
+
+
+def in_axes(axes: Matrix, six: Matrix) -> Matrix:
+    """Return linear and angular components, (6,) or (6, n), of world ones, in axes."""
+    to_axes = axes.T
+    return np.concatenate([to_axes @ six[:3], to_axes @ six[3:]])
+
+
+class FrameMobility(NamedTuple):
+    """
+    Mobility of a frame in the axes of a task.
+
+    Attributes
+    ----------
+    J : (6, n) array
+        The Jacobian, linear then angular.
+    P : (n, 6) array
+        M^-1 J^T.
+    W : (6, 6) array
+        J M^-1 J^T, the inverse of Lambda where that exists.
+
+    """
+
+    J: Matrix
+    P: Matrix
+    W: Matrix
+
+
+def frame_mobility(equations: Equations, J: Matrix, q: Vector, parameters: Vector,
+                   t: Scalar) -> FrameMobility:
+    """Return the mobility of a frame with the Jacobian J, (6, n)."""
+    factors, order = equations.mass_factors(q, parameters, t)
+    P = np.stack([solve(factors, order, row) for row in J], axis=1)
+    return FrameMobility(J, P, symmetric_product(J, P))
+
+
+class TaskInertia:
+    """
+    Inertia of a task at a configuration, regular where the task is singular.
+
+    With the mobility W, Lambda = (W + lambda^2)^-1. Its regularization lambda^2 is
+    exactly zero while trace(W^-1), about the mass with which the task resists motion in
+    its heaviest direction, is below `heaviest` m_s; above it grows smoothly to 1 / m_s,
+    so that Lambda is at most 4/3 m_s. It is the variable damping of Y. Nakamura and H.
+    Hanafusa, "Inverse kinematic solutions with singularity robustness for robot
+    manipulator control", J. Dyn. Sys. Meas. Control 108, 1986, with a measure in kg.
+
+    Parameters
+    ----------
+    task : FrameTask
+    mobility : FrameMobility
+        Of all six directions.
+    heaviest : scalar
+        m_s, kg.
+
+    Attributes
+    ----------
+    J, P : (k, n), (n, k) arrays
+        Of the rows of the task, angular ones times its length.
+    mass, regularization : scalars
+        trace(W^-1), kg; lambda^2, 1/kg.
+
+    """
+
+    def __init__(self, task: FrameTask, mobility: FrameMobility,
+                 heaviest: Scalar) -> None:
+        self.J = task.scaled(mobility.J)
+        self.P = task.scaled(mobility.P.T).T
+        self.W = task.scaled(task.scaled(mobility.W).T)
+        count = len(task.rows)
+        self._order = list(range(count))
+
+        # The trace of W^-1, finite where W is singular.
+        least = 1.0 / heaviest
+        trace = sum(self.W[k, k] for k in range(count))
+        shift = LEAST * least + ROUNDING * trace
+        of_shifted = inverse(factorize(self._shifted(shift), self._order), self._order)
+        self.mass = sum(of_shifted[k, k] for k in range(count))
+
+        # lambda^2 = (1 - m_s / mass)^2 / m_s above m_s, else 0. The shift keeps the
+        # factorization finite at the edge of rounding.
+        share = heaviest / self.mass
+        is_singular = share < 1.0
+        excess = select(is_singular, 1.0 - share, 0.0)
+        self.regularization = least * excess * excess
+        added = self.regularization + select(is_singular, shift, 0.0)
+        self._factors = factorize(self._shifted(added), self._order)
+
+    def _shifted(self, shift: Scalar) -> Matrix:
+        """Return W + shift."""
+        return self.W + np.diag([shift] * len(self.W))
+
+    def force(self, acceleration: Vector) -> Vector:
+        """Return Lambda times an acceleration of the task, (k,)."""
+        return solve(self._factors, self._order, acceleration)
+
+    def inertia(self) -> Matrix:
+        """Return Lambda, (k, k), exactly symmetric."""
+        return inverse(self._factors, self._order)
+
+    def speeds(self, v: Vector) -> Vector:
+        """Return the speeds of least kinetic energy, (n,), for a velocity of the task."""
+        return self.P @ self.force(v)
+
+    def null_force(self, tau: Vector) -> Vector:
+        """Return N^T tau, (n,), which does not accelerate the task."""
+        return tau - self.J.T @ self.force(self.P.T @ tau)
+
+    def null_speeds(self, u: Vector) -> Vector:
+        """Return N u, (n,): the part of u that does not move the task."""
+        return u - self.speeds(self.J @ u)
+
+
+def symmetric_product(A: Matrix, B: Matrix) -> Matrix:
+    """Return the symmetric matrix A B, each entry computed once."""
+    k = len(A)
+    result = np.zeros((k, k)).astype(object)
+    for r in range(k):
+        for s in range(r, k):
+            entry = A[r] @ B[:, s]
+            result[r, s] = entry
+            result[s, r] = entry
+    return result
+
+
+def independent_directions(robot: Robot, frame: str, axes: str) -> tuple[str, ...]:
+    """Return as many of the six directions as the frame can follow, in their order."""
+    if robot.n >= 6:
+        return DIRECTIONS
+    task = frame_task(robot, frame, axes, DIRECTIONS)
+    q = _ordinary_configuration(robot)
+    pose = robot.frame_pose(frame, q)
+    J = task.scaled(in_axes(task.in_world(pose[:3, :3]), robot.jacobian(frame, q)))
+    names: list[str] = []
+    chosen = np.zeros((0, robot.n))
+    for name, row in zip(DIRECTIONS, np.asarray(J, np.float64)):
+        extended = np.concatenate([chosen, row[None]])
+        values = np.linalg.svd(extended, compute_uv=False)
+        if len(extended) <= robot.n and values.min() > INDEPENDENT * values.max():
+            names.append(name)
+            chosen = extended
+    return tuple(names)
+
+
+def _ordinary_configuration(robot: Robot) -> Array:
+    """Return a configuration, (n_q,), that is not likely to be singular; closed."""
+    lower = np.maximum(robot.limits.lower, -ORDINARY)
+    upper = np.minimum(robot.limits.upper, ORDINARY)
+    rng = np.random.default_rng(0)
+    for _ in range(ATTEMPTS):
+        q = np.asarray(on_unit_quaternions(robot.model, rng.uniform(lower, upper)))
+        if not robot.constraint_names:
+            return q
+        try:
+            return robot.closed_configuration(q)
+        except ConstraintError:
+            continue
+    raise InputError('directions: missing; expected those that the frame can follow, '
+                     'because no closed configuration of the robot was reached')

@@ -1,0 +1,179 @@
+"""
+Joint impedance: joints held to a desired motion by springs and dampers.
+
+    tau = M udot_r + C(q, u) u_r + gravity + springs + friction(u_r)
+          + T_c^T (K (q_d - q_c) + D (q'_d - q'_c))
+
+for the joints c that follow, q'_c = T_c u + X_c, with the speeds u_r at which they have
+the desired rates. In joint rates without constraints T_c = 1 and u_r = u_d. The inertia
+is not shaped, so that stiffness and damping are those that a hand feels; while the
+target rests, kinetic plus spring energy does not rise (`reference_dynamics`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from kane_dynamics._util.attribute_hints import guarded
+from kane_dynamics._util.checks import finite_row, per_joint
+from kane_dynamics._util.typing import Array, Scalar, Vector
+from kane_dynamics.control.computed_torque import followed_joints, law_margin
+from kane_dynamics.control.terms import EVERY_TERM, Terms
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.task_space.law_kernel import identifier, Law, law_kernel, Settings
+from kane_dynamics.task_space.reference_dynamics import (compensation_weights,
+                                                         reference_dynamics, WEIGHTS)
+import numpy as np
+from numpy.typing import ArrayLike
+
+CHANGEABLE = ('stiffness', 'damping', 'compensate')
+
+
+@guarded
+class JointImpedance:
+    """
+    Joint impedance: a spring and a damper at each joint, with the model compensated.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot without beams and ball joints.
+    stiffness : float or (n,) array_like
+        N m/rad or N/m, of the joints that follow.
+    damping : float or (n,) array_like
+        N m s/rad or N s/m.
+    compensate : Terms
+        The terms of the model that are compensated. Springs of the model always are.
+    followed : sequence of str, optional
+        With chosen speeds or constraints: the joints that follow, as for
+        `ComputedTorque`.
+
+    Raises
+    ------
+    InputError
+        Names the argument, the joint, the value and what is expected.
+
+    """
+
+    def __init__(self, robot: Robot, *, stiffness: ArrayLike, damping: ArrayLike,
+                 compensate: Terms = EVERY_TERM,
+                 followed: Sequence[str] | None = None) -> None:
+        """Check the settings and compile the kernel."""
+        require_angles(robot.model, 'JointImpedance')
+        self.robot = robot
+        self._places = followed_joints(robot, followed)
+        self.followed = tuple(robot.coordinate_names[k] for k in self._places)
+        self._timed = robot.equations.timed
+        n = robot.n
+        self._shapes = Settings({'stiffness': (n,), 'damping': (n,),
+                                 'weights': (len(WEIGHTS),)})
+        self._zero = np.zeros(n)
+        self._values: dict[str, Any] = {}
+        self._block = np.zeros(self._shapes.size)
+        self.update(stiffness=stiffness, damping=damping, compensate=compensate)
+        self._law = self._compiled()
+
+    def update(self, **settings: Any) -> None:
+        """
+        Change stiffness, damping or compensate between two calls; the others stay.
+
+        On an InputError no setting changes.
+        """
+        unknown = sorted(settings.keys() - set(CHANGEABLE))
+        if unknown:
+            raise InputError(f'update: {", ".join(unknown)}; expected some of '
+                             f'{", ".join(CHANGEABLE)}')
+        values = {**self._values, **settings}
+        if not isinstance(values['compensate'], Terms):
+            raise InputError(f'compensate: {values["compensate"]!r}; expected Terms')
+        block = self._shapes.packed({
+            'stiffness': per_joint(values['stiffness'], 'stiffness', self.followed),
+            'damping': per_joint(values['damping'], 'damping', self.followed),
+            'weights': compensation_weights(values['compensate'])})
+        self._values = values
+        self._block = block
+
+    def torque(self, q: ArrayLike, u: ArrayLike, q_d: ArrayLike,
+               u_d: ArrayLike | None = None, udot_d: ArrayLike | None = None,
+               t: float = 0.0) -> Array:
+        """
+        Return the torques of the joints, (n_q,).
+
+        Parameters
+        ----------
+        q, u : (n_q,), (n,) array_like
+            The measured state, rad or m, s.
+        q_d : (n,) array_like
+            Desired positions of the joints that follow.
+        u_d, udot_d : (n,) array_like, optional
+            Their rates and accelerations. Default: at rest.
+        t : float
+            Time, s, where speeds or constraints depend on it.
+
+        Raises
+        ------
+        InputError
+            A wrong shape, or a number that is not finite.
+        ConstraintError
+            The configuration is open or singular, or the joints do not determine the
+            motion there.
+
+        """
+        return self._law(q, u, q_d, self._zero if u_d is None else u_d,
+                         self._zero if udot_d is None else udot_d, self._block,
+                         *((t,) if self._timed else ()))
+
+    def energy(self, q: ArrayLike, q_d: ArrayLike) -> float:
+        """Return the energy that the springs store, J."""
+        measured = finite_row(q, 'q', self.robot.coordinate_names)[list(self._places)]
+        stretch = measured - finite_row(q_d, 'q_d', self.followed)
+        stiffness = self._shapes.unpacked(self._block)['stiffness']
+        return float(0.5 * stiffness @ stretch**2)
+
+    def _compiled(self) -> Callable[..., Array]:
+        """Return the entry point of the law."""
+        robot = self.robot
+        n = robot.n
+        shapes = self._shapes
+        places = self._places
+
+        def law_of(choice: Robot) -> Law:
+            return _law(choice, places, shapes)
+        inputs = {'q': (robot.n_q,), 'u': (n,), 'q_d': (n,), 'u_d': (n,),
+                  'udot_d': (n,), 'settings': (shapes.size,)}
+        name = identifier('joint_impedance', *map(str, places))
+        kernel = law_kernel(robot, law_of, name, inputs, (robot.n_q,), places)
+        return kernel.entry('', kernel)
+
+
+def _law(robot: Robot, followed: Sequence[int], shapes: Settings) -> Law:
+    """Return the law as a function over any scalar; see the module."""
+    equations = robot.equations
+    mechanism = equations.mechanism
+    places = list(followed)
+
+    def law(q: Vector, u: Vector, q_d: Vector, u_d: Vector, udot_d: Vector,
+            settings: Vector, *, t: Scalar, parameters: Vector) -> Vector:
+        values = shapes.unpacked(settings)
+        motion = equations.joint_motion(q, u, equations.zeros, t)
+        T_c = motion.T[places]
+
+        # The reference motion, of which the joints that follow have the desired rates
+        # and accelerations: T_c u_r + X_c = q'_d, T_c u_r' + T_c' u_r + X_c' = q''_d.
+        difference = mechanism.solved(T_c, u_d - motion.qdot[places])
+        drift = motion.qddot[places] + motion.T_rate[places] @ difference
+        udot_r = mechanism.solved(T_c, udot_d - drift)
+        compensation = reference_dynamics(equations, q, u, u + difference, udot_r,
+                                          values['weights'], parameters, t)
+
+        force = (values['stiffness'] * (q_d - q[places])
+                 + values['damping'] * (u_d - motion.qdot[places]))
+        tau = equations.shared_torques(q, compensation + T_c.T @ force, t)
+        if not equations.in_joint_rates:
+            tau = nan_unless(tau, law_margin(robot, followed, q, t))
+        return tau
+    return law

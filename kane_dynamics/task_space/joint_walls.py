@@ -1,0 +1,91 @@
+"""Soft walls before the joint limits: springs and dampers that act within a margin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from kane_dynamics._util.checks import per_joint
+from kane_dynamics._util.typing import Array, Scalar, Vector
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+from numpy.typing import ArrayLike
+
+MARGIN = 0.1  # rad or m: the default, at most SHARE of a joint's range
+SHARE = 0.05
+DAMPING = 0.01  # s: damping of a wall over its stiffness, at the joint limit and beyond
+
+
+class JointWalls:
+    """
+    The walls of a robot's joint limits; none at a joint without limits.
+
+    A wall is a spring whose damping grows with its depth, up to the joint limit, so that
+    the torque is continuous. The coordinates of ball joints have no limits.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        model = robot.model
+        # Of joints with a position: their indices in u, and in q.
+        self.joints = [r for r, place in enumerate(model.places) if place is not None]
+        self.places = [place for place in model.places if place is not None]
+        self._names = [robot.joint_names[r] for r in self.joints]
+        self._lower = np.asarray(robot.limits.lower, np.float64)[self.places]
+        self._upper = np.asarray(robot.limits.upper, np.float64)[self.places]
+        self._effort = np.asarray(robot.limits.effort, np.float64)[self.joints]
+        self.count = len(self.joints)
+
+    def settings(self, stiffness: ArrayLike | None,
+                 margin: ArrayLike | None) -> dict[str, Array]:
+        """
+        Return stiffness, N m/rad, where the walls begin, and damping; checked.
+
+        By default a wall holds the effort limit at the joint limit.
+        """
+        span = self._upper - self._lower
+        if margin is None:
+            margins = np.minimum(MARGIN, SHARE * span)
+        else:
+            margins = per_joint(margin, 'limit_margin', self._names)
+            if (2.0 * margins > span).any():
+                raise InputError(f'limit_margin: {margins.tolist()}; expected at most '
+                                 'half of the range of each joint')
+        if stiffness is None:
+            # Joints without effort limits have no wall by default.
+            effort = np.where(np.isfinite(self._effort), self._effort, 0.0)
+            stiffnesses = effort / np.where(margins > 0.0, margins, 1.0)
+        else:
+            stiffnesses = per_joint(stiffness, 'limit_stiffness', self._names)
+        # A joint without a limit has its wall beyond every position.
+        return {'wall_stiffness': stiffnesses, 'wall_lower': self._lower + margins,
+                'wall_upper': self._upper - margins,
+                'wall_damping': DAMPING / np.where(margins > 0.0, margins, 1.0)}
+
+    def force(self, q: Vector, joint_rates: Vector, settings: Mapping[str, Any]
+              ) -> Vector:
+        """Return the joint forces of the walls, (n_j,), over any scalar."""
+        force = np.zeros(len(joint_rates)).astype(object)
+        for k, (r, place) in enumerate(zip(self.joints, self.places)):
+            depth = self._depth(k, q[place], settings)
+            size = select(depth < 0.0, -depth, depth)
+            # The damping, s, is DAMPING from the joint limit on.
+            growing = settings['wall_damping'][k] * size
+            damping = select(growing > DAMPING, DAMPING, growing)
+            force[r] = -settings['wall_stiffness'][k] * (depth + damping * joint_rates[r])
+        return force
+
+    def energy(self, q: Vector, settings: Mapping[str, Any]) -> Scalar:
+        """Return the energy that the walls store, J."""
+        total: Scalar = 0.0
+        for k, place in enumerate(self.places):
+            depth = self._depth(k, q[place], settings)
+            total = total + 0.5 * settings['wall_stiffness'][k] * depth * depth
+        return total
+
+    def _depth(self, k: int, position: Scalar, settings: Mapping[str, Any]) -> Scalar:
+        """Return how far a position is beyond the upper wall, or minus the lower one."""
+        above = position - settings['wall_upper'][k]
+        below = position - settings['wall_lower'][k]
+        return select(above > 0.0, above, select(below < 0.0, below, 0.0))

@@ -1,0 +1,114 @@
+"""Laws as kernels of a robot: settings in one array, checks of the configuration."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from kane_dynamics._util.typing import Array, Scalar, Vector
+from kane_dynamics.control.computed_torque import require_following
+from kane_dynamics.mechanics.constraints.conditioning import guarded
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
+from kane_dynamics.native.tracing.program import Shape, size_of
+from kane_dynamics.robot.robot import in_choice, Robot
+from kane_dynamics.task_space.pose_checks import require_pose
+import numpy as np
+
+UNLIMITED = 1e300  # stands for an infinite limit in the settings of a kernel
+
+
+class Settings:
+    """
+    Names and shapes of the settings of a law, which are one array for its kernel.
+
+    Parameters
+    ----------
+    shapes : mapping of str to shape
+        In the order of the array.
+
+    Attributes
+    ----------
+    size : int
+        Length of the array.
+
+    """
+
+    def __init__(self, shapes: Mapping[str, Shape]) -> None:
+        self.shapes = dict(shapes)
+        self.size = sum(map(size_of, self.shapes.values()))
+
+    def packed(self, values: Mapping[str, Any]) -> Array:
+        """Return the array of settings; infinite numbers become `UNLIMITED`."""
+        parts = []
+        for name, shape in self.shapes.items():
+            array = np.asarray(values[name], dtype=np.float64)
+            parts.append(np.broadcast_to(array, shape).ravel())
+        result: Array = np.clip(np.concatenate(parts), -UNLIMITED, UNLIMITED)
+        return result
+
+    def unpacked(self, block: Vector) -> dict[str, Any]:
+        """Return the settings by name; those of shape () as scalars."""
+        values: dict[str, Any] = {}
+        first = 0
+        for name, shape in self.shapes.items():
+            size = size_of(shape)
+            values[name] = block[first:first + size].reshape(shape)[()]
+            first += size
+        return values
+
+
+Law = Callable[..., Vector]  # of the inputs; wrench, t, parameters and limits by name
+
+
+def law_kernel(robot: Robot, law_of: Callable[[Robot], Law], name: str,
+               inputs: Mapping[str, Shape | Argument], shape: Shape,
+               followed: Sequence[int] = ()) -> Kernel:
+    """
+    Return a law as a kernel of the robot, which refuses open or singular configurations.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its speeds are those of the law.
+    law_of : callable
+        Returns the law of a robot as a function over any scalar, of the inputs and of
+        `t`, `parameters`, all of which it must take. Its result is torques of the
+        joints first.
+    name : str
+        Distinguishes laws of one class with other frames, axes or directions.
+    inputs : mapping of str to shape
+        q and u first.
+    shape : tuple of int
+        Of the result.
+    followed : sequence of int
+        Joints that must determine the motion.
+
+    """
+    equations = robot.equations
+    law = law_of(robot)
+
+    def watched(*inputs: Vector, t: Scalar, parameters: Vector,
+                limits: Vector) -> Vector:
+        result = law(*inputs, t=t, parameters=parameters)
+        if not equations.watched:  # a tree has no singular or open configuration
+            return result
+        return guarded(result, equations.margin(inputs[0], t, limits))
+
+    def reason(state: dict[str, Array]) -> Kernel | None:
+        """Return the law with rows that are regular at a state, or None; may raise."""
+        if 'pose' in state:
+            require_pose(state['pose'])
+        if followed and not equations.in_joint_rates:
+            t = float(state.get('t', np.zeros(())))
+            require_following(robot, followed, state['q'], t)
+        regular = robot.speed_sets.instead(equations.mechanism, state)
+        if regular is None or regular.equations.in_joint_rates:
+            return None
+        choice = regular.equations.mechanism
+        return law_kernel(in_choice(robot, choice.free, choice.kept), law_of, name,
+                          inputs, shape, followed)
+    return robot.kernels.compiled(watched, name, inputs, shape, reason=reason)
+
+
+def identifier(*words: str | Sequence[str]) -> str:
+    """Return a C identifier of these words."""
+    text = '_'.join(word if isinstance(word, str) else '_'.join(word) for word in words)
+    return ''.join(c if c.isalnum() and c.isascii() else '_' for c in text)

@@ -1,0 +1,61 @@
+"""
+Model compensation of a reference motion that leaves the feedback passive.
+
+    tau = M udot_r + C(q, u) u_r + gravity + springs + friction(u_r)
+
+with the Coriolis matrix C of dM/dt = C + C^T. For s = u - u_r the arm then obeys M s' +
+C s = feedback, and the rate of s^T M s / 2 is the power of the feedback alone. At rest,
+u_r = 0, it is gravity compensation. Compensation of all of C u instead would add the
+power u^T dM/dt u / 2. Source: B. Paden, R. Panja, "Globally asymptotically stable 'PD+'
+controller for robot manipulators", Int. J. Control 47(6), 1988.
+
+Friction is that of the reference motion, as in computed torque: compensation at measured
+rates would accelerate an arm at rest.
+"""
+
+from kane_dynamics._util.typing import Scalar, Vector
+from kane_dynamics.control.terms import Terms
+from kane_dynamics.mechanics.equations import Equations
+import numpy as np
+
+WEIGHTS = ('inertia', 'coriolis', 'gravity', 'friction')  # of `compensation_weights`
+
+
+def compensation_weights(terms: Terms) -> list[float]:
+    """Return the weights of the terms of `reference_dynamics`, 0 or 1, (4,)."""
+    return [float(getattr(terms, name)) for name in WEIGHTS]
+
+
+def reference_dynamics(equations: Equations, q: Vector, u: Vector, u_r: Vector,
+                       udot_r: Vector, weights: Vector, parameters: Vector,
+                       t: Scalar) -> Vector:
+    """
+    Return the force of the compensation, dual to u, (n,), over any scalar.
+
+    Parameters
+    ----------
+    equations : Equations
+        Of the robot.
+    q, u : (n_q,), (n,) arrays
+        The measured state.
+    u_r, udot_r : (n,) arrays
+        The reference motion.
+    weights : (4,) array
+        Of the terms `WEIGHTS`, 0 or 1.
+    parameters, t
+        Of the robot; time, s.
+
+    """
+    inertia, coriolis, gravity, friction = weights
+    tree = equations.tree
+    motion = equations.joint_motion(q, u, equations.zeros, t)
+    difference = u_r - u
+    qdot_r = motion.qdot + motion.T @ difference
+    # q'' = T u' + T' u + X': the terms of the speeds count as Coriolis terms.
+    drift = motion.qddot + motion.T_rate @ difference
+    qddot = inertia * (motion.T @ udot_r) + coriolis * drift
+
+    loads = np.concatenate([gravity * parameters[:3], parameters[3:]])
+    force = tree.reference_dynamics(q, coriolis * motion.qdot, coriolis * qdot_r, qddot,
+                                    loads)
+    return motion.projected(force + friction * tree.friction_force(qdot_r))

@@ -1,0 +1,160 @@
+"""Stiffness and damping matrices of a task, checked; the spring between two poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import math
+from typing import Any
+
+from kane_dynamics._util.text import SHORT
+from kane_dynamics._util.typing import Array, Matrix, Scalar
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.task_space.orientation_error import (orientation_error,
+                                                        OrientationError)
+import numpy as np
+from numpy.typing import ArrayLike
+
+ROUNDING = 1e-12  # relative: asymmetry and negative eigenvalues of a stiffness
+AMPLIFIED = 0.5 * math.pi  # largest moment of a spring of unequal stiffness over K phi
+TINY = 1e-300
+
+
+def checked_matrix(value: ArrayLike, what: str) -> Array:
+    """
+    Return a symmetric, positive semidefinite (6, 6) matrix from its diagonal or itself.
+
+    Raises
+    ------
+    InputError
+        The shape is neither (6,) nor (6, 6), or the matrix is neither finite, symmetric
+        nor positive semidefinite.
+
+    """
+    try:
+        numbers = np.array(value)
+        if numbers.dtype.kind not in 'iuf':
+            raise ValueError
+        array = numbers.astype(np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f'{what}: {SHORT.repr(value)}; expected numbers of shape (6,) or '
+                         '(6, 6)') from None
+    if array.shape not in ((6,), (6, 6)):
+        raise InputError(f'{what}: shape {array.shape}; expected (6,) or (6, 6), linear '
+                         'then angular')
+    if not np.isfinite(array).all():
+        raise InputError(f'{what}: {SHORT.repr(array.tolist())}; expected finite numbers')
+    if array.ndim == 1:
+        array = np.diag(array)
+    largest = float(np.abs(array).max())
+    if np.abs(array - array.T).max() > ROUNDING * largest:
+        raise InputError(f'{what}: not symmetric; expected a symmetric matrix')
+    array = 0.5 * (array + array.T)
+    least = float(np.linalg.eigvalsh(array).min())
+    if least < -ROUNDING * largest:
+        raise InputError(f'{what}: an eigenvalue of {least:g}; expected none below 0')
+    return array
+
+
+def factor(K: Array) -> Array:
+    """Return an upper triangular F with K = F^T F, of a positive semidefinite K."""
+    values, vectors = np.linalg.eigh(K)
+    root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+    result: Array = np.linalg.qr(root)[1]
+    return result
+
+
+def stored_energy_limits(K: Array, force_limit: float, moment_limit: float) -> Array:
+    """
+    Return the energies, J, above which force and moment of a spring stop growing, (2,).
+
+    Raises
+    ------
+    InputError
+        A limit is given for a stiffness that couples translation and rotation.
+
+    """
+    limits = np.full(2, np.inf)
+    parts = ((K[:3, :3], force_limit), (K[3:, 3:], moment_limit))
+    for k, (part, limit) in enumerate(parts):
+        stiffest = float(np.linalg.eigvalsh(part).max())
+        if math.isinf(limit) or stiffest <= 0.0:
+            continue
+        if np.abs(K[:3, 3:]).max() > ROUNDING * np.abs(K).max():
+            raise InputError('force_limit, moment_limit: finite, with a stiffness that '
+                             'couples translation and rotation; expected inf, or a '
+                             'stiffness without coupling')
+        # The largest |K e| at an energy V is sqrt(2 stiffest V).
+        equal = np.abs(part - stiffest * np.eye(3)).max() <= ROUNDING * stiffest
+        if k == 1 and not equal:
+            limit = limit / AMPLIFIED
+        limits[k] = limit**2 / (2.0 * stiffest)
+    return limits
+
+
+class Spring:
+    """
+    The spring between a frame and its target, over any scalar.
+
+    Its energy is V = 1/2 e^T K e with e the displacement and the orientation error, in
+    the axes of the task; with limits, V grows as the square root beyond `bounds`, so
+    that force and moment stay bounded in their directions and have an energy.
+
+    Parameters
+    ----------
+    pose, target : (4, 4) arrays
+    axes : (3, 3) array
+        Columns are the axes of the task in the world.
+    settings : mapping
+        `stiffness` (6, 6) and `bounds` (2,), J.
+
+    Attributes
+    ----------
+    error : (6,) array
+        Displacement from the target, m, and orientation error, rad, in the axes.
+    wrench : (6,) array
+        The pull on the frame, in the axes: minus the gradient of the energy.
+    saturation : (2,) array
+        Factors of force and moment by the limits, 1 without.
+
+    """
+
+    def __init__(self, pose: Matrix, target: Matrix, axes: Matrix,
+                 settings: Mapping[str, Any]) -> None:
+        displacement = axes.T @ (pose[:3, 3] - target[:3, 3])
+        turn = axes.T @ pose[:3, :3] @ target[:3, :3].T @ axes
+        self.orientation: OrientationError = orientation_error(turn)
+        self.error = np.concatenate([displacement, self.orientation.vector])
+        pull = settings['stiffness'] @ self.error
+
+        # Twice the energies of translation and rotation decide on the saturation.
+        force_scale = _saturation(0.5 * (displacement @ pull[:3]), settings['bounds'][0])
+        moment_scale = _saturation(0.5 * (self.orientation.vector @ pull[3:]),
+                                   settings['bounds'][1])
+        self.saturation = np.array([force_scale, moment_scale])
+        moment = self.orientation.moment(pull[3:])
+        self.wrench = -np.concatenate([force_scale * pull[:3], moment_scale * moment])
+
+
+def _saturation(energy: Scalar, bound: Scalar) -> Scalar:
+    """Return sqrt(bound / energy) where the energy is above the bound, else 1."""
+    is_large = bound < energy
+    return select(is_large, np.sqrt(bound / select(is_large, energy, 1.0)), 1.0)
+
+
+def spring_energy(pose: Array, target: Array, axes: Array, K: Array,
+                  bounds: Array) -> float:
+    """Return the energy of a `Spring`, J, of numbers."""
+    displacement = axes.T @ (pose[:3, 3] - target[:3, 3])
+    turn = axes.T @ pose[:3, :3] @ target[:3, :3].T @ axes
+    phi = np.array(orientation_error(turn).vector, dtype=np.float64)
+    e = np.concatenate([displacement, phi])
+    if np.isinf(bounds).all():
+        return float(0.5 * e @ K @ e)
+    energy = 0.0
+    for part, bound in ((slice(0, 3), bounds[0]), (slice(3, 6), bounds[1])):
+        V = 0.5 * float(e[part] @ K[part, part] @ e[part])
+        if bound < V:
+            V = 2.0 * math.sqrt(bound * V) - bound
+        energy += V
+    return energy
