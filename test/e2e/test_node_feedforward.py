@@ -4,17 +4,16 @@ import ast
 import importlib.util
 import json
 import math
-import os
 from pathlib import Path
 import re
 import signal
 import time
 
+from control_messages import control_messages
 from kane_dynamics import Robot
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
 from kane_dynamics.feasibility import time_optimal
 from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal
-from message_package import build_message
 from node_process import DEEP, JOINTS, model, NAME, Process, URDF, wait_until
 import numpy as np
 import pytest
@@ -250,13 +249,6 @@ def test_a_loop_like_the_controller_tracks_20_times_better_with_filled_efforts(f
     assert np.linalg.norm(alone) > 20.0 * np.linalg.norm(helped), (alone, helped)
 
 
-COMMAND = """std_msgs/Header header
-string[] joint_names
-string interface_name
-float64[] values
-"""
-
-
 def test_stamped_commands_without_their_message_are_an_error_at_configure(start):
     if importlib.util.find_spec('control_msgs') is not None:
         pytest.skip('control_msgs is installed')
@@ -268,11 +260,9 @@ def test_stamped_commands_without_their_message_are_an_error_at_configure(start)
 
 @pytest.mark.slow  # builds the message, which takes a minute of processor time
 @pytest.mark.timeout(1200)
-def test_stamped_commands_are_the_commands_with_names_and_stamp(tmp_path, monkeypatch, client):
-    packages, prefix = build_message(tmp_path, 'control_msgs', 'JointCommand', COMMAND)
-    monkeypatch.setenv('PYTHONPATH', str(packages))
-    monkeypatch.setenv('AMENT_PREFIX_PATH', f'{prefix}:{os.environ["AMENT_PREFIX_PATH"]}')
-    monkeypatch.setenv('LD_LIBRARY_PATH', f'{os.environ.get("LD_LIBRARY_PATH", "")}:{prefix}/lib')
+def test_stamped_commands_are_the_commands_with_names_and_stamp(monkeypatch, client):
+    for name, value in control_messages().items():
+        monkeypatch.setenv(name, value)
     node = Process(robot_description=f"'{URDF}'", stamped_commands='true')
     received = []
     code = ('import rclpy, sys\nfrom control_msgs.msg import JointCommand\nrclpy.init()\n'

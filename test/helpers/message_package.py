@@ -1,5 +1,6 @@
-"""Build a ROS package of one message at test time, with the tools that build our interfaces."""
+"""Build a ROS package at test time, with the tools that build our interfaces."""
 
+import hashlib
 from pathlib import Path
 import re
 import shutil
@@ -7,34 +8,60 @@ import subprocess
 import sys
 import zipfile
 
-INTERFACES = Path(__file__).resolve().parents[2] / 'kane_dynamics_interfaces'
+REPOSITORY = Path(__file__).resolve().parents[2]
+INTERFACES = REPOSITORY / 'kane_dynamics_interfaces'
+BUILT = REPOSITORY / 'build' / 'test_packages'
 
 
-def build_message(folder, package, name, fields):
+def build_package(package, sources):
     """
-    Build package/msg/name; return the paths for PYTHONPATH and AMENT_PREFIX_PATH.
+    Build a package; return the paths for PYTHONPATH and AMENT_PREFIX_PATH.
 
-    The wheel is unpacked in `folder`, so that no environment changes.
+    The wheel is unpacked in the folder `build`, so that no environment changes. A package of the
+    same sources is built once.
+
+    Parameters
+    ----------
+    package : str
+        Its name.
+    sources : dict
+        Text of each interface by its path in the package, such as ``msg/JointCommand.msg``.
+
     """
-    source = folder / package
-    (source / 'msg').mkdir(parents=True)
-    (source / 'msg' / f'{name}.msg').write_text(fields)
+    tools = [(INTERFACES / name).read_text() for name in ('CMakeLists.txt', 'pip_ros.cmake',
+                                                          'package.xml', 'pyproject.toml')]
+    content = repr((package, sorted(sources.items()), tools, sys.version))
+    folder = BUILT / f'{package}_{hashlib.sha256(content.encode()).hexdigest()[:16]}'
+    if not folder.exists():
+        unfinished = folder.with_suffix('.unfinished')
+        shutil.rmtree(unfinished, ignore_errors=True)
+        _build(unfinished, package, sources)
+        unfinished.rename(folder)
+    prefix, = folder.glob('*.data/data')
+    packages, = prefix.glob('lib/python*/site-packages')
+    return packages, prefix
+
+
+def _build(folder, package, sources):
+    """Build and unpack the wheel in a folder."""
+    source = folder / 'source'
+    for path, text in sources.items():
+        (source / path).parent.mkdir(parents=True, exist_ok=True)
+        (source / path).write_text(text)
     shutil.copy(INTERFACES / 'pip_ros.cmake', source)
     for file in ('package.xml', 'pyproject.toml'):
         text = (INTERFACES / file).read_text()
         text = text.replace('kane_dynamics_interfaces', package).replace(
             'kane-dynamics-interfaces', package.replace('_', '-'))
         (source / file).write_text(text)
+    listed = ''.join(f'  "{path}"\n' for path in sources)
     text = (INTERFACES / 'CMakeLists.txt').read_text()
-    text = re.sub(r'(?:  "(?:action|msg|srv)/\w+\.\w+"\n)+', f'  "msg/{name}.msg"\n', text)
+    text = re.sub(r'(?:  "(?:action|msg|srv)/\w+\.\w+"\n)+', listed, text)
     (source / 'CMakeLists.txt').write_text(
         text.replace('kane_dynamics_interfaces', package))
     subprocess.run([Path(sys.executable).parent / 'uv', 'build', '--python', sys.executable,
-                    '--quiet', '--wheel', '--out-dir', str(folder), str(source)], check=True,
+                    '--quiet', '--wheel', '--out-dir', str(source), str(source)], check=True,
                    timeout=900)
-    wheel, = folder.glob('*.whl')
+    wheel, = source.glob('*.whl')
     with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(folder / 'wheel')
-    prefix, = (folder / 'wheel').glob('*.data/data')
-    packages, = prefix.glob('lib/python*/site-packages')
-    return packages, prefix
+        archive.extractall(folder)

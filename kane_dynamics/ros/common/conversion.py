@@ -18,6 +18,10 @@ Index = NDArray[np.intp]
 NANO = 1_000_000_000
 
 
+class JointNamesError(InputError):
+    """The joints of a trajectory are not those of the robot."""
+
+
 def nanoseconds(stamp: Time | Duration) -> int:
     """Return a stamp or a duration in nanoseconds."""
     return int(stamp.sec) * NANO + int(stamp.nanosec)
@@ -170,8 +174,8 @@ def point_columns(message: JointTrajectory, joints: Sequence[str], max_points: i
         repeated = [name for name in dict.fromkeys(names) if names.count(name) > 1]
         fault = f'{", ".join(repeated)} named more than once'
     if fault:
-        raise InputError(f'joint_names of the trajectory: {fault}; expected each of '
-                         f'{", ".join(joints)} once')
+        raise JointNamesError(f'joint_names of the trajectory: {fault}; expected each '
+                              f'of {", ".join(joints)} once')
     index = places(joints, names)
     times = np.array([nanoseconds(p.time_from_start) for p in message.points]) * 1e-9
     if times[0] < 0.0:

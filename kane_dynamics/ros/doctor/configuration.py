@@ -16,6 +16,8 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.configuration_files import (load_model, PACKAGE,
                                                           resolve_path, robot_options)
 from kane_dynamics.ros.common.parameter_files import parameter_blocks, WILDCARD
+from kane_dynamics.ros.joint_trajectory_action.action_server import (
+    FEEDBACK_MODES, follow_joint_trajectory_type)
 from kane_dynamics.ros.monitors.contact_monitor import observed_frame, UNCALIBRATED
 from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import check_optional_topics
@@ -197,6 +199,7 @@ class ConfigurationExamination:
             self._find('fine', 'all parameters are known and fit the arm, which adds '
                        f'{words(stated)} to commanded efforts itself')
         self._describe_launch(values)
+        self._describe_action(values)
         for warning in warnings:
             if warning not in told:
                 self._find('warning', f'URDF: {warning}')
@@ -287,6 +290,15 @@ class ConfigurationExamination:
         if changed:
             effect = f'other than default: {", ".join(changed)}'
         self._find('fine', f'{node} loads {source}; parameters {effect}')
+
+    def _describe_action(self, values: Mapping[str, Any]) -> None:
+        """Report that the action of trajectories is not served, where it could be."""
+        if values['mode'] not in FEEDBACK_MODES:
+            return
+        try:
+            follow_joint_trajectory_type()
+        except InputError as error:
+            self._find('fine', str(error))
 
     def _fit(self, values: dict[str, Any], model: Model) -> Robot:
         """Check the parameters against the robot; return it, with rigid links."""

@@ -290,7 +290,8 @@ class ConfiguredRobot:
         self.values = values
         if self.guard is not None:
             self.guard.new_parameters()
-        if previous['mode'] != values['mode'] and self.path.active_motion.clear():
+        if previous['mode'] != values['mode'] and self.path.active_motion.clear(
+                'the mode changed'):
             self._warn('mode', 'changed; desired motion dropped')
         self.path.set_limits(values)
         if self.path.loops is not None:

@@ -23,11 +23,15 @@ from kane_dynamics.ros.dynamics_node.node_diagnostics import (active_status, arm
                                                               GraphLog, OK,
                                                               state_in_words, WARN)
 from kane_dynamics.ros.dynamics_node.sim_time_watchdog import LOST_CLOCK, SimTimeWatchdog
+from kane_dynamics.ros.joint_trajectory_action.action_server import (
+    JointTrajectoryAction)
 from kane_dynamics.ros.parameters.arm_statement import examine_statement
 from kane_dynamics.ros.parameters.live_parameters import LiveParameters
 from kane_dynamics.ros.parameters.parameter_table import SPECS
 from kane_dynamics.ros.services.motion_check import refuse_impossible
+from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
+from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.trajectory_input import follow_trajectory
 from kane_dynamics_interfaces.srv import SetPayload
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
@@ -100,6 +104,12 @@ class DynamicsNode(LifecycleNode):
         self.server = Services(
             self, self._on_trajectory, self._on_payload,
             lambda reason: self._reject_trajectory('trajectory', reason))
+        try:
+            self.trajectory_action = JointTrajectoryAction(
+                self, self.server, self._running,
+                lambda reason: self._reject_trajectory('follow_joint_trajectory', reason))
+        except InputError as error:
+            self.get_logger().info(str(error))
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(ACTIVATION_PERIOD, self._check_activation, clock=self._steady)
         self._reported_at = time.monotonic()
@@ -365,14 +375,20 @@ class DynamicsNode(LifecycleNode):
 
     # Messages and requests, in the services' thread.
 
+    def _running(self) -> tuple[TorquePath, ServedRobot]:
+        """Return the torque path and the robot of requests; InputError if not active."""
+        arm = self.arm
+        served = self.server.served
+        if arm is None or served is None or not arm.path.running:
+            raise InputError(f'node: {self.state}; expected active')
+        return arm.path, served
+
     def _on_trajectory(self, data: bytes, received: int) -> None:
         """Schedule a new desired motion."""
         try:
-            served = self.server.served
-            if self.arm is None or served is None or not self.arm.path.running:
-                raise InputError(f'node: {self.state}; expected active')
+            path, served = self._running()
             served.apply_loads()
-            warning = follow_trajectory(self.arm.path, data, received, self.values,
+            warning = follow_trajectory(path, data, received, self.values,
                                         partial(refuse_impossible, served))
             if warning:
                 self.get_logger().warning(f'joint_trajectory: {warning}')

@@ -335,6 +335,18 @@ SPECS = (
     live('trajectory.limit_factor', 'number', 1.2,
          'factor on the limits of speed and effort '
          'above which a motion is refused; infinite: none is', low=1.0, infinite=True),
+    live('trajectory.path_tolerance', 'per_joint', 0.2,
+         'largest position error during a goal of follow_joint_trajectory that states '
+         'none, rad or m; infinite: any', positive=True, infinite=True, low=0.0),
+    live('trajectory.goal_tolerance', 'per_joint', 0.05,
+         'largest position error at the end of such a goal, rad or m; infinite: any',
+         positive=True, infinite=True, low=0.0),
+    live('trajectory.stopped_speed', 'number', 0.05,
+         'largest speed of a joint at the end of such a goal, rad/s or m/s; infinite: '
+         'any', positive=True, infinite=True, low=0.0),
+    live('trajectory.goal_time', 'number', 1.0,
+         'time after the end of its motion in which such a goal must be reached, s; '
+         'infinite: any', low=0.0, infinite=True),
     live('simulation.max_duration', 'number', 3600.0,
          'largest accepted duration of a simulation, '
          's', positive=True, low=0.0),

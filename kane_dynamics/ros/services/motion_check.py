@@ -150,15 +150,38 @@ def _check_efforts(served: ServedRobot, motion: Motion) -> None:
     factor = values['trajectory.limit_factor']
     stated = per_joint(values, 'limits.effort', robot.joint_names, math.inf)
     limit = np.minimum(robot.limits.effort, stated)
-    closed = not robot.equations.in_joint_rates
-    times = _times(motion, MOST_CLOSURES if closed else MOST_TIMES)
-    state = motion.sample(times)
-    if closed:
-        tau = _constrained_efforts(served, motion, times, state)
-    else:
-        tau = terms(values).inverse_dynamics(served.bending or robot,
-                                             *_whole(served, motion, state))
+    direct = robot.equations.in_joint_rates
+    times = _times(motion, MOST_TIMES if direct else MOST_CLOSURES)
+    tau = motion_efforts(served, motion, times, motion.sample(times))
     _check_limit('effort', motion, robot.joint_names, times, tau, limit, factor)
+
+
+def motion_efforts(served: ServedRobot, motion: Motion, times: Array,
+                   state: State) -> Array:
+    """
+    Return the efforts of all joints, (K, n_q), without what the arm adds itself.
+
+    Parameters
+    ----------
+    served : ServedRobot
+        The robot of the calling thread, with its loads applied.
+    motion : Motion
+        Of the joints that determine the others.
+    times : (K,) array
+        s.
+    state : (q, u, udot)
+        The motion at these times, (K, n) each.
+
+    Raises
+    ------
+    KaneError
+        The loops do not close, or leave the position limits.
+
+    """
+    if not served.robot.equations.in_joint_rates:
+        return _constrained_efforts(served, motion, times, state)
+    return terms(served.values).inverse_dynamics(served.bending or served.robot,
+                                                 *_whole(served, motion, state))
 
 
 def _whole(served: ServedRobot, motion: Motion, state: State) -> Array:

@@ -24,6 +24,8 @@ class ActiveMotion:
         Number of calls of `clear`.
     cleared_at : int
         System time of the last `clear`, ns.
+    reason : str
+        Why motions were dropped then.
 
     """
 
@@ -32,6 +34,7 @@ class ActiveMotion:
         self._motions: tuple[ScheduledMotion | None, ScheduledMotion | None] = None, None
         self.generation = 0
         self.cleared_at = time.time_ns()
+        self.reason = ''
 
     def at(self, stamp: int) -> tuple[Motion | None, float]:
         """Return the active motion at a time, ns, and the time since its start, s."""
@@ -41,6 +44,13 @@ class ActiveMotion:
         if motion is None:
             return None, 0.0
         return motion[0], (stamp - motion[1]) / NANO
+
+    def holds(self, motion: Motion, stamp: int) -> bool:
+        """Return whether a motion is active at a time, ns, or scheduled after it."""
+        _, upcoming = self._motions
+        if upcoming is not None and upcoming[0] is motion:
+            return True
+        return self.at(stamp)[0] is motion
 
     def desired(self, stamp: int) -> State | None:
         """
@@ -72,9 +82,10 @@ class ActiveMotion:
             self._motions = current, (motion, start)
             return True
 
-    def clear(self) -> bool:
-        """Drop both motions; return whether there was one."""
+    def clear(self, reason: str) -> bool:
+        """Drop both motions for a reason; return whether there was one."""
         with self._lock:
+            self.reason = reason
             cleared = self._motions
             self._motions = None, None
             self.generation += 1

@@ -112,12 +112,17 @@ class TorquePath:
 
     def add_observer(self, observer: CycleObserver, need_effort: bool) -> None:
         """
-        Call `observer` after each command.
+        Call `observer` after each command; callable from any thread.
 
         Read the efforts of states if it needs them.
         """
-        self._observers.append(observer)
+        # A new list, because a cycle may go through the present one.
+        self._observers = [*self._observers, observer]
         self._reader.need_effort |= need_effort
+
+    def remove_observer(self, observer: CycleObserver) -> None:
+        """Call `observer` no more; callable from the thread that added it."""
+        self._observers = [other for other in self._observers if other is not observer]
 
     def desired(self, stamp: int) -> State | None:
         """
@@ -168,7 +173,7 @@ class TorquePath:
 
     def start(self) -> None:
         """Start; the first command follows the first state."""
-        self.active_motion.clear()
+        self.active_motion.clear('the node was activated')
         self.timed_out = False
         self.last_update = 0.0
         self._last_now = self._last_good = self._last_heard = self._now()
@@ -188,7 +193,7 @@ class TorquePath:
     def stop(self) -> None:
         """Command zeros and ignore further states."""
         self.running = False
-        self.active_motion.clear()
+        self.active_motion.clear('the node was deactivated')
         self.command_zeros()
         for observer in self._observers:
             observer.stop()
@@ -214,7 +219,7 @@ class TorquePath:
             return  # another process may hold the arm; the next check decides
         self.timed_out = True
         self._forget_states()
-        dropped = self.active_motion.clear()
+        dropped = self.active_motion.clear(f'joint states: {reason}')
         if self.commanding:
             self.command_zeros()
             self.statistics.timeouts += 1
@@ -273,7 +278,7 @@ class TorquePath:
             self._refuse(NO_TORQUE, str(error), now)
             return
         except ConstraintError as error:
-            dropped = self.active_motion.clear()
+            dropped = self.active_motion.clear(str(error))
             self._refuse(REFUSED, str(error) + '; desired motion dropped' * dropped, now)
             return
         # 3. Publish it, unless the guard may have taken over meanwhile.
@@ -368,7 +373,8 @@ class TorquePath:
         self.controller.resume(self._last_stamp / NANO if self._last_stamp else None,
                                self.messages.of_all(tau))
         silent = time.perf_counter() - self.last_update if self.last_update else 0.0
-        return silent > self._timeout / NANO and self.active_motion.clear()
+        return silent > self._timeout / NANO and self.active_motion.clear(
+            'torque_guard held the arm')
 
     def _apply_loads(self) -> None:
         """Set gravity and payload as parameters of the kernels."""
@@ -391,7 +397,7 @@ class TorquePath:
 
     def on_clock_jump(self) -> None:
         """Drop motions, wrenches and stamps, which refer to the time before the jump."""
-        self.active_motion.clear()
+        self.active_motion.clear('the clock jumped backward or was replaced')
         self._last_good = self._last_heard = self._last_now = self._now()
         self._last_stamp = 0
         self._forget_states()
@@ -441,7 +447,7 @@ class TorquePath:
     def _give_up(self, reason: str, now: int) -> None:
         """End the desired motion, as states are refused for longer than the grace."""
         self.fault = reason
-        dropped = self.active_motion.clear()
+        dropped = self.active_motion.clear(f'joint states are refused: {reason}')
         if reason in FALSE:
             self.states.freeze()
         if self.commanding and self._holds:

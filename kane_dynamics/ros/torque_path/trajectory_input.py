@@ -20,6 +20,10 @@ from kane_dynamics.ros.torque_path.cdr import Reader
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 
 
+class PastMotionError(InputError):
+    """A motion ended in the past."""
+
+
 class CdrTime(NamedTuple):
     """A Time or a Duration."""
 
@@ -64,7 +68,19 @@ def read_trajectory(data: bytes, max_points: int) -> ReceivedTrajectory:
         The message is not valid CDR or has too many points.
 
     """
-    reader = Reader(data)
+    return next_trajectory(Reader(data), max_points)
+
+
+def next_trajectory(reader: Reader, max_points: int) -> ReceivedTrajectory:
+    """
+    Read a JointTrajectory that begins at the next byte of a message.
+
+    Raises
+    ------
+    InputError
+        As `read_trajectory`.
+
+    """
     stamp = CdrTime(*reader.pair())
     frame_id = reader.text()
     names = reader.texts()
@@ -127,8 +143,44 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int,
                          'expected a later one')
     message = read_trajectory(data, values['trajectory.max_points'])
     if not message.points:
-        active_motion.clear()
+        active_motion.clear('a trajectory without points on ~/joint_trajectory')
         return 'no points; the desired motion ends'
+    schedule_motion(path, message, now, generation, values, refuse)
+    return ''
+
+
+def schedule_motion(path: TorquePath, message: ReceivedTrajectory, now: int,
+                    generation: int, values: Mapping[str, Any],
+                    refuse: Callable[[Motion, Array | None, float], None]
+                    ) -> tuple[Motion, int]:
+    """
+    Make the torque path follow a trajectory; return the motion and its start, ns.
+
+    Parameters
+    ----------
+    path : TorquePath
+        The running torque path.
+    message : ReceivedTrajectory
+        The trajectory.
+    now, generation : int
+        Node's clock, ns, and `generation` of the active motion, when the message was
+        read.
+    values : mapping
+        The node's parameters.
+    refuse : callable
+        As for `follow_trajectory`.
+
+    Raises
+    ------
+    JointNamesError
+        The message lacks a joint, or names one twice.
+    PastMotionError
+        The motion ended in the past.
+    InputError
+        The message is invalid otherwise, the arm cannot move like that, or no motion can
+        be followed now.
+
+    """
     if path.controller.mode is Mode.GRAVITY_COMPENSATION:
         raise InputError(f'mode: {Mode.GRAVITY_COMPENSATION}; expected a mode that '
                          'follows motions')
@@ -145,16 +197,16 @@ def follow_trajectory(path: TorquePath, data: bytes, received: int,
     motion = motion_from_message(message, path.controller.followed,
                                  values['trajectory.max_points'], path.desired(start))
     if start != now and start + motion.duration * NANO < now:
-        raise InputError('end of the motion: '
-                         f'{(now - start) / NANO - motion.duration:.3f} s ago; expected '
-                         'a time in the future')
+        raise PastMotionError('end of the motion: '
+                              f'{(now - start) / NANO - motion.duration:.3f} s ago; '
+                              'expected a time in the future')
     place = path.desired(entry)
     if place is None and values['trajectory.start_tolerance'] < math.inf:
         raise InputError('joint states: none yet; expected one, from which the motion '
                          'sets out')
     refuse(motion, None if place is None else place[0], (entry - start) / NANO)
-    if not active_motion.follow(motion, start, now, generation):
+    if not path.active_motion.follow(motion, start, now, generation):
         raise InputError('joint_trajectory: received while the node was stopped, ended '
                          'its motion, timed out, or changed clock or mode; expected a '
                          'later one')
-    return ''
+    return motion, start

@@ -180,7 +180,7 @@ def test_after_contradictory_joints_the_last_command_goes_on_and_the_next_state_
     assert rig.statistics.dropped == {CONTRADICTION: 3}
     assert "'elbow' at" in rig.details[0][1]
     assert rig.path.active_motion.desired(rig.time) is not None or mode == 'gravity_compensation'
-    rig.path.active_motion.clear()
+    rig.path.active_motion.clear('test')
     near = rig.complete(elbow=rig.complete()['elbow'] + 0.01)
     command, = rig.state(others=near)
     np.testing.assert_allclose(command, gravity(), rtol=1e-9, atol=1e-9)

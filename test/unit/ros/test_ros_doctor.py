@@ -3,6 +3,7 @@
 from functools import cache
 import math
 from pathlib import Path
+import sys
 
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
@@ -34,8 +35,24 @@ def examine(tmp_path):
         path = tmp_path / 'arm.yaml'
         path.write_text(text)
         found, robot = examine_configuration(path, URDF, **choices)
-        return [(each.level, each.words) for each in found], robot
+        # Whether the action is served depends on the machine.
+        return [(each.level, each.words) for each in found
+                if 'action ~/follow_joint_trajectory' not in each.words], robot
     return examine
+
+
+@pytest.mark.parametrize(('mode', 'said'), [
+    ('computed_torque', True), ('inverse_dynamics', False)])
+def test_a_missing_control_msgs_is_named_where_the_action_could_be_served(tmp_path, monkeypatch,
+                                                                          mode, said):
+    monkeypatch.setitem(sys.modules, 'control_msgs.action', None)
+    path = tmp_path / 'arm.yaml'
+    path.write_text(f'/**: {{ros__parameters: {{mode: {mode}, arm_compensates: none}}}}')
+    findings, _ = examine_configuration(path, URDF)
+    lines = [finding.words for finding in findings if 'follow_joint_trajectory' in finding.words]
+    assert bool(lines) == said
+    for line in lines:
+        assert 'not served without control_msgs/FollowJointTrajectory' in line
 
 
 def test_blocks_of_other_nodes_are_ignored(examine):

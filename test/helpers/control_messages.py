@@ -1,0 +1,104 @@
+"""The names and fields of control_msgs that the node uses; no wheel has them."""
+
+from contextlib import contextmanager
+import ctypes
+import os
+import sys
+
+from message_package import build_package
+import pytest
+
+JOINT_COMMAND = """
+std_msgs/Header header
+string[] joint_names
+string interface_name
+float64[] values
+"""
+JOINT_TOLERANCE = """
+string name
+float64 position
+float64 velocity
+float64 acceleration
+"""
+JOINT_COMPONENT_TOLERANCE = """
+uint16 X_AXIS = 1
+uint16 Y_AXIS = 2
+uint16 Z_AXIS = 3
+uint16 TRANSLATION = 4
+uint16 ROTATION = 5
+string joint_name
+uint16 component
+float64 position
+float64 velocity
+float64 acceleration
+"""
+FOLLOW_JOINT_TRAJECTORY = """
+trajectory_msgs/JointTrajectory trajectory
+trajectory_msgs/MultiDOFJointTrajectory multi_dof_trajectory
+control_msgs/JointTolerance[] path_tolerance
+control_msgs/JointComponentTolerance[] component_path_tolerance
+control_msgs/JointTolerance[] goal_tolerance
+control_msgs/JointComponentTolerance[] component_goal_tolerance
+builtin_interfaces/Duration goal_time_tolerance
+---
+int32 SUCCESSFUL = 0
+int32 INVALID_GOAL = -1
+int32 INVALID_JOINTS = -2
+int32 OLD_HEADER_TIMESTAMP = -3
+int32 PATH_TOLERANCE_VIOLATED = -4
+int32 GOAL_TOLERANCE_VIOLATED = -5
+int32 error_code
+string error_string
+---
+std_msgs/Header header
+string[] joint_names
+trajectory_msgs/JointTrajectoryPoint desired
+trajectory_msgs/JointTrajectoryPoint actual
+trajectory_msgs/JointTrajectoryPoint error
+string[] multi_dof_joint_names
+trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_desired
+trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_actual
+trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error
+"""
+SOURCES = {
+    'action/FollowJointTrajectory.action': FOLLOW_JOINT_TRAJECTORY,
+    'msg/JointCommand.msg': JOINT_COMMAND,
+    'msg/JointComponentTolerance.msg': JOINT_COMPONENT_TOLERANCE,
+    'msg/JointTolerance.msg': JOINT_TOLERANCE,
+}
+
+
+def control_messages():
+    """Build control_msgs; return the environment variables of processes that import it."""
+    packages, prefix = build_package('control_msgs', SOURCES)
+    inherited = os.environ.get('PYTHONPATH', '')
+    libraries = os.environ.get('LD_LIBRARY_PATH', '')
+    return {'PYTHONPATH': f'{packages}:{inherited}',
+            'AMENT_PREFIX_PATH': f'{prefix}:{os.environ["AMENT_PREFIX_PATH"]}',
+            'LD_LIBRARY_PATH': f'{libraries}:{prefix}/lib'}
+
+
+@contextmanager
+def imported_control_messages():
+    """Let this process and those that it starts import control_msgs while a block runs."""
+    packages, prefix = build_package('control_msgs', SOURCES)
+    # The linker finds libraries that are loaded already; each needs others of them.
+    waiting = sorted(prefix.glob('lib/*.so'))
+    while waiting:
+        remaining = []
+        for library in waiting:
+            try:
+                ctypes.CDLL(str(library), ctypes.RTLD_GLOBAL)
+            except OSError:
+                remaining.append(library)
+        assert len(remaining) < len(waiting), remaining
+        waiting = remaining
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in control_messages().items():
+            patch.setenv(name, value)
+        patch.syspath_prepend(str(packages))
+        try:
+            yield
+        finally:
+            for name in [name for name in sys.modules if name.split('.')[0] == 'control_msgs']:
+                del sys.modules[name]
