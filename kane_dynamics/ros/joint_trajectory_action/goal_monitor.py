@@ -29,7 +29,7 @@ class ResultCode(IntEnum):
 
 
 class GoalOutcome(NamedTuple):
-    """How a goal ended, in the code of the action and in words."""
+    """The end of a goal: the code of the action, and its reason in words."""
 
     code: ResultCode
     text: str

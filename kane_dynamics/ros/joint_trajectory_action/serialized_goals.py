@@ -1,5 +1,5 @@
 """
-Take the goals of an action as bytes.
+Receive the goals of an action as bytes.
 
 rclpy converts a goal without releasing the interpreter, about 7 us for each point, which
 delays the torque path. The classes here stand for the types of the action where rclpy
