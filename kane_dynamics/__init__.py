@@ -48,7 +48,9 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.simulation.step_size import longest_step
     from kane_dynamics.simulation.trajectory import Trajectory
     from kane_dynamics.task_space.cartesian_impedance import CartesianImpedance
+    from kane_dynamics.task_space.hand_guiding import HandGuiding
     from kane_dynamics.task_space.joint_impedance import JointImpedance
+    from kane_dynamics.task_space.pose_filter import PoseFilter
     from kane_dynamics.urdf import expand_xacro, load_urdf
     from kane_dynamics.urdf.link_shapes import load_collision_shapes
 
@@ -56,11 +58,12 @@ __all__ = ['Bending', 'Body', 'CartesianImpedance', 'CartesianMotion', 'Closure'
            'CollisionDetector', 'CompileError', 'ComputedTorque', 'ConstraintError',
            'Controller', 'controller_kernels', 'Coupling', 'DependentSpeeds',
            'DeviceError', 'FilledTrajectory', 'FlexibleLink', 'Frame', 'FrictionError',
-           'Inertial', 'InputError',
+           'HandGuiding', 'Inertial', 'InputError',
            'InverseKinematics', 'Joint', 'JointImpedance', 'KaneError', 'Limits',
            'LinkDistances', 'LinkShape', 'LoopError',
            'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
-           'MomentumObserver', 'Motion', 'PointVelocity', 'PoseLimits', 'PoseMotion', 'PosePath',
+           'MomentumObserver', 'Motion', 'PointVelocity', 'PoseFilter',
+           'PoseLimits', 'PoseMotion', 'PosePath',
            'Prescribed', 'QuasiStatic', 'Robot',
            'Rolling', 'Speeds', 'SweepError', 'Terms', 'Torsion', 'TorqueBounds', 'Trajectory',
            'Uncertainty', 'UrdfError',
@@ -118,7 +121,9 @@ _NAMES_BY_MODULE = {
     'simulation.step_size': 'longest_step',
     'simulation.trajectory': 'Trajectory',
     'task_space.cartesian_impedance': 'CartesianImpedance',
+    'task_space.hand_guiding': 'HandGuiding',
     'task_space.joint_impedance': 'JointImpedance',
+    'task_space.pose_filter': 'PoseFilter',
     'urdf': 'expand_xacro load_urdf',
     'urdf.link_shapes': 'load_collision_shapes',
 }

@@ -20,7 +20,7 @@ robots", Springer, 2008.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import math
 from typing import Any, NamedTuple
 
@@ -32,14 +32,18 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.poses import checked_pose
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
+from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.effort_limits import within_limits
-from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task, FrameTask,
-                                                 in_axes, independent_directions,
+from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task,
+                                                 FrameMobility, FrameTask, in_axes,
+                                                 independent_directions,
                                                  singular_mass as checked_mass,
                                                  symmetric_product, TaskInertia)
 from kane_dynamics.task_space.joint_walls import JointWalls
-from kane_dynamics.task_space.law_kernel import identifier, Law, law_kernel, Settings
+from kane_dynamics.task_space.law_kernel import (checked_effort, checked_terms,
+                                                 identifier, Law, law_kernel,
+                                                 RunTimeSettings, Settings)
 from kane_dynamics.task_space.modal_damping import inverse_root_times
 from kane_dynamics.task_space.pose_checks import flat_pose, pose_margin
 from kane_dynamics.task_space.posture import posture_forces
@@ -88,7 +92,7 @@ STATE_SIZE = 6 + 6 + 2 + 3
 
 
 @guarded
-class CartesianImpedance:
+class CartesianImpedance(RunTimeSettings):
     """
     Cartesian impedance of a frame: spring, damper and posture, without inertia shaping.
 
@@ -144,6 +148,11 @@ class CartesianImpedance:
 
     """
 
+    _changeable = ('stiffness', 'damping_ratio', 'damping', 'posture',
+                   'posture_stiffness', 'null_damping', 'limit_stiffness',
+                   'limit_margin', 'force_limit', 'moment_limit', 'effort_limit',
+                   'compensate', 'singular_mass')
+
     def __init__(self, robot: Robot, frame: str, *, stiffness: ArrayLike,
                  damping_ratio: ArrayLike | None = None,
                  damping: ArrayLike | None = None, axes: str = 'world',
@@ -162,10 +171,8 @@ class CartesianImpedance:
         self._task = frame_task(robot, frame, axes, directions)
         self._walls = JointWalls(robot)
         self._timed = robot.equations.timed
-        self._shapes = _settings(robot, self._walls)
-        self._values: dict[str, Any] = {}
+        super().__init__(_settings(robot, self._walls))
         self._zero = np.zeros(6)
-        self._block = np.zeros(self._shapes.size)
         if posture is None:
             posture = np.zeros(robot.n_q)
             if np.any(np.asarray(posture_stiffness)):
@@ -180,22 +187,6 @@ class CartesianImpedance:
         self._law = self._compiled(False)
 
     # Settings, which may change between two calls.
-
-    def update(self, **settings: Any) -> None:
-        """
-        Change settings between two calls, by their names; the others stay.
-
-        On an InputError no setting changes. Settings of the constructor but `frame`,
-        `axes` and `directions`; None restores a default.
-        """
-        unknown = sorted(settings.keys() - set(CHANGEABLE))
-        if unknown:
-            raise InputError(f'update: {", ".join(unknown)}; expected some of '
-                             f'{", ".join(CHANGEABLE)}')
-        values = {**self._values, **settings}
-        block = self._shapes.packed(self._checked(values))
-        self._values = values
-        self._block = block
 
     def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return the settings of the kernel by name, checked."""
@@ -216,20 +207,13 @@ class CartesianImpedance:
         limits = {}
         for name in ('force_limit', 'moment_limit'):
             limits[name] = number(values[name], name, positive, lambda x: x > 0.0)
-        effort = np.asarray(robot.limits.effort, np.float64)
-        if values['effort_limit'] is not None:
-            stated = per_joint(values['effort_limit'], 'effort_limit',
-                               robot.joint_names, finite=False)
-            effort = np.minimum(effort, stated)
-        if not isinstance(values['compensate'], Terms):
-            raise InputError(f'compensate: {values["compensate"]!r}; expected Terms')
         wall_names = [robot.joint_names[r] for r in self._walls.joints]
         return {
             'stiffness': K, 'factor': factor(K), 'root': np.sqrt(2.0 * ratios),
             'damping': D,
             'bounds': stored_energy_limits(K, limits['force_limit'],
                                            limits['moment_limit']),
-            'weights': compensation_weights(values['compensate']),
+            'weights': compensation_weights(checked_terms(values['compensate'])),
             'posture': finite_row(values['posture'], 'posture', robot.coordinate_names),
             'posture_stiffness': per_joint(values['posture_stiffness'],
                                            'posture_stiffness', wall_names),
@@ -237,7 +221,7 @@ class CartesianImpedance:
                                    'a finite number >= 0, 1/s',
                                    lambda x: 0.0 <= x < math.inf),
             'singular_mass': checked_mass(robot, values['singular_mass']),
-            'effort': effort,
+            'effort': checked_effort(robot, values['effort_limit']),
             **self._walls.settings(values['limit_stiffness'], values['limit_margin'])}
 
     # Torques.
@@ -319,9 +303,6 @@ class CartesianImpedance:
 
 
 AXES = ('x', 'y', 'z', 'rx', 'ry', 'rz')
-CHANGEABLE = ('stiffness', 'damping_ratio', 'damping', 'posture', 'posture_stiffness',
-              'null_damping', 'limit_stiffness', 'limit_margin', 'force_limit',
-              'moment_limit', 'effort_limit', 'compensate', 'singular_mass')
 
 
 def _settings(robot: Robot, walls: JointWalls) -> Settings:
@@ -339,55 +320,110 @@ def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,
          with_state: bool) -> Law:
     """Return the law as a function over any scalar; see the module."""
     equations = robot.equations
-    frame = task.frame
 
     def law(q: Vector, u: Vector, pose: Vector, twist: Vector, acceleration: Vector,
             wrench: Vector, settings: Vector, *, t: Scalar, parameters: Vector
             ) -> Vector:
         values = shapes.unpacked(settings)
         target = pose.reshape(4, 4)
-        axes = task.in_world(target[:3, :3])
-        motion = equations.joint_motion(q, u, equations.zeros, t)
-        J = in_axes(axes, equations.partial_velocities(frame, q, t))
-        mobility = frame_mobility(equations, J, q, parameters, t)
-        inertia = TaskInertia(task, mobility, values['singular_mass'])
-
-        # Feedforward of the reference motion.
-        desired = TargetMotion(axes, twist, acceleration)
-        u_r, udot_r = reference_motion(equations, task, inertia, q, u, desired, t)
-        compensation = reference_dynamics(equations, q, u, u_r, udot_r,
-                                          values['weights'], parameters, t)
-        compensation = compensation + motion.projected(
-            walls.force(q, motion.qdot, values))
-
-        # Spring and damper, on the motion relative to the reference.
-        s = u - u_r
-        measured = equations.frame_pose(frame, q, t)
-        spring = Spring(measured, target, axes, values)
-        damping = damping_wrench(mobility.W, J @ s, values)
-        posture, drag = posture_forces(equations, walls, inertia, q, s, motion,
-                                       parameters, values)
-        pull = J.T @ (spring.wrench + in_axes(axes, wrench)) + posture
-
-        # Within the effort limits damping comes before the pull; each keeps its
-        # direction, by one factor for all torques.
-        held = equations.shared_torques(q, compensation, t)
-        resisting = equations.shared_torques(q, drag - J.T @ damping, t)
-        pulling = equations.shared_torques(q, pull, t)
-        damped, _ = within_limits(held, resisting, values['effort'])
-        tau, scale = within_limits(damped, pulling, values['effort'])
+        desired = TargetMotion(task.in_world(target[:3, :3]), twist, acceleration)
+        forces = impedance_forces(robot, task, walls, (q, u, t, parameters), target,
+                                  desired, values)
+        exerted = forces.mobility.J.T @ in_axes(desired.axes, wrench)
+        tau, scale = forces.torques(equations, q, t, exerted, values['effort'])
         if with_state:
-            numbers = [scale, inertia.mass, inertia.regularization]
-            tau = np.concatenate([spring.error, spring.wrench - damping, spring.saturation,
-                                  np.array(numbers)])
+            numbers = np.array([scale, forces.inertia.mass,
+                                forces.inertia.regularization])
+            tau = np.concatenate([forces.spring.error, forces.spring.wrench
+                                  - forces.damping, forces.spring.saturation, numbers])
         elif equations.actuated is not None:
-            tau = nan_unless(tau, transmission_margin(equations.mechanism, motion.T,
+            tau = nan_unless(tau, transmission_margin(equations.mechanism,
+                                                      equations.at_rest(q, t).T,
                                                       equations.actuated))
         return nan_unless(tau, pose_margin(target))
     return law
 
 
-def damping_wrench(W: Matrix, velocity: Vector, values: dict[str, Any]) -> Vector:
+class ImpedanceForces(NamedTuple):
+    """
+    The forces of a Cartesian impedance, over any scalar.
+
+    Attributes
+    ----------
+    compensation : (n,) array
+        Of the model, with the walls.
+    drag, pull : (n,) arrays
+        Of dampers, and of the spring and the posture.
+    spring : Spring
+    damping : (6,) array
+        The wrench that the damper takes off, in the axes.
+    velocity : (6,) array
+        Of the frame relative to the reference motion, in the axes.
+    mobility : FrameMobility
+    inertia : TaskInertia
+
+    """
+
+    compensation: Vector
+    drag: Vector
+    pull: Vector
+    spring: Spring
+    damping: Vector
+    velocity: Vector
+    mobility: FrameMobility
+    inertia: TaskInertia
+
+    def torques(self, equations: Equations, q: Vector, t: Scalar, exerted: Vector,
+                effort: Vector) -> tuple[Vector, Scalar]:
+        """
+        Return the torques of the joints, with a further force, and the pull's factor.
+
+        Within the effort limits damping comes before the pull; each keeps its direction,
+        by one factor for all torques.
+        """
+        held = equations.shared_torques(q, self.compensation, t)
+        resisting = equations.shared_torques(q, self.drag, t)
+        pulling = equations.shared_torques(q, self.pull + exerted, t)
+        damped, _ = within_limits(held, resisting, effort)
+        return within_limits(damped, pulling, effort)
+
+
+StateAt = tuple[Vector, Vector, Scalar, Vector]  # q, u, t, and the robot's parameters
+
+
+def impedance_forces(robot: Robot, task: FrameTask, walls: JointWalls, at: StateAt,
+                     target: Matrix, desired: TargetMotion,
+                     values: Mapping[str, Any]) -> ImpedanceForces:
+    """Return the forces of a Cartesian impedance at a state; see the module."""
+    equations = robot.equations
+    q, u, t, parameters = at
+    axes = desired.axes
+    motion = equations.joint_motion(q, u, equations.zeros, t)
+    J = in_axes(axes, equations.partial_velocities(task.frame, q, t))
+    mobility = frame_mobility(equations, J, q, parameters, t)
+    inertia = TaskInertia(task, mobility, values['singular_mass'])
+
+    # Feedforward of the reference motion, and the walls.
+    u_r, udot_r = reference_motion(equations, task, inertia, q, u, desired, t)
+    compensation = reference_dynamics(equations, q, u, u_r, udot_r, values['weights'],
+                                      parameters, t)
+    compensation = compensation + motion.projected(walls.force(q, motion.qdot, values))
+
+    # Spring and damper, on the motion relative to the reference.
+    s = u - u_r
+    velocity = J @ s
+    spring = Spring(equations.frame_pose(task.frame, q, t), target, axes, values)
+    damping = damping_wrench(mobility.W, velocity, values)
+
+    # The posture, where it does not accelerate the frame.
+    posture, drag = posture_forces(equations, walls, inertia, q, s, motion, parameters,
+                                   values)
+    return ImpedanceForces(compensation, drag - J.T @ damping,
+                           J.T @ spring.wrench + posture, spring, damping, velocity,
+                           mobility, inertia)
+
+
+def damping_wrench(W: Matrix, velocity: Vector, values: Mapping[str, Any]) -> Vector:
     """Return D times a velocity, (6,): the damping by ratio and the stated one."""
     F = np.triu(values['factor'])
     modes = symmetric_product(F @ W, F.T)

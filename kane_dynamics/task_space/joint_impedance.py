@@ -20,21 +20,19 @@ from kane_dynamics._util.checks import finite_row, per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.control.computed_torque import followed_joints, law_margin
 from kane_dynamics.control.terms import EVERY_TERM, Terms
-from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.task_space.law_kernel import identifier, Law, law_kernel, Settings
+from kane_dynamics.task_space.law_kernel import (checked_terms, identifier, Law, law_kernel,
+                                                 RunTimeSettings, Settings)
 from kane_dynamics.task_space.reference_dynamics import (compensation_weights,
                                                          reference_dynamics, WEIGHTS)
 import numpy as np
 from numpy.typing import ArrayLike
 
-CHANGEABLE = ('stiffness', 'damping', 'compensate')
-
 
 @guarded
-class JointImpedance:
+class JointImpedance(RunTimeSettings):
     """
     Joint impedance: a spring and a damper at each joint, with the model compensated.
 
@@ -59,6 +57,8 @@ class JointImpedance:
 
     """
 
+    _changeable = ('stiffness', 'damping', 'compensate')
+
     def __init__(self, robot: Robot, *, stiffness: ArrayLike, damping: ArrayLike,
                  compensate: Terms = EVERY_TERM,
                  followed: Sequence[str] | None = None) -> None:
@@ -69,33 +69,18 @@ class JointImpedance:
         self.followed = tuple(robot.coordinate_names[k] for k in self._places)
         self._timed = robot.equations.timed
         n = robot.n
-        self._shapes = Settings({'stiffness': (n,), 'damping': (n,),
-                                 'weights': (len(WEIGHTS),)})
+        super().__init__(Settings({'stiffness': (n,), 'damping': (n,),
+                                   'weights': (len(WEIGHTS),)}))
         self._zero = np.zeros(n)
-        self._values: dict[str, Any] = {}
-        self._block = np.zeros(self._shapes.size)
         self.update(stiffness=stiffness, damping=damping, compensate=compensate)
         self._law = self._compiled()
 
-    def update(self, **settings: Any) -> None:
-        """
-        Change stiffness, damping or compensate between two calls; the others stay.
-
-        On an InputError no setting changes.
-        """
-        unknown = sorted(settings.keys() - set(CHANGEABLE))
-        if unknown:
-            raise InputError(f'update: {", ".join(unknown)}; expected some of '
-                             f'{", ".join(CHANGEABLE)}')
-        values = {**self._values, **settings}
-        if not isinstance(values['compensate'], Terms):
-            raise InputError(f'compensate: {values["compensate"]!r}; expected Terms')
-        block = self._shapes.packed({
+    def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
+        """Return the numbers of the kernel by name, from checked settings."""
+        return {
             'stiffness': per_joint(values['stiffness'], 'stiffness', self.followed),
             'damping': per_joint(values['damping'], 'damping', self.followed),
-            'weights': compensation_weights(values['compensate'])})
-        self._values = values
-        self._block = block
+            'weights': compensation_weights(checked_terms(values['compensate']))}
 
     def torque(self, q: ArrayLike, u: ArrayLike, q_d: ArrayLike,
                u_d: ArrayLike | None = None, udot_d: ArrayLike | None = None,

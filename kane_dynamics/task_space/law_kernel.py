@@ -3,14 +3,18 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.control.computed_torque import require_following
+from kane_dynamics.control.terms import Terms
+from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import Shape, size_of
 from kane_dynamics.robot.robot import in_choice, Robot
 from kane_dynamics.task_space.pose_checks import require_pose
 import numpy as np
+from numpy.typing import ArrayLike
 
 UNLIMITED = 1e300  # stands for an infinite limit in the settings of a kernel
 
@@ -53,6 +57,57 @@ class Settings:
             values[name] = block[first:first + size].reshape(shape)[()]
             first += size
         return values
+
+
+class RunTimeSettings:
+    """
+    Base of laws whose settings change between two calls, without compiling.
+
+    A subclass names its settings in `_changeable` and checks them in `_checked`.
+    """
+
+    _changeable: tuple[str, ...] = ()
+    _shapes: Settings
+
+    def __init__(self, shapes: Settings) -> None:
+        self._shapes = shapes
+        self._values: dict[str, Any] = {}
+        self._block = np.zeros(shapes.size)
+
+    def update(self, **settings: Any) -> None:
+        """
+        Change settings of the constructor between two calls; the others stay.
+
+        On an InputError no setting changes.
+        """
+        unknown = sorted(settings.keys() - set(self._changeable))
+        if unknown:
+            raise InputError(f'update: {", ".join(unknown)}; expected some of '
+                             f'{", ".join(self._changeable)}')
+        values = {**self._values, **settings}
+        block = self._shapes.packed(self._checked(values))
+        self._values = values
+        self._block = block
+
+    def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
+        """Return the numbers of the kernel by name, from checked settings."""
+        raise NotImplementedError
+
+
+def checked_terms(value: Any) -> Terms:
+    """Return terms of the model; InputError for anything else."""
+    if not isinstance(value, Terms):
+        raise InputError(f'compensate: {value!r}; expected Terms')
+    return value
+
+
+def checked_effort(robot: Robot, stated: ArrayLike | None) -> Array:
+    """Return effort limits, (n,): the robot's, or smaller stated ones."""
+    effort = np.asarray(robot.limits.effort, dtype=np.float64)
+    if stated is None:
+        return effort
+    limits = per_joint(stated, 'effort_limit', robot.joint_names, finite=False)
+    return np.minimum(effort, limits)
 
 
 Law = Callable[..., Vector]  # of the inputs; wrench, t, parameters and limits by name

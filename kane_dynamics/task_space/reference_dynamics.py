@@ -55,7 +55,17 @@ def reference_dynamics(equations: Equations, q: Vector, u: Vector, u_r: Vector,
     drift = motion.qddot + motion.T_rate @ difference
     qddot = inertia * (motion.T @ udot_r) + coriolis * drift
 
-    loads = np.concatenate([gravity * parameters[:3], parameters[3:]])
-    force = tree.reference_dynamics(q, coriolis * motion.qdot, coriolis * qdot_r, qddot,
-                                    loads)
-    return motion.projected(force + friction * tree.friction_force(qdot_r))
+    weighted = np.concatenate([gravity * parameters[:3], parameters[3:]])
+    rigid = tree.reference_dynamics(q, coriolis * motion.qdot, coriolis * qdot_r, qddot,
+                                    weighted)
+    resisting = rated_friction(equations, q, qdot_r, motion.projected(rigid), t)
+    return motion.projected(rigid + friction * resisting)
+
+
+def rated_friction(equations: Equations, q: Vector, rates: Vector, load: Vector,
+                   t: Scalar) -> Vector:
+    """Return the friction of the joints, (n_j,), at rates, under a force of the drives."""
+    loads = None
+    if equations.carries_loads:
+        loads = equations.drive_torques(q, load, t)
+    return equations.tree.friction_force(rates, loads)

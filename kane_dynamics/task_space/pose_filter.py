@@ -1,0 +1,236 @@
+"""
+Target filter: a pose that follows a goal within limits of speed and acceleration.
+
+From sample to sample the velocity v turns towards the one that reaches the goal at a
+distance d without overshoot: along d, of the speed s with s h + s^2 / (2 a) = |d| for
+the sample time h, plus the goal's own velocity. It changes by at most a h, and its
+length stays below the limit. Position and orientation do so separately, the orientation
+by its rotation vector.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from kane_dynamics._util.attribute_hints import guarded
+from kane_dynamics._util.checks import finite_row, number
+from kane_dynamics._util.fork_safety import lazy_property
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
+from kane_dynamics.errors import InputError
+from kane_dynamics.kinematics.poses import checked_pose
+from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.vector import skew
+from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
+from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
+from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
+from kane_dynamics.task_space.orientation_error import half_turn_quaternion
+from kane_dynamics.task_space.pose_checks import flat_pose, pose_margin
+import numpy as np
+from numpy.typing import ArrayLike
+
+TINY = 1e-24  # squared distance, m^2 or rad^2, that counts as none
+STILL = np.zeros(6)
+
+
+class TargetState(NamedTuple):
+    """
+    Pose, velocity and acceleration of a filtered target, in the world.
+
+    Attributes
+    ----------
+    pose : (4, 4) array
+        m.
+    twist, acceleration : (6,) arrays
+        Linear at the origin, then angular. The acceleration is that of the last sample
+        interval and changes in steps.
+
+    """
+
+    pose: Array
+    twist: Array
+    acceleration: Array
+
+
+@guarded
+class PoseFilter:
+    """
+    Target pose that follows a goal within limits of speed and acceleration.
+
+    A law of control that is given its pose and twist sees no jump where the goal jumps.
+
+    Parameters
+    ----------
+    linear_speed, angular_speed : float
+        m/s and rad/s, positive and finite.
+    linear_acceleration, angular_acceleration : float
+        m/s^2 and rad/s^2, positive and finite.
+
+    Raises
+    ------
+    InputError
+        A number is invalid; names it.
+
+    """
+
+    def __init__(self, *, linear_speed: float, angular_speed: float,
+                 linear_acceleration: float, angular_acceleration: float) -> None:
+        """Check the limits; the filter starts with `reset`."""
+        self._limits = np.zeros(4)
+        self._state: Array | None = None  # pose, twist and acceleration in a row
+        self.tune(linear_speed=linear_speed, angular_speed=angular_speed,
+                  linear_acceleration=linear_acceleration,
+                  angular_acceleration=angular_acceleration)
+        self._elapsed = np.zeros(1)
+        self._next = self._kernel.entry('', self._explained)
+
+    def tune(self, **limits: float) -> None:
+        """Change limits, by their names; the target goes on from where it is."""
+        changed = self._limits.copy()
+        for name, value in limits.items():
+            if name not in LIMITS:
+                raise InputError(f'tune: {name}; expected some of {", ".join(LIMITS)}')
+            changed[LIMITS.index(name)] = number(value, name, 'a positive, finite number',
+                                                 lambda x: 0.0 < x < math.inf)
+        self._limits = changed
+
+    def reset(self, pose: ArrayLike, twist: ArrayLike | None = None) -> None:
+        """Start from a pose, such as the measured one, at rest or with a twist."""
+        start = checked_pose(pose, 'pose')
+        if start.shape != (4, 4):
+            raise InputError(f'pose: shape {start.shape}; expected (4, 4)')
+        velocity = STILL
+        if twist is not None:
+            velocity = np.array(twist, dtype=np.float64)
+            if velocity.shape != (6,) or not np.isfinite(velocity).all():
+                raise InputError(f'twist: {twist!r}; expected six finite numbers')
+        self._state = np.concatenate([start.ravel(), velocity, STILL])
+
+    @property
+    def state(self) -> TargetState | None:
+        """Return the target at the last sample; None before `reset`."""
+        return None if self._state is None else _target(self._state)
+
+    def step(self, goal: ArrayLike, elapsed: float,
+             twist: ArrayLike | None = None) -> TargetState:
+        """
+        Return the target after a sample interval.
+
+        Parameters
+        ----------
+        goal : (4, 4) array_like
+            The pose to reach, m.
+        elapsed : float
+            Time since the last sample, s, not negative; at 0 the target stays.
+        twist : (6,) array_like, optional
+            Velocity of the goal, in the world. Default: at rest.
+
+        Raises
+        ------
+        InputError
+            The goal is no pose, a number is not finite, or there was no `reset`. The
+            target then stays where it is.
+
+        """
+        if self._state is None:
+            raise InputError('step: called before reset; expected reset(pose) with the '
+                             'measured pose first')
+        if not 0.0 <= elapsed < math.inf:
+            raise InputError(f'elapsed: {elapsed}; expected a finite time in s, not '
+                             'negative')
+        if elapsed == 0.0:
+            return _target(self._state)
+        self._elapsed[0] = elapsed
+        velocity = STILL if twist is None else twist
+        self._state = self._next(self._state, flat_pose(goal, 'goal'), velocity,
+                                 self._limits, self._elapsed)
+        return _target(self._state)
+
+    def _explained(self, state: Array, goal: Array, twist: Any, limits: Array,
+                   elapsed: Array) -> Array:
+        """Return the next state, or raise the InputError that explains why not."""
+        checked_pose(goal.reshape(4, 4), 'goal')
+        velocity = finite_row(twist, 'twist', DIRECTIONS)
+        result: Array = self._kernel(state, goal, velocity, limits, elapsed)
+        return result
+
+    @lazy_property
+    def _kernel(self) -> Kernel:
+        """Return the compiled step."""
+        inputs = [('state', (28,)), ('goal', (16,)), ('twist', (6,)), ('limits', (4,)),
+                  ('elapsed', (1,))]
+        return batch_kernel('target_filter', _step, inputs, (28,))
+
+
+LIMITS = ('linear_speed', 'angular_speed', 'linear_acceleration', 'angular_acceleration')
+
+
+def _target(state: Array) -> TargetState:
+    """Return the parts of a state."""
+    return TargetState(state[:16].reshape(4, 4), state[16:22], state[22:28])
+
+
+def _step(state: Vector, goal: Vector, twist: Vector, limits: Vector,
+          elapsed: Vector) -> Vector:
+    """Return the state after a sample interval, over any scalar; see the module."""
+    h = elapsed[0]
+    pose = state[:16].reshape(4, 4)
+    R = pose[:3, :3]
+    target = goal.reshape(4, 4)
+    displacement = target[:3, 3] - pose[:3, 3]
+    turn = _rotation_vector(target[:3, :3] @ R.T)
+    v = _approaching(displacement, state[16:19], twist[:3], limits[0], limits[2], h)
+    w = _approaching(turn, state[19:22], twist[3:], limits[1], limits[3], h)
+
+    position = pose[:3, 3] + h * v
+    rotation = _turned(R, h * w)
+    row = np.array([0.0, 0.0, 0.0, 1.0])
+    upper = np.concatenate([rotation, position[:, None]], axis=1)
+    moved = np.concatenate([upper, row[None]]).reshape(16)
+    velocity = np.concatenate([v, w])
+    result = np.concatenate([moved, velocity, (velocity - state[16:22]) * (1.0 / h)])
+    return nan_unless(result, pose_margin(target))
+
+
+def _approaching(distance: Vector, v: Vector, goal_velocity: Vector, fastest: Scalar,
+                 strongest: Scalar, h: Scalar) -> Vector:
+    """Return the velocity after a sample, (3,), towards a goal at a distance."""
+    square = distance @ distance
+    is_there = square < TINY
+    length = np.sqrt(select(is_there, 1.0, square))
+    speed = strongest * (np.sqrt(h * h + 2.0 * length / strongest) - h)
+    wanted = goal_velocity + select(is_there, 0.0, speed / length) * distance
+    wanted = _shortened(wanted, fastest)
+    return v + _shortened(wanted - v, strongest * h)
+
+
+def _shortened(x: Vector, longest: Scalar) -> Vector:
+    """Return a vector, scaled down to a length if it is longer."""
+    square = x @ x
+    is_longer = longest * longest < square
+    return select(is_longer, longest / np.sqrt(select(is_longer, square, 1.0)), 1.0) * x
+
+
+def _rotation_vector(R: Matrix) -> Vector:
+    """Return the rotation vector, of at most half a turn, over any scalar."""
+    unit, cosine = half_turn_quaternion(R)
+    square = unit @ unit
+    is_small = square < TINY
+    sine = np.sqrt(select(is_small, 1.0, square))
+    # 2 atan(s / (1 + c)) is half of the angle for every cosine c >= 0 of half the angle.
+    angle = 4.0 * np.arctan(sine / (1.0 + cosine))
+    return select(is_small, 2.0, angle / sine) * unit
+
+
+def _turned(R: Matrix, w: Vector) -> Matrix:
+    """Return R rotated by a rotation vector w in the world, orthonormal to rounding."""
+    square = w @ w
+    is_small = square < TINY
+    angle = np.sqrt(select(is_small, 1.0, square))
+    W = skew(w)
+    first = select(is_small, 1.0, np.sin(angle) / angle)
+    half = np.sin(0.5 * angle) / angle
+    second = select(is_small, 0.5, 2.0 * half * half)
+    turned = R + (first * W + second * (W @ W)) @ R
+    # One step of Newton's method keeps the columns orthonormal.
+    return 0.5 * turned @ (3.0 * np.eye(3) - turned.T @ turned)

@@ -1,0 +1,126 @@
+"""Hand guiding: gravity, a part of the friction, walls, planes and brakes."""
+
+from dataclasses import replace
+from functools import cache
+
+from kane_dynamics import HandGuiding, Inertial, InputError, load_urdf, Robot
+from kane_dynamics._util.resources import resource_path
+from linkages import five_bar, five_bar_at
+import numpy as np
+import pytest
+from stepping import stepped
+
+FRICTION = {'joints': {name: {'damping': 2.0, 'friction': 1.5} for name in (
+    'shoulder_pan_joint', 'shoulder_lift_joint', 'elbow_joint', 'wrist_1_joint', 'wrist_2_joint',
+    'wrist_3_joint')}}
+TOOL = 'tool0'
+Q = np.array([0.3, -1.2, 1.5, -1.0, 1.2, 0.4])
+
+
+@cache
+def ur10e():
+    """Return the UR10e with friction."""
+    model = load_urdf(resource_path('urdf', 'ur10e.urdf'), supplement=FRICTION)
+    return Robot(model, payload_frame=TOOL)
+
+
+def test_at_rest_the_torque_is_that_of_gravity_and_payload():
+    robot = ur10e().copy()
+    robot.parameters.payload = Inertial(3.0, (0.0, 0.05, 0.1), 0.01 * np.eye(3))
+    guiding = HandGuiding(robot)
+    np.testing.assert_allclose(guiding.torque(Q, 0.0 * Q), robot.gravity_force(Q), atol=1e-12)
+
+
+def test_in_motion_a_part_of_the_friction_is_compensated():
+    robot = ur10e()
+    u = 0.2 * np.array([1.0, -1.0, 1.0, -1.0, 1.0, 1.0])
+    tau = HandGuiding(robot, friction=0.75, damping=0.1).torque(Q, u)
+    expected = robot.gravity_force(Q) + 0.75 * robot.friction_force(u) - 0.1 * u
+    np.testing.assert_allclose(tau, expected, atol=1e-12)
+
+
+def test_speeds_beyond_the_limit_are_braked_with_the_inertia():
+    robot = ur10e()
+    u = np.array([0.0, 0.0, 0.7, 0.0, -0.2, 0.0])
+    tau = HandGuiding(robot, speed_limit=0.5).torque(Q, u) - HandGuiding(robot).torque(Q, u)
+    expected = np.zeros(6)
+    expected[2] = -20.0 * robot.mass_matrix(Q)[2, 2] * 0.2
+    np.testing.assert_allclose(tau, expected, atol=1e-9)
+
+
+def test_the_frame_is_braked_along_its_velocity():
+    robot = ur10e()
+    u = np.array([0.5, 0.4, 0.3, 0.0, 0.2, 0.1])
+    J = robot.jacobian(TOOL, Q)[:3]
+    v = J @ u
+    speed = np.linalg.norm(v)
+    mass = speed**2 / (v @ J @ robot.inverse_mass_matrix(Q) @ J.T @ v)
+    guiding = HandGuiding(robot, frame=TOOL, frame_speed=0.5 * speed)
+    tau = guiding.torque(Q, u) - HandGuiding(robot).torque(Q, u)
+    np.testing.assert_allclose(tau, J.T @ (-20.0 * mass * 0.5 * v), atol=1e-9)
+
+
+def test_a_plane_pushes_the_frame_back_and_moves_at_run_time():
+    robot = ur10e()
+    height = robot.frame_pose(TOOL, Q)[2, 3]
+    guiding = HandGuiding(robot, frame=TOOL, planes=[[0, 0, 1, height + 0.005]],
+                          plane_stiffness=1000.0)
+    rest = 0.0 * Q
+    push = guiding.torque(Q, rest) - HandGuiding(robot).torque(Q, rest)
+    np.testing.assert_allclose(push, robot.jacobian(TOOL, Q)[2] * 5.0, atol=1e-9)
+    guiding.update(planes=[[0, 0, 1, height - 0.1]])
+    np.testing.assert_allclose(guiding.torque(Q, rest), robot.gravity_force(Q), atol=1e-12)
+
+
+def test_energy_falls_on_walls_and_planes_and_with_full_compensation_of_friction():
+    """Thrown at a plane and a joint limit; the friction of the arm is compensated wholly."""
+    robot = ur10e()
+    joints = robot.model.joint_names
+    lower, upper = robot.limits.lower.copy(), robot.limits.upper.copy()
+    upper[2] = Q[2] + 0.1
+    robot = robot.copy()
+    robot.limits = replace(robot.limits, lower=lower, upper=upper)
+    height = robot.frame_pose(TOOL, Q)[2, 3]
+    guiding = HandGuiding(robot, frame=TOOL, planes=[[0, 0, 1, height - 0.1]], frame_speed=0.3,
+                          friction=1.0)
+    q, u = Q, np.array([0.4, 0.5, 1.0, 0.2, -0.5, 0.3])
+    energies, depth = [], 0.0
+    for _ in range(400):
+        stored = guiding.energy(q)
+        depth = max(depth, stored)
+        energies.append(robot.kinetic_energy(q, u) + stored)
+        q, u = stepped(robot, guiding.torque, q, u, 1e-3)
+    assert depth > 0.1 and len(joints) == 6
+    assert np.diff(energies).max() < 1e-9
+
+
+def test_a_closed_loop_is_held_against_gravity():
+    robot = five_bar('left_crank', 'right_crank')
+    q = five_bar_at(2.1, 1.05)
+    rest = np.zeros(2)
+    tau = HandGuiding(robot).torque(q, rest)
+    np.testing.assert_allclose(robot.forward_dynamics(q, rest, robot.generalized_force(tau, q)),
+                               rest, atol=1e-9)
+
+
+def test_torques_are_clamped():
+    tau = HandGuiding(ur10e(), effort_limit=20.0).torque(Q, 0.0 * Q)
+    assert np.abs(tau).max() == 20.0
+
+
+@pytest.mark.parametrize('wrong, message', [
+    ({'friction': 1.1}, 'from 0 to 1'), ({'damping': -1.0}, 'damping'),
+    ({'planes': [[0, 0, 2, 1]]}, 'normals'), ({'planes': [[0, 0, 1]]}, '(k, 4)'),
+    ({'planes': 'floor'}, 'planes'), ({'frame_speed': 1.0}, 'without a frame'),
+    ({'frame': 'nowhere'}, 'nowhere'), ({'frame': 'base_link'}, 'does not move'),
+    ({'plane_stiffness': -1.0}, 'plane_stiffness'), ({'speed_limit': [1.0]}, 'speed_limit')])
+def test_wrong_settings_are_refused(wrong, message):
+    with pytest.raises(InputError) as error:
+        HandGuiding(ur10e(), **wrong)
+    assert message in str(error.value)
+
+
+def test_the_number_of_planes_stays():
+    guiding = HandGuiding(ur10e(), frame=TOOL, planes=[[0, 0, 1, 0.0]])
+    with pytest.raises(InputError, match='expected 1'):
+        guiding.update(planes=[[0, 0, 1, 0], [0, 1, 0, 0]])
