@@ -1,14 +1,17 @@
 """The meaning of reported efforts, and the torques on the joints that follow from them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.errors import InputError
+from kane_dynamics.identification.payload.recorded_motion import (recorded_joints,
+                                                                  recorded_states)
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.mechanics.friction import refuse_load_friction
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -77,44 +80,54 @@ class Efforts:
         return self.kind is EffortKind.MOTOR_TORQUE and self.gravity
 
     def torque(self, robot: Robot, q: ArrayLike, u: ArrayLike, effort: ArrayLike,
-               udot: ArrayLike | None = None) -> Array:
+               udot: ArrayLike | None = None, *, t: ArrayLike = 0.0) -> Array:
         """
-        Return the torque that acts on the joints, tau of M(q) udot + bias(q, u) = tau.
+        Return the torque of the actuators, by the model where the efforts lack a part.
+
+        Of robots in joint rates it is tau of M(q) udot + bias(q, u) = tau. Others have an
+        effort and a torque for each of `robot.actuated_names`;
+        `robot.generalized_force` returns their tau.
 
         Parameters
         ----------
         robot : Robot
             Its gravity, payload, friction and armature supply what the efforts lack.
-        q, u : (n,) or (N, n) array_like
-            rad or m; rad/s or m/s.
-        effort : (n,) or (N, n) array_like
-            As reported: N m or N, or A.
+        q : (n_q,) or (N, n_q) array_like
+            rad or m.
+        u : (n,) or (N, n) array_like
+            Independent speeds, rad/s or m/s.
+        effort : (n_a,) or (N, n_a) array_like
+            As reported, of the joints with actuators: N m or N, or A.
         udot : (n,) or (N, n) array_like, optional
             Accelerations; needed for external torques. Joint torques lack the inertia of
             the rotors without it.
+        t : float or (N,) array_like
+            Time of the states, s, where constraints depend on it.
 
         Returns
         -------
-        (n,) or (N, n) array, N m or N.
+        (n_a,) or (N, n_a) array, N m or N.
 
         Raises
         ------
         InputError
-            The robot has constraints and efforts are not motor torques with gravity, or
-            accelerations are missing.
+            Accelerations are missing, or constants or efforts do not fit the actuators.
+        ConstraintError
+            A part is missing at a configuration where the actuators cannot move the
+            mechanism in every direction.
 
         """
         tau = np.array(effort, dtype=np.float64)
         if self.plain:
             return tau
-        if robot.constraint_names:
-            raise InputError(f'efforts: {self}, of a robot with constraints; expected '
-                             'motor torques with gravity, since the others need the '
-                             'torques of single joints')
+        names = actuated_joints(robot)
+        if tau.shape[-1:] != (len(names),):
+            raise InputError(f'effort: shape {tau.shape}; expected a last axis of '
+                             f'{len(names)} ({", ".join(names)})')
         if self.constants is not None:
-            constants = per_joint(self.constants, 'constants', robot.joint_names)
+            constants = per_joint(self.constants, 'constants', names)
             if not constants.all():
-                joint = robot.joint_names[int(np.argmin(constants))]
+                joint = names[int(np.argmin(constants))]
                 raise InputError(f"constants of joint '{joint}': 0; expected a positive "
                                  'number, N m/A or N/A')
             tau = tau * constants
@@ -122,23 +135,49 @@ class Efforts:
             if udot is None:
                 raise InputError('udot: missing; expected the accelerations, which '
                                  'external torques lack')
-            return np.asarray(robot.inverse_dynamics(q, u, udot) - tau)
+            of_motion = robot.inverse_dynamics(q, u, udot, t=t)
+            return _of_actuators(robot, of_motion, q, t) - tau
         if self.kind is EffortKind.JOINT_TORQUE:
             if robot.friction:
                 refuse_load_friction(robot.model, f'efforts: {self}')
-            tau = tau + robot.friction_force(u)
+            # Between the motor and the sensor: friction, and the inertia of the rotor.
+            rates = np.zeros_like(np.asarray(u)) if udot is None else udot
+            arguments = (q, u, rates, t) if robot.equations.timed else (q, u, rates)
+            friction, rotor = np.moveaxis(_losses_kernel(robot)(*arguments), -2, 0)
+            tau = tau + friction
             if udot is not None:
-                tau = tau + _armature(robot) * np.asarray(udot)
+                tau = tau + rotor
         if not self.gravity:
-            tau = tau + robot.gravity_force(q)
+            tau = tau + _of_actuators(robot, robot.gravity_force(q, t=t), q, t)
         return np.asarray(tau)
 
+    def compile(self, robot: Robot) -> None:  # noqa: A003
+        """Compile what `torque` and `contradiction` use, so that no later call does."""
+        quantities = ['gravity_force', 'inverse_dynamics']
+        if not robot.equations.in_joint_rates:
+            quantities.append('joint_torques')
+        robot.compile(*quantities)
+        if self.kind is EffortKind.JOINT_TORQUE:
+            _losses_kernel(robot)
+
     def applied(self, robot: Robot, recording: Recording) -> Recording:
-        """Return the recording with the torques on the joints in place of its efforts."""
+        """
+        Return the recording with the torques of the actuators in place of its efforts.
+
+        With constraints it is one of the actuators, as for `identify_payload`.
+        """
         if self.plain:
             return recording
         r = recording
-        return replace(r, tau=self.torque(robot, r.q, r.u, r.tau, r.udot))
+        if not robot.constraint_names:
+            return replace(r, tau=self.torque(robot, r.q, r.u, r.tau, r.udot))
+        recorded = recorded_joints(robot)
+        order = [recorded.index(name) for name in actuated_joints(robot)]
+        states = recorded_states(robot, recorded, r)
+        tau = np.empty_like(r.tau)
+        tau[:, order] = self.torque(robot, states.q, states.u, r.tau[:, order],
+                                    states.udot, t=r.t)
+        return replace(r, tau=tau)
 
     def contradiction(self, robot: Robot, q: ArrayLike, effort: ArrayLike) -> str:
         """
@@ -148,8 +187,10 @@ class Efforts:
         ----------
         robot : Robot
             Its gravity and payload are compared with the efforts.
-        q, effort : (n,) array_like
-            At rest, without contact: rad or m; N m, N or A.
+        q : (n_q,) array_like
+            At rest, without contact, rad or m.
+        effort : (n_a,) array_like
+            Of the joints with actuators, N m, N or A.
 
         """
         share = self.share_of_weight(robot, q, effort)
@@ -178,7 +219,9 @@ class Efforts:
             return None
         held = np.asarray(effort, dtype=np.float64)
         if self.constants is not None:
-            held = held * per_joint(self.constants, 'constants', robot.joint_names)
+            held = held * per_joint(self.constants, 'constants', actuated_joints(robot))
+        if not robot.equations.in_joint_rates:
+            held = generalized_force(robot, held, q)
         return float(held @ weight / (weight @ weight))
 
     def __str__(self) -> str:
@@ -189,10 +232,41 @@ class Efforts:
         return f'{name} {"with" if self.gravity else "without"} gravity'
 
 
-def _armature(robot: Robot) -> Array:
-    """Return the armature of each joint, (n,) kg m^2 or kg."""
-    joints: Sequence[object] = robot.model.coordinate_joints
-    return np.array([getattr(joint, 'armature', 0.0) for joint in joints])
+def generalized_force(robot: Robot, torque: Array, q: ArrayLike) -> Array:
+    """Return the generalized force tau, (n,), of torques of the actuators at one state."""
+    names = robot.model.joint_names
+    torques = np.zeros(len(names))
+    torques[[names.index(name) for name in actuated_joints(robot)]] = torque
+    return robot.generalized_force(torques, q)
+
+
+def actuated_joints(robot: Robot) -> tuple[str, ...]:
+    """Return the joints that have efforts, in the robot's order: all in joint rates."""
+    in_joint_rates = robot.equations.in_joint_rates
+    return robot.joint_names if in_joint_rates else robot.actuated_names
+
+
+def _of_actuators(robot: Robot, tau: Array, q: ArrayLike, t: ArrayLike) -> Array:
+    """Return the torques of the actuators, (..., n_a), with a generalized force."""
+    names = robot.model.joint_names
+    torques = robot.joint_torques(tau, q, t=t)
+    return np.asarray(torques[..., [names.index(name) for name in actuated_joints(robot)]])
+
+
+def _losses_kernel(robot: Robot) -> Kernel:
+    """Return the kernel of friction and rotors' inertia at the actuators, (2, n_a)."""
+    equations = robot.equations
+    names = robot.model.joint_names
+    places = [names.index(name) for name in actuated_joints(robot)]
+
+    def losses(q: Any, u: Any, udot: Any, t: Any) -> Any:
+        motion = equations.joint_motion(q, u, udot, t)
+        friction = equations.tree.friction_force(motion.qdot)
+        rotor = equations.tree.armature(motion.qddot)
+        return np.array([friction[places], rotor[places]])
+
+    return robot.compiled(losses, name='losses', q=(robot.n_q,), u=(robot.n,),
+                          udot=(robot.n,), shape=(2, len(places)))
 
 
 MOTOR_TORQUES = Efforts()

@@ -8,7 +8,7 @@ from kane_dynamics.control.trajectory_joints import driving_joints
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_rows import actuators
 from kane_dynamics.identification.recordings.recording import Recording
-from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion
+from kane_dynamics.loop_tracking.driven_mechanism import mechanism_motion, MechanismMotion
 from kane_dynamics.loop_tracking.loop_tracker import velocity_rows
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -53,14 +53,35 @@ def recorded_motion(robot: Robot, names: Sequence[str], recording: Recording
         contradicts the loops that the others close.
 
     """
+    motion = recorded_states(robot, names, recording)
+    if robot.equations.in_joint_rates:
+        return *motion, recording.tau, recording.t
+    torques = np.zeros((len(recording), robot.model.n))
+    torques[:, [robot.joint_names.index(name) for name in names]] = recording.tau
+    return *motion, robot.generalized_force(torques, motion.q,
+                                            t=recording.t), recording.t
+
+
+def recorded_states(robot: Robot, names: Sequence[str],
+                    recording: Recording) -> MechanismMotion:
+    """
+    Return q (N, n_q), u and udot (N, n) of a robot for a recording of joints.
+
+    Raises
+    ------
+    InputError, ConstraintError
+        As `recorded_motion`.
+
+    """
     state = recording.q, recording.u, recording.udot
     if robot.equations.in_joint_rates:
-        return *state, recording.tau, recording.t
+        return MechanismMotion(*state)
     driving = list(range(len(names)))
     if len(names) > robot.n:
         driving = _driving(robot, names)
+    of_driving = [values[:, driving] for values in state]
     motion = mechanism_motion(robot, [names[k] for k in driving], recording.t,
-                              *(each[:, driving] for each in state))
+                              *of_driving)
     places = [robot.joint_names.index(name) for name in names]
     apart = np.abs(motion.q[:, places] - recording.q)
     k, j = divmod(int(apart.argmax()), len(names))
@@ -69,10 +90,7 @@ def recorded_motion(robot: Robot, names: Sequence[str], recording: Recording
                          f'at {recording.t[k]:.4g} s; expected '
                          f'{motion.q[k, places[j]]:.4g}, which '
                          f'follows from the other joints, within {LOOP_TOLERANCE:g}')
-    torques = np.zeros((len(recording), robot.model.n))
-    torques[:, places] = recording.tau
-    return *motion, robot.generalized_force(torques, motion.q,
-                                            t=recording.t), recording.t
+    return motion
 
 
 def _driving(robot: Robot, names: Sequence[str]) -> list[int]:

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 from kane_dynamics.analysis.model_checks import examine_efforts, Finding, listed
 from kane_dynamics.control.computed_torque import joints_that_follow
-from kane_dynamics.identification.efforts import Efforts
+from kane_dynamics.identification.efforts import (actuated_joints, Efforts,
+                                                   generalized_force)
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
 from kane_dynamics.robot.robot import Robot
@@ -305,7 +306,7 @@ def _numbers(robot: Robot, message: JointState,
                                 'limits of the URDF; expected the URDF of this arm, in '
                                 'rad'))
     if robot.constraint_names:
-        return findings + _loops(robot, names, q)
+        return findings + _loops(robot, message, names, q, efforts)
     return findings + _efforts(robot, q, u, effort, efforts)
 
 
@@ -318,7 +319,8 @@ def _column(message: JointState, values: Sequence[float],
     return np.array(values, dtype=np.float64)[index]
 
 
-def _loops(robot: Robot, names: tuple[str, ...], q: Array) -> list[Finding]:
+def _loops(robot: Robot, message: JointState, names: tuple[str, ...], q: Array,
+           efforts: Efforts | None) -> list[Finding]:
     """Return the findings of the closed loops, from the measured joints."""
     tracker = LoopTracker(robot, needed_joints(robot))
     places = [robot.joint_names.index(name) for name in names]
@@ -329,31 +331,40 @@ def _loops(robot: Robot, names: tuple[str, ...], q: Array) -> list[Finding]:
         tracker.update(whole[tracker.places], np.zeros(robot.n), further, whole[further])
     except LoopError as error:
         return [Finding('problem', str(error))]
-    return [Finding('fine',
-                    f'closed loops: residual {tracker.residual:.1e}, conditioning '
-                    f'{tracker.figure:.3g}, measured joints within '
-                    f'{tracker.deviation:.2g}')]
+    closed = Finding('fine',
+                     f'closed loops: residual {tracker.residual:.1e}, conditioning '
+                     f'{tracker.figure:.3g}, measured joints within '
+                     f'{tracker.deviation:.2g}')
+    actuated = robot.actuated_names
+    if not set(actuated) <= set(names):
+        return [closed]
+    u = _column(message, message.velocity, actuated)
+    assert u is not None  # else `_numbers` has ended
+    effort = _column(message, message.effort, actuated)
+    return [closed, *_efforts(robot, tracker.q, u, effort, efforts)]
 
 
 def _efforts(robot: Robot, q: Array, u: Array, effort: Array | None,
              efforts: Efforts | None) -> list[Finding]:
-    """Return the findings of the efforts of one joint state."""
+    """Return the findings of the efforts of the actuators, with their rates."""
     if effort is None:
         return [Finding('warning',
                         'efforts of joint states: none; the momentum observer then '
                         'uses the command')]
-    if names := _not_finite(robot.joint_names, effort):
+    if names := _not_finite(actuated_joints(robot), effort):
         return [Finding('warning',
                         f'efforts of {listed(names)}: not finite; the momentum '
                         'observer then uses the command')]
-    if not np.isfinite([q, u]).all() or (
-            np.abs(u).max(initial=0.0) >= AT_REST):
+    finite = np.isfinite(q).all() and np.isfinite(u).all()
+    if not finite or np.abs(u).max(initial=0.0) >= AT_REST:
         return []
     if effort.any() and efforts is not None:
         words = efforts.contradiction(robot, q, effort)
         return [Finding('problem', words)] if words else [
             Finding('fine', f'efforts at rest fit {efforts}')]
     if effort.any():
+        if robot.constraint_names:
+            effort = generalized_force(robot, effort, q)
         return examine_efforts(robot, q, effort)
     if np.abs(robot.gravity_force(q)).max(initial=0.0) < WEIGHTLESS:
         return []

@@ -41,10 +41,9 @@ def stated_efforts(values: Mapping[str, Any], robot: Robot) -> Efforts:
                          'estimator would have to find; expected the torque of the arm '
                          'itself, or '
                          "observer.torque 'command'")
-    if robot.constraint_names and not efforts.plain:
-        raise InputError(f"parameters 'efforts.*': {efforts}, of an arm with closed "
-                         'loops; expected motor torques with gravity')
-    per_joint(values, 'efforts.constants', robot.joint_names, 1.0)
+    joints = commanded_joints(robot, robot.speed_names) if robot.constraint_names else (
+        range(len(robot.joint_names)))
+    per_joint(values, 'efforts.constants', [robot.joint_names[k] for k in joints], 1.0)
     return efforts
 
 
@@ -98,6 +97,7 @@ class AppliedTorque:
         """Use checked parameters from the next state on."""
         self._source = values['observer.torque']
         self._efforts = stated_efforts(values, self._robot)
+        self._efforts.compile(self._robot)
         self._compared = False  # whether efforts at rest were compared with the weight
         on = terms(values)
         # Terms that the arm adds to a command; it cannot add inertia, which needs udot.
@@ -130,6 +130,10 @@ class AppliedTorque:
                 torque = torque + self._arm_terms @ source.torque_terms(state.q, state.u,
                                                                         self._zero)
             if self._bending is not None:
+                if self.measured and not self._efforts.gravity:
+                    # The gravity of the rigid model was added.
+                    torque = (torque + self._bending.gravity_force(state.q)
+                              - self._robot.gravity_force(state.q))
                 torque = torque - self._deflection_torque(self._bending, state.q,
                                                           state.u)
         except KaneError as error:  # no equilibrium, or loops that do not close
@@ -149,16 +153,11 @@ class AppliedTorque:
         effort = state.effort
         q = state.q
         at_rest = np.abs(state.u).max(initial=0.0) < AT_REST
-        if not self._compared and at_rest and effort.any() and self._actuated is None:
+        if not self._compared and at_rest and effort.any():
             self._compared = True
             if words := efforts.contradiction(self._robot, q, effort):
                 self._reject('efforts contradict the model', words)
-        torque = efforts.torque(self._robot, q, state.u, effort)
-        if self._bending is not None and not efforts.gravity:
-            # The efforts lack gravity; that of the rigid model was added.
-            gravity = self._bending.gravity_force(q) - self._robot.gravity_force(q)
-            torque = torque + gravity
-        return torque
+        return efforts.torque(self._robot, q, state.u, effort)
 
     def _deflection_torque(self, bending: QuasiStatic, q: Array, u: Array) -> Array:
         """Return what the deflection adds to the torque without acceleration."""

@@ -381,10 +381,17 @@ class Broken:
         self.sent.append(message)
 
 
+@pytest.mark.parametrize('kind, gravity_reported', [
+    ('motor_torque', True), ('motor_torque', False), ('joint_torque', True),
+    ('joint_torque', False), ('motor_current', True), ('motor_current', False)])
 @pytest.mark.parametrize('measured', [False, True])
-def test_the_observer_estimates_the_external_torque_of_the_independent_joints(measured):
+def test_the_observer_estimates_the_external_torque_of_the_independent_joints(
+        measured, kind, gravity_reported):
     rig, topics = Rig(), ContactPublishers(Broken(), Broken(), Broken())
-    values = all_values(**{'observer.threshold': np.array(30.0), 'observer.frame': 'tool'})
+    constants = np.array([4.0, 5.0, 2.0, 3.0] if kind == 'motor_current' else [])
+    values = all_values(**{'observer.threshold': np.array(30.0), 'observer.frame': 'tool',
+                           'efforts.kind': kind, 'efforts.gravity': gravity_reported,
+                           'efforts.constants': constants})
     rejected = []
     monitor = ContactMonitor(rig.robot, values, topics,
                              SimpleNamespace(warning=rejected.append, info=rejected.append),
@@ -394,8 +401,11 @@ def test_the_observer_estimates_the_external_torque_of_the_independent_joints(me
     rig.path.start()
     external = np.array([0.0, 50.0, 0.0, 0.0])
     names = rig.robot.joint_names
-    torque = dict(zip([names[k] for k in sorted(of_driven())], gravity()))
+    torque = dict(zip([names[k] for k in sorted(of_driven())],
+                      gravity() * gravity_reported))
     torque['shoulder'] -= 50.0 * measured  # at rest, so something else holds the rest
+    if kind == 'motor_current':
+        torque = dict(zip(torque, np.array([*torque.values()]) / constants))
     for _ in range(200):
         rig.state(efforts=torque if measured else None)
     assert not [words for words in rejected if not isinstance(words, str)]
@@ -450,9 +460,11 @@ def test_the_doctor_examines_the_joints_that_are_needed():
     robot, q = palletizer(), positions(palletizer(), *POSE)
     complete = dict(zip(robot.joint_names, q))
 
-    def found(joints):
+    def found(joints, sign=1.0):
+        held = dict(zip([robot.joint_names[k] for k in sorted(of_driven())], gravity()))
         message = JointState(name=list(joints), position=list(joints.values()),
-                             velocity=[0.0] * len(joints))
+                             velocity=[0.0] * len(joints),
+                             effort=[sign * held.get(name, 0.0) for name in joints])
         message.header.stamp.sec = 1000
         received = [ReceivedState(k * 10_000_000, 1000 * NANO, message) for k in range(100)]
         return [(each.level, each.words) for each in examine_states(robot, received, 1.0)]
@@ -460,6 +472,9 @@ def test_the_doctor_examines_the_joints_that_are_needed():
     for joints in (driven, complete):
         assert {level for level, _ in found(joints)} == {'fine'}
         assert any(words.startswith('closed loops: residual') for _, words in found(joints))
+        assert ('fine', 'at rest the measured efforts hold 100% of the weight') in found(joints)
+        assert any('opposite sign' in words for level, words in found(joints, -1.0)
+                   if level == 'problem')
     assert any("'elbow' at" in words for level, words in found(
         complete | {'elbow': 1.0}) if level == 'problem')
     (level, words), = found({'swivel': 0.0})
