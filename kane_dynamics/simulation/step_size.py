@@ -141,6 +141,15 @@ def stable_integrator(robot: Robot, q: Array, step: float, integrator: str | Non
                         f'{longest:.2g} s with its friction, springs or bending')
 
 
+def possible_integrators(robot: Robot, integrator: str | None) -> tuple[str, ...]:
+    """Return the integrators that `stable_integrator` may return for a robot."""
+    if integrator is not None:
+        return (integrator,)
+    if _may_limit_step(robot.model, robot.friction):
+        return 'rk4', 'implicit'
+    return ('rk4',)
+
+
 def _may_limit_step(model: Model, friction: bool) -> bool:
     """Return whether friction, springs or beams may limit the step."""
     for body in model.bodies:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from kane_dynamics.analysis.model_checks import examine_efforts, Finding, listed
 from kane_dynamics.control.computed_torque import joints_that_follow
 from kane_dynamics.identification.efforts import (actuated_joints, Efforts,
-                                                   generalized_force)
+                                                  generalized_force)
 from kane_dynamics.loop_tracking.loop_error import LoopError
 from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
 from kane_dynamics.robot.robot import Robot

@@ -25,6 +25,7 @@ from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
                                                         joint_command_type,
                                                         OptionalTopics)
+from kane_dynamics.ros.parameters.parameter_checks import integrator_of_simulations
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.trajectory_filling import FillSettings
@@ -40,6 +41,7 @@ from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.simulate import compile_simulation
 from kane_dynamics.simulation.step_kernels import step_kernel
+from kane_dynamics.simulation.step_size import possible_integrators
 from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
 import numpy as np
 from rclpy.duration import Duration
@@ -145,14 +147,17 @@ class ConfiguredRobot:
     def _compile(self, robots: Sequence[Robot]) -> None:
         """Compile what requests need: simulations, filled trajectories, path timing."""
         robot = self.robot
-        integrator = self.values['simulation.integrator']
+        integrators = possible_integrators(
+            robot, integrator_of_simulations(self.values, 'simulation.integrator'))
         follow = joints_that_follow(robot)
-        compile_simulation(robot, integrator, 'external_force', 'body_torques')
-        if self.values['simulation.stops']:
-            compile_pressed_steps(robot, integrator, follow)
+        for integrator in integrators:
+            compile_simulation(robot, integrator, 'external_force', 'body_torques')
+            if self.values['simulation.stops']:
+                compile_pressed_steps(robot, integrator, follow)
         compile_timing(robot)
         if robot.constraint_names:
-            step_kernel(robot, True, integrator, None, follow)
+            for integrator in integrators:
+                step_kernel(robot, True, integrator, None, follow)
             compile_trajectories(robot)
             return
         for tree in robots:

@@ -9,7 +9,7 @@ from typing import Any
 
 from kane_dynamics.control.terms import stated_terms, STATEMENT, Terms
 from kane_dynamics.errors import InputError
-from kane_dynamics.ros.parameters.parameter_table import Kind, Spec
+from kane_dynamics.ros.parameters.parameter_table import AUTO, Kind, Spec
 import numpy as np
 from numpy.typing import NDArray
 from rcl_interfaces.msg import ParameterDescriptor
@@ -193,6 +193,12 @@ def similar_parameter(name: str, known: Collection[str]) -> str:
 def _words(name: str) -> set[str]:
     """Return the stems of the words of a parameter's name."""
     return {word[:6].rstrip('s') for word in re.split(r'[._/-]', name.lower()) if word}
+
+
+def integrator_of_simulations(values: Mapping[str, Any], name: str) -> str | None:
+    """Return the integrator that a parameter names; None for 'auto', the choice by the step."""
+    integrator: str = values[name]
+    return None if integrator == AUTO else integrator
 
 
 def per_joint(values: Mapping[str, Any], name: str, joints: Sequence[str],

@@ -17,6 +17,8 @@ from kane_dynamics.mechanics.integrators import INTEGRATORS
 Kind = Literal['text', 'flag', 'number', 'count', 'names', 'vector', 'six', 'numbers',
                'per_joint', 'terms']
 
+AUTO = 'auto'  # of an integrator: chosen by the step, as `simulate` does
+
 
 @dataclass(frozen=True)
 class Spec:
@@ -358,10 +360,10 @@ SPECS = (
          'trajectory; the torque path is blocked while thousands of points are '
          'converted', low=2.0,
          high=1e6),
-    Spec('simulation.integrator', 'text', 'rk4',
-         'integrator of simulations; implicit for '
-         'friction, springs and beams that need very short steps with rk4',
-         choices=tuple(INTEGRATORS)),
+    Spec('simulation.integrator', 'text', AUTO,
+         'integrator of simulations; auto: rk4, or implicit where friction, springs or '
+         'beams need shorter steps with rk4 than the requested one',
+         choices=(AUTO, *INTEGRATORS)),
     live('simulation.stops', 'flag', False,
          'put rigid, inelastic stops at the position limits in '
          'simulations'),

@@ -89,6 +89,8 @@ class PlantNode(Node):
         log.info(f'{robot.model.name}: {len(joints)} joints ({", ".join(joints)}), '
                  + f'flexible modes {", ".join(modes)}, ' * bool(modes)
                  + f'{values["rate"]:g} joint states/s' + ', paused' * self.paused)
+        if self.plant.arm.integrator_choice:
+            log.info(f'rate and substeps: {self.plant.arm.integrator_choice}')
         if (warning := self.plant.arm.step_warning()) is not None:
             log.warning(f'rate and substeps: {warning}')
 

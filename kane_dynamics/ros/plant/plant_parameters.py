@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from kane_dynamics.mechanics.integrators import INTEGRATORS
-from kane_dynamics.ros.parameters.parameter_table import BY_NAME, live, Spec
+from kane_dynamics.ros.parameters.parameter_table import AUTO, BY_NAME, live, Spec
 
 
 def _shared(*names: str) -> tuple[Spec, ...]:
@@ -28,9 +28,9 @@ SPECS = (
          low=0.01, high=10_000.0),
     Spec('substeps', 'count', 2, 'integration steps between two joint states', low=1.0,
          high=1000.0),
-    Spec('integrator', 'text', 'rk4',
-         'integrator; implicit for friction, springs and beams that '
-         'need many substeps with rk4', choices=tuple(INTEGRATORS)),
+    Spec('integrator', 'text', AUTO,
+         'integrator; auto: rk4, or implicit where friction, springs or beams need more '
+         'substeps with rk4', choices=(AUTO, *INTEGRATORS)),
     Spec('publish_clock', 'flag', False,
          'publish simulated time on /clock, starting at 1 s, for '
          'nodes with use_sim_time; false: use system time'),

@@ -8,7 +8,8 @@ from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
-from kane_dynamics.ros.parameters.parameter_checks import per_joint
+from kane_dynamics.ros.parameters.parameter_checks import (integrator_of_simulations,
+                                                           per_joint)
 from kane_dynamics.ros.plant.simulated_arm import added_terms, joint_count, SimulatedArm
 from kane_dynamics.ros.torque_path.gravity_payload import parameter_loads
 from kane_dynamics.ros.torque_path.wrench_input import check_frames
@@ -65,7 +66,8 @@ class PlantState:
         self._values = values
         self.period: float = NANO / values['rate']  # ns
         self.arm = SimulatedArm(robot, 1.0 / (values['rate'] * values['substeps']),
-                                values['integrator'], values['arm_compensates'])
+                                integrator_of_simulations(values, 'integrator'),
+                                values['arm_compensates'])
         self.states: DelayLine[Measurement] = DelayLine()
         self.commands: DelayLine[Array] = DelayLine()
         self.timeouts = self.ticks = 0

@@ -11,7 +11,7 @@ from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.energy_balance import EnergyBalance
 from kane_dynamics.simulation.step_kernels import state_names, step_kernel, StepChoice
-from kane_dynamics.simulation.step_size import step_warning
+from kane_dynamics.simulation.step_size import stable_integrator, step_warning
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_step
 from kane_dynamics.simulation.torque_input import TorqueInput
@@ -67,8 +67,9 @@ class SimulatedArm:
         The robot of this arm; `use_parameters` reads its parameters.
     step : float
         Integration step, s.
-    integrator : str
-        One of `mechanics.integrators.INTEGRATORS`.
+    integrator : str, optional
+        One of `mechanics.integrators.INTEGRATORS`. None is 'rk4', or 'implicit' where
+        the step is too long for it at the configuration at the start.
     arm_compensates : collection of str
         Torque terms that the arm adds to the commanded torques itself, at the state at
         the start of each step; effort limits apply to the commanded torques only.
@@ -95,10 +96,12 @@ class SimulatedArm:
         Number of steps with a command above the effort limit.
     energy : EnergyCheck
         Check of the energy balance between contacts with stops.
+    integrator_choice : str
+        Why the integrator is 'implicit', where it was chosen by the step; else empty.
 
     """
 
-    def __init__(self, robot: Robot, step: float, integrator: str = 'rk4',
+    def __init__(self, robot: Robot, step: float, integrator: str | None = None,
                  arm_compensates: Collection[str] = (NO_TERM,)) -> None:
         """Compile the kernels of a step."""
         self._added = added_terms(arm_compensates)
@@ -108,7 +111,6 @@ class SimulatedArm:
         # The arm's own controller acts on joints, not on flexible modes.
         modes = {robot.model.coordinate_names[k] for k in robot.model.modal_coordinates}
         self._driven = np.array([name not in modes for name in robot.speed_names])
-        self._integrator = integrator
         n = joint_count(robot)
         n_q = robot.n_q
         self.robot = robot
@@ -128,12 +130,17 @@ class SimulatedArm:
         self.stop_contacts = self.clamped = 0
         self.lower = robot.limits.lower[:n]
         self.upper = robot.limits.upper[:n]
+        start = self._closed(None) if self._constrained else robot.feasible_configuration()
+        self._state[:n_q] = self._next[:n_q] = start
+        self.integrator_choice = ''
+        if integrator is None:
+            integrator, words = stable_integrator(robot, self._q[None], step, None, 0.0)
+            self.integrator_choice = words or ''
+        self._integrator = integrator
         choice = StepChoice(False, integrator)
         kernel = step_kernel(robot, *choice)
         self._constants = kernel.parameters
         self._constants[0] = step
-        if self._constrained:
-            self._state[:n_q] = self._next[:n_q] = self._closed(None)
         self.energy = EnergyCheck(robot, step, integrator)
         self.use_parameters()
         self._advance = kernel.bind([self._state, self._total], self._next, 'Step.')

@@ -13,7 +13,8 @@ from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import (Array, doubles, Index,
                                                  motion_from_message,
                                                  trajectory_message, vector)
-from kane_dynamics.ros.parameters.parameter_checks import per_joint
+from kane_dynamics.ros.parameters.parameter_checks import (integrator_of_simulations,
+                                                           per_joint)
 from kane_dynamics.ros.services.joint_order import close_loops, JointOrder
 from kane_dynamics.ros.services.served_robot import RIGID, ServedRobot
 from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
@@ -39,7 +40,7 @@ class SimulationRequest:
     step: float
     sample: float
     torque: Array | ComputedTorque | None
-    integrator: str
+    integrator: str | None
     stops: bool
     assumption: str
 
@@ -76,7 +77,8 @@ class SimulationRequest:
         q0 = vector(request.position, names.joints, robot.n_q, 'position')
         return cls(served.simulated, served.loads, names, close_loops(robot, q0),
                    vector(request.velocity, index, n, 'velocity', 0.0), duration, step,
-                   sample, torque, values['simulation.integrator'],
+                   sample, torque,
+                   integrator_of_simulations(values, 'simulation.integrator'),
                    values['simulation.stops'], RIGID * (served.bending is not None))
 
     def run(self, response: Any, proceed: Callable[[float], bool]) -> None:
@@ -93,6 +95,8 @@ class SimulationRequest:
                                   progress=proceed, integrator=self.integrator,
                                   stops=self.stops)
         except InputError as error:
+            if self.integrator is None:  # chosen so that the step is stable
+                raise
             warning = step_warning(self.robot, self.q0, self.step, self.integrator)
             if warning is None:
                 raise

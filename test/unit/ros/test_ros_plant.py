@@ -455,5 +455,10 @@ def test_the_implicit_integrator_stops_an_arm_with_stiff_friction():
     alone = simulate(Robot(model), stiff.q, stiff.u, 0.1, step=1e-5,
                      torque=Robot(model).gravity_force(stiff.q))
     assert np.abs(alone.q - stiff.q).max() < 1e-6  # at rest
-    oscillating = coasting()
+    chosen = coasting()
+    assert "integrator 'implicit' is used: a step of 0.002 s is too long" in (
+        chosen.integrator_choice)
+    np.testing.assert_array_equal(chosen.q, stiff.q)
+    oscillating = coasting(integrator='rk4')
+    assert not oscillating.integrator_choice
     assert 'too long' in oscillating.step_warning() and np.abs(oscillating.u).max() > 1e-3

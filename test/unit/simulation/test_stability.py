@@ -156,7 +156,7 @@ def test_commands_and_sweeps_warn_of_too_long_steps(tmp_path, capsys):
                         step=0.0005), tmp_path / 'table', workers=1)
 
 
-def test_the_simulated_arm_and_the_services_warn_of_too_long_steps():
+def test_the_simulated_arm_and_the_services_choose_an_integrator_or_warn_of_the_step():
     pytest.importorskip('rclpy')
     pytest.importorskip('kane_dynamics_interfaces')
     from kane_dynamics.ros.torque_path.gravity_payload import GravityAndPayload
@@ -169,11 +169,15 @@ def test_the_simulated_arm_and_the_services_warn_of_too_long_steps():
     from kane_dynamics_interfaces.srv import Simulate
     robot = wheel(**RUB)
     assert SimulatedArm(robot, 0.05).step_warning() is None
-    assert "'wheel'" in SimulatedArm(robot, 0.06).step_warning()
+    chosen = SimulatedArm(robot, 0.06)
+    assert "integrator 'implicit' is used" in chosen.integrator_choice
+    assert chosen.step_warning() is None
+    assert "'wheel'" in SimulatedArm(robot, 0.06, 'rk4').step_warning()
     assert SimulatedArm(robot, 0.06, 'implicit').step_warning() is None
     values = {spec.name: read(spec, spec.default) for spec in SPECS}
     answers = []
-    for step, integrator in ((0.05, 'rk4'), (0.06, 'rk4'), (0.06, 'implicit')):
+    for step, integrator in ((0.05, 'rk4'), (0.06, 'rk4'), (0.06, 'implicit'), (0.05, 'auto'),
+                             (0.06, 'auto')):
         served = ServedRobot(robot, robot, GravityAndPayload(robot.model.gravity),
                              values | {'simulation.integrator': integrator}, WrenchFrames(robot))
         request, answer = Simulate.Request(position=[0.0], duration=0.3, step=step), (
@@ -182,12 +186,14 @@ def test_the_simulated_arm_and_the_services_warn_of_too_long_steps():
             warnings.simplefilter('ignore', ModelWarning)
             SimulationRequest.from_request(request, served).run(answer, lambda t: True)
         answers.append(answer.message)
-    assert answers[0] == answers[2] == ''
+    assert answers[0] == answers[2] == answers[3] == ''
     assert "a step of 0.06 s is too long for 'wheel'" in answers[1]
+    assert "integrator 'implicit' is used: a step of 0.06 s is too long" in answers[4]
     stiff = wheel(stiffness=1e6)
     served = replace(served, robot=stiff, simulated=stiff, values=values | {
         'simulation.max_duration': 10.0, 'simulation.max_steps': 200,
-        'simulation.max_points': 200, 'trajectory.max_points': 20})
+        'simulation.max_points': 200, 'trajectory.max_points': 20,
+        'simulation.integrator': 'rk4'})
     request.step, request.duration, request.velocity = 0.1, 10.0, [1.0]
     with pytest.warns(ModelWarning), pytest.raises(
             InputError, match=r'the state diverged.*: a step of 0.1 s is too long'):
