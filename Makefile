@@ -206,7 +206,7 @@ docs: install
 NODE_PAGES = test/docs/test_node_pages.py
 
 docs-test: install $(VENV)/.torch
-	$(PYTEST) -n auto --dist worksteal test/docs/test_pages.py test/docs/test_notebook.py
+	$(PYTEST) -n auto --dist worksteal test/docs --ignore=$(NODE_PAGES)
 	$(PYTEST) $(NODE_PAGES) || { $(REPEATED) $(PYTEST) $(FAILED_ONES) $(NODE_PAGES); }
 
 # ---------------------------------------------------------------------- colcon
