@@ -1,10 +1,10 @@
 """Errors for unknown attributes and refused assignments, with the name that is meant."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import FrozenInstanceError
 import difflib
 from functools import wraps
-from inspect import Signature, signature
+from inspect import Parameter, Signature, signature
 from typing import Any, TYPE_CHECKING, TypeVar
 
 Class = TypeVar('Class', bound=type)
@@ -107,7 +107,11 @@ KEYWORDS = {
     'wrenches': ('wrench_frames',), 'pose': ('target',), 'goal': ('target',),
     'tol': ('tolerance',), 'maxiter': ('iterations',), 'maxiterations': ('iterations',),
     'q': ('q0',), 'qinit': ('q0',), 'initialguess': ('q0',),
+    'link': ('frame', 'payload_frame', 'tip'), 'linkname': ('frame',),
+    'framename': ('frame',), 'body': ('frame',), 'm': ('mass',),
+    'mass': ('inertial',), 'i': ('inertia',), 'cog': ('com',),
 }
+SHOWN = 3  # optional arguments in the message for wrong ones
 # Of other classes, where they have these attributes.
 SHORT_NAMES = {name: ours for ours, names in {
     'tau': 'torque torques effort efforts', 'q': 'position positions configuration qpos',
@@ -146,6 +150,7 @@ def _guarded(cls: Class, refuses: Callable[[Any, str], bool]) -> Class:
 
     def read(self: Any, name: str) -> Any:
         raise AttributeError(missing(self, name))
+    _hint_constructor(cls)
     methods: dict[str, Any] = {'__getattr__': read}
     if '__dataclass_fields__' in vars(cls):
         methods.update(__setattr__=refuse, __delattr__=refuse)
@@ -186,25 +191,100 @@ def keyword_error(what: str, given: Iterable[str], known: Sequence[str]) -> str 
     unknown = next((name for name in given if name not in known), None)
     if unknown is None:
         return None
+    meant = meant_keyword(unknown, known)
+    expected = f'{meant}=' if meant else f'some of {", ".join(known)}'
+    return f"{what}() got an unexpected keyword argument '{unknown}'; expected {expected}"
+
+
+def meant_keyword(unknown: str, known: Sequence[str]) -> str | None:
+    """Return the known keyword that an unknown one probably means, or None."""
     plain = unknown.lower().replace('_', '')
-    meant = [name for name in KEYWORDS.get(plain, ()) if name in known]
+    counterparts = (*KEYWORDS.get(plain, ()), SHORT_NAMES.get(plain, ''))
+    meant = [name for name in counterparts if name in known]
     if not meant:
         meant = difflib.get_close_matches(unknown, known, 1)
-    expected = f'{meant[0]}=' if meant else f'some of {", ".join(known)}'
-    hint = f'; expected {expected}'
-    return f"{what}() got an unexpected keyword argument '{unknown}'{hint}"
+    return meant[0] if meant else None
+
+
+def argument_error(error: TypeError, function: Callable[..., Any], name: str,
+                   values: Sequence[Any], named: Mapping[str, Any],
+                   bound: int = 0) -> str | None:
+    """
+    Return the message for arguments that a function does not take, or None.
+
+    None if it takes them: then the TypeError is of its body. The first `bound` arguments
+    are those of a method's object or class.
+    """
+    stated = signature(function)
+    parameters = list(stated.parameters.values())[bound:]
+    call = stated.replace(parameters=parameters)
+    try:
+        call.bind(*values, **named)
+    except TypeError:
+        pass
+    else:
+        return None
+    takes_any = any(parameter.kind is Parameter.VAR_KEYWORD for parameter in parameters)
+    message = None if takes_any else keyword_error(name, named, tuple(call.parameters))
+    if message is not None:
+        return message
+    _, _, reason = str(error).partition('()')  # Python names the class that defines it
+    return f'{name}(){reason}; expected {name}({_arguments(parameters)})'
+
+
+def _arguments(parameters: Sequence[Parameter]) -> str:
+    """Return the arguments of a call in words: names, the optional ones with '='."""
+    words = []
+    optional = 0
+    for parameter in parameters:
+        required = parameter.default is Parameter.empty
+        if required and parameter.kind is not Parameter.VAR_KEYWORD:
+            words.append(parameter.name)
+        elif optional < SHOWN:
+            optional += 1
+            words.append(f'{parameter.name}=...')
+        else:
+            return ', '.join([*words, '...'])
+    return ', '.join(words)
 
 
 def hinting(function: Function) -> Function:
-    """Decorate a function: an unknown keyword raises TypeError with the closest one."""
-    known = tuple(signature(function).parameters)
+    """Decorate a function or class: arguments that it does not take raise with a hint."""
+    if isinstance(function, type):
+        _hint_constructor(function)
+        return function
+    return _hinted(function, function.__name__)
 
+
+def hinting_method(method: Function) -> Function:
+    """Decorate a method as `hinting` does a function."""
+    return _hinted(method, '', bound=1)
+
+
+def _hint_constructor(cls: type) -> None:
+    """Decorate the constructor of a class as `hinting` does a function."""
+    construct = vars(cls)['__init__']
+    setattr(cls, '__init__', _hinted(construct, cls.__name__, bound=1))  # noqa: B010
+
+
+def _hinted(function: Function, name: str, bound: int = 0) -> Function:
+    """
+    Return a function whose TypeErrors for arguments it does not take have a hint.
+
+    `name` is that of the call in the message, by default those of the object's class and
+    of the method; `bound` is the number of arguments that are the object.
+    """
     @wraps(function)
     def call(*values: Any, **named: Any) -> Any:
-        message = keyword_error(function.__name__, named, known)
-        if message is not None:
-            raise TypeError(message)
-        return function(*values, **named)
+        try:
+            return function(*values, **named)
+        except TypeError as error:
+            called = name or f'{type(values[0]).__name__}.{function.__name__}'
+            message = argument_error(error, function, called, values[bound:], named,
+                                     bound)
+            if message is None:
+                raise
+            raise TypeError(message) from None
     return call  # type: ignore[return-value]
 
 
@@ -213,11 +293,14 @@ class HintingClass(type):
 
     if not TYPE_CHECKING:  # type checkers report them themselves
         def __call__(cls, *values: Any, **named: Any) -> Any:
-            message = keyword_error(cls.__name__, named,
-                                    tuple(signature(cls.__init__).parameters)[1:])
-            if message is not None:
-                raise TypeError(message)
-            return super().__call__(*values, **named)
+            try:
+                return super().__call__(*values, **named)
+            except TypeError as error:
+                message = argument_error(error, cls.__init__, cls.__name__, values,
+                                         named, bound=1)
+                if message is None:
+                    raise
+                raise TypeError(message) from None
 
         @property
         def __signature__(cls) -> Signature:

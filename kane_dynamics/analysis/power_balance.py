@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import joint_speeds, moved
@@ -35,6 +36,7 @@ class PowerBalance(NamedTuple):
                 - self.energy_rate)
 
 
+@hinting
 def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
                   wrench: Array | None = None, t: Any = 0.0) -> PowerBalance:
     """

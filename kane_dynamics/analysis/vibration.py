@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import finite_row
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -46,6 +47,7 @@ class Vibration:
     names: tuple[str, ...]
 
 
+@hinting
 def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibration:
     """
     Return natural frequencies and mode shapes at rest: M y'' + K y = 0, y' = u.

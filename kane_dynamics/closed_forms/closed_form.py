@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics.closed_forms.polynomials import shortened
 from kane_dynamics.closed_forms.symbolic import (
     exact_model, Parameter, parametrised, symbols, unwrapped)
@@ -23,6 +24,7 @@ MOST = 4  # coordinates; closed forms of more are too long to read
 DIGITS = 6
 
 
+@hinting
 @dataclass(frozen=True)
 class ClosedForm:
     """
@@ -55,6 +57,7 @@ class ClosedForm:
         return {'mass_matrix': _count(upper), 'bias_force': _count(list(self.bias))}
 
 
+@hinting
 def closed_form(model: Model, *, numbers: bool = False, friction: bool = True,
                 progress: Callable[[float], object] = lambda done: None) -> ClosedForm:
     """

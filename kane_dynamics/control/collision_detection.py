@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 import warnings
 
-from kane_dynamics._util.attribute_hints import guarded
+from kane_dynamics._util.attribute_hints import guarded, hinting
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
@@ -175,6 +175,7 @@ class FrameWrench(NamedTuple):
         return self.rest
 
 
+@hinting
 def frame_wrench(partial_velocities: Array, torque: Array, *, length: float = 0.3,
                  damping: float | None = None) -> FrameWrench:
     """

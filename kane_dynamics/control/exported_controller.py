@@ -1,5 +1,6 @@
 """The parts of a controller as kernels, for `Robot.export_c`."""
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.control.computed_torque import law_kernel
@@ -12,6 +13,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 
+@hinting
 def controller_kernels(robot: Robot) -> tuple[Kernel, Kernel, Kernel]:
     """
     Return kernels of computed torque, torque limits and observer, for `export_c`.

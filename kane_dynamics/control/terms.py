@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from enum import StrEnum
 from typing import Any
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
@@ -23,6 +24,7 @@ class Mode(StrEnum):
     GRAVITY_COMPENSATION = 'gravity_compensation'
 
 
+@hinting
 @dataclass(frozen=True)
 class Terms:
     """Torque terms of the command; False for terms that the arm compensates itself."""

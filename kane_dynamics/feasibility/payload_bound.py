@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 import math
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, instance
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
@@ -25,6 +26,7 @@ SMALL = 1e-3  # kg, hardly bends a beam
 SETTLED = 1e-9  # relative change of the last mass tried with beams
 
 
+@hinting
 @dataclass(frozen=True, eq=False)
 class PayloadBound:
     """
@@ -47,6 +49,7 @@ class PayloadBound:
     t: float | None = None
 
 
+@hinting
 def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0, 0.0),
                     inertia: ArrayLike | None = None, speed: float = 1.0,
                     step: float = STEP, power: ArrayLike = math.inf,

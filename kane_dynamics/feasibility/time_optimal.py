@@ -11,6 +11,7 @@ depends on the kind of robot is in `path_robot`.
 from collections.abc import Sequence
 import math
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, integer, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -52,6 +53,7 @@ ROUNDED = 50.0  # error of accelerations, in the rounding of positions over dt^2
 RESTING = 100.0  # roundings of its position that a joint at rest may vary by, at most
 
 
+@hinting
 def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = math.inf,
                  acceleration: ArrayLike = math.inf, jerk: ArrayLike = math.inf,
                  torque_rate: ArrayLike = math.inf, start_speed: float = 0.0,

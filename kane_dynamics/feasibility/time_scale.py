@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from functools import partial
 import math
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
@@ -52,6 +53,7 @@ PRECISION = 1e-10  # relative, of the speed with friction, power limits or beams
 Indices = NDArray[np.int_]
 
 
+@hinting
 @dataclass(frozen=True, eq=False)
 class TimeScale:
     """
@@ -74,6 +76,7 @@ class TimeScale:
     t: float | None = None
 
 
+@hinting
 def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float = STEP,
             power: ArrayLike = math.inf, bending: QuasiStatic | None = None,
             uncertainty: Uncertainty | None = None) -> TimeScale | None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
@@ -43,6 +44,7 @@ class Excess(NamedTuple):
                 f'{self.bound:.{digits}g}')
 
 
+@hinting
 @dataclass(frozen=True, eq=False)
 class Demand:
     """
@@ -144,6 +146,7 @@ class Demand:
         return excesses
 
 
+@hinting
 def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = STEP,
            power: ArrayLike = math.inf, bending: QuasiStatic | None = None,
            uncertainty: Uncertainty | None = None) -> Demand:

@@ -5,6 +5,7 @@ from ctypes import c_int64
 import math
 from typing import Any
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics.gpu.kernel_call import KernelCall, ptx_text, REALS, require_dtype, row
 from kane_dynamics.native.backends.gpu_kernel import kernel_text
 from kane_dynamics.robot.derivative_kernels import Derivative
@@ -14,6 +15,7 @@ from kane_dynamics.robot.methods.dynamics_methods import place_of
 from kane_dynamics.robot.robot import Robot
 
 
+@hinting
 class DeviceFunction(QuantityFunction):
     """A quantity as a function of arrays of a GPU; see `function`."""
 
@@ -64,6 +66,7 @@ class DeviceFunction(QuantityFunction):
             return call.run(self.ptx, values, count, result)
 
 
+@hinting
 def function(robot: Robot, name: str, *, parameters: str | Sequence[str] = (),
              dtype: str = 'float64') -> DeviceFunction:
     """

@@ -5,6 +5,7 @@ from ctypes import c_int64
 import math
 from typing import Any
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, integer, positive_time
 from kane_dynamics.errors import InputError
 from kane_dynamics.gpu.kernel_call import KernelCall, ptx_text, REALS, require_dtype, row
@@ -20,6 +21,7 @@ from kane_dynamics.simulation.step_kernels import step_program, StepChoice
 MOST_STEPS = 2**31
 
 
+@hinting
 class DeviceRollout:
     """Motions of a batch of states on a GPU; see `rollout`."""
 
@@ -120,6 +122,7 @@ class DeviceRollout:
         return count
 
 
+@hinting
 def rollout(robot: Robot, *, parameters: str | Sequence[str] = (),
             dtype: str = 'float64', integrator: str = 'rk4') -> DeviceRollout:
     """

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
@@ -21,6 +22,7 @@ ROUNDS = 8  # of reweighting, which converges in three or four
 USUAL = 0.05  # rad/s or m/s, initial friction speed of the search
 
 
+@hinting
 @dataclass(frozen=True, eq=False)
 class BaseParameters:
     """
@@ -49,6 +51,7 @@ class BaseParameters:
         return found
 
 
+@hinting
 @dataclass(frozen=True, eq=False)
 class BaseFit:
     """
@@ -88,6 +91,7 @@ def true_unknowns(model: Model) -> Array:
     return np.concatenate([inertial_parameters(model), np.ravel(losses)])
 
 
+@hinting
 def base_parameters(model: Model, speeds: Sequence[float] | Array, *, states: int = 200
                     ) -> BaseParameters:
     """
@@ -137,6 +141,7 @@ def _combination(row: Array, own: int, names: Sequence[str]) -> str:
     return ' '.join(parts)
 
 
+@hinting
 @on_one_processor
 def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
              weighted: bool = True) -> BaseFit:
@@ -186,6 +191,7 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
                    float(singular[0] / singular[-1]), residual)
 
 
+@hinting
 @on_one_processor
 def base_speeds(data: RegressionRows, model: Model) -> Array:
     """

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis.known_arms import EffortKind
@@ -20,6 +21,7 @@ LITTLE, MOST = 0.3, 0.7  # share of the weight that efforts at rest hold, withou
 WEIGHTLESS = 1e-3  # N m or N: gravity forces below this tell nothing
 
 
+@hinting
 @dataclass(frozen=True, eq=False)
 class Efforts:
     """

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 import warnings
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError, ModelWarning
@@ -28,6 +29,7 @@ ROUNDS = 3  # of reweighting
 WEIGHTS = 10.0 ** np.arange(1, 7)
 
 
+@hinting
 @dataclass(frozen=True, eq=False)
 class Identification:
     """
@@ -118,6 +120,7 @@ class Identification:
         return self.unknowns[-4 * self.given.n:].reshape(-1, 4)
 
 
+@hinting
 @on_one_processor
 def identify(model: Model, recording: Recording, *, friction_only: bool = False,
              bounded: bool = True, weight: float | None = None,

@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
+import warnings
 
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import finite_row, instance, integer, number
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array, Flags
-from kane_dynamics.errors import ConstraintError, InputError
+from kane_dynamics.errors import ConstraintError, InputError, ModelWarning
 from kane_dynamics.kinematics.poses import checked_pose, pose_error
 from kane_dynamics.mechanics.ball_joints import (angle_places, angles, balls,
                                                  joint_positions, joint_speeds, moved,
@@ -35,6 +36,7 @@ PROGRESS = 0.99  # ratio of two errors, below which an iteration has made progre
 AT_LIMIT = 1e-9  # rad or m
 SHORTENINGS = 12  # halvings of a step that leaves the loops open or the limits
 FARTHEST = 1e12  # m
+FAR_BEYOND = 30.0  # of a target that may be in mm: distance over the reach
 
 
 class InverseKinematics(NamedTuple):
@@ -89,7 +91,8 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike,
     ------
     InputError
         Names the argument, what was given and what is expected. A target that cannot be
-        reached is no error: `converged` is False.
+        reached is no error: `converged` is False. ModelWarning says that one may be in
+        mm.
     ConstraintError
         No configuration near the starts meets the robot's constraints.
 
@@ -113,7 +116,21 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike,
         if result.converged:
             break
     assert best is not None
+    if not best.converged:
+        _warn_of_millimeters(robot, frame, goal, best.q)
     return best._replace(iterations=count)
+
+
+def _warn_of_millimeters(robot: Robot, frame: str, goal: Array, q: Array) -> None:
+    """Warn of a target that is far beyond the positions that a frame reaches."""
+    target = goal if goal.ndim == 1 else goal[:3, 3]
+    reached = robot.frame_pose(frame, q)[:3, 3]
+    distance = float(np.linalg.norm(target - reached))
+    reach = float(np.linalg.norm(reached)) + robot.mechanism.length
+    if distance > FAR_BEYOND * reach:
+        warnings.warn(f'target: {distance:.4g} m from the nearest position of the frame '
+                      'that was found; expected a target in m: are these mm?',
+                      ModelWarning, stacklevel=4)
 
 
 def _checked_target(target: ArrayLike) -> Array:

@@ -25,6 +25,7 @@ from collections.abc import Callable, Iterable, Sequence
 import math
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, finite_row
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
@@ -437,6 +438,7 @@ def longest_step(figure: float) -> float:
 # -------------------------------------------------------------------------------------
 # What is accepted.
 
+@hinting
 class LoopTracker:
     """
     Tracks the configuration of a mechanism with closed loops by its measured joints.

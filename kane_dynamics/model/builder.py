@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any
 import warnings
 
-from kane_dynamics._util.attribute_hints import guarded
+from kane_dynamics._util.attribute_hints import guarded, meant_keyword
 from kane_dynamics._util.checks import constant, instance
 from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
@@ -556,8 +556,10 @@ def _check_properties(joint: str, properties: dict[str, Any],
                          f'one of {", ".join(single_names)}')
     unknown = sorted(set(properties) - set(PROPERTIES))
     if unknown:
-        raise ModelError(f"joint '{joint}': no property '{unknown[0]}'; expected one of "
-                         f'{", ".join(PROPERTIES)}')
+        meant = meant_keyword(unknown[0], ('inertial', *PROPERTIES))
+        expected = meant or f'one of {", ".join(PROPERTIES)}'
+        raise ModelError(f"joint '{joint}': no property '{unknown[0]}'; expected "
+                         f'{expected}')
     limits = properties.get('limits')
     if limits is not None and not isinstance(limits, Limits):
         raise ModelError(f"joint '{joint}': limits: {limits!r}; expected Limits(lower, "

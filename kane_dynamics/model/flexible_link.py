@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import math
 from typing import Any, Literal
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
@@ -20,6 +21,7 @@ DEPENDENT = 1e-10  # relative singular value below which shapes are linearly dep
 ROUNDING = 1e-12  # relative size below which entries are zero
 
 
+@hinting
 @dataclass(frozen=True, eq=False)
 class FlexibleLink:
     """

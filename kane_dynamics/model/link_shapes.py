@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array
 from kane_dynamics.model.model import Model, WORLD
 import numpy as np
@@ -18,6 +19,7 @@ JOINT_COLOR = np.array([0.38, 0.42, 0.48])
 ROD_RADIUS = 0.02  # in units of the robot's size
 
 
+@hinting
 @dataclass(frozen=True, eq=False)
 class LinkShape:
     """

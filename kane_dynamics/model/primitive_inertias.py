@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
@@ -19,11 +20,13 @@ def _size(value: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
     return lengths
 
 
+@hinting
 def point_mass(mass: float, at: ArrayLike = ORIGIN) -> Inertial:
     """Return the inertial of a particle of `mass`, kg, at a point, m."""
     return Inertial(mass, constant(at, (3,), 'place of a point mass'))
 
 
+@hinting
 def rod(mass: float, start: ArrayLike, end: ArrayLike) -> Inertial:
     """
     Return the inertial of a thin rod: m/12 (l^2 1 - l l^T), with l from end to end.
@@ -35,15 +38,24 @@ def rod(mass: float, start: ArrayLike, end: ArrayLike) -> Inertial:
     start, end : (3,) arrays
         m.
 
+    Raises
+    ------
+    ModelError
+        If the ends are one point.
+
     """
     a = constant(start, (3,), 'start of a rod')
     b = constant(end, (3,), 'end of a rod')
     length = b - a
+    if not length.any():
+        raise ModelError(f'rod: both ends at {a.tolist()} m; expected two points, or '
+                         'point_mass(mass, at)')
     m = float(constant(mass, (), 'mass'))
     inertia = m / 12.0 * (length @ length * np.eye(3) - np.outer(length, length))
     return Inertial(mass, 0.5 * (a + b), inertia)
 
 
+@hinting
 def disc(mass: float, radius: float, axis: ArrayLike = (0.0, 0.0, 1.0), *,
          at: ArrayLike = ORIGIN, thickness: float = 0.0) -> Inertial:
     """
@@ -78,6 +90,7 @@ def disc(mass: float, radius: float, axis: ArrayLike = (0.0, 0.0, 1.0), *,
     return Inertial(mass, constant(at, (3,), 'center of a disc'), inertia)
 
 
+@hinting
 def ball(mass: float, radius: float, at: ArrayLike = ORIGIN) -> Inertial:
     """Return the inertial of a solid ball: 2/5 m r^2 about every diameter; kg and m."""
     size = float(_size(radius, (), 'radius of a ball'))
@@ -86,6 +99,7 @@ def ball(mass: float, radius: float, at: ArrayLike = ORIGIN) -> Inertial:
                                              'ball'), 0.4 * m * size**2 * np.eye(3))
 
 
+@hinting
 def box(mass: float, size: ArrayLike, at: ArrayLike = ORIGIN) -> Inertial:
     """Return the inertial of a box with edges (3,), m: m/12 (b^2 + c^2) about a."""
     squares: Array = _size(size, (3,), 'size of a box')**2

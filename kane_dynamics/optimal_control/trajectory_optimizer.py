@@ -8,7 +8,7 @@ are compared with. The arrays and their kernels are in `horizon_kernels`.
 from dataclasses import dataclass
 from typing import Any
 
-from kane_dynamics._util.attribute_hints import fixed
+from kane_dynamics._util.attribute_hints import fixed, hinting
 from kane_dynamics._util.checks import (constant, finite_row, instance, integer, number,
                                         per_joint, positive_time)
 from kane_dynamics._util.typing import Array
@@ -103,6 +103,7 @@ class OptimizedMotion:
     feasible: bool = True
 
 
+@hinting
 class TrajectoryOptimizer:
     """
     Torques that minimise a cost over a horizon of equal intervals, within their limits.

@@ -9,7 +9,8 @@ import os
 from pathlib import Path
 from typing import Any, Self, TYPE_CHECKING
 
-from kane_dynamics._util.attribute_hints import HintingClass, missing, refused
+from kane_dynamics._util.attribute_hints import (hinting_method, HintingClass, missing,
+                                                 refused)
 from kane_dynamics._util.checks import integer
 from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.text import SHORT, short
@@ -208,6 +209,7 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         return {**self._choices, **self._options,
                 'closure_tolerance': self.parameters.closure_tolerance}
 
+    @hinting_method
     def copy(self) -> Robot:
         """
         Return a robot with the same machine code and a copy of the parameters.
@@ -227,6 +229,7 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         other.limits, other._entries = self.limits, {}
         return other
 
+    @hinting_method
     def with_payload(self, frame: str, payload: Inertial | None) -> Robot:
         """
         Return a robot that carries a payload at a frame.
@@ -278,12 +281,14 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
             self._others[frames] = other
         return other
 
+    @hinting_method
     def equals(self, other: Robot) -> bool:
         """Return whether another robot has the same equations and current parameters."""
         return self is other or bool(
             self.kernels.key is not None and self.kernels.key == other.kernels.key
             and np.array_equal(self.parameters.block, other.parameters.block))
 
+    @hinting_method
     def compiled(self, function: Callable[..., Any], *, shape: Shape,
                  name: str | None = None,
                  **inputs: Shape) -> Kernel:
@@ -333,10 +338,12 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
                   for key, value in inputs.items()}
         return self.kernels.compiled(function, name, shapes, _checked_shape(shape, 'shape'))
 
+    @hinting_method
     def bind(self) -> Workspace:
         """Return a workspace: preallocated arrays with calls that allocate nothing."""
         return Workspace(self.kernels)
 
+    @hinting_method
     def verify(self, states: int = 5) -> float:
         """
         Compare the compiled kernels with the definition of Kane's equations.
@@ -358,6 +365,7 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         from kane_dynamics.robot.verification import verified  # imports the definition
         return verified(self, states)
 
+    @hinting_method
     def export_c(self, path: str | os.PathLike[str],
                  kernels: Sequence[str | Kernel] = DEFAULT_KERNELS, *,
                  scalar: str = 'float64',

@@ -6,6 +6,7 @@ from functools import cache
 import math
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -36,6 +37,7 @@ class LongestStep(NamedTuple):
     name: str = ''
 
 
+@hinting
 def longest_step(robot: Robot, q: Any, u: Any = None, *, t: float = 0.0) -> LongestStep:
     """
     Return the longest Runge-Kutta step that is stable near a state.

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_equations import PayloadEquations
@@ -27,6 +28,7 @@ DOUBT = 0.1
 ROWS = 20  # each half has as many as there are parameters, or more
 
 
+@hinting
 @dataclass(frozen=True, eq=False)
 class Payload:
     """
@@ -64,6 +66,7 @@ class Payload:
     condition: float
 
 
+@hinting
 @on_one_processor
 def identify_payload(model: Model | Robot, recording: Recording, frame: str) -> Payload:
     """

@@ -6,6 +6,7 @@ from pathlib import Path
 import re
 from typing import Any
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import increasing
 from kane_dynamics._util.npz import npz_arrays
 from kane_dynamics._util.typing import Array
@@ -20,8 +21,10 @@ TIMES = ('t', 'time')
 OURS = re.compile(rf'({"|".join(word for words in WORDS.values() for word in words)})'
                   r'([1-9]\d*|\..*)?|' + '|'.join(TIMES))
 LABELS = ('joint_names', 'speed_names')
+SEPARATORS = {';': 'semicolons', '\t': 'tabs'}  # of other tables than CSV
 
 
+@hinting
 def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
                    topic: str | None = None, *, numbered: Sequence[str] | None = None
                    ) -> Recording:
@@ -84,7 +87,11 @@ def read_recording(path: str | os.PathLike[str], joint_names: Sequence[str],
 
 
 def no_header(path: Any, names: Sequence[str], example: str) -> None:
-    """Raise InputError if the names of columns are numbers: the header is missing."""
+    """Raise InputError if the header is missing, or has no commas between the names."""
+    for separator, words in SEPARATORS.items():
+        if len(names) == 1 and separator in names[0]:
+            raise InputError(f'{path}: columns separated by {words}; expected commas, '
+                             f'and numbers with a point: {example}')
     try:
         [float(name) for name in names]
     except ValueError:

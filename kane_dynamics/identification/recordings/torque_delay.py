@@ -16,6 +16,7 @@ without a delay.
 
 from dataclasses import dataclass
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.solvers import scientific
@@ -40,6 +41,7 @@ SHORTEST = 0.003  # s, of a delay that is reported
 SURE, DIFFERENT = 2.0, 3.0  # standard deviations: of a common delay, of a joint's from the common
 
 
+@hinting
 @dataclass(frozen=True, eq=False)
 class TorqueDelays:
     """
@@ -81,6 +83,7 @@ class TorqueDelays:
         return self.judged & outlying & ~self.friction_memory
 
 
+@hinting
 def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
     """Return the delays of the torques of a recording; noisy accelerations are filtered first."""
     check_recording(model, recording)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 import warnings
 
+from kane_dynamics._util.attribute_hints import hinting_method
 from kane_dynamics._util.checks import constant, finite_row, integer
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.text import SHORT
@@ -22,7 +23,7 @@ from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.model.model import Model
 from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel
 from kane_dynamics.native.tracing.program import Shape
-from kane_dynamics.robot.methods.dispatch import Dispatch
+from kane_dynamics.robot.methods.dispatch import Dispatch, of_constraints
 from kane_dynamics.robot.parameters import JointLimits
 import numpy as np
 from numpy.typing import ArrayLike
@@ -163,6 +164,7 @@ class Configurations(Dispatch):
             return tuple(names[k] for k in equations.actuated)
         return tuple(name for name in names if name in self.speed_names) or names
 
+    @of_constraints
     def joint_rates(self, q: ArrayLike, u: ArrayLike, *, t: ArrayLike = 0.0,
                     out: Array | None = None) -> Array:
         """Return q', (n_q,), of the independent speeds."""
@@ -170,6 +172,7 @@ class Configurations(Dispatch):
             return self._same('u', u, out)
         return self._special('joint_rates', (q, u), t, out)
 
+    @of_constraints
     def joint_torques(self, tau: ArrayLike, q: ArrayLike | None = None, *,
                       t: ArrayLike = 0.0,
                       out: Array | None = None) -> Array:
@@ -195,6 +198,7 @@ class Configurations(Dispatch):
                              'constraints depend')
         return self._special('joint_torques', (tau, q), t, out)
 
+    @hinting_method
     def generalized_force(self, joint_torques: ArrayLike, q: ArrayLike, *,
                           t: ArrayLike = 0.0) -> Array:
         """
@@ -214,6 +218,7 @@ class Configurations(Dispatch):
         result: Array = kernel(*self._at_time((q, joint_torques), t))
         return result
 
+    @hinting_method
     def constraint_forces(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike, *,
                           wrench: ArrayLike | None = None, t: ArrayLike = 0.0,
                           out: Array | None = None) -> Array:
@@ -230,17 +235,20 @@ class Configurations(Dispatch):
         self._require('constraint_forces')
         return self._loaded('constraint_forces', (q, u, tau), wrench, out, t)
 
+    @of_constraints
     def constraint_residual(self, q: ArrayLike, *, t: ArrayLike = 0.0,
                             out: Array | None = None) -> Array:
         """Return the residuals of the rows, (m,), m or rad; 0 of velocity constraints."""
         return self._special('constraint_residual', (q,), t, out)
 
+    @of_constraints
     def constraint_velocity_residual(self, q: ArrayLike, u: ArrayLike, *,
                                      t: ArrayLike = 0.0,
                                      out: Array | None = None) -> Array:
         """Return the velocity residual J q' - b of every row, (m,), m/s or rad/s."""
         return self._special('constraint_velocity_residual', (q, u), t, out)
 
+    @of_constraints
     def joint_accelerations(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
                             t: ArrayLike = 0.0, out: Array | None = None) -> Array:
         """
@@ -253,6 +261,7 @@ class Configurations(Dispatch):
             return self._same('udot', udot, out)
         return self._special('joint_accelerations', (q, u, udot), t, out)
 
+    @hinting_method
     def closed_configuration(self, q: ArrayLike, *, t: float = 0.0,
                              fixed: Sequence[str] = (),
                              start: ArrayLike | None = None) -> Array:
@@ -356,6 +365,7 @@ class Configurations(Dispatch):
             upper = _of_coordinates(model, upper, np.inf)
         return JointLimits(lower, upper, velocity, effort)
 
+    @hinting_method
     def neutral(self) -> Array:
         """
         Return the configuration at which every coordinate is 0, (n_q,), rad or m.
@@ -385,6 +395,7 @@ class Configurations(Dispatch):
         assert failure is not None
         raise failure
 
+    @hinting_method
     def feasible_configuration(self) -> Array:
         """
         Return a configuration within the limits, (n_q,), to start from.
@@ -419,6 +430,7 @@ class Configurations(Dispatch):
         inside = bool((q >= lower).all() and (q <= upper).all())
         return q if inside else self.random_configuration(0)
 
+    @hinting_method
     def random_configuration(self, seed: int | np.random.Generator | None = None,
                              count: int | None = None) -> Array:
         """
@@ -456,6 +468,7 @@ class Configurations(Dispatch):
         return np.array([self._closed(rng, lower, upper) for _ in range(count)]).reshape(
             count, len(lower))
 
+    @hinting_method
     def integrate(self, q: ArrayLike, u: ArrayLike, dt: float = 1.0, *,
                   t: ArrayLike = 0.0) -> Array:
         """
@@ -492,6 +505,7 @@ class Configurations(Dispatch):
         end = moved(model, start, dt * rates)
         return self._closed_all(end, np.asarray(t) + dt)
 
+    @hinting_method
     def difference(self, q0: ArrayLike, q1: ArrayLike, *, t: ArrayLike = 0.0) -> Array:
         """
         Return the speeds, (n,), that take q0 to q1 in 1 s: `integrate` undone.

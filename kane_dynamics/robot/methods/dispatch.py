@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from functools import partial
+from functools import partial, wraps
+from inspect import Parameter, signature
 from typing import Any, Self, TypeVar
 
+from kane_dynamics._util.attribute_hints import hinting_method
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.mechanics.equations import Equations
@@ -39,7 +41,59 @@ class _Compiled:
 
 def compiled(method: Method) -> Method:
     """Decorate a method to call the kernel of its name, or else its body."""
-    return _Compiled(method)  # type: ignore[return-value]
+    return _Compiled(hinting_method(method))  # type: ignore[return-value]
+
+
+def of_frame(quantity: str) -> Callable[[Method], Method]:
+    """
+    Return a decorator of a method whose first argument is a frame.
+
+    The method calls the entry point of the frame's kernel, or else its body: for the
+    first call, for other arguments than its positional ones and `out`, and where the
+    equations depend on time.
+    """
+    def decorate(method: Method) -> Method:
+        checked = hinting_method(method)
+        count = _positional(method)
+
+        @wraps(method)
+        def call(self: Any, *values: Any, **named: Any) -> Any:
+            plain = not named or (len(named) == 1 and 'out' in named)
+            if plain and len(values) == count and type(values[0]) is str:
+                entry = self._entries.get((quantity, values[0]))
+                if entry is not None:
+                    return entry(*values[1:], **named)
+            return checked(self, *values, **named)
+        return call  # type: ignore[return-value]
+    return decorate
+
+
+def of_constraints(method: Method) -> Method:
+    """
+    Decorate a method of chosen speeds and constraints to call the kernel of its name.
+
+    Its body serves the first call, as in `of_frame`, and robots in joint rates.
+    """
+    checked = hinting_method(method)
+    count = _positional(method)
+    key = method.__name__, ''
+
+    @wraps(method)
+    def call(self: Any, *values: Any, **named: Any) -> Any:
+        if not named and len(values) == count:
+            entry = self._entries.get(key)
+            if entry is not None:
+                return entry(*values)
+        return checked(self, *values, **named)
+    return call  # type: ignore[return-value]
+
+
+def _positional(method: Callable[..., Any]) -> int:
+    """Return the number of positional arguments of a method, without its object."""
+    parameters = signature(method).parameters.values()
+    positional = [parameter for parameter in parameters
+                  if parameter.kind is Parameter.POSITIONAL_OR_KEYWORD]
+    return len(positional) - 1
 
 
 def _of_one_frame(wrench: Any, batch: tuple[int, ...], frames: int) -> Any:
@@ -174,6 +228,7 @@ class Dispatch:
         """Names of the frames (links), for `jacobian`, `frame_pose` and others."""
         return tuple(frame.name for frame in self.equations.model.frames)
 
+    @hinting_method
     def compile(self, *names: str, batches: bool = False) -> None:  # noqa: A003
         """
         Compile kernels now instead of at their first use.
@@ -202,6 +257,7 @@ class Dispatch:
                 kernel.compile_lanes()
             getattr(self, name)
 
+    @hinting_method
     def operation_count(self) -> dict[str, OperationCount]:
         """Return the operation counts of every kernel, per call."""
         kernels = self.kernels

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from kane_dynamics._util.attribute_hints import hinting_method
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters
@@ -172,6 +173,7 @@ class DynamicsMethods(Dispatch):
         """Return `joint_reaction` of every body's joint, (n_bodies, 6)."""
         return self._loaded('joint_reactions', (q, u, udot), wrench, out, t)
 
+    @hinting_method
     def explain(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
                 wrench: ArrayLike | None = None, t: ArrayLike = 0.0) -> TorqueBreakdown:
         """Return the torque breakdown by source and by body; see `inverse_dynamics`."""
@@ -260,6 +262,7 @@ class DynamicsMethods(Dispatch):
         """Return the energy of gravity (zero at the world's origin) and springs, J."""
         return self._call('potential_energy', (q,), out)
 
+    @hinting_method
     def joint_reaction(self, joint: str, q: ArrayLike, u: ArrayLike, udot: ArrayLike, *,
                        wrench: ArrayLike | None = None, t: ArrayLike = 0.0) -> Array:
         """
@@ -291,6 +294,7 @@ class DynamicsMethods(Dispatch):
             return result
         return self._loaded('joint_reaction', (q, u, udot), wrench, None, t, joint)
 
+    @hinting_method
     def inverse_dynamics_derivatives(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
                                      *,
                                      wrench: ArrayLike | None = None,
@@ -306,6 +310,7 @@ class DynamicsMethods(Dispatch):
                                           t=t)
         return by_q, by_u, M
 
+    @hinting_method
     def forward_dynamics_derivatives(self, q: ArrayLike, u: ArrayLike, tau: ArrayLike, *,
                                      wrench: ArrayLike | None = None,
                                      t: ArrayLike = 0.0) -> Matrices:
@@ -322,6 +327,7 @@ class DynamicsMethods(Dispatch):
         inverse = self.inverse_mass_matrix(q, t=t)
         return -(inverse @ by_q), -(inverse @ by_u), inverse
 
+    @hinting_method
     def vjp(self, name: str, cotangent: ArrayLike, *arguments: ArrayLike,
             by: str | Sequence[str] | None = None, wrench: ArrayLike | None = None,
             t: ArrayLike = 0.0) -> Any:
@@ -367,6 +373,7 @@ class DynamicsMethods(Dispatch):
                              wrench, t)
         return self._split(name, flat, names, single)
 
+    @hinting_method
     def jvp(self, name: str, tangents: Mapping[str, ArrayLike], *arguments: ArrayLike,
             wrench: ArrayLike | None = None, t: ArrayLike = 0.0) -> Array:
         """
@@ -403,6 +410,7 @@ class DynamicsMethods(Dispatch):
                                       tuple(tangents.values()), arguments, wrench, t)
         return result
 
+    @hinting_method
     def derivative(self, name: str, *arguments: ArrayLike,
                    by: str | Sequence[str] | None = None,
                    wrench: ArrayLike | None = None,

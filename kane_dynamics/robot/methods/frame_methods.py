@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from kane_dynamics._util.attribute_hints import hinting_method
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.robot.methods.dispatch import of_frame
 from kane_dynamics.robot.methods.dynamics_methods import DynamicsMethods
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,27 +28,32 @@ def _listed(frames: Sequence[str]) -> list[str]:
 class FrameMethods(DynamicsMethods):
     """The methods of `Robot` for poses and motion of frames, in world axes."""
 
+    @of_frame('frame_pose')
     def frame_pose(self, frame: str, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the (4, 4) pose of a frame in the world, m."""
         return self._at_frame('frame_pose', frame, (q,), out)
 
+    @of_frame('frame_velocity')
     def frame_velocity(self, frame: str, q: ArrayLike, u: ArrayLike, *,
                        t: ArrayLike = 0.0,
                        out: Array | None = None) -> Array:
         """Return the velocity of a frame, (6,): linear, angular; world axes."""
         return self._at_frame('frame_velocity', frame, (q, u), out, t)
 
+    @of_frame('frame_acceleration')
     def frame_acceleration(self, frame: str, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
                            *,
                            t: ArrayLike = 0.0, out: Array | None = None) -> Array:
         """Return the acceleration of a frame, (6,): linear, angular; without gravity."""
         return self._at_frame('frame_acceleration', frame, (q, u, udot), out, t)
 
+    @of_frame('frame_pose')
     def forward_kinematics(self, frame: str, q: ArrayLike, *,
                            out: Array | None = None) -> Array:
         """Return the (4, 4) pose of a frame in the world, m, as `frame_pose`."""
         return self._at_frame('frame_pose', frame, (q,), out)
 
+    @hinting_method
     def frame_poses(self, frames: Sequence[str], q: ArrayLike) -> Array:
         """
         Return the poses of several frames, (k, 4, 4) or (N, k, 4, 4), m.
@@ -67,6 +74,7 @@ class FrameMethods(DynamicsMethods):
         return np.stack([self.frame_pose(frame, q) for frame in _listed(frames)],
                         axis=-3)
 
+    @hinting_method
     def jacobians(self, frames: Sequence[str], q: ArrayLike, *, t: ArrayLike = 0.0,
                   axes: str = 'world') -> Array:
         """Return the Jacobians of several frames, (k, 6, n) or (N, k, 6, n)."""
@@ -74,6 +82,7 @@ class FrameMethods(DynamicsMethods):
                                        axes=axes) for frame in _listed(frames)],
                         axis=-3)
 
+    @of_frame('partial_velocities')
     def jacobian(self, frame: str, q: ArrayLike, *, t: ArrayLike = 0.0,
                  axes: str = 'world',
                  out: Array | None = None) -> Array:
@@ -113,17 +122,20 @@ class FrameMethods(DynamicsMethods):
         J[..., 3:, :] = to_frame @ J[..., 3:, :]
         return J
 
+    @of_frame('partial_velocity_rates')
     def jacobian_rate(self, frame: str, q: ArrayLike, u: ArrayLike, *,
                       t: ArrayLike = 0.0,
                       out: Array | None = None) -> Array:
         """Return the time derivative of `jacobian` along the motion, (6, n)."""
         return self._at_frame('partial_velocity_rates', frame, (q, u), out, t)
 
+    @of_frame('partial_velocities')
     def partial_velocities(self, frame: str, q: ArrayLike, *, t: ArrayLike = 0.0,
                            out: Array | None = None) -> Array:
         """Return the partial velocities of a frame, (6, n): columns of `jacobian`."""
         return self._at_frame('partial_velocities', frame, (q,), out, t)
 
+    @hinting_method
     def operational_space_inertia(self, frame: str, q: ArrayLike, *,
                                   directions: Sequence[str] = DIRECTIONS,
                                   t: ArrayLike = 0.0) -> Array:
@@ -155,6 +167,7 @@ class FrameMethods(DynamicsMethods):
         return np.asarray(np.linalg.inv(self._mobility(frame, q, directions, t)[0]),
                           np.float64)
 
+    @hinting_method
     def operational_space_bias(self, frame: str, q: ArrayLike, u: ArrayLike, *,
                                directions: Sequence[str] = DIRECTIONS,
                                t: ArrayLike = 0.0) -> Array:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics.errors import ConstraintError, KaneError
 from kane_dynamics.mechanics.algebra.dual import moving, rates, values
@@ -16,6 +17,7 @@ from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import
 import numpy as np
 
 
+@hinting
 @dataclass(frozen=True, eq=False)
 class Coupling:
     """
@@ -66,6 +68,7 @@ class Coupling:
         return ConstraintRows(row[None, :], np.zeros(1), (residual - self.offset,))
 
 
+@hinting
 @dataclass(frozen=True, eq=False)
 class Prescribed:
     """
