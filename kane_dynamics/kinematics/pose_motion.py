@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from kane_dynamics._util.attribute_hints import fixed
+from kane_dynamics._util.attribute_hints import fixed, hinting
 from kane_dynamics._util.checks import instance, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -20,6 +20,7 @@ ORDERS = ('speed', 'acceleration', 'jerk')
 SHAPE = np.array([np.inf, np.inf, 1.0])
 
 
+@hinting
 @dataclass(frozen=True)
 class PoseLimits:
     """

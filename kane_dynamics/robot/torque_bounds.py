@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance, number
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.frozen import freeze
@@ -43,6 +44,7 @@ class TorqueBounds(NamedTuple):
     upper: Array
 
 
+@hinting
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
     """
@@ -274,9 +276,10 @@ def _deviation_kernel(robot: Any, of_joints: bool) -> Kernel:
     name = 'joint_torque_deviation' if of_joints else 'torque_deviation'
     inputs = {'q': (n_q,), 'u': (n,), 'udot': (n,), 'box': (size,)}
     shape = (n_q,) if of_joints else (n,)
-    if equations.in_joint_rates:
-        return robot.kernels.compiled(deviation, name, inputs, shape)
-    return robot.kernels.compiled(deviation, name, inputs, shape, reason=reason)
+    explanation = None if equations.in_joint_rates else reason
+    kernel: Kernel = robot.kernels.compiled(deviation, name, inputs, shape,
+                                            reason=explanation)
+    return kernel
 
 
 def _regressor(equations: Equations, q: Vector, u: Vector, udot: Vector,

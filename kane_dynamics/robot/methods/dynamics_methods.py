@@ -199,6 +199,7 @@ class DynamicsMethods(Dispatch):
         """
         return self._call('regressor', (q, u, udot), out, t)
 
+    @hinting_method
     def torque_bounds(self, q: ArrayLike, u: ArrayLike, udot: ArrayLike,
                       uncertainty: Uncertainty, *, wrench: ArrayLike | None = None,
                       t: ArrayLike = 0.0) -> TorqueBounds:
