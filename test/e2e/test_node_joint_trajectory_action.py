@@ -10,8 +10,9 @@ from control_messages import imported_control_messages
 from geometry_msgs.msg import WrenchStamped
 from kane_dynamics import Motion, Robot
 from lifecycle_msgs.msg import Transition
-from node_process import DEEP, JOINTS, model, Process, URDF, wait_until
+from node_process import DEEP, JOINTS, model, NAME, Process, URDF, wait_until
 import numpy as np
+from palletizer import DRIVEN, LOOPS, palletizer, URDF as URDF_OF_LOOPS
 import pytest
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -30,15 +31,16 @@ REACH = 0.6  # rad or m, of random plans
 class Arm:
     """The client of the action, and the joint states, with which the test compares."""
 
-    def __init__(self, client):
+    def __init__(self, client, namespace=''):
         from control_msgs.action import FollowJointTrajectory
         from control_msgs.msg import JointTolerance
         self.client, self.kind, self.tolerance = client, FollowJointTrajectory, JointTolerance
         self.states = []
         self.feedback = []
+        self.action = f'{namespace}{NAME}/{ACTION}'
         self.wrenches = client.create_publisher(WrenchStamped, '/plant/wrench', 1)
-        self.subscription = client.create_subscription(JointState, 'joint_states', self._on_state,
-                                                       DEEP)
+        self.subscription = client.create_subscription(JointState, f'{namespace}/joint_states',
+                                                       self._on_state, DEEP)
 
     def close(self):
         self.client.destroy_subscription(self.subscription)
@@ -58,7 +60,7 @@ class Arm:
             trajectory.points.append(point)
         fields = {'trajectory': trajectory} | fields
         self.feedback.clear()
-        return self.client.send_goal(self.kind, ACTION,
+        return self.client.send_goal(self.kind, self.action,
                                      lambda m: self.feedback.append(m.feedback), **fields)
 
     def result(self, future, timeout=20.0):
@@ -274,7 +276,7 @@ def test_an_impossible_goal_is_refused_with_its_reason_and_the_present_one_goes_
         from control_msgs.msg import JointComponentTolerance
         goal.component_path_tolerance = [JointComponentTolerance(joint_name='world')]
     fields = {name: getattr(goal, name) for name in goal.get_fields_and_field_types()}
-    _, refused = arm.client.send_goal(arm.kind, ACTION, **fields)
+    _, refused = arm.client.send_goal(arm.kind, arm.action, **fields)
     status, code, text = arm.result(refused)
     assert (status, code) == (ABORTED, expected), text
     assert re.search(words, text), text
@@ -345,9 +347,42 @@ def test_a_goal_with_a_stamp_begins_then_and_is_cancelled_before(arm):
     point = JointTrajectoryPoint(positions=[float(x) for x in here])
     point.time_from_start.sec = 1
     goal.trajectory.points.append(point)
-    handle, future = arm.client.send_goal(arm.kind, ACTION, trajectory=goal.trajectory)
+    handle, future = arm.client.send_goal(arm.kind, arm.action, trajectory=goal.trajectory)
     time.sleep(0.2)
     assert not future.done()
     arm.client.on_spinner(handle.cancel_goal_async)
     assert arm.result(future) == (CANCELED, 0,
                                   'cancelled before its motion of 1.000 s began')
+
+
+def test_the_driven_joints_of_an_arm_with_closed_loops_follow_and_stop(client):
+    palletizer().compile()
+    files = {'urdf': URDF_OF_LOOPS, 'constraints': LOOPS}
+    names = ('-r', '__ns:=/loops')
+    goal_end, times = (0.3, 0.2, -0.1, 0.5), (1.6,)
+    with imported_control_messages():
+        plant = Process(*names, module='kane_dynamics.ros.plant.main', after_timeout='hold',
+                        rate=250, substeps=4, measured=list(DRIVEN), **files)
+        node = Process(*names, real_states=True, mode='computed_torque', gains__kp=36.0,
+                       gains__kd=12.0, state_timeout=5.0, **files)
+        arm = Arm(client, '/loops')
+        try:
+            node.wait_for('active, mode', 120.0)
+            assert wait_until(lambda: len(arm.states) > 10, 60.0)
+            status, code, text = arm.ask(times, [goal_end], DRIVEN)
+            assert (status, code) == (SUCCEEDED, 0), text
+            np.testing.assert_allclose(arm.rest(), goal_end, atol=5 * SETTLED)
+            handle, future = arm.send(times, [(0.0,) * 4], DRIVEN)
+            time.sleep(0.7)
+            arm.client.on_spinner(handle.cancel_goal_async)
+            status, code, text = arm.result(future)
+            assert (status, code) == (CANCELED, 0), text
+            rest = float(re.search(r'rests at (\S+) s', text)[1])
+            motion = Motion.from_points(times, [(0.0,) * 4], joint_names=DRIVEN,
+                                        start=(np.array(goal_end), None, None))
+            np.testing.assert_allclose(arm.rest(), motion.sample(rest)[0], atol=5 * SETTLED)
+        finally:
+            arm.close()
+            print(node.log, plant.log)
+            for process in (node, plant):
+                assert process.end()[0] == 0

@@ -283,8 +283,9 @@ class Client(Node):
 
     def send_goal(self, kind, name, feedback_callback=None, **fields):
         """Send a goal; return its handle and the future of its result."""
+        name = name if name.startswith('/') else f'{NAME}/{name}'
         if name not in self._action_clients:  # kept: an executor cannot bear that one is destroyed
-            self._action_clients[name] = ActionClient(self, kind, f'{NAME}/{name}')
+            self._action_clients[name] = ActionClient(self, kind, name)
         client = self._action_clients[name]
         assert client.wait_for_server(20.0), name
         sent = self.on_spinner(lambda: client.send_goal_async(
