@@ -49,8 +49,12 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.simulation.trajectory import Trajectory
     from kane_dynamics.task_space.cartesian_impedance import CartesianImpedance
     from kane_dynamics.task_space.hand_guiding import HandGuiding
+    from kane_dynamics.task_space.hybrid_force import HybridForce
     from kane_dynamics.task_space.joint_impedance import JointImpedance
+    from kane_dynamics.task_space.operational_space import OperationalSpace
     from kane_dynamics.task_space.pose_filter import PoseFilter
+    from kane_dynamics.task_space.task_space import TaskSpace
+    from kane_dynamics.task_space.task_speeds import in_task_speeds
     from kane_dynamics.urdf import expand_xacro, load_urdf
     from kane_dynamics.urdf.link_shapes import load_collision_shapes
 
@@ -58,18 +62,19 @@ __all__ = ['Bending', 'Body', 'CartesianImpedance', 'CartesianMotion', 'Closure'
            'CollisionDetector', 'CompileError', 'ComputedTorque', 'ConstraintError',
            'Controller', 'controller_kernels', 'Coupling', 'DependentSpeeds',
            'DeviceError', 'FilledTrajectory', 'FlexibleLink', 'Frame', 'FrictionError',
-           'HandGuiding', 'Inertial', 'InputError',
+           'HandGuiding', 'HybridForce', 'Inertial', 'InputError',
            'InverseKinematics', 'Joint', 'JointImpedance', 'KaneError', 'Limits',
            'LinkDistances', 'LinkShape', 'LoopError',
            'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
-           'MomentumObserver', 'Motion', 'PointVelocity', 'PoseFilter',
+           'MomentumObserver', 'Motion', 'OperationalSpace', 'PointVelocity', 'PoseFilter',
            'PoseLimits', 'PoseMotion', 'PosePath',
            'Prescribed', 'QuasiStatic', 'Robot',
-           'Rolling', 'Speeds', 'SweepError', 'Terms', 'Torsion', 'TorqueBounds', 'Trajectory',
+           'Rolling', 'Speeds', 'SweepError', 'TaskSpace',
+           'Terms', 'Torsion', 'TorqueBounds', 'Trajectory',
            'Uncertainty', 'UrdfError',
            'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'cartesian_motion', 'disc',
            'expand_xacro',
-           'fill_trajectory', 'frame_wrench', 'inverse_kinematics', 'knife_edge',
+           'fill_trajectory', 'frame_wrench', 'in_task_speeds', 'inverse_kinematics', 'knife_edge',
            'load_collision_shapes', 'load_constraints', 'load_mjcf', 'load_urdf', 'longest_step',
            'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_from',
            'pose_log', 'power_balance', 'rod', 'rotation_exp', 'rotation_log',
@@ -122,8 +127,12 @@ _NAMES_BY_MODULE = {
     'simulation.trajectory': 'Trajectory',
     'task_space.cartesian_impedance': 'CartesianImpedance',
     'task_space.hand_guiding': 'HandGuiding',
+    'task_space.hybrid_force': 'HybridForce',
     'task_space.joint_impedance': 'JointImpedance',
+    'task_space.operational_space': 'OperationalSpace',
     'task_space.pose_filter': 'PoseFilter',
+    'task_space.task_space': 'TaskSpace',
+    'task_space.task_speeds': 'in_task_speeds',
     'urdf': 'expand_xacro load_urdf',
     'urdf.link_shapes': 'load_collision_shapes',
 }

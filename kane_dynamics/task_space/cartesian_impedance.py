@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 import math
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import guarded
@@ -33,6 +34,7 @@ from kane_dynamics.kinematics.poses import checked_pose
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
 from kane_dynamics.mechanics.equations import Equations
+from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.effort_limits import within_limits
 from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task,
@@ -148,10 +150,11 @@ class CartesianImpedance(RunTimeSettings):
 
     """
 
-    _changeable = ('stiffness', 'damping_ratio', 'damping', 'posture',
-                   'posture_stiffness', 'null_damping', 'limit_stiffness',
-                   'limit_margin', 'force_limit', 'moment_limit', 'effort_limit',
-                   'compensate', 'singular_mass')
+    _changeable: tuple[str, ...] = (
+        'stiffness', 'damping_ratio', 'damping', 'posture', 'posture_stiffness',
+        'null_damping', 'limit_stiffness', 'limit_margin', 'force_limit',
+        'moment_limit', 'effort_limit', 'compensate', 'singular_mass')
+    _further: Mapping[str, Any] = MappingProxyType({})  # of a subclass, at first
 
     def __init__(self, robot: Robot, frame: str, *, stiffness: ArrayLike,
                  damping_ratio: ArrayLike | None = None,
@@ -171,7 +174,7 @@ class CartesianImpedance(RunTimeSettings):
         self._task = frame_task(robot, frame, axes, directions)
         self._walls = JointWalls(robot)
         self._timed = robot.equations.timed
-        super().__init__(_settings(robot, self._walls))
+        super().__init__(Settings(self._layout()))
         self._zero = np.zeros(6)
         if posture is None:
             posture = np.zeros(robot.n_q)
@@ -183,10 +186,21 @@ class CartesianImpedance(RunTimeSettings):
                     null_damping=null_damping, limit_stiffness=limit_stiffness,
                     limit_margin=limit_margin, force_limit=force_limit,
                     moment_limit=moment_limit, effort_limit=effort_limit,
-                    compensate=compensate, singular_mass=singular_mass)
+                    compensate=compensate, singular_mass=singular_mass, **self._further)
         self._law = self._compiled(False)
 
     # Settings, which may change between two calls.
+
+    def _layout(self) -> dict[str, Shape]:
+        """Return the names and shapes of the kernel's settings."""
+        robot = self.robot
+        joints = self._walls.count
+        return {
+            'stiffness': (6, 6), 'factor': (6, 6), 'root': (6,), 'damping': (6, 6),
+            'bounds': (2,), 'weights': (len(WEIGHTS),), 'posture': (robot.n_q,),
+            'posture_stiffness': (joints,), 'null_damping': (), 'singular_mass': (),
+            'effort': (len(robot.joint_names),), 'wall_stiffness': (joints,),
+            'wall_lower': (joints,), 'wall_upper': (joints,), 'wall_damping': (joints,)}
 
     def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return the settings of the kernel by name, checked."""
@@ -303,17 +317,6 @@ class CartesianImpedance(RunTimeSettings):
 
 
 AXES = ('x', 'y', 'z', 'rx', 'ry', 'rz')
-
-
-def _settings(robot: Robot, walls: JointWalls) -> Settings:
-    """Return the layout of the settings."""
-    joints = walls.count
-    return Settings({
-        'stiffness': (6, 6), 'factor': (6, 6), 'root': (6,), 'damping': (6, 6),
-        'bounds': (2,), 'weights': (len(WEIGHTS),), 'posture': (robot.n_q,),
-        'posture_stiffness': (joints,), 'null_damping': (), 'singular_mass': (),
-        'effort': (len(robot.joint_names),), 'wall_stiffness': (joints,),
-        'wall_lower': (joints,), 'wall_upper': (joints,), 'wall_damping': (joints,)})
 
 
 def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,

@@ -22,8 +22,9 @@ import numpy as np
 HEAVY = 10.0  # times the robot's mass: directions that resist like more are singular
 LEAST = 1e-9  # of the least mobility: keeps the factorization of singular ones finite
 ROUNDING = 1e-14  # of the trace of a mobility, likewise
-INDEPENDENT = 1e-6  # least relative singular value of directions that count as independent
+INDEPENDENT = 1e-3  # least relative singular value of independent directions
 ORDINARY = 1.0  # rad or m
+NEAR = 0.2  # rad or m
 ATTEMPTS = 10  # to close the loops
 
 
@@ -272,7 +273,7 @@ def independent_directions(robot: Robot, frame: str, axes: str) -> tuple[str, ..
     if robot.n >= 6:
         return DIRECTIONS
     task = frame_task(robot, frame, axes, DIRECTIONS)
-    q = _ordinary_configuration(robot)
+    q = ordinary_configuration(robot)
     pose = robot.frame_pose(frame, q)
     J = task.scaled(in_axes(task.in_world(pose[:3, :3]), robot.jacobian(frame, q)))
     names: list[str] = []
@@ -286,17 +287,21 @@ def independent_directions(robot: Robot, frame: str, axes: str) -> tuple[str, ..
     return tuple(names)
 
 
-def _ordinary_configuration(robot: Robot) -> Array:
+def ordinary_configuration(robot: Robot) -> Array:
     """Return a configuration, (n_q,), that is not likely to be singular; closed."""
-    lower = np.maximum(robot.limits.lower, -ORDINARY)
-    upper = np.minimum(robot.limits.upper, ORDINARY)
     rng = np.random.default_rng(0)
+    if not robot.constraint_names:
+        lower = np.maximum(robot.limits.lower, -ORDINARY)
+        upper = np.minimum(robot.limits.upper, ORDINARY)
+        q = rng.uniform(lower, upper)
+        return np.asarray(on_unit_quaternions(robot.model, q))
+
+    # Near the stated configuration or that of the file, on its branch of the loops.
+    start = robot.options['configuration']
+    start = np.zeros(robot.n_q) if start is None else np.asarray(start, np.float64)
     for _ in range(ATTEMPTS):
-        q = np.asarray(on_unit_quaternions(robot.model, rng.uniform(lower, upper)))
-        if not robot.constraint_names:
-            return q
         try:
-            return robot.closed_configuration(q)
+            return robot.closed_configuration(start + rng.uniform(-NEAR, NEAR, robot.n_q))
         except ConstraintError:
             continue
     raise InputError('directions: missing; expected those that the frame can follow, '

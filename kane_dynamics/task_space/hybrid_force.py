@@ -1,0 +1,257 @@
+"""
+Hybrid force control: a force along some directions, an impedance along the others.
+
+Along a force direction, with the desired wrench w_d and the measured one w_m that the
+frame exerts on the environment, and the frame's velocity v:
+
+    f = c - (|c| / approach_speed + m / s) v,    c = w_d + gain (w_d - w_m) + I
+
+so that without contact the frame approaches at most at `approach_speed`, and in contact
+the same damper keeps it from bouncing. I is the integral of `integral_gain` times the
+error, in contact alone, bounded. m is the mass of the frame along the direction. Source
+of the separation: M. Raibert, J. Craig, "Hybrid position/force control of manipulators",
+J. Dyn. Sys. Meas. Control 103, 1981.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import math
+from typing import Any
+
+from kane_dynamics._util.attribute_hints import guarded
+from kane_dynamics._util.checks import number, per_joint
+from kane_dynamics._util.typing import Array, Scalar, Vector
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
+from kane_dynamics.mechanics.constraints.transmission import transmission_margin
+from kane_dynamics.native.tracing.program import Shape
+from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.task_space.cartesian_impedance import (CartesianImpedance,
+                                                          impedance_forces)
+from kane_dynamics.task_space.frame_task import FrameTask, in_axes
+from kane_dynamics.task_space.joint_walls import JointWalls
+from kane_dynamics.task_space.law_kernel import identifier, Law, law_kernel, Settings
+from kane_dynamics.task_space.pose_checks import flat_pose, pose_margin
+from kane_dynamics.task_space.reference_motion import TargetMotion
+import numpy as np
+from numpy.typing import ArrayLike
+
+GAIN = 0.5  # default of `force_gain`
+INTEGRAL_GAIN = 2.0  # 1/s, default
+INTEGRAL_LIMIT = 0.5  # of the desired force
+LINEAR_APPROACH = 0.05  # m/s, default
+ANGULAR_APPROACH = 0.2  # rad/s, default
+DRAG = 2.0  # 1/s: rate at which motion along a force direction decays without a force
+
+
+@guarded
+class HybridForce(CartesianImpedance):
+    """
+    A wrench kept along some directions, and a Cartesian impedance along the others.
+
+    Parameters
+    ----------
+    robot, frame, stiffness, axes, ...
+        As of `CartesianImpedance`, whose other settings are accepted too. Stiffness and
+        damping along the force directions are left out, and the motion of the target
+        along them is not used.
+    force_directions : sequence of str
+        Of x, y, z, rx, ry, rz, in the axes.
+    force_gain : float
+        Of the error of the force; 0.5 by default.
+    integral_gain : float
+        1/s, of its integral.
+    approach_speed : float or (6,) array_like, optional
+        Largest speed without contact, m/s and rad/s. Default: 0.05 and 0.2.
+
+    Attributes
+    ----------
+    integral : (6,) array
+        The integral I, N and N m, in the axes; `reset` makes it zero.
+
+    """
+
+    _changeable = (*CartesianImpedance._changeable, 'force_gain', 'integral_gain',
+                   'approach_speed')
+
+    def __init__(self, robot: Robot, frame: str, *, force_directions: Sequence[str],
+                 stiffness: ArrayLike, force_gain: float = GAIN,
+                 integral_gain: float = INTEGRAL_GAIN,
+                 approach_speed: ArrayLike | None = None, **impedance: Any) -> None:
+        """Check the settings and compile the kernel."""
+        names = list(force_directions)
+        if (isinstance(force_directions, str) or not names
+                or len(set(names)) < len(names) or not set(names) <= set(DIRECTIONS)):
+            raise InputError(f'force_directions: {force_directions!r}; expected a '
+                             f'sequence of some of {", ".join(DIRECTIONS)}, each once')
+        self._forced = tuple(sorted(DIRECTIONS.index(name) for name in names))
+        self._further = {'force_gain': force_gain, 'integral_gain': integral_gain,
+                         'approach_speed': approach_speed}
+        self._step = np.zeros(1)
+        self.integral = np.zeros(6)
+        super().__init__(robot, frame, stiffness=stiffness, **impedance)
+
+    def reset(self) -> None:
+        """Set the integral of the force's error to zero."""
+        self.integral = np.zeros(6)
+
+    def _layout(self) -> dict[str, Shape]:
+        """Return the names and shapes of the kernel's settings."""
+        return {**super()._layout(), 'force_gain': (), 'integral_gain': (),
+                'approach_speed': (6,)}
+
+    def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
+        """Return the numbers of the kernel by name, from checked settings."""
+        # Without stiffness and damping along the force directions.
+        moved = dict(values)
+        for name in ('stiffness', 'damping'):
+            if values[name] is not None:
+                moved[name] = self._without_forced(values[name])
+        checked = super()._checked(moved)
+        approach = values['approach_speed']
+        if approach is None:
+            approach = 3 * [LINEAR_APPROACH] + 3 * [ANGULAR_APPROACH]
+        speeds = per_joint(approach, 'approach_speed', DIRECTIONS)
+        if not speeds.all():
+            raise InputError(f'approach_speed: {speeds.tolist()}; expected positive '
+                             'numbers, m/s and rad/s')
+        positive = 'a finite number >= 0'
+        for name in ('force_gain', 'integral_gain'):
+            checked[name] = number(values[name], name, positive,
+                                   lambda x: 0.0 <= x < math.inf)
+        return {**checked, 'approach_speed': speeds}
+
+    def _without_forced(self, value: ArrayLike) -> Any:
+        """Return a stiffness or damping with zeros along the force directions."""
+        try:
+            matrix = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            return value  # refused by the checks of the impedance
+        if matrix.shape not in ((6,), (6, 6)):
+            return value
+        forced = list(self._forced)
+        matrix[forced] = 0.0
+        if matrix.ndim == 2:
+            matrix[:, forced] = 0.0
+        return matrix
+
+    def torque(self, q: ArrayLike, u: ArrayLike, pose: ArrayLike,
+               twist: ArrayLike | None = None, acceleration: ArrayLike | None = None,
+               wrench: ArrayLike | None = None, t: float = 0.0, *,
+               measured: ArrayLike | None = None, elapsed: float = 0.0) -> Array:
+        """
+        Return the torques of the joints, (n_q,).
+
+        Parameters
+        ----------
+        q, u, pose, twist, acceleration, t
+            As of `CartesianImpedance.torque`.
+        wrench : (6,) array_like, optional
+            Force and moment to exert on the environment, at the frame's origin, world
+            axes, N, N m; along the force directions it is kept.
+        measured : (6,) array_like, optional
+            Wrench of the environment on the frame, as of `frame_wrench` or a sensor, at
+            the same point and in the same axes. Without it there is no feedback of the
+            force.
+        elapsed : float
+            Time since the last call, s, for the integral.
+
+        Raises
+        ------
+        InputError
+            A wrong shape, a number that is not finite, or no pose.
+        ConstraintError
+            The configuration is open or singular.
+
+        """
+        if not 0.0 <= elapsed < math.inf:
+            raise InputError(f'elapsed: {elapsed}; expected a finite time in s, not '
+                             'negative')
+        desired = self._zero if wrench is None else wrench
+        exerted = -np.asarray(desired, np.float64) if measured is None else measured
+        self._step[0] = elapsed
+        row = self._law(q, u, flat_pose(pose), self._zero if twist is None else twist,
+                        self._zero if acceleration is None else acceleration, desired,
+                        exerted, self.integral, self._step, self._block,
+                        *((t,) if self._timed else ()))
+        self.integral = row[-6:]
+        return row[:-6]
+
+    def _compiled(self, with_state: bool) -> Callable[..., Array]:
+        """Return the entry point of the torques, or of the impedance's state."""
+        if with_state:
+            return super()._compiled(True)
+        robot = self.robot
+        task = self._task
+        shapes = self._shapes
+        walls = self._walls
+        forced = self._forced
+
+        def law_of(choice: Robot) -> Law:
+            return _law(choice, task, forced, walls, shapes)
+        inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'pose': (16,), 'twist': (6,),
+                  'acceleration': (6,), 'desired_wrench': (6,), 'measured': (6,),
+                  'integral': (6,), 'elapsed': (1,), 'settings': (shapes.size,)}
+        name = identifier('hybrid_force', task.words, *map(str, forced))
+        kernel = law_kernel(robot, law_of, name, inputs, (len(robot.joint_names) + 6,))
+        return kernel.entry('', kernel)
+
+
+def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls,
+         shapes: Settings) -> Law:
+    """Return the law as a function over any scalar; see the module."""
+    equations = robot.equations
+    moving = np.ones(6)
+    moving[list(forced)] = 0.0
+
+    def law(q: Vector, u: Vector, pose: Vector, twist: Vector, acceleration: Vector,
+            wrench: Vector, measured: Vector, integral: Vector, elapsed: Vector,
+            settings: Vector, *, t: Scalar, parameters: Vector) -> Vector:
+        values = shapes.unpacked(settings)
+        target = pose.reshape(4, 4)
+        axes = task.in_world(target[:3, :3])
+
+        # The motion of the target without its part along the force directions.
+        parts = []
+        for six in (twist, acceleration):
+            along = moving * in_axes(axes, six)
+            parts.append(in_axes(axes.T, along))
+        desired = TargetMotion(axes, *parts)
+        forces = impedance_forces(robot, task, walls, (q, u, t, parameters), target,
+                                  desired, values)
+
+        # The wrench to exert, in the axes: as desired along the impedance.
+        wanted = in_axes(axes, wrench)
+        exerted = -in_axes(axes, measured)
+        command = np.array(wanted, dtype=object)
+        integrated = np.zeros(6).astype(object)
+        for i in forced:
+            error = wanted[i] - exerted[i]
+            integrated[i] = _integrated(integral[i], error, exerted[i] * wanted[i],
+                                        wanted[i], elapsed[0] * values['integral_gain'])
+            pushed = wanted[i] + values['force_gain'] * error + integrated[i]
+            mobility = forces.mobility.W[i, i] + 1.0 / values['singular_mass']
+            damping = (select(pushed < 0.0, -pushed, pushed)
+                       / values['approach_speed'][i] + DRAG / mobility)
+            command[i] = pushed - damping * forces.velocity[i]
+        tau, _ = forces.torques(equations, q, t, forces.mobility.J.T @ command,
+                                values['effort'])
+        if equations.actuated is not None:
+            tau = nan_unless(tau, transmission_margin(equations.mechanism,
+                                                      equations.at_rest(q, t).T,
+                                                      equations.actuated))
+        tau = nan_unless(tau, pose_margin(target))
+        return np.concatenate([tau, integrated])
+    return law
+
+
+def _integrated(integral: Scalar, error: Scalar, contact: Scalar, wanted: Scalar,
+                gain: Scalar) -> Scalar:
+    """Return the integral after a step: in contact alone, within a part of the force."""
+    moved = integral + select(contact > 0.0, gain * error, 0.0)
+    bound = INTEGRAL_LIMIT * select(wanted < 0.0, -wanted, wanted)
+    moved = select(bound < moved, bound, moved)
+    return select(moved < -bound, -bound, moved)

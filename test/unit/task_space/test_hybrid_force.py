@@ -1,0 +1,102 @@
+"""Hybrid force control: contact without bouncing, a force kept along a motion."""
+
+from dataclasses import replace
+from functools import cache
+
+from kane_dynamics import CartesianImpedance, HybridForce, InputError, load_urdf, Robot
+from kane_dynamics._util.resources import resource_path
+import numpy as np
+import pytest
+
+TOOL = 'tool0'
+Q = np.array([0.3, -1.2, 1.5, -1.8, -1.5, 0.4])
+K = np.array([2000.0, 2000, 2000, 100, 100, 100])
+
+
+@cache
+def ur10e():
+    """Return the UR10e without friction and effort limits."""
+    robot = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')), friction=False)
+    robot.limits = replace(robot.limits, effort=np.full(6, np.inf))
+    return robot
+
+
+def test_without_force_it_is_the_impedance_along_the_other_directions():
+    robot = ur10e()
+    pose = robot.frame_pose(TOOL, Q)
+    pose[:3, 3] += [0.03, -0.02, 0.05]
+    stiffness = K * [1, 1, 0, 1, 1, 1]
+    hybrid = HybridForce(robot, TOOL, force_directions=['z'], stiffness=K)
+    impedance = CartesianImpedance(robot, TOOL, stiffness=stiffness)
+    rest = np.zeros(6)
+    np.testing.assert_allclose(hybrid.torque(Q, rest, pose), impedance.torque(Q, rest, pose),
+                               atol=1e-9)
+
+
+def test_a_table_is_approached_slowly_and_pressed_with_the_force_along_a_circle():
+    """At 1 kHz, the measured force one period old, a table of 3000 N/m."""
+    robot = ur10e()
+    law = HybridForce(robot, TOOL, force_directions=['z'], stiffness=K)
+    start = robot.frame_pose(TOOL, Q)
+    height = start[2, 3] - 0.02
+    wrench, measured, h = np.array([0, 0, -10.0, 0, 0, 0]), np.zeros(6), 1e-3
+    q, u, force = Q, np.zeros(6), 0.0
+    forces, speeds = [], []
+    for k in range(2200):
+        angle = max(0.0, 2.0 * np.pi * (k * h - 0.8))
+        pose, circle = start.copy(), 0.03 * np.array([np.cos(angle) - 1, np.sin(angle), 0])
+        pose[:3, 3] += circle
+        moves = float(angle > 0.0) * 2.0 * np.pi
+        twist = 0.03 * moves * np.array([-np.sin(angle), np.cos(angle), 0, 0, 0, 0])
+        acceleration = -0.03 * moves**2 * np.array([np.cos(angle), np.sin(angle), 0, 0, 0, 0])
+        tau = law.torque(q, u, pose, twist, acceleration, wrench, measured=measured, elapsed=h)
+        for _ in range(2):
+            depth = height - robot.frame_pose(TOOL, q)[2, 3]
+            force = 3000.0 * max(depth, 0.0)
+            push = force * robot.jacobian(TOOL, q)[2]
+            u = u + 0.5 * h * robot.forward_dynamics(q, u, tau + push)
+            q = q + 0.5 * h * u
+        measured = np.array([0, 0, force, 0, 0, 0])
+        forces.append(force)
+        speeds.append(robot.frame_velocity(TOOL, q, u)[2])
+    forces = np.array(forces)
+    contact = int(np.flatnonzero(forces)[0])
+    assert min(speeds) > -0.052 and 300 < contact < 600
+    assert (forces[contact:] > 0.0).all()  # no bouncing
+    assert forces.max() < 20.0
+    assert np.abs(forces[1300:] - 10.0).max() < 0.5
+
+
+def test_an_unmodelled_force_is_removed_by_the_integral():
+    robot = ur10e()
+    law = HybridForce(robot, TOOL, force_directions=['z'], stiffness=K, force_gain=0.0)
+    pose, rest = robot.frame_pose(TOOL, Q), np.zeros(6)
+    wrench, measured = np.array([0, 0, -10.0, 0, 0, 0]), np.array([0, 0, 8.0, 0, 0, 0])
+    for _ in range(100):
+        law.torque(Q, rest, pose, None, None, wrench, measured=measured, elapsed=0.01)
+    assert law.integral[2] == pytest.approx(-4.0)  # 2 /s of an error of 2 N for 1 s
+    for _ in range(1000):
+        law.torque(Q, rest, pose, None, None, wrench, measured=measured, elapsed=0.01)
+    assert law.integral[2] == pytest.approx(-5.0)  # half of the desired force at most
+    law.reset()
+    assert not law.integral.any()
+
+
+@pytest.mark.parametrize('wrong, message', [
+    ({'force_directions': 'z'}, 'force_directions'), ({'force_directions': []}, 'each once'),
+    ({'force_directions': ['w']}, 'each once'), ({'force_gain': -1.0}, 'force_gain'),
+    ({'approach_speed': 0.0}, 'approach_speed'), ({'integral_gain': np.inf}, 'integral_gain'),
+    ({'stiffness': 'x'}, 'stiffness'), ({'stiffness': [1.0]}, 'stiffness')])
+def test_wrong_settings_are_refused(wrong, message):
+    with pytest.raises(InputError) as error:
+        HybridForce(ur10e(), TOOL, **{'force_directions': ['z'], 'stiffness': K, **wrong})
+    assert message in str(error.value)
+
+
+def test_wrong_calls_are_refused():
+    law = HybridForce(ur10e(), TOOL, force_directions=['z'], stiffness=K)
+    pose, rest = ur10e().frame_pose(TOOL, Q), np.zeros(6)
+    with pytest.raises(InputError, match='elapsed'):
+        law.torque(Q, rest, pose, elapsed=-1.0)
+    with pytest.raises(InputError, match='measured'):
+        law.torque(Q, rest, pose, measured=[0.0])

@@ -1,0 +1,159 @@
+"""Lambda, mu and the null space of a frame, directly and by task speeds."""
+
+from functools import cache
+
+from kane_dynamics import in_task_speeds, InputError, load_urdf, Robot, TaskSpace
+from kane_dynamics._util.resources import resource_path
+from linkages import five_bar, five_bar_at
+import numpy as np
+from palletizer import joint_angles, palletizer
+import pytest
+
+TIP = 'fr3_link8'
+Q = np.array([0.1, -0.7, 0.2, -2.3, 0.1, 1.5, 0.7])
+STRETCHED = np.array([0.0, 0.3, 0.0, -0.467, 0.0, 1.5, 0.7])
+
+
+@cache
+def fr3():
+    """Return the FR3."""
+    return Robot(load_urdf(resource_path('urdf', 'fr3.urdf'), tip=TIP))
+
+
+def loop():
+    """Return the palletizer and a closed configuration of it."""
+    robot = palletizer()
+    angles = joint_angles(0.2, 0.3, 0.1, 0.4)
+    return robot, robot.closed_configuration([angles.get(name, 0.0)
+                                              for name in robot.coordinate_names])
+
+
+def test_they_are_those_of_the_definition():
+    robot = fr3()
+    u = np.random.default_rng(0).normal(size=7)
+    J, M_inverse = robot.jacobian(TIP, Q), np.linalg.inv(robot.mass_matrix(Q))
+    Lambda = np.linalg.inv(J @ M_inverse @ J.T)
+    J_bar = M_inverse @ J.T @ Lambda
+    space = TaskSpace(robot, TIP).at(Q, u)
+    expected = {
+        'jacobian': J, 'mobility': J @ M_inverse @ J.T, 'inertia': Lambda,
+        'consistent_inverse': J_bar, 'null_projector': np.eye(7) - J_bar @ J,
+        'bias': J_bar.T @ robot.bias_force(Q, u) - Lambda @ robot.jacobian_rate(TIP, Q, u) @ u,
+        'gravity': J_bar.T @ robot.gravity_force(Q)}
+    for name, value in expected.items():
+        np.testing.assert_allclose(getattr(space, name), value, atol=1e-11 * np.abs(value).max(),
+                                   err_msg=name)
+    assert space.regularization == 0.0
+    L = robot.mechanism.length
+    scales = np.array([1, 1, 1, L, L, L])
+    assert space.mass == pytest.approx(np.trace(Lambda / np.outer(scales, scales)), rel=1e-7)
+
+
+def test_towards_a_singularity_they_are_bounded_and_do_not_jump():
+    """Lambda itself grows without bound; the direction that is lost is named."""
+    robot = fr3()
+    space = TaskSpace(robot, TIP, singular_mass=150.0)
+    scales = np.array([1, 1, 1] + 3 * [robot.mechanism.length])
+    line = [STRETCHED + s * (Q - STRETCHED) for s in np.linspace(0.0, 1.0, 4001)]
+    states = [space.at(q) for q in line]
+    inertias = np.array([x.inertia / np.outer(scales, scales) for x in states])
+    assert states[0].mass > 1e6 and states[0].regularization > 0.9 / 150.0
+    assert states[-1].regularization == 0.0
+    assert np.linalg.eigvalsh(inertias).max() < 4.0 / 3.0 * 150.0
+    assert np.abs(np.diff(inertias, axis=0)).max() < 1.5
+    jacobian = states[0].jacobian * scales[:, None]
+    assert np.abs(states[0].heaviest @ jacobian).max() < 1e-5  # of a square root of rounding
+
+
+@pytest.mark.parametrize('axes', ['world', 'frame', 'fr3_link0'])
+def test_axes_turn_the_quantities(axes):
+    robot = fr3()
+    u = np.random.default_rng(1).normal(size=7)
+    pose = robot.frame_pose(TIP, Q)
+    six = np.kron(np.eye(2), pose[:3, :3] if axes == 'frame' else np.eye(3))
+    turned, world = TaskSpace(robot, TIP, axes=axes).at(Q, u), TaskSpace(robot, TIP).at(Q, u)
+    np.testing.assert_allclose(six @ turned.inertia @ six.T, world.inertia, atol=1e-12)
+    np.testing.assert_allclose(six @ turned.bias, world.bias, atol=1e-11)
+
+
+@pytest.mark.parametrize('axes, directions', [('world', None), ('world', ('x', 'z', 'ry')),
+                                              ('frame', ('x', 'y', 'z'))])
+def test_in_task_speeds_the_mass_matrix_is_lambda(axes, directions):
+    """Two formulations: generalized speeds of Kane's equations, and products of matrices."""
+    robot = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')))
+    q, u = np.array([0.3, -1.2, 1.5, -1.0, 1.2, 0.4]), np.random.default_rng(2).normal(size=6)
+    space = TaskSpace(robot, 'tool0', axes=axes, directions=directions)
+    direct = space.at(q, u)
+    chosen = in_task_speeds(robot, 'tool0', axes=axes, directions=directions)
+    k = len(space.directions)
+    Y, _ = chosen.mechanism.speeds.of(q, 0.0)
+    v = np.asarray(Y, dtype=float) @ u
+    np.testing.assert_allclose(v[:k], direct.jacobian @ u, atol=1e-14)
+
+    M = chosen.mass_matrix(q)
+    np.testing.assert_allclose(M[:k, :k], direct.inertia, atol=1e-12 * M.max())
+    np.testing.assert_allclose(M[:k, k:], 0.0, atol=1e-12)
+    np.testing.assert_allclose(chosen.gravity_force(q)[:k], direct.gravity, atol=1e-11)
+
+    # The rates of components in turning axes are not the acceleration in them.
+    bias = direct.bias
+    if axes == 'frame':
+        R = robot.frame_pose('tool0', q)[:3, :3]
+        velocity = robot.frame_velocity('tool0', q, u)
+        turning = R.T @ np.cross(velocity[3:], velocity[:3])
+        bias = bias + direct.inertia @ turning
+    np.testing.assert_allclose(chosen.bias_force(q, v)[:k], bias, atol=1e-10)
+    assert chosen.verify() < 1e-9
+
+
+def test_closed_loops_have_task_speeds():
+    robot, q = loop()
+    u = np.array([0.3, -0.2, 0.1, 0.4])
+    frame = 'flange'
+    direct = TaskSpace(robot, frame).at(q, u)
+    chosen = in_task_speeds(robot, frame, configuration=q)
+    assert chosen.speed_names == tuple(f'flange/{x}' for x in ('x', 'y', 'z', 'rz'))
+    M = chosen.mass_matrix(q)
+    np.testing.assert_allclose(M, direct.inertia, atol=1e-10 * M.max())
+    v = direct.jacobian @ u
+    np.testing.assert_allclose(chosen.bias_force(q, v), direct.bias,
+                               atol=1e-10 * np.abs(direct.bias).max())
+
+
+def test_a_five_bar_with_one_direction_has_a_complement():
+    robot = five_bar('left_crank', 'right_crank')
+    q, u = five_bar_at(2.1, 1.05), np.array([0.4, -0.3])
+    frame = robot.frame_names[-1]
+    pose = robot.jacobian(frame, q)
+    direction = ('x', 'y', 'z')[int(np.argmax(np.abs(pose[:3]).max(axis=1)))]
+    direct = TaskSpace(robot, frame, directions=[direction]).at(q, u)
+    chosen = in_task_speeds(robot, frame, directions=[direction], configuration=q)
+    M = chosen.mass_matrix(q)
+    np.testing.assert_allclose(M[0, 0], direct.inertia[0, 0], rtol=1e-10)
+    assert abs(M[0, 1]) < 1e-10 * np.abs(M).max()
+
+
+def test_by_default_the_directions_are_those_that_the_frame_can_follow():
+    assert TaskSpace(fr3(), TIP).directions == ('x', 'y', 'z', 'rx', 'ry', 'rz')
+    robot, _ = loop()
+    assert TaskSpace(robot, 'flange').directions == ('x', 'y', 'z', 'rz')
+    two_link = Robot(load_urdf(resource_path('urdf', 'two_link_planar.urdf')))
+    assert len(TaskSpace(two_link, two_link.frame_names[-1]).directions) == 2
+
+
+@pytest.mark.parametrize('arguments, message', [
+    ({'frame': 'nowhere'}, 'nowhere'), ({'frame': 'fr3_link0'}, 'does not move'),
+    ({'axes': 'fr3_link2'}, 'moves relative to'), ({'directions': ['w']}, 'directions'),
+    ({'directions': []}, 'directions')])
+def test_wrong_tasks_are_refused(arguments, message):
+    for function in (TaskSpace, in_task_speeds):
+        with pytest.raises(InputError) as error:
+            function(fr3(), **{'frame': TIP, **arguments})
+        assert message in str(error.value)
+
+
+def test_task_speeds_at_a_singular_configuration_are_refused():
+    with pytest.raises(InputError, match='does not move independently'):
+        in_task_speeds(fr3(), TIP, configuration=np.zeros(7))
+    with pytest.raises(InputError, match='singular_mass'):
+        TaskSpace(fr3(), TIP, singular_mass=-1.0)
