@@ -32,16 +32,19 @@ from kane_dynamics.control.terms import EVERY_TERM, Terms
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.poses import checked_pose
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
+from kane_dynamics.mechanics.constraints.mechanism import JointMotion
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.task_space.effort_limits import within_limits
+from kane_dynamics.task_space.effort_limits import clamped, within_limits
 from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task,
                                                  FrameMobility, FrameTask, in_axes,
                                                  independent_directions,
                                                  singular_mass as checked_mass,
                                                  symmetric_product, TaskInertia)
+from kane_dynamics.task_space.joint_speed_limits import (brake_torques, checked_speeds,
+                                                         slowdown)
 from kane_dynamics.task_space.joint_walls import JointWalls
 from kane_dynamics.task_space.law_kernel import (checked_effort, checked_terms,
                                                  identifier, Law, law_kernel,
@@ -79,6 +82,10 @@ class ImpedanceState(NamedTuple):
         Mass with which the frame resists motion in its heaviest direction, kg.
     regularization : float
         lambda^2 of `TaskInertia`, 1/kg; 0 away from singular configurations.
+    speed_scale : float
+        Factor of the reference motion by the speed limits, 1 without.
+    braking : float
+        Norm of the torques that brake joints at their speed limits, N m; 0 without.
 
     """
 
@@ -88,9 +95,11 @@ class ImpedanceState(NamedTuple):
     effort_scale: float
     mass: float
     regularization: float
+    speed_scale: float
+    braking: float
 
 
-STATE_SIZE = 6 + 6 + 2 + 3
+STATE_SIZE = 6 + 6 + 2 + 5
 
 
 @guarded
@@ -136,8 +145,12 @@ class CartesianImpedance(RunTimeSettings):
     force_limit, moment_limit : float
         Largest force and moment of the spring, N and N m. Directions are kept.
     effort_limit : float or array_like, optional
-        Limits that the task's torques respect, by one common factor. Default: the
-        robot's.
+        Limits that the torques respect, those of the task by one common factor. What
+        holds the arm against gravity is not reduced. Default: the robot's.
+    speed_limit : float or array_like, optional
+        Limits of the joint speeds, rad/s or m/s; inf for none. The reference motion is
+        slower than the target where it needs more than 90 % of one, and a joint that is
+        about to exceed that is braked. Default: the robot's.
     compensate : Terms
         The terms of the model that are compensated.
     singular_mass : float, optional
@@ -153,7 +166,7 @@ class CartesianImpedance(RunTimeSettings):
     _changeable: tuple[str, ...] = (
         'stiffness', 'damping_ratio', 'damping', 'posture', 'posture_stiffness',
         'null_damping', 'limit_stiffness', 'limit_margin', 'force_limit',
-        'moment_limit', 'effort_limit', 'compensate', 'singular_mass')
+        'moment_limit', 'effort_limit', 'speed_limit', 'compensate', 'singular_mass')
     _further: Mapping[str, Any] = MappingProxyType({})  # of a subclass, at first
 
     def __init__(self, robot: Robot, frame: str, *, stiffness: ArrayLike,
@@ -165,7 +178,7 @@ class CartesianImpedance(RunTimeSettings):
                  limit_stiffness: ArrayLike | None = None,
                  limit_margin: ArrayLike | None = None, force_limit: float = math.inf,
                  moment_limit: float = math.inf, effort_limit: ArrayLike | None = None,
-                 compensate: Terms = EVERY_TERM,
+                 speed_limit: ArrayLike | None = None, compensate: Terms = EVERY_TERM,
                  singular_mass: float | None = None) -> None:
         """Check the settings; kernels compile on first use."""
         self.robot = robot
@@ -186,7 +199,8 @@ class CartesianImpedance(RunTimeSettings):
                     null_damping=null_damping, limit_stiffness=limit_stiffness,
                     limit_margin=limit_margin, force_limit=force_limit,
                     moment_limit=moment_limit, effort_limit=effort_limit,
-                    compensate=compensate, singular_mass=singular_mass, **self._further)
+                    speed_limit=speed_limit, compensate=compensate,
+                    singular_mass=singular_mass, **self._further)
         self._law = self._compiled(False)
 
     # Settings, which may change between two calls.
@@ -199,8 +213,9 @@ class CartesianImpedance(RunTimeSettings):
             'stiffness': (6, 6), 'factor': (6, 6), 'root': (6,), 'damping': (6, 6),
             'bounds': (2,), 'weights': (len(WEIGHTS),), 'posture': (robot.n_q,),
             'posture_stiffness': (joints,), 'null_damping': (), 'singular_mass': (),
-            'effort': (len(robot.joint_names),), 'wall_stiffness': (joints,),
-            'wall_lower': (joints,), 'wall_upper': (joints,), 'wall_damping': (joints,)}
+            'effort': (len(robot.joint_names),), 'speed': (len(robot.joint_names),),
+            'wall_stiffness': (joints,), 'wall_lower': (joints,), 'wall_upper': (joints,),
+            'wall_damping': (joints,)}
 
     def _checked(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return the settings of the kernel by name, checked."""
@@ -236,6 +251,7 @@ class CartesianImpedance(RunTimeSettings):
                                    lambda x: 0.0 <= x < math.inf),
             'singular_mass': checked_mass(robot, values['singular_mass']),
             'effort': checked_effort(robot, values['effort_limit']),
+            'speed': checked_speeds(robot, values['speed_limit']),
             **self._walls.settings(values['limit_stiffness'], values['limit_margin'])}
 
     # Torques.
@@ -333,10 +349,11 @@ def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,
         forces = impedance_forces(robot, task, walls, (q, u, t, parameters), target,
                                   desired, values)
         exerted = forces.mobility.J.T @ in_axes(desired.axes, wrench)
-        tau, scale = forces.torques(equations, q, t, exerted, values['effort'])
+        tau, scale, brakes = forces.torques(equations, exerted, values['effort'])
         if with_state:
             numbers = np.array([scale, forces.inertia.mass,
-                                forces.inertia.regularization])
+                                forces.inertia.regularization, forces.speed_scale,
+                                np.sqrt(brakes @ brakes)])
             tau = np.concatenate([forces.spring.error, forces.spring.wrench
                                   - forces.damping, forces.spring.saturation, numbers])
         elif equations.actuated is not None:
@@ -347,14 +364,22 @@ def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,
     return law
 
 
+StateAt = tuple[Vector, Vector, Scalar, Vector]  # q, u, t, and the robot's parameters
+
+
 class ImpedanceForces(NamedTuple):
     """
     The forces of a Cartesian impedance, over any scalar.
 
     Attributes
     ----------
-    compensation : (n,) array
-        Of the model, with the walls.
+    at : tuple
+        q, u, t and the robot's parameters.
+    motion : JointMotion
+        At q and u.
+    held, walls, feedforward : (n,) arrays
+        What holds the arm at rest, of the walls of the joint limits, and of the reference
+        motion.
     drag, pull : (n,) arrays
         Of dampers, and of the spring and the posture.
     spring : Spring
@@ -364,10 +389,18 @@ class ImpedanceForces(NamedTuple):
         Of the frame relative to the reference motion, in the axes.
     mobility : FrameMobility
     inertia : TaskInertia
+    speeds : (n_j,) array
+        Limits of the joint speeds.
+    speed_scale : scalar
+        Factor of the reference motion by these.
 
     """
 
-    compensation: Vector
+    at: StateAt
+    motion: JointMotion
+    held: Vector
+    walls: Vector
+    feedforward: Vector
     drag: Vector
     pull: Vector
     spring: Spring
@@ -375,23 +408,29 @@ class ImpedanceForces(NamedTuple):
     velocity: Vector
     mobility: FrameMobility
     inertia: TaskInertia
+    speeds: Vector
+    speed_scale: Scalar
 
-    def torques(self, equations: Equations, q: Vector, t: Scalar, exerted: Vector,
-                effort: Vector) -> tuple[Vector, Scalar]:
+    def torques(self, equations: Equations, exerted: Vector, effort: Vector
+                ) -> tuple[Vector, Scalar, Vector]:
         """
-        Return the torques of the joints, with a further force, and the pull's factor.
+        Return the torques of the joints, the pull's factor, and the brakes, (n_j,).
 
-        Within the effort limits damping comes before the pull; each keeps its direction,
-        by one factor for all torques.
+        Within the effort limits come in this order: what holds the arm, the walls, the
+        dampers, the feedforward, the pull. Each keeps its direction, by one factor for
+        all torques. Then joints about to exceed their speeds are braked, each by itself.
         """
-        held = equations.shared_torques(q, self.compensation, t)
-        resisting = equations.shared_torques(q, self.drag, t)
-        pulling = equations.shared_torques(q, self.pull + exerted, t)
-        damped, _ = within_limits(held, resisting, effort)
-        return within_limits(damped, pulling, effort)
-
-
-StateAt = tuple[Vector, Vector, Scalar, Vector]  # q, u, t, and the robot's parameters
+        q, u, t, parameters = self.at
+        tau = equations.shared_torques(q, self.held, t)
+        force = self.held
+        scale: Scalar = 1.0
+        for part in (self.walls, self.drag, self.feedforward, self.pull + exerted):
+            tau, scale = within_limits(tau, equations.shared_torques(q, part, t), effort)
+            force = force + scale * part
+        brakes = brake_torques(equations, q, u, self.motion, force, self.speeds,
+                               parameters, t)
+        braking = equations.shared_torques(q, self.motion.projected(brakes), t)
+        return clamped(tau, braking, effort), scale, brakes
 
 
 def impedance_forces(robot: Robot, task: FrameTask, walls: JointWalls, at: StateAt,
@@ -406,11 +445,16 @@ def impedance_forces(robot: Robot, task: FrameTask, walls: JointWalls, at: State
     mobility = frame_mobility(equations, J, q, parameters, t)
     inertia = TaskInertia(task, mobility, values['singular_mass'])
 
-    # Feedforward of the reference motion, and the walls.
+    # Feedforward of the reference motion, which is slowed down to the speed limits.
     u_r, udot_r = reference_motion(equations, task, inertia, q, u, desired, t)
-    compensation = reference_dynamics(equations, q, u, u_r, udot_r, values['weights'],
-                                      parameters, t)
-    compensation = compensation + motion.projected(walls.force(q, motion.qdot, values))
+    speed_scale = slowdown(motion.T @ u_r, values['speed'])
+    u_r = speed_scale * u_r
+    at_rest = equations.zeros
+    held = reference_dynamics(equations, q, u, at_rest, at_rest, values['weights'],
+                              parameters, t)
+    compensation = reference_dynamics(equations, q, u, u_r, speed_scale * udot_r,
+                                      values['weights'], parameters, t)
+    at_walls = motion.projected(walls.force(q, motion.qdot, values))
 
     # Spring and damper, on the motion relative to the reference.
     s = u - u_r
@@ -421,9 +465,10 @@ def impedance_forces(robot: Robot, task: FrameTask, walls: JointWalls, at: State
     # The posture, where it does not accelerate the frame.
     posture, drag = posture_forces(equations, walls, inertia, q, s, motion, parameters,
                                    values)
-    return ImpedanceForces(compensation, drag - J.T @ damping,
-                           J.T @ spring.wrench + posture, spring, damping, velocity,
-                           mobility, inertia)
+    return ImpedanceForces(at, motion, held, at_walls, compensation - held,
+                           drag - J.T @ damping, J.T @ spring.wrench + posture, spring,
+                           damping, velocity, mobility, inertia, values['speed'],
+                           speed_scale)
 
 
 def damping_wrench(W: Matrix, velocity: Vector, values: Mapping[str, Any]) -> Vector:

@@ -1,4 +1,4 @@
-"""Saturation of a task's torques at the effort limits that keeps their direction."""
+"""Saturation of torques at the effort limits: of a task, and joint by joint."""
 
 from __future__ import annotations
 
@@ -35,3 +35,19 @@ def within_limits(compensation: Vector, task: Vector, limits: Vector
         share = room / select(size < TINY, TINY, size)
         scale = select(share < scale, share, scale)
     return compensation + scale * np.asarray(task), scale
+
+
+def clamped(held: Vector, added: Vector, limits: Vector) -> Vector:
+    """
+    Return held + added, (n,), where each added torque ends at the limit of its joint.
+
+    A held torque beyond its limit stays.
+    """
+    result = []
+    for torque, change, limit in zip(held, added, limits):
+        size = select(torque < 0.0, -torque, torque)
+        bound = select(size < limit, limit, size)
+        total = torque + change
+        total = select(total < -bound, -bound, total)
+        result.append(select(bound < total, bound, total))
+    return np.array(result)

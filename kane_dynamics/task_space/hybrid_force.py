@@ -237,8 +237,8 @@ def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls
             damping = (select(pushed < 0.0, -pushed, pushed)
                        / values['approach_speed'][i] + DRAG / mobility)
             command[i] = pushed - damping * forces.velocity[i]
-        tau, _ = forces.torques(equations, q, t, forces.mobility.J.T @ command,
-                                values['effort'])
+        tau, _, _ = forces.torques(equations, forces.mobility.J.T @ command,
+                                   values['effort'])
         if equations.actuated is not None:
             tau = nan_unless(tau, transmission_margin(equations.mechanism,
                                                       equations.at_rest(q, t).T,

@@ -20,9 +20,10 @@ ORDINARY = np.array([0.2, -0.7, 0.1, -2.2, 0.1, 1.6, 0.7])
 
 @cache
 def fr3():
-    """Return the FR3 without friction and effort limits."""
+    """Return the FR3 without friction, and limits of effort and speed."""
     robot = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'), tip=TIP), friction=False)
-    robot.limits = replace(robot.limits, effort=np.full(robot.n, np.inf))
+    none = np.full(robot.n, np.inf)
+    robot.limits = replace(robot.limits, effort=none, velocity=none)
     return robot
 
 

@@ -1,0 +1,106 @@
+"""Limits of joint speeds: brakes take energy out, hold the limit, and leave slow joints alone."""
+
+from dataclasses import replace
+from functools import cache
+
+from kane_dynamics import CartesianImpedance, InputError, load_urdf, Robot
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.task_space.joint_speed_limits import FREE, HORIZON, slowdown
+import numpy as np
+import pytest
+from stepping import stepped
+
+K = np.array([2000.0, 2000.0, 2000.0, 100.0, 100.0, 100.0])
+TIP = 'fr3_link8'
+ORDINARY = np.array([0.2, -0.7, 0.1, -2.2, 0.1, 1.6, 0.7])
+STRETCHED = np.array([0.3, 0.3, 0.0, -0.47, 0.0, 1.9, 0.8])
+
+
+@cache
+def fr3():
+    """Return the FR3 without friction and effort limits."""
+    robot = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'), tip=TIP), friction=False)
+    robot.limits = replace(robot.limits, effort=np.full(robot.n, np.inf))
+    return robot
+
+
+def law(**settings):
+    """Return an impedance without walls."""
+    return CartesianImpedance(fr3(), TIP, **{'stiffness': K, 'limit_stiffness': 0.0, **settings})
+
+
+def test_a_joint_that_would_exceed_its_limit_is_braked_as_its_definition_says():
+    robot = fr3()
+    limits = robot.limits.velocity
+    u = np.array([0.88, -0.1, 0.2, 0.1, 0.3, -0.1, 0.2]) * limits
+    pose = robot.frame_pose(TIP, ORDINARY + [0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    undamped = {'damping_ratio': 0.0, 'null_damping': 0.0}
+    free = law(speed_limit=np.inf, **undamped)
+    bounded = law(**undamped)
+    assert free.state(ORDINARY, u, pose).braking == 0.0
+    tau = free.torque(ORDINARY, u, pose)
+    change = bounded.torque(ORDINARY, u, pose) - tau
+    acceleration = robot.forward_dynamics(ORDINARY, u, tau)
+    excess = acceleration - (FREE * limits - u) / HORIZON
+    assert excess[0] > 0.0, 'the joint would exceed its limit'
+    mobility = robot.inverse_mass_matrix(ORDINARY)[0, 0]
+    np.testing.assert_allclose(change[0], -excess[0] / mobility, rtol=1e-9)
+    np.testing.assert_allclose(change[1:], 0.0, atol=1e-9)
+    assert bounded.state(ORDINARY, u, pose).braking == pytest.approx(-change[0])
+
+
+def test_brakes_take_energy_out_at_every_state_and_do_not_act_on_slow_joints():
+    robot = fr3()
+    rng = np.random.default_rng(0)
+    bounded, free = law(), law(speed_limit=np.inf)
+    acted = 0
+    for _ in range(300):
+        q = robot.random_configuration(rng)
+        u = rng.uniform(-1.2, 1.2, 7) * robot.limits.velocity
+        pose = robot.frame_pose(TIP, robot.random_configuration(rng))
+        brake = bounded.torque(q, u, pose) - free.torque(q, u, pose)
+        # Each joint by itself, up to the rounding of torques of thousands.
+        assert (brake * u < 1e-6).all()
+        acted += bool(np.abs(brake).max() > 1e-6)
+        slow = 0.4 * u
+        difference = bounded.torque(q, slow, pose) - free.torque(q, slow, pose)
+        assert np.abs(difference).max() < 1e-9 * np.abs(free.torque(q, slow, pose)).max()
+    assert acted > 250
+
+
+def test_no_joint_exceeds_its_limit_while_the_spring_pulls_through_a_singularity():
+    robot = Robot(load_urdf(resource_path('urdf', 'fr3.urdf'), tip=TIP), friction=False)
+    target = robot.frame_pose(TIP, ORDINARY)
+    fastest = {}
+    for name, limit in (('bounded', None), ('free', np.inf)):
+        impedance = CartesianImpedance(robot, TIP, stiffness=K, speed_limit=limit)
+        q, u = STRETCHED, np.zeros(7)
+        speeds = []
+        for _ in range(300):
+            q, u = stepped(robot, lambda q, u, i=impedance: i.torque(q, u, target), q, u, 0.001)
+            speeds.append(np.abs(u) / robot.limits.velocity)
+        fastest[name] = np.max(speeds)
+    assert fastest['free'] > 1.5
+    assert fastest['bounded'] < 1.0
+
+
+def test_the_reference_motion_is_slowed_down_by_one_factor():
+    assert slowdown(np.array([0.5, -1.0]), np.array([1.0, 2.0])) == 1.0
+    assert slowdown(np.array([2.0, -1.0]), np.array([1.0, 2.0])) == pytest.approx(FREE / 2.0)
+    assert slowdown(np.zeros(2), np.array([1.0, np.inf])) == 1.0
+    robot = fr3()
+    near = STRETCHED - [0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0]
+    pose = robot.frame_pose(TIP, near)
+    lost = np.linalg.svd(robot.jacobian(TIP, near))[0][:, 5]
+    twist = 0.5 * lost / np.linalg.norm(lost[:3])
+    state = law().state(near, np.zeros(7), pose, twist)
+    assert 0.0 < state.speed_scale < 1.0
+    assert law(speed_limit=np.inf).state(near, np.zeros(7), pose, twist).speed_scale == 1.0
+
+
+@pytest.mark.parametrize(('stated', 'message'), [
+    (-1.0, r"speed_limit of joint 'fr3_joint1': -1.0; expected a number >= 0"),
+    ([1.0, 2.0], r'speed_limit: .*; expected one number, or 7'), ('fast', 'speed_limit: ')])
+def test_a_wrong_limit_is_named(stated, message):
+    with pytest.raises(InputError, match=message):
+        law(speed_limit=stated)
