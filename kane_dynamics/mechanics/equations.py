@@ -273,8 +273,8 @@ class Equations:
         loads = self.drive_torques(q, motion.projected(rigid), t)
         return rigid + self.tree.friction_force(motion.qdot, loads)
 
-    def driven_friction(self, q: Vector, rates: Vector, tau: Vector,
-                        t: Scalar = 0.0) -> Vector:
+    def driven_friction(self, q: Vector, rates: Vector, tau: Vector, t: Scalar = 0.0,
+                        directions: Vector | None = None) -> Vector:
         """
         Return the friction of the joints, (n_j,), while motors have torques.
 
@@ -288,12 +288,14 @@ class Equations:
             Generalized force of the motors.
         t : scalar
             s.
+        directions : (n_j,) array, optional
+            As of `TreeEquations.friction_force`.
 
         """
         if not self.tree.carries_loads:
-            return self.tree.friction_force(rates)
+            return self.tree.friction_force(rates, None, directions)
         torques = self.drive_torques(q, tau, t)
-        return torques - self.tree.drive_loads(rates, torques)
+        return torques - self.tree.drive_loads(rates, torques, None, directions)
 
     def load_friction(self, q: Vector, u: Vector, tau: Vector,
                       t: Scalar = 0.0) -> Vector:
@@ -554,6 +556,14 @@ class Equations:
         else:
             force = self._joint_forces(q, motion, None, parameters, t)
         return self._row_forces(q, t, motion.N, force - applied)
+
+    def constraint_forces_without_friction(self, q: Vector, u: Vector, udot: Vector,
+                                           applied: Vector, parameters: Vector,
+                                           t: Scalar = 0.0) -> Vector:
+        """Return `constraint_forces_of_motion` where `applied` has that of friction."""
+        motion = self.joint_motion(q, u, udot, t)
+        rigid = self.tree.rigid_dynamics(q, motion.qdot, motion.qddot, None, parameters)
+        return self._row_forces(q, t, motion.N, rigid - applied)
 
     def _row_forces(self, q: Vector, t: Scalar, N: Matrix,
                     joint_forces: Vector) -> Vector:

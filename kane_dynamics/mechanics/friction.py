@@ -34,11 +34,15 @@ run over any scalar.
 
 from typing import Any
 
-from kane_dynamics._util.typing import Scalar
-from kane_dynamics.errors import InputError
+from kane_dynamics._util.typing import Array, Scalar
+from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.model.model import Joint, Model
 import numpy as np
+
+HOLDS = 1e30  # N m or N: friction of a self-locking drive against its load
+ROUNDING = 1e-12  # relative, of forces and accelerations
+SETS = 2**12  # of held joints that are tried at most
 
 
 def coulomb(rate: Scalar, onset: Scalar) -> Scalar:
@@ -185,15 +189,21 @@ def friction_over_rate(joint: Joint, rate: Scalar, load: Scalar = 0.0) -> Scalar
     For implicit integration. Coulomb friction over the rate is mu / sqrt(rate^2 +
     u_s^2), within 8 % of mu tanh(rate / u_s) / rate and regular at rest.
     """
-    ratio: Scalar = joint.damping
-    if joint.quadratic_damping:
-        ratio = ratio + joint.quadratic_damping * magnitude(rate)
+    ratio = viscous_over_rate(joint, rate)
     if slides(joint):
         smoothed = np.sqrt(rate * rate + joint.friction_speed**2)
         even, odd = _sliding_levels(joint, rate, load)
         ratio = ratio + even / smoothed
         if odd is not None:
             ratio = ratio + odd * rate / (smoothed * smoothed)
+    return ratio
+
+
+def viscous_over_rate(joint: Joint, rate: Scalar) -> Scalar:
+    """Return linear and quadratic damping divided by the rate, N m s or N s/m."""
+    ratio: Scalar = joint.damping
+    if joint.quadratic_damping:
+        ratio = ratio + joint.quadratic_damping * magnitude(rate)
     return ratio
 
 
@@ -204,15 +214,114 @@ def breakaway_torques(joint: Joint, load: float) -> tuple[float, float]:
     Friction of a joint at rest is any torque up to breakaway friction: the motor may
     have any torque in this interval while the drive carries the load.
     """
-    forward, backward = coulomb_levels(joint)
-    excess = stribeck_excess(joint)
+    forward, backward = breakaway_levels(joint)
     driving, backdriven = load_fractions(joint)
     up, down = driving, backdriven
     if load < 0.0:
         up, down = backdriven, driving
     center = load + joint.friction_offset
-    return (center - (backward + excess + down * abs(load)),
-            center + (forward + excess + up * abs(load)))
+    return (center - (backward + down * abs(load)),
+            center + (forward + up * abs(load)))
+
+
+def breakaway_levels(joint: Joint) -> tuple[Any, Any]:
+    """Return friction without load at the begin of motions forward and backward, N m or N."""
+    forward, backward = coulomb_levels(joint)
+    excess = stribeck_excess(joint)
+    return forward + excess, backward + excess
+
+
+def holding_friction(joint: Joint, torque: Scalar) -> tuple[Scalar, Scalar]:
+    """
+    Return the least and the largest friction of a joint at rest, N m or N, without offset.
+
+    The motor has a torque, and friction carries what the load does not: the load is
+    torque less friction less offset. Friction p resists motions forward up to
+
+        p = c + mu |L|,    L = x - p,    x = torque - offset
+
+    with breakaway friction c. For x > c the load that begins to move is driven, L > 0,
+    else it drives the motor. A self-locking drive holds any such load: the bound is
+    infinite.
+    """
+    forward, backward = breakaway_levels(joint)
+    if not carries_load(joint):
+        return -backward, forward
+    x = torque - joint.friction_offset
+    return -_resistance_ahead(joint, backward, -x), _resistance_ahead(joint, forward, x)
+
+
+def _resistance_ahead(joint: Joint, level: float, x: Scalar) -> Scalar:
+    """Return the largest friction against a motion ahead, for a torque x along it."""
+    driving, backdriven = load_fractions(joint)
+    driven = (level + driving * x) / (1.0 + driving)
+    overrun: Scalar = HOLDS
+    if backdriven < 1.0:
+        overrun = (level - backdriven * x) / (1.0 - backdriven)
+    return select(level < x, driven, overrun)
+
+
+def held_forces(a: Array, A: Array, least: Array, largest: Array) -> Array:
+    """
+    Return the forces of friction at k joints at rest, (k,), within their bounds.
+
+    With the accelerations v = a + A f, the forces f solve the complementarity problem
+
+        least <= f <= largest;  v = 0 between;  v <= 0 at largest, v >= 0 at least
+
+    For a positive definite A the solution is unique. Joints change one at a time, the
+    first one whose force or acceleration is wrong, as in `joint_stops.stop_impulses`.
+
+    Parameters
+    ----------
+    a : (k,) array
+        Accelerations without the forces.
+    A : (k, k) array
+        Acceleration per unit of each force.
+    least, largest : (k,) arrays
+        Bounds of the forces, of which stops make one infinite.
+
+    """
+    k = len(a)
+    held = np.ones(k, dtype=bool)
+    f = np.zeros(k)
+    size = np.abs(a).max(initial=0.0)
+    for _ in range(min(3**(k + 2), SETS)):
+        # Held joints do not accelerate; the forces of others are at their bounds.
+        f[held] = 0.0
+        rows = np.ix_(held, held)
+        f[held] = np.linalg.solve(A[rows], -(a + A @ f)[held])
+        v = a + A @ f
+        rounding = ROUNDING * np.maximum(size, np.abs(A) @ np.abs(f))
+        beyond = held & ((f > largest + ROUNDING * np.abs(largest))
+                         | (f < least - ROUNDING * np.abs(least)))
+        at_largest = ~held & (f == largest)
+        returns = ~held & np.where(at_largest, v > rounding, v < -rounding)
+        wrong = beyond | returns
+        if not wrong.any():
+            return f
+        first = int(np.argmax(wrong))
+        if held[first]:
+            f[first] = largest[first] if f[first] > largest[first] else least[first]
+        held[first] = not held[first]
+    raise ConstraintError(f'friction: the forces of {k} joints at rest are not determined '
+                          'to rounding; expected joints that the constraints do not couple')
+
+
+def is_self_locking(joint: Joint) -> bool:
+    """Return whether no load moves the drive of a joint."""
+    return bool(load_fractions(joint)[1] >= 1.0)
+
+
+def driving_torque(joint: Joint, rate: Scalar, torque: Scalar,
+                   direction: Scalar) -> Scalar:
+    """
+    Return the torque of a motor beyond friction without load, along the motion, N m or N.
+
+    A self-locking drive that slides locks at once where it is not positive: friction
+    would grow faster than the load that drives it.
+    """
+    return direction * (torque - friction_torque(joint, rate, 0.0, direction))
 
 
 def require_solvable(model: Model) -> None:

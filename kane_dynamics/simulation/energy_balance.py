@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 from kane_dynamics._util.typing import Array, Scalar, Vector
+from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.mechanics.integrators import integrator_of
@@ -23,6 +24,7 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import trace_program
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.observers import Chunk, Impact, Observer, Power
+from kane_dynamics.simulation.sticking.friction_state import FrictionState
 import numpy as np
 
 RELATIVE = 1e-3  # of the energy exchanged so far
@@ -81,6 +83,8 @@ class EnergyBalance(Observer):
         Leave out the number of the simulation in the warning.
     cause : str, optional
         A known reason for errors, such as the warning of the step.
+    friction : FrictionState, optional
+        Set-valued friction in place of the smooth law.
 
     Attributes
     ----------
@@ -98,14 +102,17 @@ class EnergyBalance(Observer):
 
     def __init__(self, robot: Robot, step: float, states: Array, integrator: str,
                  start: float = 0.0, *, single: bool = True,
-                 cause: str | None = None) -> None:
+                 cause: str | None = None,
+                 friction: FrictionState | None = None) -> None:
         """Compile the kernels."""
         self.robot, self._step, self._start = robot, step, start
         self._single, self._cause = single, cause
-        self._kernel = energy_kernel(robot)
+        exact = friction is not None
+        self._friction = friction
+        self._kernel = energy_kernel(robot, exact)
         self._parameters = robot.parameters.block.copy()
         self._driven = driven_kernel(robot)
-        self._loaded = load_friction_kernel(robot)
+        self._loaded = load_friction_kernel(robot, exact)
         # An implicit step damps high frequencies by design.
         vibrates = any(body.beam is not None or body.joint.stiffness
                        for body in robot.model.bodies)
@@ -252,6 +259,8 @@ class EnergyBalance(Observer):
 
     def _power_at_ends(self, kernel: Kernel, states: Array, tau: Array) -> Array:
         """Return a power under held torques at both ends of each interval, (2, K, N)."""
+        if kernel is self._driven and self._friction is not None:
+            return self._driven_through_friction(states, tau)
         shape = (len(states), states.shape[1] - 1)
         torques = np.ascontiguousarray(np.broadcast_to(tau, (*shape, tau.shape[2])))
         powers = np.empty((2, *shape))
@@ -261,6 +270,28 @@ class EnergyBalance(Observer):
             kernel.run([rows.reshape(-1, rows.shape[2]),
                         torques.reshape(len(results), tau.shape[2])], results,
                        len(results), constants=self._parameters)
+        return powers.swapaxes(1, 2)
+
+    def _driven_through_friction(self, states: Array, tau: Array) -> Array:
+        """
+        As `_power_at_ends`, of moving constraints, where joints may stick.
+
+        The constraints then work against what holds the joints.
+        """
+        robot, friction = self.robot, self._friction
+        assert friction is not None
+        kernel = joint_power_kernel(robot)
+        n_q, n, size = robot.n_q, robot.n, _size(robot)
+        shape = (len(states), states.shape[1] - 1)
+        torques = np.broadcast_to(tau, (*shape, tau.shape[2])).reshape(-1, tau.shape[2])
+        powers = np.empty((2, *shape))
+        for ends, power in zip((states[:, :-1], states[:, 1:]), powers):
+            rows = np.ascontiguousarray(ends).reshape(-1, states.shape[2])
+            times = rows[:, n_q + n] if robot.equations.timed else np.zeros(len(rows))
+            acting = friction.at_samples(rows, torques, times)
+            joint_power = kernel(rows[:, :size], acting.udot, acting.friction)
+            of_motors = np.sum(torques * rows[:, n_q:n_q + n], axis=1)
+            power[:] = (joint_power - of_motors).reshape(shape)
         return powers.swapaxes(1, 2)
 
     def warning(self) -> str | None:
@@ -319,25 +350,31 @@ def _differences(rows: Array, order: int) -> Array:
     return largest
 
 
-def compile_balance(robot: Robot) -> None:
+def compile_balance(robot: Robot, exact: bool = False) -> None:
     """Compile the kernels of `EnergyBalance`."""
-    energy_kernel(robot).compile_lanes()
-    for kernel in (driven_kernel(robot), load_friction_kernel(robot)):
+    energy_kernel(robot, exact).compile_lanes()
+    for kernel in (driven_kernel(robot), load_friction_kernel(robot, exact)):
         if kernel is not None:
             kernel.compile_lanes()
 
 
-def energy_kernel(robot: Robot) -> Kernel:
-    """Return the kernel of kinetic energy, potential energy and power of friction, (3,)."""
+def energy_kernel(robot: Robot, exact: bool = False) -> Kernel:
+    """
+    Return the kernel of kinetic energy, potential energy and power of friction, (3,).
+
+    With `exact`, friction is set-valued: of joints that slide in the direction of motion.
+    """
     equations, n_q, n = robot.equations, robot.n_q, robot.n
     tree = equations.tree
 
     def terms(state: Vector, parameters: Vector) -> list[Scalar]:
         q, u, time = np.split(state, [n_q, n_q + n])
         rates = equations.joint_speeds(q, u, *time)
+        friction = tree.friction_force(rates, None, directions_of(rates, exact))
         return [tree.kinetic_energy(q, rates, parameters),
-                tree.potential_energy(q, parameters), tree.friction_force(rates) @ rates]
-    return robot.compiled(terms, name='energy_terms', state=(_size(robot),),
+                tree.potential_energy(q, parameters), friction @ rates]
+    name = 'energy_terms_of_sticking' if exact else 'energy_terms'
+    return robot.compiled(terms, name=name, state=(_size(robot),),
                           shape=(TERMS,))
 
 
@@ -355,7 +392,14 @@ def driven_kernel(robot: Robot) -> Kernel | None:
                           shape=())
 
 
-def load_friction_kernel(robot: Robot) -> Kernel | None:
+def directions_of(rates: Vector, exact: bool) -> Vector | None:
+    """Return the directions of motion of joints, -1 or 1; None unless friction is exact."""
+    if not exact:
+        return None
+    return np.array([select(v < 0.0, -1.0, 1.0) for v in rates])
+
+
+def load_friction_kernel(robot: Robot, exact: bool = False) -> Kernel | None:
     """Return the kernel of the power of load friction, W; None without any."""
     equations, n_q, n = robot.equations, robot.n_q, robot.n
     if not equations.carries_loads:
@@ -364,10 +408,29 @@ def load_friction_kernel(robot: Robot) -> Kernel | None:
     def power(state: Vector, tau: Vector) -> Scalar:
         q, u, time = np.split(state, [n_q, n_q + n])
         motion = equations.joint_motion(q, u, equations.zeros, *time)
-        friction = equations.driven_friction(q, motion.qdot, tau, *time)
-        return (friction - equations.tree.friction_force(motion.qdot)) @ motion.qdot
-    return robot.compiled(power, name='load_friction_power', state=(_size(robot),),
+        directions = directions_of(motion.qdot, exact)
+        t = time[0] if len(time) else 0.0
+        friction = equations.driven_friction(q, motion.qdot, tau, t, directions)
+        unloaded = equations.tree.friction_force(motion.qdot, None, directions)
+        return (friction - unloaded) @ motion.qdot
+    name = 'load_friction_power_of_sticking' if exact else 'load_friction_power'
+    return robot.compiled(power, name=name, state=(_size(robot),),
                           tau=(n,), shape=())
+
+
+def joint_power_kernel(robot: Robot) -> Kernel:
+    """Return the kernel of the power of the forces of joints in a motion, W."""
+    equations, n_q, n = robot.equations, robot.n_q, robot.n
+
+    def power(state: Vector, udot: Vector, friction: Vector,
+              parameters: Vector) -> Scalar:
+        q, u, time = np.split(state, [n_q, n_q + n])
+        motion = equations.joint_motion(q, u, udot, *time)
+        rigid = equations.tree.rigid_dynamics(q, motion.qdot, motion.qddot, None,
+                                              parameters)
+        return (rigid + friction) @ motion.qdot
+    return robot.compiled(power, name='joint_power', state=(_size(robot),), udot=(n,),
+                          friction=(robot.model.n,), shape=())
 
 
 _DRIVEN: WeakKeyDictionary[Mechanism, bool] = WeakKeyDictionary()

@@ -41,8 +41,10 @@ from kane_dynamics.simulation.limit_events import LimitWatch
 from kane_dynamics.simulation.observers import DivergenceWatch, Observer
 from kane_dynamics.simulation.speed_switching import SwitchingSteps
 from kane_dynamics.simulation.step_kernels import step_kernel
-from kane_dynamics.simulation.step_size import stable_integrator
+from kane_dynamics.simulation.step_size import stable_integrator, without_coulomb
 from kane_dynamics.simulation.stepping import CallableSteps, Progress, run, Steps
+from kane_dynamics.simulation.sticking.friction_state import FrictionState
+from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops, require_stops
 from kane_dynamics.simulation.torque_input import torque_input
 from kane_dynamics.simulation.trajectory import Trajectory
@@ -61,7 +63,7 @@ AFTERWARDS = ('forward_dynamics', 'kinetic_energy', 'potential_energy',
 def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1e-3,
              torque: Any = None, sample: float | None = None,
              progress: Progress | None = None, integrator: str | None = None,
-             t0: float = 0.0, stops: bool = False) -> Trajectory:
+             t0: float = 0.0, stops: bool = False, sticking: bool = False) -> Trajectory:
     """
     Integrate the equations of motion with steps of one length.
 
@@ -110,6 +112,12 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         takes about a millisecond. While a joint presses against its stop, the force of
         the stop holds it within the steps, at the cost of a few free steps and at the
         order of the integrator.
+    sticking : bool
+        Set-valued Coulomb friction in place of the smooth law: a joint sticks while the
+        torque that it needs is below breakaway friction (`Trajectory.sticking`), and
+        slides otherwise. The times of transition are found to the order of the
+        integrator; each takes about a millisecond. With `stops`, the times of impacts
+        are found in the same way.
 
     Returns
     -------
@@ -141,7 +149,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
         deflection and the admissible one. All three are in `Trajectory.warnings` too.
 
     """
-    _require_arguments(robot, t0, progress, integrator, stops)
+    _require_arguments(robot, t0, progress, integrator, stops, sticking)
     start = float(constant(t0, (), 't0 (s)', InputError))
     states = initial_states(robot, q0, u0, start)
     single = states.ndim == 1
@@ -159,19 +167,23 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     if robot.equations.timed:
         # Before the first evaluation of user-defined functions, which may not be finite.
         observers.append(JumpWatch(robot, states, start, step, count, single))
-    integrator, step_text = stable_integrator(robot, states[:1, :robot.n_q], step,
+    smooth = without_coulomb(robot) if sticking else robot
+    integrator, step_text = stable_integrator(smooth, states[:1, :robot.n_q], step,
                                               integrator, start)
     if step_text is not None:
         warnings.warn(step_text, ModelWarning, stacklevel=3)
     # With the Runge-Kutta method, a step that is too long explains errors of the energy.
     cause = step_text if integrator == 'rk4' else None
+    # Without friction and stops there are no joints that stick.
+    friction = FrictionState(robot, stops)
+    acts = sticking and bool(friction.joints)
     limits = LimitWatch(robot, states, start, single, stops)
     balance = EnergyBalance(robot, step, states, integrator, start, single=single,
-                            cause=cause)
+                            cause=cause, friction=friction if acts else None)
     observers += [limits, balance]
 
     steps = _steps(robot, states, single, step, count, every, torque, integrator, start,
-                   stops, progress is not None)
+                   stops, acts, progress is not None)
     samples = run(steps, states, count, every, observers, progress)
 
     texts = [] if step_text is None else [step_text]
@@ -184,7 +196,7 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
     q = np.ascontiguousarray(samples.states[..., :robot.n_q])
     u = np.ascontiguousarray(samples.states[..., robot.n_q:robot.n_q + robot.n])
     tau = steps.torques(samples, q, u)
-    arrays = {'q': q, 'tau': tau, **steps.results(samples, tau)}
+    arrays: dict[str, Any] = {'q': q, 'tau': tau, **steps.results(samples, tau)}
     if single:
         arrays = {name: x[0] for name, x in arrays.items()}
     return Trajectory(start + samples.steps * np.float64(step), **arrays,
@@ -199,17 +211,20 @@ def simulate(robot: Robot, q0: Any, u0: Any, duration: float, *, step: float = 1
 
 def _steps(robot: Robot, states: Array, single: bool, step: float, count: int,
            every: int,
-           torque: Any, integrator: str, start: float, stops: bool,
+           torque: Any, integrator: str, start: float, stops: bool, acts: bool,
            in_time: bool) -> Steps:
     """Return the steps of simulations from states, (N, size); arguments as of `simulate`."""
     if callable(torque) and not single:
         raise InputError(f'torque: a function, with {len(states)} initial states; '
                          'expected None, an array or a ComputedTorque')
     source = torque_input(robot, step, count, torque, None if single else len(states),
-                          integrator, start)
-    joint_stops = None
+                          integrator, start, smooth=not acts)
+    joint_stops: JointStops | Sticking | None = None
     if stops:
         require_stops(robot, states[:, :robot.n_q])
+    if acts:
+        joint_stops = Sticking(robot, step, start, stops)
+    elif stops:
         joint_stops = JointStops(robot, step, start)
     if robot.constraint_names:
         steps: Steps = SwitchingSteps(source, joint_stops, len(states))
@@ -221,7 +236,7 @@ def _steps(robot: Robot, states: Array, single: bool, step: float, count: int,
 
 
 def _require_arguments(robot: Any, t0: Any, progress: Any, integrator: Any,
-                       stops: Any) -> None:
+                       stops: Any, sticking: Any) -> None:
     """Raise InputError for arguments of `simulate` of a wrong kind and limits that are NaN."""
     instance(robot, Robot, 'robot')
     if isinstance(t0, bool | np.bool_):
@@ -231,8 +246,9 @@ def _require_arguments(robot: Any, t0: Any, progress: Any, integrator: Any,
                          'time')
     if integrator is not None:
         integrator_of(integrator)
-    if not isinstance(stops, bool | np.bool_):
-        raise InputError(f'stops: {stops!r}; expected True or False')
+    for name, value in (('stops', stops), ('sticking', sticking)):
+        if not isinstance(value, bool | np.bool_):
+            raise InputError(f'{name}: {value!r}; expected True or False')
     for name, low, high in zip(robot.coordinate_names, robot.limits.lower,
                                robot.limits.upper):
         if math.isnan(low) or math.isnan(high):

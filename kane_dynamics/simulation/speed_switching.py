@@ -32,6 +32,7 @@ from kane_dynamics.robot.speed_sets import left_out_error, limits_of
 from kane_dynamics.simulation.observers import diverged_error, Extremes
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice, watches_stages
 from kane_dynamics.simulation.stepping import Samples, Steps
+from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.torque_input import TorqueInput
 from kane_dynamics.simulation.trajectory import SpeedChange
@@ -73,14 +74,14 @@ class SwitchingSteps(Steps):
     ----------
     source : TorqueInput
         The native step of the user's robot; torques stay dual to its speeds.
-    stops : JointStops or None
-        Stops whose impulses act after each step.
+    stops : JointStops, Sticking or None
+        Stops whose impulses act after each step, or set-valued friction and stops.
     count : int
         Number of simulations.
 
     """
 
-    def __init__(self, source: TorqueInput, stops: JointStops | None,
+    def __init__(self, source: TorqueInput, stops: JointStops | Sticking | None,
                  count: int) -> None:
         """Start all simulations in the robot's own speeds."""
         super().__init__(source, stops)
@@ -95,7 +96,9 @@ class SwitchingSteps(Steps):
         self._sources: dict[tuple[int, float], TorqueInput] = {}
         self._history: list[list[tuple[int, Robot]]] = [[(-1, source.robot)]
                                                         for _ in range(count)]
-        self._user = UserSpeeds(source.robot, stops is not None)
+        sticking = isinstance(stops, Sticking)
+        with_stops = stops.stops if isinstance(stops, Sticking) else stops is not None
+        self._user = UserSpeeds(source.robot, with_stops, sticking)
         self._watch = SingularityWatch(source.robot, source.step)
 
     def advance(self, buffer: Array, done: int) -> Extremes | None:

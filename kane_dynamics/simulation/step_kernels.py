@@ -62,20 +62,27 @@ def step_kernel(robot: Robot, feedback: bool, integrator: str = 'rk4',
         The integrator is unknown.
 
     """
-    integrator_of(integrator)
-    choice = StepChoice(feedback, integrator, dual_to, followed).needed(robot)
+    choice = StepChoice(feedback, integrator, dual_to, followed)
+    name, inputs, constants = step_signature(robot, choice)
+    return robot.kernels.compiled(partial(traced_step, robot, choice.needed(robot)), name,
+                                  inputs, inputs['state'], constants=constants)
+
+
+def step_signature(robot: Robot, choice: StepChoice) -> tuple[str, dict[str, Shape], Shape]:
+    """Return name, inputs and constants of the kernel of a step."""
+    integrator_of(choice.integrator)
+    feedback, integrator, dual_to, followed = choice.needed(robot)
     name = 'step_computed_torque' if feedback else 'step_held_torque'
     if integrator != 'rk4':
         name = f'{name}_{integrator}'
-    if choice.dual_to is not None:
-        places = speed_places(robot.mechanism.speeds, choice.dual_to)
+    if dual_to is not None:
+        places = speed_places(robot.mechanism.speeds, dual_to)
         name = f'{name}_dual_to_{"_".join(map(str, places))}'
     if feedback and not robot.equations.in_joint_rates:
         name = f'{name}_{"_".join(map(str, followed))}'
     inputs = dict(_inputs(robot, feedback))
     constants = inputs.pop('constants')
-    return robot.kernels.compiled(partial(traced_step, robot, choice), name, inputs,
-                                  inputs['state'], constants=constants)
+    return name, inputs, constants
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:

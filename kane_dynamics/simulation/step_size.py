@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 import math
 from typing import Any, NamedTuple
@@ -150,6 +151,19 @@ def possible_integrators(robot: Robot, integrator: str | None) -> tuple[str, ...
     if _may_limit_step(robot.model, robot.friction):
         return 'rk4', 'implicit'
     return ('rk4',)
+
+
+def without_coulomb(robot: Robot) -> Robot:
+    """Return a robot whose friction does not depend on the direction of motion."""
+    bodies = []
+    for body in robot.model.bodies:
+        joint = replace(body.joint, friction=0.0, friction_backward=None,
+                        breakaway_friction=None, load_friction=0.0,
+                        load_friction_backdriven=None)
+        bodies.append(replace(body, joint=joint))
+    other = Robot(replace(robot.model, bodies=tuple(bodies)), **robot.options)
+    other.parameters.block[:] = robot.parameters.block
+    return other
 
 
 def _may_limit_step(model: Model, friction: bool) -> bool:

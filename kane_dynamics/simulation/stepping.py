@@ -18,6 +18,7 @@ from typing import NamedTuple
 from kane_dynamics._util.typing import Array
 from kane_dynamics.simulation.observers import (Chunk, diverged, Extremes, Impact,
                                                 Observer, Power)
+from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.torque_input import (evaluated_torque, TorqueFunction,
                                                    TorqueInput)
@@ -48,8 +49,8 @@ class Steps:
     ----------
     source : TorqueInput
         The native step.
-    stops : JointStops, optional
-        Stops whose impulses act after each step.
+    stops : JointStops or Sticking, optional
+        Stops whose impulses act after each step, or set-valued friction and stops.
 
     Attributes
     ----------
@@ -58,7 +59,8 @@ class Steps:
 
     """
 
-    def __init__(self, source: TorqueInput, stops: JointStops | None = None) -> None:
+    def __init__(self, source: TorqueInput,
+                 stops: JointStops | Sticking | None = None) -> None:
         """Store the native step and the stops."""
         self.source, self.stops = source, stops
         self.robot, self.step, self.start = source.robot, source.step, source.start
@@ -110,11 +112,19 @@ class Steps:
         if robot.equations.timed:
             times = self.start + samples.steps * np.float64(self.step)
             at['t'] = np.tile(times, shape[0])
-        udot, stop_forces = actual_accelerations(robot, q, u, tau.reshape(u.shape),
-                                                 self.stops is not None, **at)
-        energy = np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)],
-                          axis=1)
-        rows = {'u': u, 'udot': udot, 'stop_forces': stop_forces, 'energy': energy}
+        rows: dict[str, Array] = {'u': u}
+        if isinstance(self.stops, Sticking):
+            times = np.tile(self.start + samples.steps * np.float64(self.step), shape[0])
+            states = samples.states.reshape(-1, samples.states.shape[2])
+            at_samples = self.stops.state_of(self.source).at_samples(
+                states, tau.reshape(u.shape), times)
+            rows |= at_samples._asdict()
+            del rows['friction']  # of the constraint forces of other robots
+        else:
+            rows['udot'], rows['stop_forces'] = actual_accelerations(
+                robot, q, u, tau.reshape(u.shape), self.stops is not None, **at)
+        rows['energy'] = np.stack([robot.kinetic_energy(q, u, **at),
+                                   robot.potential_energy(q)], axis=1)
         return {name: x.reshape(*shape, *x.shape[1:]) for name, x in rows.items()}
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import ComputedTorque, law_kernel
 from kane_dynamics.errors import InputError
-from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel, windows
+from kane_dynamics.native.runtime.kernel import Argument, checked, windows
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import load_friction_kernel
 from kane_dynamics.simulation.observers import Extremes, Power
@@ -26,8 +26,8 @@ class TorqueInput:
     Attributes
     ----------
     robot : Robot
-    kernel : Kernel
-        Of one step.
+    kernel : Kernel or None
+        Of one step with the smooth law of friction.
     choice : StepChoice
         Of the kernel.
     step : float
@@ -45,7 +45,7 @@ class TorqueInput:
     """
 
     robot: Robot
-    kernel: Kernel
+    kernel: Any
     choice: StepChoice
     step: float
     constants: Array
@@ -110,6 +110,25 @@ class TorqueInput:
         shared = self.torque.shape[1] == 1
         table: Array = self.torque if shared else self.torque[:, done:done + count]
         return table[:, :, None]
+
+    def inputs_within(self, done: int, passed: float, length: float) -> Array:
+        """Return the inputs of a part of a step, `passed` s after its beginning, (1, 1, ...)."""
+        if not isinstance(self.torque, ComputedTorque):
+            return self.inputs(done, 1)
+        begin = self.start + done * np.float64(self.step) + passed
+        moments = begin + length * np.array([0.0, 0.5, 1.0])
+        rows = np.concatenate(self.torque.desired(moments), axis=1)
+        return windows(rows, 3, step=2)[None]
+
+    def torque_within(self, state: Array, done: int, passed: float) -> Array:
+        """Return the torque, (n,), `passed` s after the beginning of a step."""
+        if not isinstance(self.torque, ComputedTorque):
+            return self.torque_at(state, done)
+        n_q, n = self.robot.n_q, self.robot.n
+        q, u = state[None, None, :n_q], state[None, None, n_q:n_q + n]
+        steps = np.array([done + passed / self.step])
+        torque: Array = self.torques(steps, q, u)[0, 0]
+        return torque
 
     def acting(self, buffer: Array, done: int) -> Array | Power:
         """
@@ -183,7 +202,8 @@ class TorqueInput:
 
 
 def torque_input(robot: Robot, step: float, count: int, torque: Any,
-                 states: int | None, integrator: str, start: float = 0.0) -> TorqueInput:
+                 states: int | None, integrator: str, start: float = 0.0,
+                 smooth: bool = True) -> TorqueInput:
     """
     Compile the step for a torque source and lay out its inputs.
 
@@ -203,6 +223,8 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
         One of `mechanics.integrators.INTEGRATORS`.
     start : float
         Time at the first step's beginning, s.
+    smooth : bool
+        Compile the step with the smooth law of friction.
 
     Raises
     ------
@@ -219,7 +241,8 @@ def torque_input(robot: Robot, step: float, count: int, torque: Any,
         choice = StepChoice(False, integrator)
         constants = np.concatenate([[step], block])
         torque = _table(robot, None if callable(torque) else torque, count, states)
-    return TorqueInput(robot, step_kernel(robot, *choice), choice, step, constants,
+    kernel = step_kernel(robot, *choice) if smooth else None
+    return TorqueInput(robot, kernel, choice, step, constants,
                        torque, start,
                        single=states is None)
 

@@ -26,8 +26,8 @@ import numpy as np
 Path = str | os.PathLike[str]
 OF_CONSTRAINTS = ('constraint_forces', 'constraint_residual',
                   'constraint_velocity_residual')
-ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'stop_forces', *OF_CONSTRAINTS)
-LATER = ('stop_forces', 'constraint_velocity_residual')  # arrays that older files lack
+ARRAYS = ('t', 'q', 'u', 'udot', 'tau', 'energy', 'stop_forces', *OF_CONSTRAINTS, 'sticking')
+LATER = ('stop_forces', 'constraint_velocity_residual', 'sticking')  # arrays that older files lack
 FORMER = {'constraint_residual': 'constraint_gap'}  # names of arrays in older files
 NAMES = ('joint_names', 'speed_names', 'constraint_names', 'coordinate_names')
 
@@ -134,6 +134,8 @@ class Trajectory:
         Forces of the stops on the joints of `joint_names`, N m or N: positive at lower
         stops, zero of joints that do not press against a stop. They act on udot and on
         the constraints.
+    sticking : (K, n_j) or (N, K, n_j) array of bool
+        Which joints friction holds, in a simulation with `sticking`; not in CSV files.
     coordinate_names : tuple of str
         Of the entries of q: `joint_names`, but four for the quaternion of a ball joint.
 
@@ -157,6 +159,7 @@ class Trajectory:
     stop_events: Sequence[StopEvent] = ()
     coordinate_names: tuple[str, ...] = ()
     stop_forces: Array = field(default_factory=partial(np.zeros, 0))
+    sticking: Any = field(default_factory=partial(np.zeros, 0, dtype=bool))
 
     def __post_init__(self) -> None:
         """Set the defaults of names and constraint arrays."""
@@ -170,6 +173,9 @@ class Trajectory:
         if not self.stop_forces.size:
             freeze(self, 'stop_forces', np.zeros((*self.q.shape[:-1],
                                                   len(self.joint_names))))
+        if not self.sticking.size:
+            shape = *self.q.shape[:-1], len(self.joint_names)
+            freeze(self, 'sticking', np.zeros(shape, dtype=bool))
 
     def __repr__(self) -> str:
         """Return size and joints on one line."""
@@ -309,7 +315,8 @@ class Trajectory:
         with whole_file(path) as file:
             writer = csv.writer(file)
             writer.writerow(self._columns())
-            table = np.column_stack([getattr(self, name) for name in ARRAYS])
+            columns = [getattr(self, name) for name in ARRAYS if name != 'sticking']
+            table = np.column_stack(columns)
             writer.writerows([repr(x) for x in row] for row in table.tolist())
 
     def plot(self, path: Path | None = None) -> Any:

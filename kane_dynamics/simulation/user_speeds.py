@@ -43,12 +43,16 @@ class UserSpeeds:
         singular and do not determine q'.
     stops : bool
         Whether stops hold its joints.
+    sticking : bool
+        Whether set-valued friction does.
 
     """
 
-    def __init__(self, user_robot: Robot, stops: bool = False) -> None:
+    def __init__(self, user_robot: Robot, stops: bool = False,
+                 sticking: bool = False) -> None:
         """Store the robot; kernels compile on first use."""
         self._user_robot, self._stops = user_robot, stops
+        self._sticking = sticking
 
     def speeds(self, robot: Robot, q: Array, u: Array, udot: Array, t: Any) -> Array:
         """Return the user's speeds and their rates, (2, n) or (K, 2, n)."""
@@ -133,7 +137,8 @@ class UserSpeeds:
             row_times = np.concatenate([times[part.samples] for part in parts])
             for name, quantity in self._derived(robot, rows, forces, row_times).items():
                 if name not in results:
-                    results[name] = np.empty((*states.shape[:2], *quantity.shape[1:]))
+                    shape = *states.shape[:2], *quantity.shape[1:]
+                    results[name] = np.empty(shape, dtype=quantity.dtype)
                 begin = 0
                 for part in parts:
                     count = part.samples.stop - part.samples.start
@@ -149,19 +154,29 @@ class UserSpeeds:
         u = np.ascontiguousarray(rows[:, robot.n_q:robot.n_q + robot.n])
         in_user_speeds = robot.speed_names == self._user_robot.speed_names
         generalized = tau if in_user_speeds else self.torques(robot, q, tau, times)
-        udot, stop_forces = actual_accelerations(robot, q, u, generalized, self._stops,
-                                                 **at)
+        sticking: dict[str, Any] = {}
+        friction: Array | None = None
+        if self._sticking:
+            # That module needs the conversions of this one.
+            from kane_dynamics.simulation.sticking.friction_state import FrictionState
+            acting = FrictionState(robot, self._stops).at_samples(rows, generalized, times)
+            udot, stop_forces, held, friction = acting
+            sticking['sticking'] = held
+        else:
+            udot, stop_forces = actual_accelerations(robot, q, u, generalized,
+                                                     self._stops, **at)
         motors = self._actuator_torques(robot, q, generalized, tau, times)
         applied = stop_forces + motors
         energy = np.stack([robot.kinetic_energy(q, u, **at), robot.potential_energy(q)],
                           axis=1)
-        forces = self._constraint_forces(robot, q, u, udot, applied, motors, times)
+        forces = self._constraint_forces(robot, q, u, udot, applied, motors, times,
+                                         friction)
         residuals = constraint_residuals(robot, q, u, **at)
         if not in_user_speeds:
             converted = self.speeds(robot, q, u, udot, times)
             u, udot = converted[:, 0], converted[:, 1]
         return {'u': u, 'udot': udot, 'energy': energy, 'stop_forces': stop_forces,
-                'constraint_forces': forces, **residuals}
+                'constraint_forces': forces, **sticking, **residuals}
 
     def _actuator_torques(self, robot: Robot, q: Array, generalized: Array, tau: Array,
                           times: Array) -> Array:
@@ -180,10 +195,21 @@ class UserSpeeds:
                             (q, force), times)
 
     def _constraint_forces(self, robot: Robot, q: Array, u: Array, udot: Array,
-                           applied: Array, motors: Array,
-                           times: Array) -> Array:
-        """Return the forces of all rows, (K, m), in a motion under given joint forces."""
+                           applied: Array, motors: Array, times: Array,
+                           friction: Array | None) -> Array:
+        """
+        Return the forces of all rows, (K, m), in a motion under given joint forces.
+
+        `friction`, (K, n_j), is given where it does not follow the smooth law.
+        """
         equations = robot.equations
+        if friction is not None:
+            shapes = {'q': (robot.n_q,), 'u': (robot.n,), 'udot': (robot.n,),
+                      'applied': (robot.model.n,)}
+            return self._called(robot, 'constraint_forces_without_friction', shapes,
+                                (len(robot.constraint_names),),
+                                equations.constraint_forces_without_friction,
+                                (q, u, udot, applied - friction), times)
         shapes = {'q': (robot.n_q,), 'u': (robot.n,), 'udot': (robot.n,),
                   'applied': (robot.model.n,), 'motors': (robot.model.n,)}
         return self._called(robot, 'constraint_forces_of_motion', shapes,

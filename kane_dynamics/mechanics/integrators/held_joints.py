@@ -64,14 +64,18 @@ class Solution(NamedTuple):
 
 
 def linear_system(equations: Equations, q: Vector, u: Vector, tau: Vector,
-                  wrench: Matrix | None, parameters: Vector,
-                  t: Scalar = 0.0) -> LinearSystem:
-    """Return the equations of motion of a state; arguments as of `forward_dynamics`."""
+                  wrench: Matrix | None, parameters: Vector, t: Scalar = 0.0,
+                  directions: Vector | None = None) -> LinearSystem:
+    """
+    Return the equations of motion of a state; arguments as of `forward_dynamics`.
+
+    `directions`, (n_j,), are those of sliding, as of `TreeEquations.friction_force`.
+    """
     tree = equations.tree
     if equations.in_joint_rates:
-        if equations.carries_loads:
+        if equations.carries_loads or directions is not None:
             rigid = equations.rigid_dynamics(q, u, equations.zeros, wrench, parameters)
-            bias = rigid + equations.driven_friction(q, u, tau)
+            bias = rigid + equations.driven_friction(q, u, tau, t, directions)
         else:
             bias = equations.inverse_dynamics(q, u, equations.zeros, wrench, parameters)
         M = equations.mass_matrix(q, parameters)
@@ -79,9 +83,9 @@ def linear_system(equations: Equations, q: Vector, u: Vector, tau: Vector,
 
     # Chosen speeds or constraints: the terms of the tree at u' = 0, projected by T.
     motion = equations.joint_motion(q, u, equations.zeros, t)
-    if equations.carries_loads:
+    if equations.carries_loads or directions is not None:
         rigid = tree.rigid_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
-        bias = rigid + equations.driven_friction(q, motion.qdot, tau, t)
+        bias = rigid + equations.driven_friction(q, motion.qdot, tau, t, directions)
     else:
         bias = tree.inverse_dynamics(q, motion.qdot, motion.qddot, wrench, parameters)
     M = congruent(tree.mass_matrix(q, parameters), motion.T)

@@ -19,7 +19,7 @@ from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.mechanism import congruent
 from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.mechanics.friction import friction_over_rate
+from kane_dynamics.mechanics.friction import friction_over_rate, viscous_over_rate
 from kane_dynamics.mechanics.integrators.held_joints import (
     Held, held_solution, linear_system, Solution)
 from kane_dynamics.mechanics.integrators.interface import System
@@ -64,13 +64,15 @@ class ImplicitStep:
             sprung = np.full(self.n, sprung.any())
         self._sprung = sprung.astype(float)
 
-    def resistance(self, v: Vector, loads: Vector | None = None) -> Vector:
+    def resistance(self, v: Vector, loads: Vector | None = None, *,
+                   viscous: bool = False) -> Vector:
         """
         Return the friction of the joints divided by speed, (n_j,), N m s or N s/m.
 
         For Coulomb friction that is mu / sqrt(v^2 + u_s^2), within 8 % of mu tanh(v /
         u_s) / v. The slope of the law is not suitable: it vanishes in sliding, and large
-        steps then oscillate about zero speed. `loads`, (n_j,), are those of the drives.
+        steps then oscillate about zero speed. `loads`, (n_j,), are those of the drives;
+        `viscous` leaves out what depends on the direction of sliding.
         """
         total: list[Scalar] = [0.0] * self.n
         if not self._tree.friction:
@@ -79,7 +81,11 @@ class ImplicitStep:
             joint = body.joint
             r = joint.coordinate
             load = 0.0 if loads is None else loads[r]
-            ratio = friction_over_rate(joint, joint.multiplier * v[r], load)
+            rate = joint.multiplier * v[r]
+            if viscous:
+                ratio = viscous_over_rate(joint, rate)
+            else:
+                ratio = friction_over_rate(joint, rate, load)
             total[r] = total[r] + joint.multiplier**2 * ratio
         return np.array(total)
 
@@ -110,9 +116,15 @@ class ImplicitStep:
 
     def held_stage(self, held: Held, q: Vector, u: Vector, tau: Vector, first: Pair,
                    g: Scalar, wrench: Matrix | None, parameters: Vector, t: Scalar = 0.0,
-                   factors: Vector | float = 1.0) -> tuple[Vector, Solution]:
-        """Return the results of `stage` while joints are held, with what holds them."""
-        system = linear_system(self.equations, q, u, tau, wrench, parameters, t)
+                   factors: Vector | float = 1.0,
+                   directions: Vector | None = None) -> tuple[Vector, Solution]:
+        """
+        Return the results of `stage` while joints are held, with what holds them.
+
+        With `directions` of sliding, (n_j,), Coulomb friction is constant in the stage.
+        """
+        system = linear_system(self.equations, q, u, tau, wrench, parameters, t,
+                               directions)
         T = system.T
         if T is None:
             T = np.eye(self.n)
@@ -123,10 +135,10 @@ class ImplicitStep:
         # Each stage evaluates its own friction over speed; otherwise stopping joints
         # reverse.
         loads = None
-        if self.equations.carries_loads:
+        if self.equations.carries_loads and directions is None:
             torques = self.equations.drive_torques(q, tau, t)
             loads = self._tree.drive_loads(v, torques)
-        D = factors * self.resistance(v, loads)
+        D = factors * self.resistance(v, loads, viscous=directions is not None)
 
         # Forces of dampers and springs that the first stage's results change.
         first_qddot = T @ first_udot

@@ -11,6 +11,7 @@ dual to both.
 """
 
 from collections.abc import Callable, Sequence
+import math
 from typing import Any
 
 from kane_dynamics._util.fork_safety import lazy_property
@@ -438,18 +439,22 @@ class TreeEquations:
         return self._by_coordinate(
             lambda joint: joint.multiplier**2 * joint.armature * x[joint.coordinate])
 
-    def friction_force(self, u: Vector, load: Vector | None = None) -> Vector:
+    def friction_force(self, u: Vector, load: Vector | None = None,
+                       directions: Vector | None = None) -> Vector:
         """
         Return the torque that overcomes friction, (n,), by `friction.friction_torque`.
 
         `load`, (n,), are the loads of the drives; None for drives without load.
+        `directions`, (n,), are those of sliding in the set-valued law, -1, 1, or 0 of a
+        joint at rest; None for the smooth law.
         """
         if not self.friction:
             return self.zeros
 
         def force(joint: Joint) -> Scalar:
             rate = joint.multiplier * u[joint.coordinate]
-            torque = friction_torque(joint, rate, _entry(load, joint))
+            torque = friction_torque(joint, rate, _entry(load, joint),
+                                     _direction(directions, joint))
             return joint.multiplier * torque
         return self._with_beams(self._by_coordinate(force),
                                 lambda beam: beam.damping @ u[list(beam.coordinates)])
@@ -472,24 +477,28 @@ class TreeEquations:
         return self._by_coordinate(slope)
 
     def drive_loads(self, u: Vector, tau: Vector,
-                    factors: Vector | None = None) -> Vector:
+                    factors: Vector | None = None,
+                    directions: Vector | None = None) -> Vector:
         """
         Return the loads of the drives, (n,): L with tau = L + factors friction(u, L).
 
-        `factors`, (n,), are 1 by default.
+        `factors`, (n,), are 1 by default; `directions` are as of `friction_force`.
         """
-        friction = self.friction_force(u)
+        friction = self.friction_force(u, None, directions)
         loads = tau - (friction if factors is None else factors * friction)
         if not self.carries_loads:
             return loads
-        require_solvable(self.model)
+        if directions is None:
+            require_solvable(self.model)
         for joint in self.model.coordinate_joints:
             k = joint.coordinate
             if carries_load(joint):
                 # Friction without load, that of joints which mimic this one included.
                 factor = 1.0 if factors is None else factors[k]
-                torque = loads[k] + factor * friction_torque(joint, u[k])
-                loads[k] = load_of_drive(joint, u[k], torque, factor=factor)
+                direction = _direction(directions, joint)
+                unloaded = friction_torque(joint, u[k], 0.0, direction)
+                torque = loads[k] + factor * unloaded
+                loads[k] = load_of_drive(joint, u[k], torque, direction, factor)
         return loads
 
     def spring_force(self, x: Vector) -> Vector:
@@ -614,3 +623,10 @@ def _own_inertia_resists(body: Body, central: bool) -> bool:
 def _entry(load: Vector | None, joint: Joint) -> Scalar:
     """Return the load of a joint, or 0 where no loads are known."""
     return 0.0 if load is None else load[joint.coordinate]
+
+
+def _direction(directions: Vector | None, joint: Joint) -> Scalar:
+    """Return the direction in which a joint slides, or None in the smooth law."""
+    if directions is None:
+        return None
+    return math.copysign(1.0, joint.multiplier) * directions[joint.coordinate]

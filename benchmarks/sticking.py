@@ -1,0 +1,87 @@
+"""
+Time of exact friction: a step of an FR3 that slides in seven joints, and MuJoCo's noslip.
+
+Two comparisons. A step with exact friction in sliding is compared with a step with the
+smooth law, of one integrator, in interleaved runs. Simulations of a motion with
+transitions are compared with MuJoCo's noslip solver at the same error: the largest error
+of the joint positions at the end, against a simulation with a far shorter step.
+
+Run: `.venv/bin/python benchmarks/sticking.py`; it prints both ratios.
+"""
+
+from pathlib import Path
+import sys
+import time
+
+from kane_dynamics import load_urdf, Robot
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice
+from kane_dynamics.simulation.sticking.friction_state import FrictionState, Modes
+from kane_dynamics.simulation.sticking.sticking_kernel import mode_rows, sticking_kernel
+import numpy as np
+
+FRICTION = np.array([4.0, 4.0, 3.0, 3.0, 1.0, 1.0, 1.0])  # N m
+Q = np.array([0.1, -0.4, 0.2, -1.8, 0.1, 1.5, 0.4])
+U = np.array([0.8, -0.6, 0.7, 0.9, -0.8, 0.7, 0.9])
+STEPS, ROUNDS = 20_000, 15
+DURATION = 1.0  # s
+REFERENCE = 1e-5  # s: step of the reference
+
+
+def fr3() -> Robot:
+    """Return the FR3 with Coulomb friction in all seven joints."""
+    urdf = resource_path('urdf', 'fr3.urdf')
+    bare = load_urdf(urdf, tip='fr3_link7')
+    joints = {name: {'friction': float(level), 'friction_speed': 0.05, 'damping': 0.5,
+                     'armature': 0.1}
+              for name, level in zip(bare.joint_names, FRICTION)}
+    return Robot(load_urdf(urdf, tip='fr3_link7', supplement={'joints': joints}))
+
+
+def step_times(robot: Robot, integrator: str) -> dict[str, float]:
+    """Return the least times of a smooth step and of exact ones, s."""
+    choice = StepChoice(False, integrator)
+    smooth = step_kernel(robot, *choice)
+    contact = FrictionState(robot, False)
+    state = np.concatenate([Q, U])
+    # Steps of no length repeat one state, so that every joint slides in every step.
+    constants = np.concatenate([[1e-12], robot.parameters.block])
+    tau = robot.gravity_force(Q)[None]
+    directions = np.sign(U)
+    modes = mode_rows(contact, Modes(directions, 0.0 * directions))
+    some_held = directions.copy()
+    some_held[[1, 4]] = 0.0
+    held_modes = mode_rows(contact, Modes(some_held, 0.0 * directions))
+    rows = np.empty((STEPS + 1, len(state) + 2))
+    rows[0, :len(state)] = state
+    before, short = rows[:-1, :len(state)], np.empty((STEPS + 1, len(state)))
+    short[0] = state
+    sliding = sticking_kernel(choice, contact, holds=False)
+    sticking = sticking_kernel(choice, contact, holds=True)
+    calls = {
+        'smooth': lambda: smooth.scan([short[:-1], tau], short[1:], constants=constants),
+        'sliding': lambda: sliding.scan([before, tau, modes], rows[1:], constants=constants),
+        'two joints held': lambda: sticking.scan([before, tau, held_modes], rows[1:],
+                                                 constants=constants)}
+    times = dict.fromkeys(calls, np.inf)
+    for _ in range(ROUNDS):
+        for name, call in calls.items():
+            begin = time.perf_counter()
+            call()
+            times[name] = min(times[name], (time.perf_counter() - begin) / STEPS)
+    return times
+
+
+def main() -> None:
+    """Print the comparisons."""
+    robot = fr3()
+    for integrator in ('rk4', 'implicit'):
+        times = step_times(robot, integrator)
+        text = ', '.join(f'{name} {1e6 * x:.2f} us ({x / times["smooth"]:.2f})'
+                         for name, x in times.items())
+        print(f'{integrator}: {text}')
+
+
+if __name__ == '__main__':
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+    main()

@@ -1,0 +1,1 @@
+"""Exact Coulomb friction of `simulate`: joints that stick, and the times of transition."""

@@ -1,0 +1,404 @@
+"""
+The joints that stick and those that slide, at states of a simulation.
+
+Set-valued Coulomb friction of a joint at rest is any force up to breakaway friction. The
+forces f of the joints at rest and their accelerations a solve one complementarity
+problem, `mechanics.friction.held_forces`: a joint is held while the force that holds it
+is within its bounds, else it begins to slide, with the friction of sliding. A stop at
+which a joint rests makes one of its bounds infinite.
+
+With constraints the forces act in the space of the admissible motions, where they change
+the independent speeds by M^-1 T_s^T f.
+"""
+
+from typing import Any, NamedTuple
+
+from kane_dynamics._util.typing import Array, Flags, Scalar, Vector
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
+from kane_dynamics.mechanics.constraints.row_units import coordinate_units
+from kane_dynamics.mechanics.equations import Equations
+from kane_dynamics.mechanics.friction import (driving_torque, held_forces,
+                                              holding_friction, HOLDS, is_self_locking,
+                                              slides)
+from kane_dynamics.mechanics.integrators.held_joints import linear_system, REGULAR
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.user_speeds import tau_from
+import numpy as np
+
+AT_REST = 1e-9  # rad/s, or lengths of the mechanism per second, with constraints
+TOUCHING = 1e-9  # rad, or lengths of the mechanism: distance of a joint at its stop
+NEGLIGIBLE = 1e-9  # acceleration, relative to the largest one without the forces
+
+
+class Modes(NamedTuple):
+    """
+    How k joints move.
+
+    Attributes
+    ----------
+    directions : (k,) array
+        1 or -1 of a joint that slides, 0 of one that is held.
+    sides : (k,) array
+        1 or -1 of a held joint that rests at its upper or lower stop, else 0.
+
+    """
+
+    directions: Array
+    sides: Array
+
+    @property
+    def held(self) -> Flags:
+        """Return which joints are held, (k,) bool."""
+        return np.asarray(self.directions == 0.0)
+
+    def same(self, other: 'Modes') -> bool:
+        """Return whether the joints move in the same way."""
+        return np.array_equal(self, other)
+
+
+class Forces(NamedTuple):
+    """
+    Accelerations and forces at a state, with the friction of given directions.
+
+    Attributes
+    ----------
+    udot : (n,) array
+        Without forces that hold joints.
+    v, a : (k,) arrays
+        Rates and accelerations of the joints, also without these forces.
+    B, A : (n, k), (k, k) arrays
+        Accelerations of the speeds and of the joints per unit of each force.
+    least, largest : (k,) arrays
+        Bounds of the force of friction on each joint at rest, N m or N.
+    driving : (k,) array
+        `friction.driving_torque` of self-locking joints that slide, N m or N.
+    friction : (n_j,) array
+        Torques that overcome the friction of all joints, without what holds joints.
+
+    """
+
+    udot: Array
+    v: Array
+    a: Array
+    B: Array
+    A: Array
+    least: Array
+    largest: Array
+    driving: Array
+    friction: Array
+
+    def holding(self, held: Flags) -> Array:
+        """Return the forces that hold joints, (k,), zero of the others."""
+        f = np.zeros(len(self.a))
+        if held.any():
+            A = self.A[np.ix_(held, held)]
+            f[held] = np.linalg.solve(A, -self.a[held])
+        return f
+
+
+class Samples(NamedTuple):
+    """
+    What acts at K states.
+
+    Attributes
+    ----------
+    udot : (K, n) array
+    stop_forces : (K, n_j) array
+        Forces of the stops on the joints, N m or N.
+    sticking : (K, n_j) array of bool
+        Which joints friction holds.
+    friction : (K, n_j) array
+        Torques that overcome the friction of the joints, N m or N.
+
+    """
+
+    udot: Array
+    stop_forces: Array
+    sticking: Flags
+    friction: Array
+
+
+class FrictionState:
+    """
+    The friction of one robot, and its stops if they act, at states of a simulation.
+
+    Parameters
+    ----------
+    robot : Robot
+        The simulated robot, in the speeds of the states.
+    stops : bool
+        Whether there are stops at the position limits.
+    dual_to : tuple of str, optional
+        The speeds to which torques are dual. Default: those of the robot.
+
+    Attributes
+    ----------
+    joints : list of k int
+        The joints with friction or stops, as indices among the speeds of the joints.
+    places : (k,) array of int
+        Their places in q; -1 of parts of ball joints.
+    lower, upper : (k,) arrays
+        Their stops, rad or m; infinite where there is none.
+    has_friction : (k,) array of bool
+    locks : bool
+        Whether any of their drives is self-locking.
+
+    """
+
+    def __init__(self, robot: Robot, stops: bool,
+                 dual_to: tuple[str, ...] | None = None) -> None:
+        """Find the joints."""
+        self.robot, self.stops = robot, stops
+        self._dual_to = dual_to
+        model = robot.model
+        with_friction = set()
+        if robot.friction:
+            with_friction = {body.joint.coordinate for body in model.bodies
+                             if slides(body.joint)}
+        limits = robot.limits
+        place_of = {joint: place for joint, place in enumerate(model.places)
+                    if place is not None}
+        stopped = set()
+        if stops:
+            for joint, place in place_of.items():
+                if np.isfinite([limits.lower[place], limits.upper[place]]).any():
+                    stopped.add(joint)
+        self.joints = sorted(with_friction | stopped)
+        self.places = np.array([place_of.get(joint, -1) for joint in self.joints], dtype=int)
+        self.lower = np.full(len(self.joints), -np.inf)
+        self.upper = np.full(len(self.joints), np.inf)
+        for row, joint in enumerate(self.joints):
+            if joint in stopped:
+                self.lower[row] = limits.lower[place_of[joint]]
+                self.upper[row] = limits.upper[place_of[joint]]
+
+        by_joint = model.coordinate_joints
+        self.locks = robot.friction and any(is_self_locking(by_joint[joint])
+                                            for joint in self.joints)
+        self.has_friction = np.isin(self.joints, sorted(with_friction))
+
+        # Joints of trees rest exactly, those of loops to the error of closing them.
+        self.constrained = not robot.equations.in_joint_rates
+        self.units = np.ones(len(self.joints))
+        if self.constrained:
+            units = coordinate_units(model, robot.mechanism.constraints)
+            self.units = units[self.places]
+        self.slow = AT_REST * self.units * self.constrained
+
+    def kernel(self) -> Kernel:
+        """Return the kernel of `Forces`."""
+        robot, joints, dual_to = self.robot, self.joints, self._dual_to
+        equations: Any = robot.equations
+        n, k = robot.n, len(joints)
+
+        def forces(q: Vector, u: Vector, tau: Vector, directions: Vector, t: Scalar,
+                   parameters: Vector) -> Vector:
+            if dual_to is not None:
+                tau = tau_from(equations, dual_to, q, tau, t)
+            system = linear_system(equations, q, u, tau, None, parameters, t,
+                                   of_all_joints(equations, joints, directions))
+            T = np.eye(n) if system.T is None else system.T
+            T_s = T[joints]
+            factors = factorize(system.M, system.order)
+            udot = solve(factors, system.order, system.net)
+            B = np.stack([solve(factors, system.order, row) for row in T_s], axis=1)
+            a = T_s @ udot + system.drift[joints]
+            least, largest = friction_bounds(equations, joints, q, tau, t)
+            driving = driving_torques(equations, joints, q, system.v, tau, directions, t)
+            sliding = of_all_joints(equations, joints, directions)
+            friction = equations.driven_friction(q, system.v, tau, t, sliding)
+            return np.concatenate([udot, system.v[joints], a, np.ravel(B),
+                                   np.ravel(T_s @ B), least, largest, driving, friction])
+        name = f'forces_of_friction_{"_".join(map(str, joints))}'
+        if dual_to is not None:
+            name = f'{name}_dual_to_{"_".join(dual_to)}'
+        tau_size = n if dual_to is None else len(dual_to)
+        return robot.compiled(forces, name=name, q=(robot.n_q,), u=(n,), tau=(tau_size,),
+                              directions=(k,), shape=(n + 5 * k + n * k + k * k + robot.model.n,))
+
+    def forces(self, state: Array, tau: Array, directions: Array, t: float) -> Forces:
+        """Return `Forces` at a state, (size,), with the torque tau and these directions."""
+        robot = self.robot
+        n_q, n, k = robot.n_q, robot.n, len(self.joints)
+        time = (t,) if robot.equations.timed else ()
+        row = self.kernel()(state[:n_q], state[n_q:n_q + n], tau, directions, *time)
+        ends = np.cumsum([n, k, k, n * k, k * k, k, k, k])
+        udot, v, a, B, A, *bounds_and_friction = np.split(row, ends)
+        A = A.reshape(k, k)
+        if self.constrained:  # may couple joints: then A is singular, and they share f
+            A = A + REGULAR * np.diag(A).max(initial=0.0) * np.eye(k)
+        return Forces(udot, v, a, B.reshape(n, k), A, *bounds_and_friction)
+
+    def sides_at(self, q: Array) -> Array:
+        """Return the stops at which joints are, (k,): 1 upper, -1 lower, else 0."""
+        x = np.where(self.places < 0, 0.0, q[self.places])
+        near = TOUCHING * self.units * self.constrained
+        return np.where(x >= self.upper - near, 1.0,
+                        np.where(x <= self.lower + near, -1.0, 0.0))
+
+    def modes(self, state: Array, tau: Array, t: float,
+              sliding: dict[int, float] | None = None) -> Modes:
+        """
+        Return how the joints move from a state on, under a torque.
+
+        Parameters
+        ----------
+        state : (size,) array
+            Entries as `step_kernels.state_names`.
+        tau : array
+            N m or N.
+        t : float
+            s.
+        sliding : mapping of int to float, optional
+            Directions of joints, by their numbers, that begin to slide now.
+
+        """
+        directions = self.forces(state, tau, np.zeros(len(self.joints)), t).v
+        # Twice the rate at which a joint that stops has stopped, but for rounding.
+        directions = np.sign(directions) * (np.abs(directions) > 2.0 * self.slow)
+        for joint, direction in (sliding or {}).items():
+            directions[joint] = direction
+        at_stop = self.sides_at(state[:self.robot.n_q])
+
+        # Joints that begin to slide have another friction then, which changes the forces
+        # on those that still rest.
+        for _ in range(len(self.joints) + 1):
+            resting = np.flatnonzero(directions == 0.0)
+            if not len(resting):
+                break
+            forces = self.forces(state, tau, directions, t)
+            sides = at_stop * (directions == 0.0)
+            least, largest = bounds(forces, sides)
+            A = forces.A[np.ix_(resting, resting)]
+            f = held_forces(forces.a[resting], A, least[resting], largest[resting])
+            a = forces.a[resting] + A @ f
+            moves = np.abs(a) > NEGLIGIBLE * np.abs(forces.a).max(initial=1e-300)
+            if not moves.any():
+                if self.constrained:
+                    self._saturate(directions, resting, f, least[resting], largest[resting])
+                break
+            if self.locks:
+                f_needed = f - a / np.diag(A)
+                self._require_driven(state, tau, t, resting[moves], f_needed[moves])
+            directions[resting[moves]] = np.sign(a[moves])
+        return Modes(directions, at_stop * (directions == 0.0))
+
+    def _require_driven(self, state: Array, tau: Array, t: float, joints: Array,
+                        needed: Array) -> None:
+        """
+        Raise InputError if the load of a self-locking drive helps its motor to move it.
+
+        With the rotor as part of the load, the law then has several motions. `needed`
+        are the forces that would hold the joints.
+        """
+        robot = self.robot
+        q = state[:robot.n_q]
+        torques = tau
+        if not robot.equations.in_joint_rates:
+            time: dict[str, Any] = {'t': t} if robot.equations.timed else {}
+            torques = robot.joint_torques(tau, q, **time)
+        for row, force in zip(joints.tolist(), needed):
+            joint = robot.model.coordinate_joints[self.joints[row]]
+            x = torques[self.joints[row]] - joint.friction_offset
+            if is_self_locking(joint) and abs(force) > abs(x) and -force * x > 0.0:
+                raise InputError(
+                    f'sticking: at {t:.6g} s the load of the self-locking joint '
+                    f"'{joint.name}' helps its motor to move it; expected a motor that "
+                    'drives against the load, since the motion is not determined otherwise')
+
+    def at_samples(self, states: Array, tau: Array, times: Array) -> 'Samples':
+        """Return accelerations, forces and sticking joints at K states, (K, size)."""
+        robot = self.robot
+        n_j = robot.model.n
+        udot = np.empty((len(states), robot.n))
+        stop_forces = np.zeros((len(states), n_j))
+        friction = np.zeros((len(states), n_j))
+        sticking = np.zeros((len(states), n_j), dtype=bool)
+        with_friction = self.has_friction
+        for row, (state, torque, t) in enumerate(zip(states, tau, times)):
+            modes = self.modes(state, torque, t)
+            forces = self.forces(state, torque, modes.directions, t)
+            f = forces.holding(modes.held)
+            udot[row] = forces.udot + forces.B @ f
+            # Friction holds first; a stop carries what is beyond breakaway friction.
+            beyond = f - np.clip(f, forces.least, forces.largest)
+            beyond = np.where(modes.sides != 0.0, beyond, 0.0)
+            stop_forces[row, self.joints] = beyond
+            friction[row] = forces.friction
+            friction[row, self.joints] -= f - beyond
+            resting = np.abs(forces.v) <= 2.0 * self.slow
+            still = np.abs(forces.a + forces.A @ f) <= NEGLIGIBLE * np.abs(forces.a).max(
+                initial=1e-300)
+            sticking[row, self.joints] = resting & (modes.held | still) & with_friction
+        return Samples(udot, stop_forces, sticking, friction)
+
+    def _saturate(self, directions: Array, resting: Any, f: Array, least: Array,
+                  largest: Array) -> None:
+        """
+        Give joints at rest whose friction is at its bound the direction of sliding.
+
+        Constraints may hold them through other joints at rest, between which forces are
+        not unique; a friction at its bound is known.
+        """
+        between = (f > least) & (f < largest)
+        if between.any():
+            at_bound = np.where(f <= least, 1.0, -1.0)
+            directions[resting] = np.where(between, 0.0, at_bound)
+
+
+def bounds(forces: Forces, sides: Array) -> tuple[Array, Array]:
+    """Return the bounds of the forces on joints at rest, with those of stops, (k,) each."""
+    least = np.where(sides > 0.0, -HOLDS, forces.least)
+    largest = np.where(sides < 0.0, HOLDS, forces.largest)
+    return least, largest
+
+
+def friction_bounds(equations: Equations, joints: list[int], q: Vector, tau: Vector,
+                    t: Scalar) -> tuple[Vector, Vector]:
+    """
+    Return the least and the largest force of friction on joints at rest, (k,) each.
+
+    `tau`, (n,), is the generalized force of the motors.
+    """
+    model = equations.model
+    torques: Any = np.zeros(model.n)
+    if equations.carries_loads:
+        torques = equations.drive_torques(q, tau, t)
+    least: list[Scalar] = [0.0] * model.n
+    largest: list[Scalar] = [0.0] * model.n
+    for body in model.bodies if equations.friction else ():
+        joint = body.joint
+        r, m = joint.coordinate, joint.multiplier
+        low, high = holding_friction(joint, torques[r])
+        if m < 0.0:
+            low, high = high, low
+        # The force on the joint is opposite to the torque that overcomes friction.
+        least[r] = least[r] - m * high
+        largest[r] = largest[r] - m * low
+    return np.array([least[r] for r in joints]), np.array([largest[r] for r in joints])
+
+
+def driving_torques(equations: Equations, joints: list[int], q: Vector, rates: Vector,
+                    tau: Vector, directions: Vector, t: Scalar) -> Vector:
+    """Return `friction.driving_torque` of self-locking joints, (k,); 1 of the others."""
+    result: list[Scalar] = [1.0] * len(joints)
+    if not equations.carries_loads:
+        return np.array(result)
+    torques = equations.drive_torques(q, tau, t)
+    for row, r in enumerate(joints):
+        joint = equations.model.coordinate_joints[r]
+        if is_self_locking(joint):
+            driving = driving_torque(joint, rates[r], torques[r], directions[row])
+            # Of a joint at rest it is no condition.
+            result[row] = driving + (1.0 - directions[row] * directions[row])
+    return np.array(result)
+
+
+def of_all_joints(equations: Equations, joints: list[int], directions: Vector) -> Vector:
+    """Return directions of k joints as those of all joints, (n_j,), 0 of the others."""
+    result = np.zeros(equations.model.n).astype(object)
+    for joint, direction in zip(joints, directions):
+        result[joint] = direction
+    return result

@@ -1,0 +1,456 @@
+"""
+Exact Coulomb friction of `simulate`, with the times at which joints stick and break away.
+
+Between two transitions the directions of sliding and the joints that stick are constant,
+and native steps compute the motion (`sticking_kernel`). In a step with a transition, its
+time is a root of a function along that step: the rate of a joint that slides, the margin
+to breakaway of a joint that sticks, or the distance from a stop. There the complementarity
+problem of `friction_state` says how the joints move on, and the rest of the step follows
+in the same way.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from kane_dynamics._util.typing import Array, Flags
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.joint_stops import nearest_stops, resolve_stops
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.energy_balance import energy_kernel
+from kane_dynamics.simulation.observers import Extremes, Impact
+from kane_dynamics.simulation.sticking.friction_state import (bounds, FrictionState,
+                                                              Modes)
+from kane_dynamics.simulation.sticking.sticking_kernel import mode_rows, sticking_kernel
+from kane_dynamics.simulation.stops.contact_forces import admissible_state
+from kane_dynamics.simulation.torque_input import TorqueInput
+from kane_dynamics.simulation.trajectory import StopEvent
+import numpy as np
+
+PIECE = 16  # steps in the first native piece
+GROWTH = 4  # ratio of the lengths of successive pieces without a transition
+MOST = 200  # transitions in one step
+SHORT = 1e-13  # of a step: resolution of a transition's time
+ROUNDING = 1e-12  # relative, of a margin
+LEAST = 1e-300  # N m or N
+
+
+class _Event(NamedTuple):
+    """Functions that are negative past a transition, (k,) each; infinite where none is."""
+
+    reversal: Array  # of the rate of a joint that slides
+    forward: Array  # margin of a held joint to sliding forward, N m or N
+    backward: Array
+    stops: Array  # distance from the nearer stop, rad or m
+    locking: Array  # torque that drives a self-locking joint which slides, N m or N
+
+    def flat(self) -> Array:
+        """Return all functions, (5 k,)."""
+        return np.concatenate(self)
+
+
+class Sticking:
+    """
+    Set-valued friction, and the stops if they act, of N simulations of one robot.
+
+    It has the interface of `stops.joint_stops.JointStops`.
+
+    Parameters
+    ----------
+    robot : Robot
+    step, start : float
+        s.
+    stops : bool
+        Whether there are stops at the position limits.
+
+    """
+
+    def __init__(self, robot: Robot, step: float, start: float, stops: bool) -> None:
+        """Begin without transitions."""
+        self._robot, self._step, self._start = robot, step, start
+        self.stops = stops
+        self._states: dict[int, FrictionState] = {}
+        self._impacts: dict[int, dict[int, list[tuple[float, float]]]] = {}
+        self._hits: dict[int, list[tuple[int, StopEvent]]] = {}
+        self._events: list[StopEvent] = []
+
+    def state_of(self, source: TorqueInput) -> FrictionState:
+        """Return the friction of the robot of a source, in its speeds."""
+        key = id(source.robot)
+        if key not in self._states:
+            self._states[key] = FrictionState(source.robot, self.stops,
+                                              source.choice.needed(source.robot).dual_to)
+        return self._states[key]
+
+    def advance(self, source: TorqueInput, buffer: Array, done: int) -> Extremes | None:
+        """Compute the states after each step; arguments as of `JointStops.advance`."""
+        simulations = source.simulations
+        if simulations is None:
+            simulations = range(len(buffer))
+        for row, i in enumerate(simulations):
+            self._forget(i, done)
+            self._follow(source.alone(row), i, buffer[row], done)
+        if source.single:
+            return None
+        return buffer[:, 1:].min(axis=1), buffer[:, 1:].max(axis=1)
+
+    def _forget(self, i: int, done: int) -> None:
+        """Forget the impacts of simulation i after `done` steps: they are computed again."""
+        if i in self._impacts:
+            self._impacts[i] = {step: impacts for step, impacts in self._impacts[i].items()
+                                if step <= done}
+            self._hits[i] = [hit for hit in self._hits[i] if hit[0] <= done]
+
+    def settle(self, done: int) -> list[Impact]:
+        """Close the impacts so far and return them; as `JointStops.settle`."""
+        settled = []
+        for i, steps in self._impacts.items():
+            for step, impacts in steps.items():
+                for loss, unresolved in impacts:
+                    settled.append(Impact(step - done - 1, i, loss, unresolved))
+            self._events += [event for _, event in self._hits[i]]
+        self._impacts.clear()
+        self._hits.clear()
+        return settled
+
+    def events(self, single: bool) -> tuple[StopEvent, ...]:
+        """Return the impacts on stops so far, in order of time."""
+        events = sorted(self._events)
+        if single:
+            events = [event._replace(state=None) for event in events]
+        return tuple(events)
+
+    def step_end(self, source: TorqueInput, state: Array, free: Array) -> Array:
+        """Return the state after the first step of one simulation; `free` is not used."""
+        buffer = np.stack([state, state])
+        self._forget(0, 0)
+        self._follow(source, 0, buffer, 0)
+        self.settle(0)
+        end: Array = buffer[1]
+        return end
+
+    # The steps of one simulation.
+
+    def _follow(self, source: TorqueInput, i: int, rows: Array, done: int) -> None:
+        """Compute the states of simulation i after each step, (K + 1, size)."""
+        path = _Path(source, self.state_of(source), self._step, self._start)
+        modes = path.modes(rows[0], done)
+        at, end, piece = 0, len(rows) - 1, PIECE
+        resolved = True
+        while at < end:
+            count = min(piece, end - at)
+            after, begin_valid, end_valid = path.steps(rows[at], done + at, count, modes)
+            valid = begin_valid & end_valid
+            good = count if valid.all() else int(np.argmin(valid))
+            rows[at + 1:at + good + 1] = after[:good]
+            at += good
+            piece = GROWTH * piece
+            resolved = resolved and not good
+            if good == count:
+                continue
+            piece = PIECE
+            if not np.isfinite(after[good]).all() or path.refused(after[good]):
+                rows[at + 1:] = after[good]  # diverged, or continued in other speeds
+                return
+
+            # A joint breaks away before the beginning of the step, or there, where the
+            # torque jumps.
+            if not begin_valid[good]:
+                if good and path.breaks_away(rows[at], done + at, modes):
+                    at -= 1
+                elif not resolved:
+                    modes = path.modes(rows[at], done + at)
+                    resolved = True
+                    continue
+            rows[at + 1], modes = self._through(path, i, rows[at], done + at, modes)
+            at += 1
+            resolved = False
+
+    def _through(self, path: '_Path', i: int, state: Array, step: int,
+                 modes: Modes) -> tuple[Array, Modes]:
+        """Return the state after a step with transitions, and the modes there."""
+        passed = 0.0  # of the step, s
+        left = self._step
+        for _ in range(MOST):
+            end = path.part(state, step, passed, left, modes)
+            if not path.happens(end, step, passed + left, modes):
+                return end, modes
+            time, which = path.first(state, step, passed, left, modes)
+            state = path.part(state, step, passed, time, modes)
+            passed += time
+            state, modes, loss = path.transition(state, step, passed, modes, which)
+            if loss is not None:
+                self._record(path, i, step, passed, loss)
+            left = self._step - passed
+            if left <= SHORT * self._step:
+                return state, modes
+        raise InputError(
+            f'sticking: more than {MOST} transitions of joints between sticking and sliding '
+            f'in the step at {self._start + step * self._step:.6g} s; expected a shorter '
+            'step')
+
+    def _record(self, path: '_Path', i: int, step: int, passed: float,
+                hit: '_Hit') -> None:
+        """Record an impact on stops within a step."""
+        impacts = self._impacts.setdefault(i, {})
+        impacts.setdefault(step + 1, []).append((hit.loss, hit.unresolved))
+        events = self._hits.setdefault(i, [])
+        t = self._start + step * self._step + passed
+        for joint, limit, speed in hit.joints:
+            events.append((step + 1, StopEvent(t, joint, limit, speed, hit.loss, i)))
+
+
+class _Hit(NamedTuple):
+    """An impact: joint, 'lower' or 'upper', and speed of each hit; energies, J."""
+
+    joints: list[tuple[str, str, float]]
+    loss: float
+    unresolved: float
+
+
+class _Path:
+    """The motion of one simulation within and across steps, in given modes."""
+
+    def __init__(self, source: TorqueInput, contact: FrictionState, step: float,
+                 start: float) -> None:
+        """Find the kernels."""
+        self.source, self.contact = source, contact
+        self._step, self._start = step, start
+        self._n_q, self._n = source.robot.n_q, source.robot.n
+        # The length of the step is the constant after the gains.
+        self._place_of_step = 2 * source.robot.n if source.follows else 0
+        self._kernels = {holds: sticking_kernel(source.choice, contact, holds)
+                         for holds in (False, True)}
+
+    def modes(self, state: Array, step: int, passed: float = 0.0,
+              sliding: dict[int, float] | None = None) -> Modes:
+        """Return how the joints move from a state on, `passed` s after a step's beginning."""
+        tau, t = self._torque(state, step, passed)
+        return self.contact.modes(state, tau, t, sliding)
+
+    def steps(self, state: Array, done: int, count: int,
+              modes: Modes) -> tuple[Array, Flags, Flags]:
+        """Return the states after steps, and whether begins and ends are valid."""
+        inputs = self.source.inputs(done, count)
+        return self._scanned(state, inputs, count, modes, self.source.constants)
+
+    def part(self, state: Array, step: int, passed: float, length: float,
+             modes: Modes) -> Array:
+        """Return the state after a part of a step, `passed` s after its beginning."""
+        constants = self.source.constants.copy()
+        constants[self._place_of_step] = length
+        inputs = self.source.inputs_within(step, passed, length)
+        after, _, _ = self._scanned(state, inputs, 1, modes, constants)
+        end: Array = after[0]
+        return end
+
+    def _scanned(self, state: Array, inputs: Array, count: int, modes: Modes,
+                 constants: Array) -> tuple[Array, Flags, Flags]:
+        """Return the results of native steps."""
+        size = len(state)
+        row = inputs[0, 0] if inputs.shape[1] == 1 else inputs[0]
+        kernel = self._kernels[bool(modes.held.any())]
+        rows = np.empty((count + 1, size + 2))
+        rows[0, :size] = state
+        kernel.scan([rows[:-1, :size], row, mode_rows(self.contact, modes)], rows[1:],
+                    constants=constants)
+        after = rows[1:, :size]
+        return after, rows[1:, size] > 0.5, rows[1:, size + 1] > 0.5
+
+    def refused(self, state: Array) -> bool:
+        """Return whether a state has no positive margin (`step_kernels`)."""
+        return bool(self.source.robot.constraint_names) and not state[-1] > 0.0
+
+    def _torque(self, state: Array, step: int, passed: float) -> tuple[Array, float]:
+        """Return the torque at a state, and the time, s."""
+        t = self._start + step * self._step + passed
+        return self.source.torque_within(state, step, passed), t
+
+    # Transitions.
+
+    def _functions(self, state: Array, step: int, passed: float, modes: Modes) -> Array:
+        """Return the functions of `_Event` at a state, (5 k,)."""
+        contact = self.contact
+        k = len(contact.joints)
+        reversal, forward, backward, stops, locking = np.full((5, k), np.inf)
+        tau, t = self._torque(state, step, passed)
+        forces = contact.forces(state, tau, modes.directions, t)
+        held = modes.held
+        reversal[~held] = modes.directions[~held] * forces.v[~held] + contact.slow[~held]
+        f = forces.holding(held)
+        least, largest = bounds(forces, modes.sides)
+        rounding = ROUNDING * np.abs(f)
+        forward[held] = (f - least + rounding)[held]
+        backward[held] = (largest - f + rounding)[held]
+        if contact.stops:
+            x = np.where(contact.places < 0, 0.0, state[contact.places])
+            free = (modes.sides == 0.0) & (contact.places >= 0)
+            distance = np.minimum(x - contact.lower, contact.upper - x)
+            stops[free] = distance[free]
+        if contact.locks:
+            # Zero, as of a motor without torque, is past the transition.
+            locking[~held] = forces.driving[~held] - LEAST
+        return _Event(reversal, forward, backward, stops, locking).flat()
+
+    def happens(self, state: Array, step: int, passed: float, modes: Modes) -> bool:
+        """Return whether a transition happened before a state."""
+        return bool((self._functions(state, step, passed, modes) < 0.0).any())
+
+    def breaks_away(self, state: Array, step: int, modes: Modes) -> bool:
+        """Return whether a joint broke away in the step that ends at a state."""
+        return self.happens(state, step - 1, self._step, modes)
+
+    def first(self, state: Array, step: int, passed: float, left: float,
+              modes: Modes) -> tuple[float, Any]:
+        """
+        Return the time of the first transition in the rest of a step, s, and which it is.
+
+        The transitions are numbers among the 5 k functions.
+        """
+        def functions(length: float) -> Array:
+            end = self.part(state, step, passed, length, modes)
+            return self._functions(end, step, passed + length, modes)
+        at_begin = self._functions(state, step, passed, modes)
+        at_end = functions(left)
+        finite = np.isfinite(at_end)
+        size = np.where(finite, np.maximum(np.abs(at_begin), np.abs(at_end)), 1.0)
+        size = np.where(size > 0.0, size, 1.0)
+
+        def least(length: float) -> float:
+            return float((functions(length) / size).min())
+        after = first_root(least, left, SHORT * self._step)
+        return after, np.flatnonzero(functions(after) <= 0.0)
+
+    def transition(self, state: Array, step: int, passed: float, modes: Modes,
+                   which: Array) -> tuple[Array, Modes, _Hit | None]:
+        """Return state and modes after a transition, and the impact if it is one."""
+        contact = self.contact
+        k = len(contact.joints)
+        kinds, joints = np.divmod(which, k)
+        state = state.copy()
+        hit = None
+        sliding: dict[int, float] = {}
+        for kind, joint in zip(kinds.tolist(), joints.tolist()):
+            if kind == 0:  # it stops
+                self._stop(state, joint)
+            elif kind in (1, 2):  # it breaks away
+                sliding[joint] = 1.0 if kind == 1 else -1.0
+        at_stops = joints[kinds == 3]
+        if len(at_stops):
+            hit = self._impact(state, at_stops, self._start + step * self._step + passed)
+        locked = joints[kinds == 4]
+        if len(locked):
+            hit = self._lock(state, step, passed, locked)
+        return state, self.modes(state, step, passed, sliding), hit
+
+    def _stop(self, state: Array, joint: int) -> None:
+        """End the rate of a joint of a tree, which is zero but for the root's error."""
+        if not self.contact.constrained:
+            state[self._n_q + self.contact.joints[joint]] = 0.0
+
+    def _lock(self, state: Array, step: int, passed: float, joints: Array) -> '_Hit':
+        """Stop self-locking joints at once, and return the energy that this takes."""
+        n_q, n = self._n_q, self._n
+        before = state[n_q:n_q + n].copy()
+        tau, t = self._torque(state, step, passed)
+        forces = self.contact.forces(state, tau, np.zeros(len(self.contact.joints)), t)
+        A = forces.A[np.ix_(joints, joints)]
+        impulses = np.linalg.solve(A, -forces.v[joints])
+        state[n_q:n_q + n] += forces.B[:, joints] @ impulses
+        for joint in joints.tolist():
+            self._stop(state, joint)
+        return self._hit([], state, before)
+
+    def _hit(self, joints: list[tuple[str, str, float]], state: Array,
+             before: Array) -> '_Hit':
+        """Return an impact after which a state is; `before` are the speeds before, (n,)."""
+        robot = self.source.robot
+        n_q, n = self._n_q, self._n
+        size = n_q + n + robot.equations.timed
+        former = state[:size].copy()
+        former[n_q:n_q + n] = before
+        terms = energy_kernel(robot, True)(np.stack([former, state[:size]]))
+        loss = float(terms[0, 0] - terms[1, 0])
+        unresolved = self._step * abs(float(terms[0, 2] - terms[1, 2]))
+        return _Hit(joints, loss, unresolved)
+
+    def _impact(self, state: Array, joints: Array, t: float) -> '_Hit':
+        """Apply the impulses of stops to a state, and return the impact."""
+        robot, contact = self.source.robot, self.contact
+        n_q, n = self._n_q, self._n
+        if contact.constrained:
+            return self._admissible_impact(state, t)
+        side = np.zeros(n)
+        for joint in joints.tolist():
+            place, column = contact.places[joint], contact.joints[joint]
+            nearer = contact.upper[joint]
+            side[column] = 1.0
+            if abs(state[place] - contact.lower[joint]) < abs(state[place] - nearer):
+                nearer = contact.lower[joint]
+                side[column] = -1.0
+            state[place] = nearer
+
+        # Joints that rest at their stops feel the impulse of the others.
+        resting = contact.sides_at(state[:n_q])
+        side[contact.joints] = np.where(resting != 0.0, resting, side[contact.joints])
+        before = state[n_q:n_q + n].copy()
+        q = state[:n_q]
+        state[n_q:n_q + n] = resolve_stops(before, side, robot.inverse_mass_matrix(q))
+
+        hits = []
+        for joint in joints.tolist():
+            column = contact.joints[joint]
+            speed = float(side[column] * before[column])
+            if speed > 0.0:
+                limit = 'upper' if side[column] > 0.0 else 'lower'
+                hits.append((robot.coordinate_names[contact.places[joint]], limit, speed))
+        return self._hit(hits, state, before)
+
+    def _admissible_impact(self, state: Array, t: float) -> '_Hit':
+        """As `_impact`, in the space of the motions that constraints admit."""
+        robot = self.source.robot
+        n_q, n = self._n_q, self._n
+        lower, upper = robot.limits.lower, robot.limits.upper
+        before = state[n_q:n_q + n].copy()
+        state[:n_q], state[n_q:n_q + n], speeds = admissible_state(
+            robot, state[:n_q], before, t, lower, upper, np.zeros((2, n_q)))
+        side, _ = nearest_stops(state[:n_q], lower, upper)
+        hits = []
+        for place in np.flatnonzero(speeds > 0.0).tolist():
+            limit = 'upper' if side[place] > 0.0 else 'lower'
+            hits.append((robot.coordinate_names[place], limit, float(speeds[place])))
+        return self._hit(hits, state, before)
+
+
+def first_root(function: Callable[[float], float], end: float, resolution: float) -> float:
+    """
+    Return where a function becomes negative between 0 and `end`, just after that place.
+
+    The function is negative at `end`. The method of regula falsi (Illinois) and bisection
+    alternate where it is slow.
+    """
+    low, high = 0.0, end
+    f_low, f_high = function(low), function(high)
+    if f_low < 0.0:
+        return 0.0
+    last = 0
+    for iteration in range(200):
+        width = high - low
+        if width <= resolution or f_high == 0.0:
+            break
+        x = high - f_high * width / (f_high - f_low)
+        if iteration % 4 == 3:
+            x = 0.5 * (low + high)
+        # Never closer to an end than what the result needs.
+        x = min(max(x, low + 0.4 * resolution), high - 0.4 * resolution)
+        f = function(x)
+        if f < 0.0:
+            high, f_high = x, f
+            if last < 0:
+                f_low *= 0.5
+            last = -1
+        else:
+            low, f_low = x, f
+            if last > 0:
+                f_high *= 0.5
+            last = 1
+    return high

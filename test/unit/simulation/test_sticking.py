@@ -1,0 +1,371 @@
+"""Exact Coulomb friction: closed forms, event-driven references, loops, stops, energy."""
+
+from dataclasses import replace
+import itertools
+
+from kane_dynamics import (ComputedTorque, FlexibleLink, ModelBuilder, Motion, point_mass,
+                           PointVelocity, Robot, rod, simulate, Trajectory)
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.mechanics.friction import held_forces
+from linkages import at_angle, four_bar_model, PIN, sleigh
+from mechanisms import random_model, wheel
+import numpy as np
+import pytest
+
+STEP = 1e-3
+
+
+def rubbing(model, **law):
+    """Return a model with the same friction in all joints."""
+    return replace(model, bodies=tuple(
+        replace(body, joint=replace(body.joint, **law)) for body in model.bodies))
+
+
+def exact(robot, q0, u0, duration, **options):
+    """Return a simulation with exact friction that has no warning."""
+    options = {'step': STEP, 'sticking': True} | options
+    run = simulate(robot, q0, u0, duration, **options)
+    assert run.warnings == ()
+    return run
+
+
+@pytest.mark.parametrize('integrator', ['rk4', 'implicit'])
+def test_a_wheel_stops_where_its_kinetic_energy_is_spent_and_sticks(integrator):
+    run = exact(wheel(friction=2.0), [0.0], [1.0], 1.0, integrator=integrator)
+    assert run.q[-1, 0] == pytest.approx(1.0 / (2.0 * 2.0), abs=1e-12)
+    assert run.u[-1, 0] == 0.0 and run.udot[-1, 0] == 0.0
+    # It stops at 0.5 s, between no two steps.
+    np.testing.assert_array_equal(run.sticking[:, 0], run.t > 0.5 - 1e-9)
+    sliding = run.t < 0.4999
+    np.testing.assert_allclose(run.u[sliding, 0], 1.0 - 2.0 * run.t[sliding], atol=1e-12)
+
+
+@pytest.mark.parametrize('backward', [False, True])
+def test_a_wheel_breaks_away_when_the_torque_exceeds_breakaway_friction(backward):
+    robot = wheel(friction=2.0, friction_backward=1.0, breakaway_friction=2.5)
+    sign, kinetic, static = (-1.0, 1.0, 1.5) if backward else (1.0, 2.0, 2.5)
+    levels = np.arange(40) * 0.1
+    torque = sign * np.repeat(levels, 50)[:, None]
+    run = exact(robot, [0.0], [0.0], 2.0, torque=torque)
+    begins = np.argmax(levels > static + 1e-9) * 0.05
+    assert run.t[np.argmax(~run.sticking[:, 0])] == pytest.approx(begins, abs=2.1e-3)
+    impulse = 0.05 * (levels[levels > static + 1e-9] - kinetic).sum()
+    assert run.u[-1, 0] == pytest.approx(sign * impulse, abs=1e-10)
+
+
+def test_a_joint_at_rest_does_not_creep_in_an_hour():
+    run = exact(wheel(friction=2.0), [0.3], [0.0], 3600.0, step=0.01, torque=[1.99])
+    assert (run.q == 0.3).all() and (run.u == 0.0).all() and run.sticking.all()
+
+
+@pytest.mark.parametrize('integrator, order', [('rk4', 4), ('implicit', 2)])
+def test_breakaway_under_a_spring_is_found_at_the_order_of_the_integrator(integrator, order):
+    # The spring of a cart that starts at rest is pulled by another cart, which moves freely.
+    builder = ModelBuilder('carts', gravity=(0, 0, 0))
+    builder.body('slow', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(1.0),
+                 friction=1.0)
+    builder.body('puller', 'slow', 'prismatic', axis=(1, 0, 0), inertial=point_mass(4.0),
+                 stiffness=5.0)
+    robot = Robot(builder.model())
+    errors = []
+    # The puller oscillates on its spring; at |5 x| = 1 the cart breaks away.
+    reference = exact(robot, [0.0, 0.0], [0.0, 0.9], 1.0, step=2e-4)
+    for step in (0.02, 0.01):
+        run = exact(robot, [0.0, 0.0], [0.0, 0.9], 1.0, step=step, integrator=integrator)
+        errors.append(np.abs(run.q[-1] - reference.q[-1]).max())
+    assert errors[0] > 0.5 * 2**order * errors[1]
+    assert errors[1] < (1e-8 if order == 4 else 2e-4)
+
+    # Until then the motion is a quarter of a harmonic one, in closed form.
+    w = np.sqrt(5.0 / 4.0)
+    first = np.arcsin(0.2 * w / 0.9) / w
+    breakaway = reference.t[np.argmax(~reference.sticking[:, 0])]
+    assert first < breakaway < first + 2.1 * np.diff(reference.t).max()
+
+
+@pytest.mark.parametrize('static', [2.0, 3.0])
+def test_a_mass_on_a_belt_has_the_period_of_stick_slip(static):
+    kinetic, k, m, speed = 2.0, 8.0, 0.5, 0.3
+    builder = ModelBuilder('belt', gravity=(0, 0, 0))
+    builder.body('mass', kind='prismatic', axis=(1, 0, 0), inertial=point_mass(m), stiffness=k)
+    builder.body('belt', 'mass', 'prismatic', axis=(1, 0, 0), friction=kinetic,
+                 breakaway_friction=static)
+    belt = PointVelocity('belt', (1, 0, 0), value=speed)
+    robot = Robot(builder.model(), constraints=[belt], independent=['mass'])
+    run = exact(robot, [static / k - 0.1 * speed, 0.0], [speed], 6.0, sample=STEP)
+    begins = run.t[1:][run.sticking[:-1, 1] & ~run.sticking[1:, 1]]
+    if static == kinetic:  # no excess: after the first slip the mass oscillates or rests
+        assert len(begins) == 1
+        return
+    w, excess = np.sqrt(k / m), (static - kinetic) / k
+    slip = 2.0 / w * (np.pi - np.arctan(w * excess / speed))
+    period = 2.0 * excess / speed + slip
+    np.testing.assert_allclose(np.diff(begins), period, atol=1.1 * STEP)
+    # The last state, many transitions later, is that of the closed form.
+    phase = (run.t[-1] - 0.1) % period
+    y = excess * np.cos(w * phase) + speed / w * np.sin(w * phase)
+    expected = kinetic / k + y if phase < slip else static / k - speed * (period - phase)
+    assert run.q[-1, 0] == pytest.approx(expected, abs=1e-8)
+
+
+def two_links(**law):
+    """Return a horizontal arm of two links with friction."""
+    builder = ModelBuilder('arm', gravity=(0, 0, 0))
+    builder.body('one', axis=(0, 0, 1), inertial=rod(2.0, (0, 0, 0), (0.6, 0, 0)), **law)
+    builder.body('two', 'one', axis=(0, 0, 1), at=(0.6, 0, 0),
+                 inertial=rod(1.5, (0, 0, 0), (0.5, 0, 0)), **law)
+    return Robot(builder.model())
+
+
+def reference_of_two(model, level, torque, duration):
+    """
+    Return q of two joints by events and an enumeration of all modes, with scipy.
+
+    The forces are those of the definition of Kane's equations.
+    """
+    from scipy.integrate import solve_ivp
+
+    def motion(x, modes, t):
+        q, u = x[:2], x[2:]
+        M = kane.mass_matrix(model, q)
+        h = kane.bias_force(model, q, u, friction=False)
+        net = torque(t) - h - level * np.where(np.isnan(modes), 0.0, modes)
+        held = np.isnan(modes)
+        udot, f = np.zeros(2), np.zeros(2)
+        free = ~held
+        udot[free] = np.linalg.solve(M[np.ix_(free, free)], net[free])
+        f[held] = (M @ udot - net)[held]
+        return udot, f
+
+    def modes_of(x, t):
+        options = []
+        for v in x[2:]:
+            options.append([np.sign(v)] if abs(v) > 1e-9 else [np.nan, 1.0, -1.0])
+        for modes in itertools.product(*options):
+            modes = np.array(modes)
+            # A little later: at breakaway a mode is right from there on.
+            udot, f = motion(x, modes, t + 1e-7)
+            held = np.isnan(modes)
+            begins = ~held & (np.abs(x[2:]) <= 1e-9)
+            if (np.abs(f[held]) <= level).all() and (udot[begins] * modes[begins] > 0.0).all():
+                return modes
+        raise AssertionError('no mode')
+    x, t = np.zeros(4), 0.0
+    while t < duration - 1e-12:
+        modes = modes_of(x, t)
+        held = np.isnan(modes)
+        events = []
+        for j in range(2):
+            if held[j]:
+                events.append(lambda s, y, j=j, m=modes: level - abs(motion(y, m, s)[1][j]))
+            else:
+                events.append(lambda s, y, j=j, m=modes: m[j] * y[2 + j] + 1e-14)
+            events[-1].terminal, events[-1].direction = True, -1
+        part = solve_ivp(lambda s, y, m=modes: [*y[2:], *motion(y, m, s)[0]], (t, duration), x,
+                         method='DOP853', rtol=1e-12, atol=1e-13, events=events,
+                         max_step=0.02)
+        x, t = part.y[:, -1], part.t[-1]
+        x[2:] = np.where(np.abs(x[2:]) < 1e-10, 0.0, x[2:])
+    return x[:2]
+
+
+def test_two_joints_under_ramps_move_as_an_event_driven_reference():
+    level, duration = 2.0, 3.0
+    robot = two_links(friction=level)
+
+    def torque(t):
+        return np.array([4.0 * np.sin(1.5 * t), 3.0 * np.sin(2.3 * t + 0.4)])
+    expected = reference_of_two(robot.model, level, torque, duration)
+
+    errors = []
+    for step in (2e-3, 1e-3):
+        middles = (np.arange(round(duration / step)) + 0.5) * step
+        run = exact(robot, [0.0, 0.0], [0.0, 0.0], duration, step=step,
+                    torque=np.array([torque(t) for t in middles]))
+        errors.append(np.abs(run.q[-1] - expected).max())
+    # Torques held during each step are of second order.
+    assert errors[1] < 1e-5 and errors[0] > 3.0 * errors[1]
+    assert run.sticking[:, 0].any() and run.sticking[:, 1].any()
+
+
+def stiff_model(seed):
+    """Return a random tree with springs, and with friction that stops it."""
+    rng = np.random.default_rng(seed)
+    bodies = []
+    for body in random_model(seed, 4, mimics=seed % 2).bodies:
+        limits = replace(body.joint.limits, lower=-1.0, upper=1.2)
+        bodies.append(replace(body, joint=replace(
+            body.joint, friction=rng.uniform(1.0, 6.0), limits=limits,
+            stiffness=body.joint.stiffness + 2.0)))
+    return replace(random_model(seed, 4, mimics=seed % 2), bodies=tuple(bodies))
+
+
+@pytest.mark.parametrize('seed, stops', [(0, True), (3, False), (4, True)])
+def test_random_trees_converge_at_fourth_order_through_all_transitions(seed, stops):
+    robot = Robot(stiff_model(seed))
+    rng = np.random.default_rng(seed)
+    q0, u0, tau = rng.uniform(-0.5, 0.5, 4), rng.uniform(-2.0, 2.0, 4), rng.uniform(-5, 5, 4)
+    runs = [exact(robot, q0, u0, 1.0, step=step, torque=tau, stops=stops)
+            for step in (0.02, 0.01, 0.005)]
+    errors = [np.abs(run.q[-1] - runs[2].q[-1]).max() for run in runs[:2]]
+    assert errors[1] < 1e-7 and errors[0] > 5.0 * errors[1]
+    assert runs[2].sticking.any() and bool(runs[2].stop_events) == stops
+    if stops:
+        times = np.array([[event.t for event in run.stop_events] for run in runs[1:]])
+        np.testing.assert_allclose(times[0], times[1], atol=1e-6)
+
+
+def test_the_sum_of_forces_on_every_joint_vanishes():
+    robot = Robot(stiff_model(4))
+    run = exact(robot, [0.2, -0.3, 0.4, 0.1], [1.0, -2.0, 0.5, 1.5], 2.0, torque=[2, 0, -3, 1],
+                stops=True)
+    bare = Robot(robot.model, friction=False)
+    levels = np.zeros(4)
+    for body in robot.model.bodies:
+        levels[body.joint.coordinate] += abs(body.joint.multiplier) * body.joint.friction
+    viscous = Robot(rubbing(robot.model, friction=0.0)).friction_force(run.u)
+    friction = run.tau + run.stop_forces - viscous - bare.inverse_dynamics(run.q, run.u, run.udot)
+    sliding = ~run.sticking
+    assert (np.abs(friction) <= levels * (1.0 + 1e-9)).all()
+    expected = np.sign(run.u) * levels
+    moving = sliding & (run.u != 0.0)
+    np.testing.assert_allclose(friction[moving], expected[moving], atol=1e-8)
+
+
+def test_many_simulations_are_the_single_ones():
+    robot = two_links(friction=0.5)
+    q0, u0 = np.array([[0.0, 0.0], [0.3, -0.2]]), np.array([[1.0, -1.0], [0.0, 2.0]])
+    many = exact(robot, q0, u0, 1.0)
+    for k in range(2):
+        single = exact(robot, q0[k], u0[k], 1.0)
+        np.testing.assert_array_equal(many.state(k).q, single.q)
+        np.testing.assert_array_equal(many.state(k).sticking, single.sticking)
+
+
+def test_a_torque_function_sees_a_joint_that_sticks():
+    run = exact(wheel(friction=2.0), [0.0], [1.0], 1.0, torque=lambda t, q, u: [1.5 * (u[0] == 0)])
+    assert run.q[-1, 0] == pytest.approx(0.25, abs=1e-9)
+    assert run.sticking[-1, 0] and run.tau[-1, 0] == 1.5
+
+
+def test_computed_torque_moves_a_joint_that_sticks():
+    robot = wheel(friction=2.0, friction_speed=0.01)
+    motion = Motion.from_points([0.0, 1.0], [[0.0], [1.0]], joint_names=robot.joint_names)
+    errors = []
+    for step in (4e-3, 2e-3):
+        run = exact(robot, [0.0], [0.0], 1.0, step=step,
+                    torque=ComputedTorque(robot, motion, 400.0, 40.0))
+        errors.append(run.q[-1, 0])
+    assert abs(errors[0] - errors[1]) < 1e-4 and abs(errors[1] - 1.0) < 2e-2
+
+
+@pytest.mark.parametrize('tau, sticks', [(0.0, True), (3.0, True), (20.0, False)])
+def test_a_closed_loop_is_held_by_the_friction_of_all_its_joints(tau, sticks):
+    # A joint alone would not hold it: friction of all of them, weighted by their rates.
+    robot = Robot(rubbing(four_bar_model(), friction=3.0), constraints=[PIN],
+                  independent=['crank'])
+    q = at_angle(1.1)
+    run = exact(robot, q, [0.0], 0.1, torque=[tau])
+    rates = robot.joint_rates(q, [1.0])
+    needed = abs(tau - robot.gravity_force(q)[0])
+    assert (needed <= 3.0 * np.abs(rates).sum()) == sticks
+    assert run.sticking[-1].all() == sticks
+    if sticks:
+        np.testing.assert_allclose(run.q[-1], q, atol=1e-12)
+        assert abs(run.u[-1, 0]) < 1e-15 and abs(run.udot[-1, 0]) < 1e-9
+
+
+def test_a_closed_loop_stops_at_the_order_of_the_integrator_and_balances_forces():
+    robot = Robot(rubbing(four_bar_model(turntable=True), friction=1.5), constraints=[PIN])
+    q0 = np.concatenate([[0.3], at_angle(1.1)])
+    runs = [exact(robot, q0, [1.0, 1.0], 0.6, step=step) for step in (0.02, 0.01, 0.0025)]
+    errors = [np.abs(run.q[-1] - runs[2].q[-1]).max() for run in runs[:2]]
+    assert errors[1] < 1e-7 and errors[0] > 5.0 * errors[1]
+    run = runs[2]
+    assert run.sticking[-1].sum() == 3 and run.drift < 1e-10
+
+
+def test_a_sleigh_stops_on_its_slope():
+    runner = sleigh().mechanism.constraints
+    robot = Robot(rubbing(sleigh().model, friction=4.0), constraints=runner)
+    run = exact(robot, [0.0, 0.0, 0.0], [0.5] * robot.n, 1.5)
+    assert run.sticking[-1].all() and np.abs(run.u[-1]).max() < 1e-9
+
+
+def test_a_flexible_arm_sticks_while_its_beam_vibrates():
+    builder = ModelBuilder('flexible', gravity=(0, 0, 0))
+    link = FlexibleLink(length=1.0, density=0.8, stiffness=120.0, modes=(1, 0))
+    builder.beam('arm', 'world', link, axis=(0, 0, 1), friction=3.0)
+    robot = Robot(builder.model())
+    run = exact(robot, [0.0, 0.0], [3.0, 0.0], 1.0, step=1e-4)
+    assert run.sticking[-1, 0] and run.u[-1, 0] == 0.0
+    energy = run.energy.sum(axis=1)
+    held = run.sticking[:, 0] & (run.t > 0.9)
+    assert held.sum() > 50 and np.ptp(energy[held]) < 1e-6 * energy[0]
+
+
+def worm(driving=0.3, backdriven=1.4, **law):
+    """Return a bar of 1 kg and 1 m on a drive with load friction."""
+    builder = ModelBuilder('worm')
+    builder.body('bar', axis=(0, -1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)),
+                 load_friction=driving, load_friction_backdriven=backdriven, **law)
+    return Robot(builder.model())
+
+
+WEIGHT = 0.5 * 9.81
+
+
+def test_a_self_locking_drive_holds_any_load_and_lifts_above_its_efficiency():
+    for tau in (0.0, 3.0, 1.3 * WEIGHT - 1e-6):
+        assert exact(worm(), [0.0], [0.0], 0.2, torque=[tau]).sticking.all()
+    run = exact(worm(), [0.0], [0.0], 1e-3, torque=[8.0])
+    assert run.udot[0, 0] == pytest.approx((8.0 / 1.3 - WEIGHT) * 3.0, rel=1e-9)
+    # A drive that is not self-locking falls where the load exceeds its friction.
+    for backdriven, tau, sticks in ((0.4, 0.61 * WEIGHT, True), (0.4, 0.59 * WEIGHT, False)):
+        run = exact(worm(backdriven=backdriven), [0.0], [0.0], 0.1, torque=[tau])
+        assert run.sticking[-1, 0] == sticks
+
+
+def test_a_self_locking_drive_stops_at_once_without_its_motor():
+    torque = np.where(np.arange(1000) < 500, 8.0, 0.0)[:, None]
+    run = exact(worm(), [0.0], [0.0], 1.0, torque=torque)
+    moving = run.t < 0.4995
+    assert (run.u[1:][moving[1:], 0] > 0.0).all()
+    assert (run.u[~moving & (run.t > 0.5005), 0] == 0.0).all()
+
+
+def test_a_load_that_helps_the_motor_of_a_self_locking_drive_is_refused():
+    with pytest.raises(InputError, match="self-locking joint 'bar' helps its motor"):
+        simulate(worm(), [0.0], [0.0], 0.1, step=STEP, torque=[-3.0], sticking=True)
+
+
+def test_nothing_sticks_without_friction():
+    free = simulate(wheel(), [0.0], [1.0], 1.0, step=STEP, sticking=True)
+    assert not free.sticking.any() and free.q[-1, 0] == pytest.approx(1.0)
+    with pytest.raises(InputError, match="sticking: 'yes'; expected True or False"):
+        simulate(wheel(), [0.0], [1.0], 1.0, sticking='yes')
+
+
+def test_what_sticks_is_saved(tmp_path):
+    run = exact(wheel(friction=2.0), [0.0], [1.0], 1.0)
+    run.save_npz(tmp_path / 'run.npz')
+    loaded = Trajectory.load_npz(tmp_path / 'run.npz')
+    np.testing.assert_array_equal(loaded.sticking, run.sticking)
+    assert loaded.sticking.dtype == bool
+    run.save_csv(tmp_path / 'run.csv')
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_forces_of_joints_at_rest_solve_their_complementarity_problem(seed):
+    rng = np.random.default_rng(seed)
+    k = int(rng.integers(1, 8))
+    root = rng.normal(size=(k, k))
+    A, a = root @ root.T + 0.1 * np.eye(k), rng.normal(size=k) * 3.0
+    least, largest = -rng.uniform(0.1, 2.0, k), rng.uniform(0.1, 2.0, k)
+    f = held_forces(a, A, least, largest)
+    v = a + A @ f
+    assert (f >= least - 1e-12).all() and (f <= largest + 1e-12).all()
+    between = (f > least + 1e-12) & (f < largest - 1e-12)
+    assert np.abs(v[between]).max(initial=0.0) < 1e-9
+    assert (v[f >= largest - 1e-12] <= 1e-9).all() and (v[f <= least + 1e-12] >= -1e-9).all()
