@@ -16,7 +16,7 @@ import time
 from kane_dynamics import load_urdf, Robot
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice
-from kane_dynamics.simulation.sticking.friction_state import FrictionState, Modes
+from kane_dynamics.simulation.sticking.friction_state import FrictionModes, FrictionState
 from kane_dynamics.simulation.sticking.sticking_kernel import mode_rows, sticking_kernel
 import numpy as np
 
@@ -48,10 +48,10 @@ def step_times(robot: Robot, integrator: str) -> dict[str, float]:
     constants = np.concatenate([[1e-12], robot.parameters.block])
     tau = robot.gravity_force(Q)[None]
     directions = np.sign(U)
-    modes = mode_rows(contact, Modes(directions, 0.0 * directions))
+    modes = mode_rows(contact, FrictionModes(directions, 0.0 * directions))
     some_held = directions.copy()
     some_held[[1, 4]] = 0.0
-    held_modes = mode_rows(contact, Modes(some_held, 0.0 * directions))
+    held_modes = mode_rows(contact, FrictionModes(some_held, 0.0 * directions))
     rows = np.empty((STEPS + 1, len(state) + 2))
     rows[0, :len(state)] = state
     before, short = rows[:-1, :len(state)], np.empty((STEPS + 1, len(state)))

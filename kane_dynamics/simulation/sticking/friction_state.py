@@ -32,7 +32,7 @@ TOUCHING = 1e-9  # rad, or lengths of the mechanism: distance of a joint at its 
 NEGLIGIBLE = 1e-9  # acceleration, relative to the largest one without the forces
 
 
-class Modes(NamedTuple):
+class FrictionModes(NamedTuple):
     """
     How k joints move.
 
@@ -53,7 +53,7 @@ class Modes(NamedTuple):
         """Return which joints are held, (k,) bool."""
         return np.asarray(self.directions == 0.0)
 
-    def same(self, other: 'Modes') -> bool:
+    def same(self, other: 'FrictionModes') -> bool:
         """Return whether the joints move in the same way."""
         return np.array_equal(self, other)
 
@@ -98,7 +98,7 @@ class Forces(NamedTuple):
         return f
 
 
-class Samples(NamedTuple):
+class FrictionSamples(NamedTuple):
     """
     What acts at K states.
 
@@ -239,7 +239,7 @@ class FrictionState:
                         np.where(x <= self.lower + near, -1.0, 0.0))
 
     def modes(self, state: Array, tau: Array, t: float,
-              sliding: dict[int, float] | None = None) -> Modes:
+              sliding: dict[int, float] | None = None) -> FrictionModes:
         """
         Return how the joints move from a state on, under a torque.
 
@@ -283,7 +283,7 @@ class FrictionState:
                 f_needed = f - a / np.diag(A)
                 self._require_driven(state, tau, t, resting[moves], f_needed[moves])
             directions[resting[moves]] = np.sign(a[moves])
-        return Modes(directions, at_stop * (directions == 0.0))
+        return FrictionModes(directions, at_stop * (directions == 0.0))
 
     def _require_driven(self, state: Array, tau: Array, t: float, joints: Array,
                         needed: Array) -> None:
@@ -308,7 +308,7 @@ class FrictionState:
                     f"'{joint.name}' helps its motor to move it; expected a motor that "
                     'drives against the load, since the motion is not determined otherwise')
 
-    def at_samples(self, states: Array, tau: Array, times: Array) -> 'Samples':
+    def at_samples(self, states: Array, tau: Array, times: Array) -> 'FrictionSamples':
         """Return accelerations, forces and sticking joints at K states, (K, size)."""
         robot = self.robot
         n_j = robot.model.n
@@ -332,7 +332,7 @@ class FrictionState:
             still = np.abs(forces.a + forces.A @ f) <= NEGLIGIBLE * np.abs(forces.a).max(
                 initial=1e-300)
             sticking[row, self.joints] = resting & (modes.held | still) & with_friction
-        return Samples(udot, stop_forces, sticking, friction)
+        return FrictionSamples(udot, stop_forces, sticking, friction)
 
     def _saturate(self, directions: Array, resting: Any, f: Array, least: Array,
                   largest: Array) -> None:

@@ -28,7 +28,8 @@ from kane_dynamics.simulation.step_kernels import (RobotMotion, step_signature,
                                                    traced_step, wrench_input)
 from kane_dynamics.simulation.sticking.friction_state import (driving_torques,
                                                               friction_bounds,
-                                                              FrictionState, Modes,
+                                                              FrictionModes,
+                                                              FrictionState,
                                                               of_all_joints)
 from kane_dynamics.simulation.user_speeds import tau_from
 import numpy as np
@@ -260,7 +261,7 @@ class _FrictionMotion(RobotMotion):
             ('parameters', robot.parameters.block.shape)])
 
 
-def mode_rows(state: FrictionState, modes: Modes) -> Matrix:
+def mode_rows(state: FrictionState, modes: FrictionModes) -> Matrix:
     """Return the input `modes` of the kernel, (4, k)."""
     # Infinite stops would make not-a-number of zero times infinity.
     lower = np.maximum(state.lower, -1e300)

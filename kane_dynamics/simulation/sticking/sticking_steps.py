@@ -18,8 +18,8 @@ from kane_dynamics.mechanics.joint_stops import nearest_stops, resolve_stops
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel
 from kane_dynamics.simulation.observers import Extremes, Impact
-from kane_dynamics.simulation.sticking.friction_state import (bounds, FrictionState,
-                                                              Modes)
+from kane_dynamics.simulation.sticking.friction_state import (bounds, FrictionModes,
+                                                              FrictionState)
 from kane_dynamics.simulation.sticking.sticking_kernel import mode_rows, sticking_kernel
 from kane_dynamics.simulation.stops.contact_forces import admissible_state
 from kane_dynamics.simulation.torque_input import TorqueInput
@@ -166,7 +166,7 @@ class Sticking:
             resolved = False
 
     def _through(self, path: '_Path', i: int, state: Array, step: int,
-                 modes: Modes) -> tuple[Array, Modes]:
+                 modes: FrictionModes) -> tuple[Array, FrictionModes]:
         """Return the state after a step with transitions, and the modes there."""
         passed = 0.0  # of the step, s
         left = self._step
@@ -222,19 +222,19 @@ class _Path:
                          for holds in (False, True)}
 
     def modes(self, state: Array, step: int, passed: float = 0.0,
-              sliding: dict[int, float] | None = None) -> Modes:
+              sliding: dict[int, float] | None = None) -> FrictionModes:
         """Return how the joints move from a state on, `passed` s after a step's beginning."""
         tau, t = self._torque(state, step, passed)
         return self.contact.modes(state, tau, t, sliding)
 
     def steps(self, state: Array, done: int, count: int,
-              modes: Modes) -> tuple[Array, Flags, Flags]:
+              modes: FrictionModes) -> tuple[Array, Flags, Flags]:
         """Return the states after steps, and whether begins and ends are valid."""
         inputs = self.source.inputs(done, count)
         return self._scanned(state, inputs, count, modes, self.source.constants)
 
     def part(self, state: Array, step: int, passed: float, length: float,
-             modes: Modes) -> Array:
+             modes: FrictionModes) -> Array:
         """Return the state after a part of a step, `passed` s after its beginning."""
         constants = self.source.constants.copy()
         constants[self._place_of_step] = length
@@ -243,7 +243,7 @@ class _Path:
         end: Array = after[0]
         return end
 
-    def _scanned(self, state: Array, inputs: Array, count: int, modes: Modes,
+    def _scanned(self, state: Array, inputs: Array, count: int, modes: FrictionModes,
                  constants: Array) -> tuple[Array, Flags, Flags]:
         """Return the results of native steps."""
         size = len(state)
@@ -267,7 +267,7 @@ class _Path:
 
     # Transitions.
 
-    def _functions(self, state: Array, step: int, passed: float, modes: Modes) -> Array:
+    def _functions(self, state: Array, step: int, passed: float, modes: FrictionModes) -> Array:
         """Return the functions of `_Event` at a state, (5 k,)."""
         contact = self.contact
         k = len(contact.joints)
@@ -291,16 +291,16 @@ class _Path:
             locking[~held] = forces.driving[~held] - LEAST
         return _Event(reversal, forward, backward, stops, locking).flat()
 
-    def happens(self, state: Array, step: int, passed: float, modes: Modes) -> bool:
+    def happens(self, state: Array, step: int, passed: float, modes: FrictionModes) -> bool:
         """Return whether a transition happened before a state."""
         return bool((self._functions(state, step, passed, modes) < 0.0).any())
 
-    def breaks_away(self, state: Array, step: int, modes: Modes) -> bool:
+    def breaks_away(self, state: Array, step: int, modes: FrictionModes) -> bool:
         """Return whether a joint broke away in the step that ends at a state."""
         return self.happens(state, step - 1, self._step, modes)
 
     def first(self, state: Array, step: int, passed: float, left: float,
-              modes: Modes) -> tuple[float, Any]:
+              modes: FrictionModes) -> tuple[float, Any]:
         """
         Return the time of the first transition in the rest of a step, s, and which it is.
 
@@ -320,8 +320,8 @@ class _Path:
         after = first_root(least, left, SHORT * self._step)
         return after, np.flatnonzero(functions(after) <= 0.0)
 
-    def transition(self, state: Array, step: int, passed: float, modes: Modes,
-                   which: Array) -> tuple[Array, Modes, _Hit | None]:
+    def transition(self, state: Array, step: int, passed: float, modes: FrictionModes,
+                   which: Array) -> tuple[Array, FrictionModes, _Hit | None]:
         """Return state and modes after a transition, and the impact if it is one."""
         contact = self.contact
         k = len(contact.joints)
