@@ -34,7 +34,7 @@ NEGLIGIBLE = 1e-9  # acceleration, relative to the largest one without the force
 
 class FrictionModes(NamedTuple):
     """
-    How k joints move.
+    Directions of sliding of k joints, and the joints that are held.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class Forces(NamedTuple):
 
 class FrictionSamples(NamedTuple):
     """
-    What acts at K states.
+    Accelerations, forces and sticking joints at K states.
 
     Attributes
     ----------
