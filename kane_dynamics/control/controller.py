@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 import math
-from typing import Any
+from typing import Any, Protocol
 
 from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import constant, finite_row, per_joint
@@ -16,6 +16,7 @@ from kane_dynamics.control.computed_torque import (corrected_acceleration, KD, K
 from kane_dynamics.control.followed_motion import FollowedMotion
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.control.terms import EVERY_TERM, Mode, Terms
+from kane_dynamics.control.torque_blend import TorqueBlend
 from kane_dynamics.control.torque_limiter import Command, TorqueLimiter
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
@@ -29,6 +30,23 @@ __all__ = ['Controller', 'Mode', 'Terms']
 
 CORIOLIS = TORQUE_TERMS.index('coriolis')
 FRICTION = TORQUE_TERMS.index('friction')
+# Modes whose law is a method of `Controller`.
+OWN_MODES = (Mode.INVERSE_DYNAMICS, Mode.COMPUTED_TORQUE, Mode.GRAVITY_COMPENSATION)
+
+
+class ModeLaw(Protocol):
+    """The law of a mode that `Controller` does not compute itself."""
+
+    @property
+    def pose(self) -> Array | None:
+        """Return the positions that are held, as `Controller.pose`."""
+
+    def restart(self) -> None:
+        """Begin at the next state, as after a change of mode or a stop."""
+
+    def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
+               t: float) -> Array:
+        """Return joint torques (n_q,) before the limits, as `Controller.torque`."""
 
 
 @fixed
@@ -46,6 +64,8 @@ class Controller:
         an arm at rest. Without a motion it holds the first measured pose.
     gravity_compensation
         Gravity at q. The speed is not used.
+    joint_impedance, cartesian_impedance
+        The law that `laws` has for the mode, of `kane_dynamics.task_space`.
 
     `compensate` switches torque terms off in every mode. The springs of the model have
     no switch: they are part of the model's torque, and not of gravity. Switching inertia
@@ -54,7 +74,8 @@ class Controller:
     Each torque is clamped to the effort limit, then its change from the last command to
     the rate limit times the time between the stamps. After construction or `stop` the
     previous command is zero at the stamp of the first state, so with a rate limit the
-    torque starts at zero.
+    torque starts at zero. With `blend_time` a change of mode or of gains is continuous:
+    the torque goes on from the last command, and the difference vanishes in that time.
 
     Parameters
     ----------
@@ -69,6 +90,10 @@ class Controller:
         N m or N; applies in addition to the robot's own limits. Default: only those.
     rate_limit : float or (n,) array_like
         N m/s or N/s; infinite for no limit.
+    blend_time : float
+        s; 0: a change takes effect at once, within the limits.
+    laws : mapping of Mode to ModeLaw, optional
+        The laws of further modes; a mode without a law is refused.
     bending : QuasiStatic, optional
         The flexible arm of which `robot` is the rigid model; its torques are commanded
         then.
@@ -90,11 +115,14 @@ class Controller:
     def __init__(self, robot: Robot, *, mode: Mode | str = Mode.INVERSE_DYNAMICS,
                  compensate: Terms = EVERY_TERM, kp: ArrayLike = KP, kd: ArrayLike = KD,
                  effort_limit: ArrayLike = math.inf, rate_limit: ArrayLike = math.inf,
+                 blend_time: float = 0.0,
+                 laws: Mapping[Mode, ModeLaw] | None = None,
                  bending: QuasiStatic | None = None,
                  followed: Sequence[str] | None = None,
                  preload: ArrayLike | None = None) -> None:
         require_rigid(robot)
         self.robot = robot
+        self.laws = dict(laws or {})
         self.bending = bending
         self._source = robot if bending is None else bending
         self._timed = robot.equations.timed
@@ -123,18 +151,23 @@ class Controller:
         self._pose: Array | None = None  # held while there is no motion
         self._fitting: Motion | None = None  # the last motion whose joints fit
         self._limiter = TorqueLimiter(self._names)
+        self._blend = TorqueBlend()
         self._mode = Mode.INVERSE_DYNAMICS
+        self._law_of_mode: ModeLaw | None = None
         self._kp = self._zero
         self._kd = self._zero
+        self._gains = np.zeros(2 * len(self._follow))
         self.update(mode=mode, compensate=compensate, kp=kp, kd=kd,
-                    effort_limit=effort_limit, rate_limit=rate_limit)
+                    effort_limit=effort_limit, rate_limit=rate_limit,
+                    blend_time=blend_time)
 
     # Settings, which may change between two commands.
 
     def update(self, *, mode: Mode | str | None = None, compensate: Terms | None = None,
                kp: ArrayLike | None = None, kd: ArrayLike | None = None,
                effort_limit: ArrayLike | None = None,
-               rate_limit: ArrayLike | None = None) -> None:
+               rate_limit: ArrayLike | None = None,
+               blend_time: float | None = None) -> None:
         """
         Change settings between two commands; None keeps a setting.
 
@@ -142,8 +175,11 @@ class Controller:
         command; a new mode holds a new pose.
         """
         # All checks come before the first change.
-        if mode is not None and mode not in list(Mode):
-            raise InputError(f'mode: {mode!r}; expected one of {", ".join(Mode)}')
+        if mode is not None and mode not in self.modes:
+            raise InputError(f'mode: {mode!r}; expected one of {", ".join(self.modes)}')
+        if blend_time is not None and not 0.0 <= blend_time < math.inf:
+            raise InputError(f'blend_time: {blend_time}; expected a finite time in s, '
+                             'not negative')
         names = self._names
         new_kp = self._kp if kp is None else per_joint(kp, 'kp', self._follow)
         new_kd = self._kd if kd is None else per_joint(kd, 'kd', self._follow)
@@ -156,16 +192,23 @@ class Controller:
         if rate_limit is not None:
             rate = per_joint(rate_limit, 'rate_limit', names, finite=False)
         # From here on nothing is refused.
+        if blend_time is not None:
+            self._blend.duration = blend_time
+        gains = np.concatenate([new_kp, new_kd])
+        if mode in (None, self._mode) and not np.array_equal(gains, self._gains):
+            self._blend.begin()
         self._kp = new_kp
         self._kd = new_kd
-        self._gains = np.concatenate([new_kp, new_kd])
+        self._gains = gains
         if effort is not None:
             self._limiter.set_effort(effort)
         if rate is not None:
             self._limiter.set_rate(rate)
         if mode is not None and mode != self._mode:
             self._mode = Mode(mode)
-            self._pose = None
+            self._law_of_mode = self.laws.get(self._mode)
+            self._restart()
+            self._blend.begin()
         if compensate is not None:
             self._compensate = compensate
             # Feedback acts through M in any case; friction is added at the desired
@@ -176,6 +219,15 @@ class Controller:
     def followed(self) -> tuple[str, ...]:
         """Return the names of the joints that follow motions, in the gains' order."""
         return self._follow
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """Return the modes of this controller: those with a law."""
+        return (*OWN_MODES, *self.laws)
+
+    def blend(self) -> None:
+        """Let the torque go on from the last command, as after a change of a law."""
+        self._blend.begin()
 
     @property
     def mode(self) -> Mode:
@@ -200,7 +252,7 @@ class Controller:
     @property
     def pose(self) -> Array | None:
         """Return the positions that are held, (n,) rad or m; None with a motion."""
-        return self._pose
+        return self._pose if self._law_of_mode is None else self._law_of_mode.pose
 
     @property
     def effort_limit(self) -> Array:
@@ -246,8 +298,8 @@ class Controller:
             Time since the motion began, s. Default: t.
         external : (n,) array_like, optional
             Known external generalized force (`Robot.external_force`), N m or N; the
-            command compensates it, except in gravity compensation, where an operator
-            guides the arm.
+            command compensates it, except in gravity compensation and in the modes of
+            `laws`, where the arm yields.
 
         Returns
         -------
@@ -289,11 +341,17 @@ class Controller:
         For a loop that has checked them: `q` and `u` are (n,) float64, finite and
         contiguous, and the motion is of the robot's joints in the robot's order.
         """
-        return self._limiter.apply(t, self.torque(q, u, motion, moment, external, t))
+        tau = self.torque(q, u, motion, moment, external, t)
+        if self._blend.active:
+            tau = self._blend.apply(t, tau, self._limiter.last)
+        return self._limiter.apply(t, tau)
 
     def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
                external: Array | None = None, t: float = 0.0) -> Array:
         """Return the torques, (n,), before the limits, as `command_checked`."""
+        if self._law_of_mode is not None:
+            tau = self._law_of_mode.torque(q, u, motion, moment, t)
+            return tau if self.bending is None else tau + self._sag_torque(q, t)
         at = q  # the configuration at which the model is evaluated
         if self._mode is Mode.COMPUTED_TORQUE:
             tau = self._computed_torque(q, u, motion, moment, t)
@@ -306,6 +364,13 @@ class Controller:
         if external is not None and self._mode is not Mode.GRAVITY_COMPENSATION:
             tau = tau - self._shared(external, at, t)
         return tau
+
+    def _sag_torque(self, q: Array, t: float) -> Array:
+        """Return the torque of the deflection under gravity, beyond the rigid model's."""
+        if not self._compensate.gravity:
+            return np.zeros(len(self._names))
+        rigid = self.robot.gravity_force(q, **self._time(t))
+        return self._shared(self._gravity(q, t) - rigid, q, t)
 
     def gravity_torque(self, q: Array, t: float = 0.0) -> Array:
         """Return the torque that holds q, (n,), against gravity, or zeros without it."""
@@ -330,6 +395,9 @@ class Controller:
     def _restart(self) -> None:
         self._pose = None
         self._motion.restart()
+        self._blend.stop()
+        if self._law_of_mode is not None:
+            self._law_of_mode.restart()
 
     # Computed torque.
 

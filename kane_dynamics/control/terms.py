@@ -22,6 +22,20 @@ class Mode(StrEnum):
     INVERSE_DYNAMICS = 'inverse_dynamics'
     COMPUTED_TORQUE = 'computed_torque'
     GRAVITY_COMPENSATION = 'gravity_compensation'
+    JOINT_IMPEDANCE = 'joint_impedance'
+    CARTESIAN_IMPEDANCE = 'cartesian_impedance'
+
+    @property
+    def follows_motions(self) -> bool:
+        """Return whether the joints follow a desired motion in this mode."""
+        return self in (Mode.INVERSE_DYNAMICS, Mode.COMPUTED_TORQUE,
+                        Mode.JOINT_IMPEDANCE)
+
+    @property
+    def is_stiff(self) -> bool:
+        """Return whether the torque depends on the distance to a desired position."""
+        return self in (Mode.COMPUTED_TORQUE, Mode.JOINT_IMPEDANCE,
+                        Mode.CARTESIAN_IMPEDANCE)
 
 
 @hinting

@@ -76,6 +76,11 @@ class TorqueLimiter:
         self._slope: list[float] = np.where(is_limited, rate, 0.0).tolist()
         self._free: list[float] = np.where(is_limited, 0.0, math.inf).tolist()
 
+    @property
+    def last(self) -> Array | None:
+        """Return the last command, (n,) N m or N; None before the first one."""
+        return None if self._stamp is None else np.array(self._last)
+
     def apply(self, t: float, tau: Array) -> Command:
         """
         Return `tau` limited, at stamp `t`, s.

@@ -14,6 +14,9 @@ STATE_TIMEOUT = 0.1  # s: largest age of the states that the node uses
 NODE, PLANT = '/kane_dynamics', '/plant'
 DURATION = 8.0  # duration of the motion, s
 POINTS = 10.0  # of the motion, per second
+# Mode cartesian: stiffness along and about the world axes, N/m and N m/rad; forces, N.
+STIFFNESS = (600.0, 600.0, 600.0, 30.0, 30.0, 30.0)
+PUSHES = ((0.0, 30.0, 0.0), (0.0, 0.0, -30.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +36,8 @@ class DemoRobot:
         frequency, Hz.
     kp, kd : (n,) arrays
         Gains of a soft servo, N m/rad and N m s/rad.
+    frame : str
+        The frame that is pushed.
     constraints : Path, optional
         Constraints file of a robot with closed loops. Then only `joints` are measured.
     passive : mapping of str to float
@@ -48,6 +53,7 @@ class DemoRobot:
     frequency: Array
     kp: Array
     kd: Array
+    frame: str
     constraints: Path | None = None
     passive: Mapping[str, float] = field(default_factory=dict)
 
@@ -82,7 +88,8 @@ FR3 = DemoRobot(
     amplitude=np.array([0.9, 0.45, 0.6, 0.5, 0.7, 0.6, 0.9]),
     frequency=np.array([2.0, 3.0, 2.5, 3.0, 4.0, 3.0, 5.0]) / 8.0,
     kp=np.array([150.0, 150.0, 120.0, 120.0, 40.0, 30.0, 15.0]),
-    kd=np.array([12.0, 12.0, 10.0, 10.0, 3.0, 2.5, 1.0]))
+    kd=np.array([12.0, 12.0, 10.0, 10.0, 3.0, 2.5, 1.0]),
+    frame='fr3_hand')
 
 PALLETIZER = DemoRobot(
     title='A palletizer with three parallelograms in MuJoCo',
@@ -94,6 +101,7 @@ PALLETIZER = DemoRobot(
     frequency=np.array([2.0, 3.0, 4.0, 2.5]) / 8.0,
     kp=np.array([30000.0, 30000.0, 60.0, 15000.0]),
     kd=np.array([2500.0, 2500.0, 5.0, 1200.0]),
+    frame='tool',
     passive={'elbow': -0.1, 'wrist_pin': -0.1, 'drive_pin': 0.1, 'triangle_pin': -0.2,
              'rod_1_pin': 0.2, 'rod_2_pin': 0.1})
 

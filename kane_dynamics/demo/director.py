@@ -17,10 +17,12 @@ import sys
 import time
 from typing import Any
 
+from geometry_msgs.msg import Vector3, WrenchStamped
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.demo.children import Child, children, DemoError, stage, Waiting
-from kane_dynamics.demo.demo_settings import (DemoRobot, DURATION, NODE, PLANT, ROBOTS,
-                                              STATE_TIMEOUT)
+from kane_dynamics.demo.demo_settings import (DemoRobot, DURATION, NODE, PLANT, PUSHES,
+                                              ROBOTS, STATE_TIMEOUT, STIFFNESS)
+from kane_dynamics.demo.push_report import PushLog, report_pushes
 from kane_dynamics.demo.tracking_report import repeated_if_late, report, TrackingLog
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics_interfaces.srv import Simulate
@@ -34,6 +36,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 LEAD = 0.3  # s between sending a motion and its start
 FALL = 0.25  # s: later it meets joint limits, which a simulation only reports
+FEEDFORWARD, CARTESIAN = 'feedforward', 'cartesian'  # modes of the demo
+REST, PUSHED = 1.5, 1.5  # s without and with a push
 LOOK = 0.5  # s between two looks at who is waited for
 
 
@@ -48,6 +52,7 @@ class Director(Node):
         self._to_plant = self.create_publisher(JointTrajectory, 'desired', latched)
         self._to_node = self.create_publisher(JointTrajectory,
                                               f'{NODE}/joint_trajectory', 1)
+        self._wrench = self.create_publisher(WrenchStamped, f'{PLANT}/wrench', 1)
 
     def ask(self, service: type[Any], name: str, **fields: Any) -> Any:
         """Call a service and return its answer."""
@@ -141,10 +146,47 @@ class Director(Node):
         return prediction, self._recorded(record)
 
 
-def commands(name: str, record: Path) -> dict[str, Sequence[str]]:
+    def push(self, record: Path) -> PushLog:
+        """
+        Push the arm, which the node alone holds, and let it go; return the record.
+
+        The servo holds the arm until then.
+        """
+        self.ask(SetBool, f'{PLANT}/servo', data=False)
+        duration = REST + len(PUSHES) * (PUSHED + REST)
+        began = time.monotonic()
+        with progress_bar('Pushes              ', duration) as progress:
+            def wait(end: float) -> None:
+                while (left := began + end - time.monotonic()) > 0.0:
+                    time.sleep(min(left, 0.1))
+                    progress(time.monotonic() - began)
+            end = REST
+            wait(end)
+            for force in PUSHES:
+                self._apply(force)
+                end += PUSHED
+                wait(end)
+                self._apply((0.0, 0.0, 0.0))
+                end += REST
+                wait(end)
+        self.ask(Trigger, f'{PLANT}/save')
+        return PushLog.load(record)
+
+    def _apply(self, force: Sequence[float]) -> None:
+        """Let a force, N in world axes, act on the arm until the next one."""
+        message = WrenchStamped()
+        message.wrench.force = Vector3(x=force[0], y=force[1], z=force[2])
+        self._wrench.publish(message)
+
+
+def commands(name: str, record: Path, mode: str) -> dict[str, Sequence[str]]:
     """Return the commands of arm and node by name."""
-    parameters = ROBOTS[name].parameters | {'mode': 'inverse_dynamics',
-                                            'state_timeout': str(STATE_TIMEOUT)}
+    robot = ROBOTS[name]
+    parameters = robot.parameters | {'mode': 'inverse_dynamics',
+                                     'state_timeout': str(STATE_TIMEOUT)}
+    if mode == CARTESIAN:
+        parameters |= {'mode': 'cartesian_impedance', 'cartesian.frame': robot.frame,
+                       'cartesian.stiffness': str(list(STIFFNESS))}
     return {'arm': [sys.executable, '-u', '-m', 'kane_dynamics.demo.mujoco_plant', name,
                     str(record)],
             'node': [sys.executable, '-u', '-m', 'kane_dynamics.ros.dynamics_node.main',
@@ -159,6 +201,10 @@ def parsed(arguments: Sequence[str]) -> Namespace:
                         help='a seven-axis arm, or a palletizer with three closed loops '
                         '(default: '
                              '%(default)s)')
+    parser.add_argument('--mode', choices=(FEEDFORWARD, CARTESIAN), default=FEEDFORWARD,
+                        help='feedforward: a motion with and without the torques of the '
+                        'node; cartesian: pushes against the node in mode '
+                        'cartesian_impedance (default: %(default)s)')
     parser.add_argument('--duration', type=_seconds, default=DURATION, metavar='S',
                         help='duration of the motion, at least 1 s (default: '
                         '%(default)s)')
@@ -191,21 +237,34 @@ def run(arguments: Sequence[str] = ()) -> int:
     rclpy.init()
     director = Director()
     try:
-        with children(commands(options.robot, record)) as running:
+        with children(commands(options.robot, record, options.mode)) as running:
             director.children = running
             with stage('Start of the arm'):
                 director.ask(SetBool, f'{PLANT}/reset', data=True)
             with stage('Start of the node, which compiles its kernels'):
                 director.wait_until_active()
-            with stage(f'Motion of {options.duration:g} s with the servo alone'):
-                alone = director.perform('Servo alone         ', motion, record, False)
-            with stage(f'Motion of {options.duration:g} s with servo and feedforward'):
-                helped = repeated_if_late(motion, alone, lambda: director.perform(
-                    'Servo + feedforward ', motion, record, True))
-            with stage('Prediction of the fall, and the fall'):
-                prediction, fall = director.predict_and_let_go(robot, record)
+            if options.mode == CARTESIAN:
+                with stage('Pushes against the impedance of the node'):
+                    pushed = director.push(record)
+            else:
+                runs = _runs_of_motion(director, robot, motion, record)
     finally:
         director.destroy_node()
         rclpy.try_shutdown()
     record.unlink(missing_ok=True)
-    return report(robot, motion, alone, helped, prediction, fall, options.output)
+    if options.mode == CARTESIAN:
+        return report_pushes(robot, pushed, options.output)
+    return report(robot, motion, *runs, options.output)
+
+
+def _runs_of_motion(director: Director, robot: DemoRobot, motion: Motion, record: Path
+                    ) -> tuple[TrackingLog, TrackingLog, Any, TrackingLog]:
+    """Return the records of the servo alone, with feedforward, and of the fall."""
+    with stage(f'Motion of {motion.duration:g} s with the servo alone'):
+        alone = director.perform('Servo alone         ', motion, record, False)
+    with stage(f'Motion of {motion.duration:g} s with servo and feedforward'):
+        helped = repeated_if_late(motion, alone, lambda: director.perform(
+            'Servo + feedforward ', motion, record, True))
+    with stage('Prediction of the fall, and the fall'):
+        prediction, fall = director.predict_and_let_go(robot, record)
+    return alone, helped, prediction, fall

@@ -14,12 +14,14 @@ import sys
 import time
 from typing import Any
 
+from geometry_msgs.msg import WrenchStamped
 from kane_dynamics._util.typing import Array
 from kane_dynamics.demo.demo_settings import DemoRobot, NODE, PLANT, RATE, ROBOTS
 from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.command_topic import SIMULATED_ROBOT
 from kane_dynamics.ros.common.process import make_executor
+from kane_dynamics.ros.torque_path.wrench_input import wrench_array
 import mujoco
 import numpy as np
 import rclpy
@@ -33,7 +35,7 @@ from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 SUBSTEPS = 4  # MuJoCo steps a tick
-COLUMNS = ('t', 'q', 'u', 'command', 'servo', 'late')
+COLUMNS = ('t', 'q', 'u', 'command', 'servo', 'late', 'wrench')
 HOLD = 2000.0  # N/m or N m/rad: holds the joints that are not part of the arm
 HOLD_DAMPING = 20.0  # N s/m or N m s/rad
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -61,6 +63,7 @@ class MujocoArm:
         without_shapes = re.sub(r'<(visual|collision)\b.*?</\1>', '', text,
                                 flags=re.DOTALL)
         spec = mujoco.MjSpec.from_string(without_shapes)
+        spec.compiler.fusestatic = False  # frames of wrenches are links without mass
         if robot.constraints is not None:
             _close_loops(spec, robot.constraints)
         self.model = spec.compile()
@@ -79,11 +82,13 @@ class MujocoArm:
             joint = self.model.joint(name)
             self._home[joint.qposadr[0]] = angle
             self._held.discard(joint.dofadr[0])
+        self.frame = self.model.body(robot.frame).id
         self.reset()
 
     def reset(self) -> None:
-        """Put the arm at rest at home."""
+        """Put the arm at rest at home, without a wrench."""
         mujoco.mj_resetData(self.model, self.data)
+        self.wrench = np.zeros(6)  # at the origin of the robot's frame, in world axes
         self.data.qpos[list(self._home)] = list(self._home.values())
         mujoco.mj_forward(self.model, self.data)
 
@@ -93,18 +98,23 @@ class MujocoArm:
         return self.data.qpos[self._q].copy(), self.data.qvel[self._u].copy()
 
     def step(self, tau: Array) -> None:
-        """Advance by one tick under joint torques, N m."""
-        self.data.qfrc_applied[self._u] = tau
+        """Advance by one tick under joint torques, N m, and the wrench."""
         held = sorted(self._held)
         for _ in range(SUBSTEPS):
+            force = self.data.qfrc_applied
+            force[:] = 0.0
+            force[self._u] = tau
             spring = -HOLD * self.data.qpos[held]
-            self.data.qfrc_applied[held] = spring - HOLD_DAMPING * self.data.qvel[held]
+            force[held] = spring - HOLD_DAMPING * self.data.qvel[held]
+            if self.wrench.any():
+                mujoco.mj_applyFT(self.model, self.data, self.wrench[:3],
+                                  self.wrench[3:], self.data.xpos[self.frame],
+                                  self.frame, force)
             mujoco.mj_step(self.model, self.data)
 
 
 def _close_loops(spec: Any, path: Path) -> None:
     """Join the frames of each closure of a constraints file; the pins are parallel."""
-    spec.compiler.fusestatic = False  # the frames are links without mass
     for closure in load_constraints(path)['constraints']:
         for frame in (closure.first, closure.second):
             spec.body(frame).add_site(name=frame)
@@ -143,7 +153,9 @@ class MujocoPlant(Node):
         self._simulated = self.create_publisher(Bool, f'~/{SIMULATED_ROBOT}', latched)
         self._simulated.publish(Bool(data=True))  # so that the node activates itself
         self.create_subscription(JointTrajectory, 'desired', self._on_desired, latched)
+        self.create_subscription(WrenchStamped, '~/wrench', self._on_wrench, reliable)
         self.create_service(SetBool, '~/reset', self._reset)
+        self.create_service(SetBool, '~/servo', self._switch_servo)
         self.create_service(Trigger, '~/save', self._save)
 
     def tick(self, stamp: int) -> None:
@@ -158,7 +170,8 @@ class MujocoPlant(Node):
         self._sent[stamp] = time.perf_counter_ns()
         self._publisher.publish(message)
         late = (time.time_ns() - stamp) * 1e-9
-        self._rows.append((t - self._started, q, u, self._command, servo, late))
+        self._rows.append((t - self._started, q, u, self._command, servo, late,
+                           self.arm.wrench))
         self.arm.step(self._command + servo)
 
     def _servo(self, t: float, q: Array, u: Array) -> Array:
@@ -173,6 +186,17 @@ class MujocoPlant(Node):
 
     def _on_command(self, message: Float64MultiArray) -> None:
         self._command = np.array(message.data)
+
+    def _on_wrench(self, message: WrenchStamped) -> None:
+        """Apply a wrench, in world axes, until the next one."""
+        self.arm.wrench = wrench_array(message)
+
+    def _switch_servo(self, request: Any, response: Any) -> Any:
+        """Switch the servo, and begin the record."""
+        self._servo_on = request.data
+        self._begin_record(time.time())
+        response.success = True
+        return response
 
     def _on_torques(self, message: JointState) -> None:
         """Record the latency from a state to its torques."""

@@ -1,15 +1,17 @@
 """The robots, the torque path and the topics of a configured node."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 import threading
 import time
 from typing import Any
 
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from kane_dynamics.control.computed_torque import joints_that_follow
-from kane_dynamics.control.controller import Controller
+from kane_dynamics.control.controller import Controller, ModeLaw
 from kane_dynamics.control.quasi_static import QuasiStatic
+from kane_dynamics.control.terms import Mode
 from kane_dynamics.control.trajectory_joints import compile_trajectories
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.path_robot import compile_timing
@@ -25,10 +27,13 @@ from kane_dynamics.ros.monitors.imu_gravity import GravityFromImu
 from kane_dynamics.ros.monitors.optional_topics import (check_optional_topics,
                                                         joint_command_type,
                                                         OptionalTopics)
+from kane_dynamics.ros.monitors.task_state_topic import TaskStateTopic
 from kane_dynamics.ros.parameters.parameter_checks import integrator_of_simulations
+from kane_dynamics.ros.parameters.task_settings import controlled_frame
 from kane_dynamics.ros.services.served_robot import ServedRobot
 from kane_dynamics.ros.services.services import Services
 from kane_dynamics.ros.services.trajectory_filling import FillSettings
+from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode
 from kane_dynamics.ros.torque_path.closed_loop_reader import (closed_loop_reader,
                                                               command_fault)
 from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload,
@@ -37,12 +42,16 @@ from kane_dynamics.ros.torque_path.gravity_payload import (checked_payload,
 from kane_dynamics.ros.torque_path.guard_messages import arm_digest
 from kane_dynamics.ros.torque_path.path_controller import path_controller, path_settings
 from kane_dynamics.ros.torque_path.state_check import speed_limits
+from kane_dynamics.ros.torque_path.target_input import (POSE, TargetInput, TWIST,
+                                                        WRENCH)
+from kane_dynamics.ros.torque_path.task_modes import TaskModes
 from kane_dynamics.ros.torque_path.torque_path import TorquePath
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.simulate import compile_simulation
 from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.step_size import possible_integrators
 from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
+from kane_dynamics_interfaces.msg import TaskState
 import numpy as np
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
@@ -93,14 +102,14 @@ class ConfiguredRobot:
     def __init__(self, node: LifecycleNode, server: Services, model: Model,
                  values: Mapping[str, Any], statistics: Statistics,
                  warn: ThrottledWarning) -> None:
+        self.values = values
         # The controller's model has rigid links; of a flexible arm, `bending` is the
         # other.
-        controller = path_controller(model, values)
+        controller = path_controller(model, values, self._laws_of)
         self._digest = arm_digest(model, controller.robot.options['constraints'])
         self.robot = controller.robot
         bending = controller.bending
         model = self.robot.model
-        self.values = values
         self._node = node
         self._server = server
         self._warn = warn
@@ -139,10 +148,16 @@ class ConfiguredRobot:
         self.fault = command_fault(controller)
         if not self.fault:
             controller.compile()
+            self.modes.compile()
         with ExitStack() as opened:
             self._open(controller, opened)
             self._opened = opened.pop_all()
         server.spinner.wake()
+
+    def _laws_of(self, robot: Robot) -> Mapping[Mode, ModeLaw]:
+        """Return the laws of the modes that fit the robot of the torque path."""
+        self.modes = TaskModes(robot, self.values)
+        return self.modes.laws
 
     def _compile(self, robots: Sequence[Robot]) -> None:
         """Compile what requests need: simulations, filled trajectories, path timing."""
@@ -194,6 +209,9 @@ class ConfiguredRobot:
             loops, lambda reason, detail: warn.error(f'joint states: {reason}', detail))
         self.optional_topics = OptionalTopics(node, server, self.path, values, self._now,
                                               self._reject, publisher, opened)
+        self._targets: TargetInput | None = None
+        if not self.fault:
+            self._open_task_topics(publisher, opened)
         self.guard: GuardLink | None = None
         if guarded:
             self.guard = GuardLink(node, self.path, values['guard.lease'], opened,
@@ -208,6 +226,31 @@ class ConfiguredRobot:
                 Imu, node.resolve_topic_name(values['imu.topic']), self._on_imu,
                 BEST_EFFORT)
             opened.callback(server.destroy_subscription, imu)
+
+    def _open_task_topics(self, publisher: Callable[..., Any],
+                          opened: ExitStack) -> None:
+        """Open the topics of the controlled frame."""
+        node = self._node
+        values = self.values
+        controller = self.path.controller
+        rate = values['task_state.rate']
+        frame = controlled_frame(values, self.robot.model)
+        if rate and controller.laws:
+            topic = TaskStateTopic(self._server,
+                                   publisher(TaskState, '~/task_state', RELIABLE), rate,
+                                   frame, controller)
+            opened.callback(topic.close)
+            self.path.add_observer(topic, need_effort=False)
+        law = self.modes.laws.get(Mode.CARTESIAN_IMPEDANCE)
+        if not isinstance(law, CartesianMode):
+            return
+        targets = TargetInput(self.path, law.target, frame, values, self._reject)
+        self._targets = targets
+        for kind, name, callback in ((PoseStamped, POSE, targets.on_pose),
+                                     (TwistStamped, TWIST, targets.on_twist),
+                                     (WrenchStamped, WRENCH, targets.on_wrench)):
+            opened.callback(node.destroy_subscription, node.create_subscription(
+                kind, f'~/{name}', callback, BEST_EFFORT, raw=True))
 
     def _on_state(self, data: bytes, info: Mapping[str, Any]) -> None:
         self.path.on_state(data)  # first: the command must not wait for the count
@@ -274,6 +317,7 @@ class ConfiguredRobot:
     def check(self, values: Mapping[str, Any], changed: Collection[str]) -> None:
         """Raise InputError unless parameters, of which `changed` are set, fit."""
         path_settings(values, self.robot)
+        self.modes.check(values)
         speed_limits(self.robot, values)
         FillSettings.from_values(values, self.robot.joint_names)
         parameter_loads(self.robot.model, values)
@@ -301,7 +345,11 @@ class ConfiguredRobot:
         self.path.set_limits(values)
         if self.path.loops is not None:
             self.path.loops.update(values)
+        if self.modes.update(values):
+            self.path.controller.blend()
         self.path.controller.update(**path_settings(values, self.robot))
+        if self._targets is not None:
+            self._targets.update(values)
         if self.gravity_source is not None:
             self.gravity_source.time_constant = values['imu.time_constant']
         self.optional_topics.update(values)

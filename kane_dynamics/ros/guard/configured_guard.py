@@ -5,6 +5,7 @@ from contextlib import ExitStack
 import time
 from typing import Any
 
+from kane_dynamics.control.terms import Mode
 from kane_dynamics.model.model import Model
 from kane_dynamics.ros.common.node_statistics import Statistics
 from kane_dynamics.ros.common.qos import BEST_EFFORT, RELIABLE, watched
@@ -59,7 +60,8 @@ class ConfiguredGuard:
                  warn: Callable[[str, str], None], report: Callable[[str, str], None],
                  identity: float) -> None:
         self._identity = identity
-        controller = path_controller(model, values)
+        # The guard holds in modes of its own.
+        controller = path_controller(model, {**values, 'mode': Mode.COMPUTED_TORQUE})
         self.digest = arm_digest(model, controller.robot.options['constraints'])
         self.robot = controller.robot
         self.statistics = Statistics()

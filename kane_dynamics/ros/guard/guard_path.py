@@ -31,7 +31,7 @@ def guard_settings(values: Mapping[str, Any], controller: Controller) -> dict[st
     joints = controller.robot.joint_names
     follow = [joints.index(name) for name in controller.followed]
     return controller_settings(values, joints) | {
-        'mode': Mode.COMPUTED_TORQUE, 'kp': 0.0,
+        'mode': Mode.COMPUTED_TORQUE, 'blend_time': 0.0, 'kp': 0.0,
         'rate_limit': rate_limit(values, controller.robot),
         'kd': per_joint(values, 'guard.damping', joints, 0.0)[follow]}
 

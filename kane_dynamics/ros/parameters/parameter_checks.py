@@ -18,7 +18,8 @@ from rclpy.node import Node
 SIMILAR = 0.75  # least similarity of spellings without a common word, as of difflib
 # Parameters of ROS that a parameter file may contain beside those of the node.
 FOREIGN = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
-FRAMES = ('payload.frame', 'imu.frame', 'wrench.frames', 'observer.frame')
+FRAMES = ('payload.frame', 'imu.frame', 'wrench.frames', 'observer.frame',
+          'cartesian.frame')
 
 
 def _number(spec: Spec, value: Any) -> float:
@@ -37,6 +38,8 @@ def _names(spec: Spec, value: Any) -> tuple[str, ...]:
     names = tuple(value)
     if isinstance(value, str) or not all(isinstance(n, str) and n for n in names) or (
             len(set(names)) < len(names)):
+        raise ValueError
+    if spec.choices and not set(names) <= set(spec.choices):
         raise ValueError
     return names
 
@@ -270,4 +273,5 @@ def controller_settings(values: Mapping[str, Any],
             'kp': per_joint(values, 'gains.kp', joints, 0.0),
             'kd': per_joint(values, 'gains.kd', joints, 0.0),
             'effort_limit': per_joint(values, 'limits.effort', joints, math.inf),
-            'rate_limit': per_joint(values, 'limits.rate', joints, math.inf)}
+            'rate_limit': per_joint(values, 'limits.rate', joints, math.inf),
+            'blend_time': values['blend_time']}

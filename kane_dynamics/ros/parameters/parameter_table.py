@@ -14,6 +14,7 @@ from kane_dynamics.control.friction_error import FRICTION_SPEED
 from kane_dynamics.control.terms import Mode, STATEMENT
 from kane_dynamics.mechanics.integrators import INTEGRATORS
 
+LAW_MODES = (Mode.JOINT_IMPEDANCE, Mode.CARTESIAN_IMPEDANCE)
 Kind = Literal['text', 'flag', 'number', 'count', 'names', 'vector', 'six', 'numbers',
                'per_joint', 'terms']
 
@@ -46,7 +47,8 @@ class Spec:
     def constraint(self) -> str:
         """Return a description of the valid values."""
         if self.choices:
-            return 'one of ' + ', '.join(self.choices)
+            words_of_kind = 'a list of some of' if self.kind == 'names' else 'one of'
+            return f'{words_of_kind} {", ".join(self.choices)}'
         words = {'text': 'a string',
                  'flag': 'true or false',
                  'names': 'a list of names, each once',
@@ -169,6 +171,9 @@ SPECS = (
     live('mode', 'text', 'inverse_dynamics',
          'control mode, which decides what `commands` '
          'contains', choices=tuple(Mode)),
+    Spec('modes', 'names', [],
+         'further modes to which `mode` may change while the node is configured; their '
+         'laws are compiled then', choices=LAW_MODES),
     Spec('arm_compensates', 'terms', [],
          'torque terms that the arm adds to commanded efforts '
          'itself; `commands` leave them out; without this statement the node does not '
@@ -178,6 +183,73 @@ SPECS = (
          '1/s^2', low=0.0),
     live('gains.kd', 'per_joint', 20.0, 'mode computed_torque: gain of velocity errors, '
          '1/s', low=0.0),
+    live('blend_time', 'number', 0.1,
+         'time in which the torque goes over to a new control law after a change of mode, '
+         'gains or impedance, s; 0: at once, within limits.rate', low=0.0, high=10.0),
+    live('joint_impedance.stiffness', 'per_joint', [],
+         'mode joint_impedance: stiffness, N m/rad or N/m; empty: five times the effort '
+         'limit per rad or m', low=0.0),
+    live('joint_impedance.damping', 'per_joint', [],
+         'its damping, N m s/rad or N s/m; empty: by joint_impedance.damping_ratio',
+         low=0.0),
+    live('joint_impedance.damping_ratio', 'per_joint', 0.7,
+         'damping ratio of each joint on its spring, for its inertia where the mode '
+         'begins, if joint_impedance.damping is empty', low=0.0, high=10.0),
+    Spec('cartesian.frame', 'text', '',
+         'the controlled frame of mode cartesian_impedance, and that of ~/task_state; '
+         'empty: `tip`, or else the last link'),
+    Spec('cartesian.axes', 'text', 'world',
+         'axes of cartesian.stiffness: world, frame (those of the target), or a frame '
+         'that is fixed to the world or to the body of cartesian.frame'),
+    live('cartesian.stiffness', 'six', [600.0, 600.0, 600.0, 30.0, 30.0, 30.0],
+         'mode cartesian_impedance: stiffness along and about the axes, N/m and N m/rad; '
+         'not negative'),
+    live('cartesian.damping_ratio', 'number', 0.7,
+         'damping ratio of the frame on its spring, for the inertia at each state',
+         low=0.0, high=10.0),
+    live('cartesian.max_force', 'number', 60.0,
+         'largest force of the spring, and of ~/target_wrench, N', positive=True,
+         infinite=True, low=0.0),
+    live('cartesian.max_moment', 'number', 12.0,
+         'largest moment of the spring, and of ~/target_wrench, N m', positive=True,
+         infinite=True, low=0.0),
+    live('cartesian.posture', 'per_joint', [],
+         'positions towards which joints are drawn where that does not move the frame, '
+         'rad or m; empty: those at which the mode begins'),
+    live('cartesian.posture_stiffness', 'per_joint', 5.0,
+         'stiffness of that, N m/rad or N/m; 0: none', low=0.0),
+    live('cartesian.null_damping', 'number', 2.0,
+         'rate at which motion that does not move the frame decays, 1/s', low=0.0,
+         high=1000.0),
+    live('walls.margin', 'per_joint', [],
+         'mode cartesian_impedance: distance from the position limits at which soft walls '
+         'begin, rad or m; empty: 0.1, at most 5 % of the range', positive=True, low=0.0),
+    live('walls.stiffness', 'per_joint', [],
+         'stiffness of the walls, N m/rad or N/m; 0: none; empty: the effort limit at the '
+         'position limit', low=0.0),
+    live('target.max_speed', 'number', 0.25,
+         'largest speed of the target of mode cartesian_impedance, m/s', positive=True,
+         low=0.0, high=100.0),
+    live('target.max_angular_speed', 'number', 1.0,
+         'largest angular speed of the target, rad/s', positive=True, low=0.0,
+         high=100.0),
+    live('target.max_acceleration', 'number', 2.0,
+         'largest acceleration of the target, m/s^2', positive=True, low=0.0, high=1e4),
+    live('target.max_angular_acceleration', 'number', 8.0,
+         'largest angular acceleration of the target, rad/s^2', positive=True, low=0.0,
+         high=1e4),
+    live('target.max_distance', 'number', 0.5,
+         'largest distance of ~/target_pose from the measured pose, m; ~/target_twist '
+         'moves the target no farther from it', positive=True, infinite=True, low=0.0),
+    live('target.max_angle', 'number', 1.6,
+         'likewise, angle in rad', positive=True, infinite=True, low=0.0),
+    live('target.timeout', 'number', 0.5,
+         'age, s, above which a target message is stale; without a further one in this '
+         'time a target that moves by ~/target_twist is held, and ~/target_wrench ends',
+         positive=True, low=0.0, high=60.0),
+    Spec('task_state.rate', 'number', 50.0,
+         'rate of ~/task_state in the modes joint_impedance and cartesian_impedance, 1/s; '
+         '0: not published', low=0.0, high=1000.0),
     live('limits.effort', 'per_joint', [],
          'effort limit, N m or N, in addition to that of the '
          'URDF; the smaller one applies; empty: only that of the URDF', positive=True,

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple, Protocol
 
+from kane_dynamics.control.torque_limiter import Command
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.conversion import Array
 from kane_dynamics.ros.torque_path.joint_state_reader import JointStateReader
@@ -25,6 +26,8 @@ class Cycle(NamedTuple):
         The command, N m or N.
     external : (n,) array or None
         Joint torques of the known wrenches, N m or N.
+    command : Command
+        The command with its limits.
 
     """
 
@@ -34,6 +37,7 @@ class Cycle(NamedTuple):
     moment: float
     tau: Array
     external: Array | None
+    command: Command
 
 
 class CycleObserver(Protocol):

@@ -1,12 +1,13 @@
 """The controller of the torque path, as the parameters of the node describe it."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import math
 from typing import Any
 
 from kane_dynamics.control.computed_torque import joints_that_follow
-from kane_dynamics.control.controller import Controller
+from kane_dynamics.control.controller import Controller, ModeLaw
 from kane_dynamics.control.quasi_static import rigid_and_bending
+from kane_dynamics.control.terms import Mode
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.configuration_files import robot_options
@@ -17,11 +18,21 @@ import numpy as np
 RISE = 0.05  # s
 
 
-def path_controller(model: Model, values: Mapping[str, Any]) -> Controller:
+def path_controller(model: Model, values: Mapping[str, Any],
+                    laws_of: Callable[[Robot], Mapping[Mode, ModeLaw]] | None = None
+                    ) -> Controller:
     """
     Return the controller of a model, with the model whose links are rigid as its robot.
 
     Its commands include the quasi-static deflection of flexible links.
+
+    Parameters
+    ----------
+    model : Model
+    values : mapping
+        The node's parameters.
+    laws_of : callable, optional
+        Returns the laws of further modes of the robot.
 
     Raises
     ------
@@ -30,7 +41,10 @@ def path_controller(model: Model, values: Mapping[str, Any]) -> Controller:
 
     """
     robot, bending = rigid_and_bending(model, robot_options(values))
-    return Controller(robot, bending=bending, **path_settings(values, robot))
+    laws: Mapping[Mode, ModeLaw] = {}
+    if laws_of is not None:
+        laws = laws_of(robot)
+    return Controller(robot, bending=bending, laws=laws, **path_settings(values, robot))
 
 
 def path_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:

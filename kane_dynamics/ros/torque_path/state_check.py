@@ -89,7 +89,7 @@ class StateCheck:
         noise = values['state_check.noise']
         jitter = values['state_check.jitter']
         fastest = factor * speed_limits(self._robot, values)[places]
-        self._turns = values['mode'] != Mode.COMPUTED_TORQUE
+        self._turns = not Mode(values['mode']).is_stiff
         limited = np.isfinite(fastest)
         slope = np.where(limited, fastest, 0.0)
         step = np.where(limited, noise + jitter * slope, UNLIMITED)

@@ -296,7 +296,7 @@ class TorquePath:
         # After the command, which must not wait for them
         for observer in self._observers:
             observer.on_cycle(Cycle(stamp, reader, motion, moment, command.tau,
-                                    external))
+                                    external, command))
 
     def retry(self) -> None:
         """Answer the latest state, if the arbiter denied its command."""

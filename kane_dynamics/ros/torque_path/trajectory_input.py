@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import math
 from typing import Any, NamedTuple
 
-from kane_dynamics.control.controller import Mode
 from kane_dynamics.errors import InputError
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.ros.common.conversion import (Array, check_points,
@@ -181,9 +180,9 @@ def schedule_motion(path: TorquePath, message: ReceivedTrajectory, now: int,
         be followed now.
 
     """
-    if path.controller.mode is Mode.GRAVITY_COMPENSATION:
-        raise InputError(f'mode: {Mode.GRAVITY_COMPENSATION}; expected a mode that '
-                         'follows motions')
+    if not path.controller.mode.follows_motions:
+        raise InputError(f'mode: {path.controller.mode}; expected a mode that follows '
+                         'motions')
     if path.timed_out:
         raise InputError(f'joint states: none for {path.state_age:.3f} s; expected one '
                          'within state_timeout')

@@ -14,11 +14,10 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.model.model import Model, WORLD
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import Array, NANO
-from kane_dynamics.ros.torque_path.cdr import Reader, TooShortError
 from kane_dynamics.ros.torque_path.joint_state_reader import (MALFORMED, NOT_FINITE,
                                                               time_fault)
+from kane_dynamics.ros.torque_path.stamped_numbers import read_stamped
 import numpy as np
-from rclpy.serialization import deserialize_message
 
 STALE, FRAME, TIMED_OUT, LARGE = (
     'stale (older than wrench.timeout)', 'frame not in wrench.frames',
@@ -121,7 +120,7 @@ class WrenchInput:
         """Store one serialized WrenchStamped, or reject it with the reason."""
         now = self._now()
         try:
-            stamp, frame, wrench = _read(data)
+            stamp, frame, wrench = read_stamped(data, WrenchStamped, 6, wrench_array)
         except InputError as error:
             self._reject(MALFORMED, str(error))
             return
@@ -172,34 +171,6 @@ class WrenchInput:
         self.world[:] = self._frames.in_world(
             q, ((row, wrench) for row, (_, wrench) in self._last.items()))
         return self._robot.external_force(q, wrench=self.world) if self._last else None
-
-
-def _read(data: bytes) -> tuple[int, str, Array]:
-    """
-    Return stamp, ns, frame and numbers of a WrenchStamped.
-
-    Raise InputError if malformed.
-    """
-    try:
-        reader = Reader(data)
-        sec, nanosec = reader.pair()
-        frame = reader.text()
-        begin = reader.advance(8, 6)
-        wrench = np.frombuffer(data, reader.order + 'f8', 6, begin).astype(np.float64)
-    except TooShortError:  # rclpy rejects it too, but prints an error each time
-        raise
-    except InputError:  # rclpy reads more encodings than plain CDR
-        try:
-            message = deserialize_message(data, WrenchStamped)
-        # RMWError is a RuntimeError
-        except (RuntimeError, MemoryError, ValueError) as error:
-            raise InputError(f'WrenchStamped of {len(data)} bytes: {str(error)[:100]}; '
-                             'expected a message in a valid encoding') from None
-        sec = message.header.stamp.sec
-        nanosec = message.header.stamp.nanosec
-        frame = message.header.frame_id
-        wrench = wrench_array(message)
-    return sec * NANO + nanosec, frame, wrench
 
 
 def wrench_array(message: WrenchStamped) -> Array:

@@ -72,7 +72,7 @@ def test_the_observer_has_the_torque_without_that_of_the_deflection():
     q, u = (np.array(x) for x in STATE.values())
     measured = arm.bending.inverse_dynamics(q, u, np.zeros(2))
     state = SimpleNamespace(q=q, u=u, effort=measured, has_velocity=True, has_effort=True)
-    cycle = Cycle(0, state, None, 0.0, measured, None)
+    cycle = Cycle(0, state, None, 0.0, measured, None, None)
     found, rigid = torque.torque(cycle), arm.robot.inverse_dynamics(q, u, np.zeros(2))
     np.testing.assert_allclose(found, rigid, rtol=1e-12)
     assert np.abs(measured - rigid).max() > 1e-3

@@ -324,7 +324,7 @@ def test_the_breakdown_is_of_the_documented_state(mode, motion, point):
     rig.wrench(PUSH)
     state = SimpleNamespace(sec=7, nanosec=9, q=Q.copy(), u=U.copy())
     external = rig.wrenches.torques(Q, rig.time)
-    explainer.on_cycle(Cycle(0, state, motion, 0.8, Q, external))
+    explainer.on_cycle(Cycle(0, state, motion, 0.8, Q, external, None))
     state.q[:], state.u[:] = 9.0, 9.0  # the next state overwrites them
     publish[0]()
     publish[0]()

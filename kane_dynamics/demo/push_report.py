@@ -1,0 +1,105 @@
+"""The report of the pushes: deflection against the stiffness, recovery, and a plot."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.demo.demo_settings import DemoRobot, STIFFNESS
+from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
+from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
+from kane_dynamics.plot.deflection_plot import plot_deflection
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.urdf import load_urdf
+import numpy as np
+
+MAX_DEVIATION = 0.10  # of the deflection from that of the stiffness, relative
+MAX_REMAINING = 1e-3  # m, from the place before the push
+SETTLED = 0.2  # s at the end of a push and of a rest, over which places are averaged
+
+
+@dataclass(frozen=True, eq=False)
+class PushLog:
+    """
+    A record of the pushed arm.
+
+    Attributes
+    ----------
+    t : (K,) array
+        s.
+    q, command : (K, n) arrays
+        Positions of the joints, and torques of the node.
+    wrench : (K, 6) array
+        Acts on the arm at the pushed frame, N and N m in world axes.
+
+    """
+
+    t: Array
+    q: Array
+    command: Array
+    wrench: Array
+
+    @classmethod
+    def load(cls, path: Path) -> 'PushLog':
+        """Load the record that the plant saved."""
+        with np.load(path) as file:
+            return cls(**{name: file[name] for name in cls.__dataclass_fields__})
+
+    def pushes(self) -> list[tuple[int, int]]:
+        """Return the first and the last row of each push."""
+        is_pushed = self.wrench.any(axis=1).astype(int)
+        edges = np.diff(is_pushed, prepend=0, append=0)
+        firsts = np.flatnonzero(edges > 0).tolist()
+        lasts = np.flatnonzero(edges < 0).tolist()
+        return list(zip(firsts, lasts, strict=True))
+
+
+def places(robot: DemoRobot, q: Array) -> Array:
+    """Return the origin of the pushed frame at positions of the joints (K, n), (K, 3)."""
+    if robot.constraints is None:
+        arm = Robot(load_urdf(robot.urdf, joints=robot.joints))
+        return arm.frame_pose(robot.frame, q)[:, :3, 3]
+    closed = Robot(load_urdf(robot.urdf), **load_constraints(robot.constraints))
+    tracker = LoopTracker(closed, robot.joints)
+    rows = []
+    for row in q:
+        tracker.update(row, np.zeros(len(row)))
+        rows.append(closed.frame_pose(robot.frame, tracker.q)[:3, 3])
+    return np.array(rows)
+
+
+def report_pushes(robot: DemoRobot, run: PushLog, folder: Path) -> int:
+    """Print the results, and return 0 if the arm yields and returns as stated, else 1."""
+    place = places(robot, run.q)
+    rate = 1.0 / float(np.median(np.diff(run.t)))
+    count = max(1, round(SETTLED * rate))
+    print('\nPushes against a stiffness of '
+          f'{STIFFNESS[0]:g} N/m (expected: force / stiffness)\n'
+          f'{"force [N]":>20}{"deflection":>14}{"expected":>12}{"after":>12}')
+    fine = True
+    pushes = run.pushes()
+    ends = [first for first, _ in pushes[1:]] + [len(run.t)]
+    for (first, last), end in zip(pushes, ends, strict=True):
+        force = run.wrench[first, :3]
+        before = place[first - count:first].mean(axis=0)
+        pushed = place[last - count:last].mean(axis=0)
+        after = place[end - count:end].mean(axis=0)
+        direction = force / np.linalg.norm(force)
+        deflection = float((pushed - before) @ direction)
+        expected = float(np.linalg.norm(force)) / STIFFNESS[0]
+        remaining = float(np.linalg.norm(after - before))
+        text = ' '.join(f'{x:g}' for x in force)
+        print(f'{text:>20}{1e3 * deflection:11.2f} mm{1e3 * expected:9.2f} mm'
+              f'{1e3 * remaining:9.3f} mm')
+        fine &= abs(deflection - expected) <= MAX_DEVIATION * expected
+        fine &= remaining <= MAX_REMAINING
+    picture = folder / 'demo_cartesian.png'
+    rest = place[:count].mean(axis=0)
+    plot_deflection(run.t, place - rest, run.wrench[:, :3], STIFFNESS[:3], picture,
+                    torques=run.command, joint_names=robot.joints,
+                    title=f'{robot.title}, pushed, in mode cartesian_impedance')
+    print(f'\nPicture: {picture}')
+    if fine:
+        return 0
+    print(f'\nExpected each deflection within {MAX_DEVIATION:.0%} of the stiffness, and '
+          f'a return within {1e3 * MAX_REMAINING:g} mm.')
+    return 1

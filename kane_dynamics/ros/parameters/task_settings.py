@@ -1,0 +1,107 @@
+"""The parameters of impedance and hand guiding as settings of their laws."""
+
+from collections.abc import Mapping
+import math
+from typing import Any
+
+from kane_dynamics.errors import InputError
+from kane_dynamics.model.model import Model
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.conversion import Array
+from kane_dynamics.ros.parameters.parameter_checks import per_joint, terms
+import numpy as np
+
+EFFORTS_PER_UNIT = 5.0  # joint stiffness by default: effort limits per rad or m
+
+
+def controlled_frame(values: Mapping[str, Any], model: Model) -> str:
+    """Return the controlled frame: cartesian.frame, else tip, else the last link."""
+    tip = values['tip'] and values['prefix'] + values['tip']
+    return str(values['cartesian.frame'] or tip or model.bodies[-1].name)
+
+
+def differ(settings: Mapping[str, Any], others: Mapping[str, Any]) -> bool:
+    """Return whether two records of settings differ."""
+    if settings.keys() != others.keys():
+        return True
+    return any(not np.array_equal(value, others[name])
+               for name, value in settings.items())
+
+
+def wall_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
+    """Return the settings of the walls before the joint limits; None for a default."""
+    settings: dict[str, Any] = {}
+    for name in ('margin', 'stiffness'):
+        stated = values[f'walls.{name}']
+        settings[f'limit_{name}'] = None
+        if stated.size:
+            settings[f'limit_{name}'] = per_joint(values, f'walls.{name}',
+                                                  robot.joint_names, 0.0)
+    return settings
+
+
+def joint_stiffness(values: Mapping[str, Any], robot: Robot) -> Array:
+    """
+    Return parameter joint_impedance.stiffness, (n_q,), N m/rad or N/m.
+
+    Raises
+    ------
+    InputError
+        It has the wrong length, or it is not set and a joint has no effort limit.
+
+    """
+    name = 'joint_impedance.stiffness'
+    joints = robot.joint_names
+    limits = np.asarray(robot.limits.effort, dtype=np.float64)
+    stiffness = per_joint(values, name, joints, EFFORTS_PER_UNIT * limits)
+    if not np.isfinite(stiffness).all():
+        joint = joints[int(np.flatnonzero(~np.isfinite(stiffness))[0])]
+        raise InputError(f"parameter '{name}': empty, and joint '{joint}' has no effort "
+                         'limit; expected one number or one per joint, N m/rad or N/m')
+    return stiffness
+
+
+def joint_damping(values: Mapping[str, Any], robot: Robot, stiffness: Array,
+                  inertia: Array) -> Array:
+    """
+    Return the damping of mode joint_impedance, (n_q,), N m s/rad or N s/m.
+
+    Parameters
+    ----------
+    values : mapping
+        The node's parameters.
+    robot : Robot
+    stiffness, inertia : (n_q,) arrays
+        N m/rad and kg m^2, or N/m and kg.
+
+    """
+    joints = robot.joint_names
+    ratio = per_joint(values, 'joint_impedance.damping_ratio', joints, 0.0)
+    by_ratio = 2.0 * ratio * np.sqrt(stiffness * inertia)
+    return per_joint(values, 'joint_impedance.damping', joints, by_ratio)
+
+
+def cartesian_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
+    """
+    Return the settings of the Cartesian impedance that may change live.
+
+    The posture is left out where the parameter is empty.
+    """
+    if (values['cartesian.stiffness'] < 0.0).any():
+        raise InputError("parameter 'cartesian.stiffness': "
+                         f'{values["cartesian.stiffness"].tolist()}; expected six '
+                         'numbers of at least 0')
+    joints = robot.joint_names
+    settings = {
+        'stiffness': values['cartesian.stiffness'],
+        'damping_ratio': values['cartesian.damping_ratio'],
+        'posture_stiffness': per_joint(values, 'cartesian.posture_stiffness', joints,
+                                       0.0),
+        'null_damping': values['cartesian.null_damping'],
+        'force_limit': values['cartesian.max_force'],
+        'moment_limit': values['cartesian.max_moment'],
+        'effort_limit': per_joint(values, 'limits.effort', joints, math.inf),
+        'compensate': terms(values)}
+    if values['cartesian.posture'].size:
+        settings['posture'] = per_joint(values, 'cartesian.posture', joints, 0.0)
+    return settings | wall_settings(values, robot)

@@ -1,0 +1,114 @@
+"""Mode joint_impedance: joints on springs to a desired motion, or to where they are."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.control.computed_torque import joints_that_follow
+from kane_dynamics.control.followed_motion import FollowedMotion
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.parameters.parameter_checks import terms
+from kane_dynamics.ros.parameters.task_settings import (differ, joint_damping,
+                                                        joint_stiffness)
+from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
+from kane_dynamics.task_space.joint_impedance import JointImpedance
+import numpy as np
+
+
+class JointImpedanceMode:
+    """
+    The law of mode joint_impedance; without a motion it holds the first pose.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot of the torque path.
+    values : mapping
+        The node's parameters; joint_impedance.* and arm_compensates are used.
+
+    Raises
+    ------
+    InputError
+        A parameter does not fit the robot.
+
+    """
+
+    def __init__(self, robot: Robot, values: Mapping[str, Any]) -> None:
+        self._robot = robot
+        self._places = list(joints_that_follow(robot))
+        self._motion = FollowedMotion(robot, None)
+        self._values = values
+        # The inertia by which a ratio damps is that where the mode begins.
+        self._inertia = np.ones(len(robot.joint_names))
+        self._settings = self._checked(values)
+        self.law = JointImpedance(robot, **self._settings)
+        self.restart()
+
+    def _checked(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the settings of the law, of the joints that follow."""
+        stiffness = joint_stiffness(values, self._robot)
+        damping = joint_damping(values, self._robot, stiffness, self._inertia)
+        return {'stiffness': stiffness[self._places], 'damping': damping[self._places],
+                'compensate': terms(values)}
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        """Raise InputError unless parameters fit the arm."""
+        self._checked(values)
+
+    def update(self, values: Mapping[str, Any]) -> bool:
+        """Use checked parameters; return whether a setting of the law changes."""
+        self._values = values
+        return self._apply(self._checked(values))
+
+    def _apply(self, settings: Mapping[str, Any]) -> bool:
+        """Change the settings of the law; return whether one differs."""
+        changed = differ(settings, self._settings)
+        self._settings = dict(settings)
+        self.law.update(**settings)
+        return changed
+
+    def compile(self) -> None:  # noqa: A003
+        """Compile what the path needs beside the law."""
+        self._motion.compile()
+        self._robot.compile('mass_matrix')
+
+    def restart(self) -> None:
+        """Hold the pose of the next state, unless there is a motion."""
+        self._pose: Array | None = None
+        self._begins = True
+
+    def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
+               t: float) -> Array:
+        """Return joint torques (n_q,) towards the motion, or the pose that is held."""
+        if self._begins:
+            self._begin(q)
+        if motion is not None:
+            self._pose = None  # the pose at the end of the motion is held next
+            q_d, u_d, udot_d = self._motion.desired(motion, moment)
+            return self.law.torque(q, u, q_d, u_d, udot_d, t=t)
+        if self._pose is None:
+            self._pose = q[self._places].copy()
+        return self.law.torque(q, u, self._pose, t=t)
+
+    def _begin(self, q: Array) -> None:
+        """Damp by the inertia of each joint at q, (n_q,), with the others free."""
+        self._begins = False
+        # The independent speeds of an arm of the node are rates of joints that follow.
+        inertias = np.diag(self._robot.mass_matrix(q))
+        for name, inertia in zip(self._robot.speed_names, inertias, strict=True):
+            self._inertia[self._robot.joint_names.index(name)] = inertia
+        self._apply(self._checked(self._values))
+
+    @property
+    def pose(self) -> Array | None:
+        """Return the positions that are held, of the joints that follow."""
+        return self._pose
+
+    def snapshot(self, stamp: int) -> TaskSnapshot:
+        """Return what is kept of the last cycle."""
+        return TaskSnapshot()
+
+    def describe(self, q: Array, u: Array, snapshot: TaskSnapshot) -> TaskDescription:
+        """Return what the law does at a state: nothing at the frame."""
+        return TaskDescription()

@@ -1,0 +1,267 @@
+"""
+The messages that move the controlled frame: ~/target_pose, ~/target_twist, ~/target_wrench.
+
+They are read in the thread of the torque path, as wrenches are: a message takes some tens
+of microseconds there. In another thread it would take several times as long, and hold the
+interpreter for it while a state waits.
+"""
+
+from collections.abc import Callable, Mapping
+import math
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from kane_dynamics.control.terms import Mode
+from kane_dynamics.errors import InputError, KaneError
+from kane_dynamics.model.model import WORLD
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.common.conversion import Array, NANO
+from kane_dynamics.ros.torque_path.cartesian_target import (CartesianTarget, largest_of,
+                                                            pose_of_numbers)
+from kane_dynamics.ros.torque_path.joint_state_reader import (MALFORMED, NOT_FINITE,
+                                                              time_fault)
+from kane_dynamics.ros.torque_path.pose_functions import bound, displacement
+from kane_dynamics.ros.torque_path.stamped_numbers import read_stamped, StampedNumbers
+from kane_dynamics.ros.torque_path.target_reach import REACHED, TargetReach
+from kane_dynamics.ros.torque_path.torque_path import TorquePath
+from kane_dynamics.ros.torque_path.wrench_input import wrench_array
+import numpy as np
+
+POSE, TWIST, WRENCH = 'target_pose', 'target_twist', 'target_wrench'
+INACTIVE, OTHER_MODE, NO_STATE = 'node not active', 'other mode', 'no joint state'
+FRAME, STALE = 'unknown frame', 'stale (older than target.timeout)'
+TOO_FAR, OUT_OF_REACH, TOO_LARGE = 'too far', 'out of reach', 'too large'
+QUATERNION = 0.01  # largest difference of the length of a quaternion from 1
+WORLD_FRAME = 'world'  # name of the axes of the world where no frame has it
+
+
+class TargetInput:
+    """
+    Checks target messages and passes them to the target of the controlled frame.
+
+    Parameters
+    ----------
+    path : TorquePath
+    target : CartesianTarget
+    frame : str
+        The controlled frame.
+    values : mapping
+        The node's parameters; target.* and limits of cartesian.* are used.
+    reject : callable
+        Called with the reason and the details of each refused message.
+
+    """
+
+    def __init__(self, path: TorquePath, target: CartesianTarget, frame: str,
+                 values: Mapping[str, Any], reject: Callable[[str, str], None]) -> None:
+        self._path = path
+        self._target = target
+        self._frame = frame
+        self._reject = reject
+        robot = path.controller.robot
+        self._fixed = fixed_frames(robot)
+        self._reach = TargetReach(robot, frame)
+        self._workspace = robot.bind()
+        self._measured_pose = self._workspace.at_frame('frame_pose', frame)
+        # The pose of a message, and its displacement from the measured one.
+        self._numbers = np.zeros(7)
+        self._axes = np.eye(4)
+        self._pose = np.eye(4)
+        self._start = np.eye(4)
+        self._difference = np.zeros(6)
+        self._read_pose = bound(robot, pose_of_numbers, self._pose,
+                                numbers=self._numbers, frame=self._axes)
+        self._compare = bound(robot, displacement, self._difference, start=self._start,
+                              goal=self._pose)
+        self.update(values)
+        self.clear()
+
+    def update(self, values: Mapping[str, Any]) -> None:
+        """Use checked parameters from the next message on."""
+        self._timeout = round(values['target.timeout'] * NANO)
+        self._target.timeout = values['target.timeout']
+        self._farthest = values['target.max_distance']
+        self._widest = values['target.max_angle']
+        self._fastest = np.repeat([values['target.max_speed'],
+                                   values['target.max_angular_speed']], 3)
+        self._strongest = np.repeat([values['cartesian.max_force'],
+                                     values['cartesian.max_moment']], 3)
+
+    def clear(self) -> None:
+        """Accept stamps of any time, as after a start or a jump of the clock."""
+        self._stamps = dict.fromkeys((POSE, TWIST, WRENCH), 0)
+        self._reach.restart()
+
+    def on_pose(self, data: bytes) -> None:
+        """Go to the pose of a serialized PoseStamped, or refuse it with the reason."""
+        message = self._accepted(POSE, data, PoseStamped, 7, _pose_numbers)
+        if message is None:
+            return
+        length = math.sqrt(float(message.numbers[3:] @ message.numbers[3:]))
+        if not abs(length - 1.0) <= QUATERNION:
+            self._refuse(POSE, NOT_FINITE, f'quaternion of length {length:.4g}; '
+                         'expected 1')
+            return
+        frame = self._fixed.get(message.frame)
+        if frame is None:
+            self._refuse(POSE, FRAME, self._unknown(message.frame))
+            return
+        q = self._path.measured()
+        if q is None:
+            self._refuse(POSE, NO_STATE, 'expected valid joint states before')
+            return
+        self._numbers[:] = message.numbers
+        self._axes[:] = frame
+        self._read_pose()
+        reason = self._fault(q)
+        if reason is not None:
+            self._refuse(POSE, *reason)
+            return
+        self._stamps[POSE] = message.stamp
+        self._target.go_to(self._pose, self._path.now)
+
+    def _fault(self, q: Array) -> tuple[str, str] | None:
+        """Return reason and details for which the pose is refused; None if it is not."""
+        # Far from where the arm is: another unit, another frame, or an old target.
+        self._workspace.q[:] = q
+        self._start[:] = self._measured_pose()
+        self._compare()
+        distance, angle = largest_of(self._difference)
+        if distance > self._farthest or angle > self._widest:
+            return TOO_FAR, (f'{distance:.4g} m and {angle:.4g} rad from the measured '
+                             f"pose of '{self._frame}'; expected at most "
+                             f'{self._farthest:g} m and {self._widest:g} rad, '
+                             'target.max_distance and target.max_angle')
+        try:
+            distance, angle = self._reach.remaining(self._pose, q)
+        except KaneError as error:  # the loops are singular on the way
+            return OUT_OF_REACH, str(error)
+        if max(distance, angle) <= REACHED:
+            return None
+        return OUT_OF_REACH, (f"'{self._frame}' comes within {distance:.3g} m and "
+                              f'{angle:.3g} rad of it; expected a pose within the '
+                              'position limits of the joints, on the branch of the '
+                              'present configuration')
+
+    def on_twist(self, data: bytes) -> None:
+        """Move with a serialized TwistStamped, or refuse it with the reason."""
+        message = self._accepted(TWIST, data, TwistStamped, 6, _twist_numbers)
+        if message is None:
+            return
+        twist = self._in_world(TWIST, message)
+        if twist is None or not self._is_small(TWIST, message, self._fastest,
+                                               'target.max_speed and '
+                                               'target.max_angular_speed'):
+            return
+        if self._path.measured() is None:
+            self._refuse(TWIST, NO_STATE, 'expected valid joint states before')
+            return
+        self._stamps[TWIST] = message.stamp
+        self._target.move(twist, self._path.now)
+
+    def on_wrench(self, data: bytes) -> None:
+        """Press with a serialized WrenchStamped, or refuse it with the reason."""
+        message = self._accepted(WRENCH, data, WrenchStamped, 6, wrench_array)
+        if message is None:
+            return
+        wrench = self._in_world(WRENCH, message)
+        if wrench is None or not self._is_small(WRENCH, message, self._strongest,
+                                                'cartesian.max_force and '
+                                                'cartesian.max_moment'):
+            return
+        self._stamps[WRENCH] = message.stamp
+        self._target.press(wrench, self._path.now)
+
+    def _accepted(self, topic: str, data: bytes, kind: Any, count: int,
+                  numbers_of: Callable[[Any], Array]) -> StampedNumbers | None:
+        """Return a message whose mode, numbers and stamp are valid, else None."""
+        path = self._path
+        if not path.running:
+            self._refuse(topic, INACTIVE, 'expected an active node')
+            return None
+        mode = path.controller.mode
+        if mode is not Mode.CARTESIAN_IMPEDANCE:
+            self._refuse(topic, OTHER_MODE,
+                         f'{mode}; expected {Mode.CARTESIAN_IMPEDANCE}')
+            return None
+        try:
+            message = read_stamped(data, kind, count, numbers_of)
+        except InputError as error:
+            self._refuse(topic, MALFORMED, str(error))
+            return None
+        if not np.isfinite(message.numbers).all():
+            self._refuse(topic, NOT_FINITE, f'{message.numbers.tolist()}; expected '
+                         'finite numbers')
+            return None
+        now = path.now
+        stamp = message.stamp or now
+        fault = time_fault(stamp, now, self._stamps[topic], self._timeout, STALE)
+        if fault is not None:
+            self._refuse(topic, *fault)
+            return None
+        return message._replace(stamp=stamp)
+
+    def _in_world(self, topic: str, message: StampedNumbers
+                  ) -> Callable[[], Array] | None:
+        """
+        Return a function that gives the numbers in world axes at the present pose.
+
+        None, and the message is refused, if its frame is unknown.
+        """
+        halves = message.numbers.reshape(2, 3)
+        if message.frame == self._frame:  # they turn with the target
+            pose = self._target.pose
+            return lambda: (halves @ pose[:3, :3].T).ravel()
+        frame = self._fixed.get(message.frame)
+        if frame is None:
+            self._refuse(topic, FRAME, self._unknown(message.frame)
+                         + f", or the controlled frame '{self._frame}'")
+            return None
+        in_world = (halves @ frame[:3, :3].T).ravel()
+        return lambda: in_world
+
+    def _is_small(self, topic: str, message: StampedNumbers, most: Array,
+                  limits: str) -> bool:
+        """Return whether linear and angular part are within limits, else refuse."""
+        linear, angular = largest_of(message.numbers)
+        if linear <= most[0] and angular <= most[3]:
+            return True
+        self._refuse(topic, TOO_LARGE, f'{message.numbers.tolist()}; expected at most '
+                     f'{most[0]:g} and {most[3]:g}, {limits}')
+        return False
+
+    def _unknown(self, frame: str) -> str:
+        """Return the details of a frame that is not fixed to the world."""
+        moves = frame in self._path.controller.robot.frame_names
+        what = ', which moves' if moves else ''
+        names = [name for name in self._fixed if name]
+        return f"frame_id '{frame}'{what}; expected '' or {', '.join(names)}"
+
+    def _refuse(self, topic: str, reason: str, detail: str) -> None:
+        self._reject(f'{topic}: {reason}', detail)
+
+
+def fixed_frames(robot: Robot) -> dict[str, Array]:
+    """Return the poses (4, 4) of all frames that do not move, by name; '' is the world."""
+    poses = {'': np.eye(4), WORLD_FRAME: np.eye(4)}
+    for frame in robot.model.frames:
+        if frame.body == WORLD:
+            pose = np.eye(4)
+            pose[:3, :3] = frame.rotation
+            pose[:3, 3] = frame.translation
+            poses[frame.name] = pose
+    return poses
+
+
+def _pose_numbers(message: PoseStamped) -> Array:
+    """Return position and quaternion of a message, (7,)."""
+    p = message.pose.position
+    r = message.pose.orientation
+    return np.array([p.x, p.y, p.z, r.x, r.y, r.z, r.w])
+
+
+def _twist_numbers(message: TwistStamped) -> Array:
+    """Return the twist of a message, (6,): linear, then angular."""
+    v = message.twist.linear
+    w = message.twist.angular
+    return np.array([v.x, v.y, v.z, w.x, w.y, w.z])

@@ -1,0 +1,92 @@
+"""The laws of the modes joint_impedance and cartesian_impedance."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.control.controller import ModeLaw, OWN_MODES
+from kane_dynamics.control.terms import Mode
+from kane_dynamics.errors import InputError, KaneError
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode
+from kane_dynamics.ros.torque_path.joint_impedance_mode import JointImpedanceMode
+from kane_dynamics.ros.torque_path.task_description import (TaskDescription,
+                                                            TaskSnapshot)
+
+LAWS: dict[Mode, Callable[[Robot, Mapping[str, Any]], 'LiveLaw']] = {
+    Mode.JOINT_IMPEDANCE: JointImpedanceMode,
+    Mode.CARTESIAN_IMPEDANCE: CartesianMode}
+
+
+class LiveLaw(ModeLaw, Protocol):
+    """A law whose settings follow the parameters of the node."""
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        """Raise InputError unless parameters fit the arm."""
+
+    def update(self, values: Mapping[str, Any]) -> bool:
+        """Use checked parameters; return whether a setting of the law changes."""
+
+    def compile(self) -> None:  # noqa: A003
+        """Compile the kernels of the law."""
+
+    def snapshot(self, stamp: int) -> TaskSnapshot:
+        """Return what is kept of the last cycle, whose state has the stamp, ns."""
+
+    def describe(self, q: Array, u: Array, snapshot: TaskSnapshot) -> TaskDescription:
+        """Return what the law does at a state; called in the services' thread."""
+
+
+class TaskModes:
+    """
+    The laws of the modes that an arm is configured for.
+
+    They are those of parameters `mode` and `modes`.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot of the torque path.
+    values : mapping
+        The node's parameters.
+
+    Attributes
+    ----------
+    laws : dict of Mode to LiveLaw
+
+    Raises
+    ------
+    KaneError
+        A mode does not fit the arm, or a parameter does not.
+
+    """
+
+    def __init__(self, robot: Robot, values: Mapping[str, Any]) -> None:
+        self.laws: dict[Mode, LiveLaw] = {}
+        for mode, law in LAWS.items():
+            if mode in (values['mode'], *values['modes']):
+                try:
+                    self.laws[mode] = law(robot, values)
+                except KaneError as error:
+                    raise type(error)(f'mode {mode}: {error}') from None
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        """Raise InputError unless mode and settings fit the arm."""
+        mode = values['mode']
+        if mode in LAWS and mode not in self.laws:
+            available = ', '.join((*OWN_MODES, *self.laws))
+            raise InputError(f"parameter 'mode': '{mode}'; expected one of {available}, "
+                             "or to configure the node with it in parameter 'modes', "
+                             'which compiles its law')
+        for law in self.laws.values():
+            law.check(values)
+
+    def update(self, values: Mapping[str, Any]) -> bool:
+        """Use checked parameters; return whether the law of the mode changes."""
+        changed = {mode: law.update(values) for mode, law in self.laws.items()}
+        return changed.get(values['mode'], False)
+
+    def compile(self) -> None:  # noqa: A003
+        """Compile the kernels of all laws."""
+        for law in self.laws.values():
+            law.compile()
