@@ -35,7 +35,7 @@ METADATA := package.xml setup.py setup.cfg MANIFEST.in pyproject.toml README.md
 
 help:
 	@echo 'make install      environment $(VENV) with the library, the node and all tools'
-	@echo 'make demo         feedforward on a simulated arm, over ROS 2; ROBOT=palletizer: closed loops'
+	@echo 'make demo         feedforward on a simulated arm, over ROS 2; ROBOT=palletizer: closed loops; MODE=cartesian: forces against an impedance'
 	@echo 'make test         tests, a few minutes: library, torque path, services'
 	@echo 'make install-test ways of installation: slim, wheel, source, oldest and newest releases'
 	@echo 'make test-slow    tests of endurance (also: make soak)'
@@ -112,12 +112,13 @@ $(VENV)/.project: $(VENV)/.demo_dependencies $(VENV)/.interfaces $(VENV)/.files 
 # ---------------------------------------------------------------------- use and tests
 
 ROBOT ?= fr3
+MODE ?= feedforward
 
 # Installs only what the demo needs, on two processors.
 demo:
 	@$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j2) $(VENV)/.project \
 	  $(VENV)/.imported
-	$(ROS_ENV) $(BIN)/kane-dynamics demo --robot '$(ROBOT)'
+	$(ROS_ENV) $(BIN)/kane-dynamics demo --robot '$(ROBOT)' --mode '$(MODE)'
 
 # What runs nodes in real time or judges processor time has the processors to itself; all else shares
 # them. Faults, starts, whole graphs, plant_node and rarer arms are minutes of waiting: colcon-test

@@ -16,7 +16,7 @@ DURATION = 8.0  # duration of the motion, s
 POINTS = 10.0  # of the motion, per second
 # Mode cartesian: stiffness along and about the world axes, N/m and N m/rad; forces, N.
 STIFFNESS = (600.0, 600.0, 600.0, 30.0, 30.0, 30.0)
-PUSHES = ((0.0, 30.0, 0.0), (0.0, 0.0, -30.0))
+FORCES = ((0.0, 30.0, 0.0), (0.0, 0.0, -30.0))
 
 
 @dataclass(frozen=True, eq=False)

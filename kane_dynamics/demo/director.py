@@ -20,9 +20,9 @@ from typing import Any
 from geometry_msgs.msg import Vector3, WrenchStamped
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.demo.children import Child, children, DemoError, stage, Waiting
-from kane_dynamics.demo.demo_settings import (DemoRobot, DURATION, NODE, PLANT, PUSHES,
+from kane_dynamics.demo.demo_settings import (DemoRobot, DURATION, NODE, PLANT, FORCES,
                                               ROBOTS, STATE_TIMEOUT, STIFFNESS)
-from kane_dynamics.demo.push_report import PushLog, report_pushes
+from kane_dynamics.demo.deflection_report import DeflectionLog, report_deflections
 from kane_dynamics.demo.tracking_report import repeated_if_late, report, TrackingLog
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics_interfaces.srv import Simulate
@@ -31,13 +31,14 @@ from lifecycle_msgs.srv import ChangeState, GetState
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 LEAD = 0.3  # s between sending a motion and its start
 FALL = 0.25  # s: later it meets joint limits, which a simulation only reports
 FEEDFORWARD, CARTESIAN = 'feedforward', 'cartesian'  # modes of the demo
-REST, PUSHED = 1.5, 1.5  # s without and with a push
+REST, PUSHED = 1.5, 1.5  # s without and with a force
 LOOK = 0.5  # s between two looks at who is waited for
 
 
@@ -146,23 +147,23 @@ class Director(Node):
         return prediction, self._recorded(record)
 
 
-    def push(self, record: Path) -> PushLog:
+    def displace(self, record: Path) -> DeflectionLog:
         """
-        Push the arm, which the node alone holds, and let it go; return the record.
+        Let forces act on the arm, which the node alone holds; return the record.
 
         The servo holds the arm until then.
         """
+        self.create_subscription(Clock, '/clock', self._on_clock, 1)
         self.ask(SetBool, f'{PLANT}/servo', data=False)
-        duration = REST + len(PUSHES) * (PUSHED + REST)
-        began = time.monotonic()
-        with progress_bar('Pushes              ', duration) as progress:
+        duration = REST + len(FORCES) * (PUSHED + REST)
+        began = self._simulated_time()
+        with progress_bar('Forces              ', duration) as progress:
             def wait(end: float) -> None:
-                while (left := began + end - time.monotonic()) > 0.0:
-                    time.sleep(min(left, 0.1))
-                    progress(time.monotonic() - began)
+                while (now := self._simulated_time() - began) < end:
+                    progress(now)
             end = REST
             wait(end)
-            for force in PUSHES:
+            for force in FORCES:
                 self._apply(force)
                 end += PUSHED
                 wait(end)
@@ -170,7 +171,19 @@ class Director(Node):
                 end += REST
                 wait(end)
         self.ask(Trigger, f'{PLANT}/save')
-        return PushLog.load(record)
+        return DeflectionLog.load(record)
+
+    def _simulated_time(self) -> float:
+        """Return a time of /clock, s, that is not older than this call."""
+        self._clock = 0.0
+        waiting = Waiting('/clock', self.children)
+        while not self._clock:
+            rclpy.spin_once(self, timeout_sec=LOOK)
+            waiting.check()
+        return self._clock
+
+    def _on_clock(self, message: Clock) -> None:
+        self._clock = message.clock.sec + 1e-9 * message.clock.nanosec
 
     def _apply(self, force: Sequence[float]) -> None:
         """Let a force, N in world axes, act on the arm until the next one."""
@@ -185,10 +198,14 @@ def commands(name: str, record: Path, mode: str) -> dict[str, Sequence[str]]:
     parameters = robot.parameters | {'mode': 'inverse_dynamics',
                                      'state_timeout': str(STATE_TIMEOUT)}
     if mode == CARTESIAN:
-        parameters |= {'mode': 'cartesian_impedance', 'cartesian.frame': robot.frame,
+        parameters |= {'use_sim_time': 'true', 'mode': 'cartesian_impedance',
+                       'cartesian.frame': robot.frame,
                        'cartesian.stiffness': str(list(STIFFNESS))}
-    return {'arm': [sys.executable, '-u', '-m', 'kane_dynamics.demo.mujoco_plant', name,
-                    str(record)],
+    plant = [sys.executable, '-u', '-m', 'kane_dynamics.demo.mujoco_plant', name,
+             str(record)]
+    if mode == CARTESIAN:
+        plant.append('clock')
+    return {'arm': plant,
             'node': [sys.executable, '-u', '-m', 'kane_dynamics.ros.dynamics_node.main',
                      '--ros-args', *(word for key, value in parameters.items()
                                      for word in ('-p', f'{key}:={value}'))]}
@@ -203,7 +220,7 @@ def parsed(arguments: Sequence[str]) -> Namespace:
                              '%(default)s)')
     parser.add_argument('--mode', choices=(FEEDFORWARD, CARTESIAN), default=FEEDFORWARD,
                         help='feedforward: a motion with and without the torques of the '
-                        'node; cartesian: pushes against the node in mode '
+                        'node; cartesian: forces on an arm that the node holds in mode '
                         'cartesian_impedance (default: %(default)s)')
     parser.add_argument('--duration', type=_seconds, default=DURATION, metavar='S',
                         help='duration of the motion, at least 1 s (default: '
@@ -244,8 +261,8 @@ def run(arguments: Sequence[str] = ()) -> int:
             with stage('Start of the node, which compiles its kernels'):
                 director.wait_until_active()
             if options.mode == CARTESIAN:
-                with stage('Pushes against the impedance of the node'):
-                    pushed = director.push(record)
+                with stage('Forces against the impedance of the node'):
+                    displaced = director.displace(record)
             else:
                 runs = _runs_of_motion(director, robot, motion, record)
     finally:
@@ -253,7 +270,7 @@ def run(arguments: Sequence[str] = ()) -> int:
         rclpy.try_shutdown()
     record.unlink(missing_ok=True)
     if options.mode == CARTESIAN:
-        return report_pushes(robot, pushed, options.output)
+        return report_deflections(robot, displaced, options.output)
     return report(robot, motion, *runs, options.output)
 
 

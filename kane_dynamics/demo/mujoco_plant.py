@@ -5,6 +5,9 @@ It publishes ``joint_states`` at 500 Hz on an absolute schedule and applies the 
 of ``commands`` and of a soft servo, which tracks the motion received on ``desired``.
 Stamps are simulated time; late ticks are caught up. A record of the run is written to a
 file on request.
+
+With the argument ``clock`` it publishes ``/clock`` instead, and simulated time stands
+still until each state is answered: a machine that stalls does not let the arm fall.
 """
 
 from collections.abc import Sequence
@@ -29,6 +32,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
@@ -36,6 +40,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 SUBSTEPS = 4  # MuJoCo steps a tick
 COLUMNS = ('t', 'q', 'u', 'command', 'servo', 'late', 'wrench')
+ANSWER = 0.5  # s for which simulated time stands still at most
+EPOCH = 1_000_000_000  # start of simulated time, ns
 HOLD = 2000.0  # N/m or N m/rad: holds the joints that are not part of the arm
 HOLD_DAMPING = 20.0  # N s/m or N m s/rad
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -129,14 +135,20 @@ def _close_loops(spec: Any, path: Path) -> None:
 class MujocoPlant(Node):
     """The arm behind ROS topics and services."""
 
-    def __init__(self, arm: MujocoArm, record: str) -> None:
+    def __init__(self, arm: MujocoArm, record: str, publishes_clock: bool) -> None:
         """Open topics and services; `record` is the file that ~/save writes."""
         super().__init__(PLANT.strip('/'))
+        self.clock: Any = None
+        if publishes_clock:
+            self.clock = self.create_publisher(Clock, '/clock', 1)
+        self.answered: Future[None] = Future()  # the last state
         self.arm = arm
         self._robot = arm.robot
         self._record = record
         self._motion: Motion | None = None
         self._started = 0.0
+        self.now = 0.0  # time of the last state, s
+        self._last_stamp = 0
         self._servo_on = True
         self._command = np.zeros(len(self._robot.joints))
         self._rows: list[tuple[Any, ...]] = []
@@ -158,8 +170,9 @@ class MujocoPlant(Node):
         self.create_service(SetBool, '~/servo', self._switch_servo)
         self.create_service(Trigger, '~/save', self._save)
 
-    def tick(self, stamp: int) -> None:
-        """Publish the state at `stamp` (ns), then advance by one tick."""
+    def publish_state(self, stamp: int) -> None:
+        """Publish the state at `stamp`, ns."""
+        self.now = stamp * 1e-9
         q, u = self.arm.state
         t = stamp * 1e-9
         servo = self._servo(t, q, u)
@@ -168,11 +181,19 @@ class MujocoPlant(Node):
         message.position = q.tolist()
         message.velocity = u.tolist()
         self._sent[stamp] = time.perf_counter_ns()
+        self._last_stamp = stamp
+        if self.clock is not None:
+            self.answered = Future()
+            self.clock.publish(Clock(clock=message.header.stamp))
         self._publisher.publish(message)
         late = (time.time_ns() - stamp) * 1e-9
         self._rows.append((t - self._started, q, u, self._command, servo, late,
                            self.arm.wrench))
-        self.arm.step(self._command + servo)
+        self._applied_servo = servo
+
+    def step(self) -> None:
+        """Advance by one tick under the last command."""
+        self.arm.step(self._command + self._applied_servo)
 
     def _servo(self, t: float, q: Array, u: Array) -> Array:
         """Return the torque of the soft servo, N m."""
@@ -194,7 +215,7 @@ class MujocoPlant(Node):
     def _switch_servo(self, request: Any, response: Any) -> Any:
         """Switch the servo, and begin the record."""
         self._servo_on = request.data
-        self._begin_record(time.time())
+        self._begin_record(self.now)
         response.success = True
         return response
 
@@ -203,6 +224,9 @@ class MujocoPlant(Node):
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
         sent = self._sent.pop(stamp, None)
         if sent is not None:
+            self._command = np.array(message.effort)
+            if stamp == self._last_stamp and not self.answered.done():
+                self.answered.set_result(None)
             self._latencies.append((stamp * 1e-9 - self._started,
                                     (time.perf_counter_ns() - sent) * 1e-9))
 
@@ -220,7 +244,7 @@ class MujocoPlant(Node):
         self.arm.reset()
         self._motion = None
         self._servo_on = request.data
-        self._begin_record(time.time())
+        self._begin_record(self.now)
         response.success = True
         return response
 
@@ -244,26 +268,54 @@ class MujocoPlant(Node):
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Run the arm until a signal; arguments: name of the robot, record file."""
-    name, record = arguments
+    """Run the arm until a signal; arguments: name of the robot, record file, clock."""
+    name, record, *options = arguments
     arm = MujocoArm(ROBOTS[name])
     rclpy.init()
-    plant = MujocoPlant(arm, record)
-    period = round(1e9 / RATE)
-    tick = time.time_ns()
+    plant = MujocoPlant(arm, record, 'clock' in options)
     executor = make_executor(plant)
-    never: Future[None] = Future()
     try:
-        while rclpy.ok():
-            plant.tick(tick)
-            tick += period
-            left = max(1e-5, (tick - time.time_ns()) * 1e-9)
-            executor.spin_until_future_complete(never, timeout_sec=left)
+        if plant.clock is None:
+            _run_in_real_time(plant, executor)
+        else:
+            _run_by_answers(plant, executor)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
         plant.destroy_node()
         rclpy.try_shutdown()
+
+
+def _run_in_real_time(plant: MujocoPlant, executor: Any) -> None:
+    """Tick at the rate of the states; late ticks are caught up."""
+    period = round(1e9 / RATE)
+    tick = time.time_ns()
+    never: Future[None] = Future()
+    while rclpy.ok():
+        plant.publish_state(tick)
+        plant.step()
+        tick += period
+        left = max(1e-5, (tick - time.time_ns()) * 1e-9)
+        executor.spin_until_future_complete(never, timeout_sec=left)
+
+
+def _run_by_answers(plant: MujocoPlant, executor: Any) -> None:
+    """Tick at the rate of the states at most, and not before the last one is answered."""
+    period = round(1e9 / RATE)
+    tick = EPOCH
+    due = time.monotonic()
+    is_answering = False  # whether a node answers states
+    never: Future[None] = Future()
+    while rclpy.ok():
+        plant.publish_state(tick)
+        if is_answering:
+            executor.spin_until_future_complete(plant.answered, timeout_sec=ANSWER)
+        due = max(due + 1.0 / RATE, time.monotonic())
+        left = max(1e-5, due - time.monotonic())
+        executor.spin_until_future_complete(never, timeout_sec=left)
+        is_answering = plant.answered.done()
+        plant.step()
+        tick += period
 
 
 if __name__ == '__main__':

@@ -1,4 +1,4 @@
-"""Plot of what forces displace against a stiffness."""
+"""Plot of the deflection of an arm by forces, against a stiffness."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ def plot_deflection(t: Array, deflection: Array, force: Array,
                     stiffness: Sequence[float], path: Path | None = None, *,
                     torques: Array, joint_names: Sequence[str], title: str) -> Figure:
     """
-    Plot forces, what they displace beside force over stiffness, and the torques.
+    Plot forces, the deflection beside force over stiffness, and the torques.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def plot_deflection(t: Array, deflection: Array, force: Array,
     stiffness : three float
         N/m, along the world axes.
     torques : (K, n) array
-        Of the joints, N m; their change since the beginning is drawn.
+        Of the joints, N m; their change since the last moment before a force is drawn.
     joint_names : sequence of n str
     path, title
         See `kane_dynamics.plot`.
@@ -40,7 +40,8 @@ def plot_deflection(t: Array, deflection: Array, force: Array,
         panels[0].set_ylabel('Force\n[N]')
         above(panels[0], 3)
         _plot_deflections(panels[1], t, deflection, force / np.asarray(stiffness))
-        changes = torques - torques[0]
+        first = int(np.argmax(force.any(axis=1)))
+        changes = torques - torques[max(first - 1, 0)]
         for k, name in enumerate(joint_names):
             panels[2].plot(t, changes[:, k], label=name, linewidth=1.2)
         panels[2].set_ylabel('Change of torque\n[N m]')

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from ament_index_python import get_package_share_directory
-from geometry_msgs.msg import Inertia, Vector3, Wrench, WrenchStamped
+from geometry_msgs.msg import Inertia, Point, Pose, Vector3, Wrench, WrenchStamped
 from kane_dynamics_interfaces.action import SimulateMotion
-from kane_dynamics_interfaces.msg import TorqueExplanation
+from kane_dynamics_interfaces.msg import TaskState, TorqueExplanation
 from kane_dynamics_interfaces.srv import (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
                                           InverseDynamics, SetPayload, Simulate, TimeOptimal)
 import pytest
@@ -16,11 +16,14 @@ from trajectory_msgs.msg import JointTrajectory
 PARTS = [part for service in (Explain, FillTrajectory, ForwardDynamics, GetDynamics,
                               InverseDynamics, SetPayload, Simulate, TimeOptimal)
          for part in (service.Request, service.Response)]
-PARTS += [SimulateMotion.Goal, SimulateMotion.Result, SimulateMotion.Feedback, TorqueExplanation]
+PARTS += [SimulateMotion.Goal, SimulateMotion.Result, SimulateMotion.Feedback, TorqueExplanation,
+          TaskState]
 
 
 VALUES = {'boolean': True, 'double': 0.25, 'sequence<double>': [1.5, -2.5e300],
           'sequence<string>': ['a', 'b'], 'string': 'words', 'uint8': 2, 'uint32': 3,
+          'geometry_msgs/Pose': Pose(position=Point(x=1.0)), 'geometry_msgs/Vector3': Vector3(y=2.0),
+          'geometry_msgs/Wrench': Wrench(torque=Vector3(z=3.0)),
           'geometry_msgs/Inertia': Inertia(m=2.0, ixy=0.5),
           'sequence<geometry_msgs/Wrench>': [Wrench(force=Vector3(x=1.0))],
           'sequence<geometry_msgs/WrenchStamped>': [WrenchStamped(header=Header(frame_id='tip'))],

@@ -238,7 +238,7 @@ class ConfiguredRobot:
         if rate and controller.laws:
             topic = TaskStateTopic(self._server,
                                    publisher(TaskState, '~/task_state', RELIABLE), rate,
-                                   frame, controller)
+                                   frame, controller, self.modes.laws)
             opened.callback(topic.close)
             self.path.add_observer(topic, need_effort=False)
         law = self.modes.laws.get(Mode.CARTESIAN_IMPEDANCE)

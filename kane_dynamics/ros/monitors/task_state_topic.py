@@ -1,9 +1,12 @@
 """Publish the state of the controlled frame, in the services' thread."""
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from kane_dynamics._util.typing import Flags
 from kane_dynamics.control.controller import Controller
+from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import KaneError
 from kane_dynamics.kinematics.poses import pose_error, rotation_quaternion
 from kane_dynamics.ros.common.conversion import Array, as_wrench
@@ -27,8 +30,8 @@ class _Moment(NamedTuple):
     mode: str
     law: LiveLaw
     snapshot: TaskSnapshot
-    clamped: Array
-    rate_limited: Array
+    clamped: Flags
+    rate_limited: Flags
 
 
 class TaskStateTopic:
@@ -49,16 +52,19 @@ class TaskStateTopic:
         The controlled frame.
     controller : Controller
         The controller of the torque path.
+    laws : mapping of Mode to LiveLaw
+        Its laws.
 
     """
 
     def __init__(self, server: Services, publisher: Publisher, rate: float, frame: str,
-                 controller: Controller) -> None:
+                 controller: Controller, laws: Mapping[Mode, LiveLaw]) -> None:
         self._server = server
         self._publisher = publisher
         self._frame = frame
         self._controller = controller
         self._robot = controller.robot
+        self._laws = laws
         self._latest: _Moment | None = None
         self._asked = True
         self._timer = server.create_timer(1.0 / rate, self._publish,
@@ -76,7 +82,7 @@ class TaskStateTopic:
 
     def on_cycle(self, cycle: Cycle) -> None:
         """Keep a state, if one is asked for."""
-        law = self._controller.laws.get(self._controller.mode)
+        law = self._laws.get(self._controller.mode)
         if law is None or not self._asked:
             return
         self._asked = False

@@ -159,8 +159,8 @@ SPECS = (
          low=0.0, high=3600.0),
     Spec('wrench.frames', 'names', [],
          'frames at which ~/wrench gives the wrench that the '
-         'environment exerts on the robot; the torques compensate it, except in mode '
-         'gravity_compensation; empty: none'),
+         'environment exerts on the robot; the torques of the modes inverse_dynamics and '
+         'computed_torque compensate it; empty: none'),
     live('wrench.timeout', 'number', 0.1,
          'age, s, above which a wrench is stale and its frame '
          'unloaded', positive=True, low=0.0, high=3600.0),

@@ -139,7 +139,7 @@ class CartesianMode:
         self._measured[:] = self._robot.frame_pose(self.frame, q)
         self._compare()
         distance, angle = largest_of(self._difference)
-        return distance <= self._farthest and angle <= self._widest
+        return bool(distance <= self._farthest and angle <= self._widest)
 
     def snapshot(self, stamp: int) -> TaskSnapshot:
         """Return what is kept of the last cycle."""

@@ -1,12 +1,12 @@
 """
-Whether the controlled frame reaches a pose, from where the arm is.
+Reach of the controlled frame: its distance from a pose that the arm cannot have.
 
 Damped least squares in native code, with the joint limits as an active set and with the
 residuals of closed loops as further rows: the search from the present configuration that
 an impedance makes too. A pose that only another branch reaches counts as out of reach.
 """
 
-from kane_dynamics._util.typing import Array, Matrix, Vector
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.robot.robot import Robot
@@ -129,7 +129,7 @@ class TargetReach:
         return np.array([*moved, np.sqrt(distance), np.sqrt(angle)])
 
 
-def _damped_step(J: Matrix, error: Vector, damping: object) -> Vector:
+def _damped_step(J: Matrix, error: Vector, damping: Scalar) -> Vector:
     """Return J^T (J J^T + damping)^-1 error."""
     order = range(len(error))
     normal = J @ J.T + damping * np.eye(len(error))

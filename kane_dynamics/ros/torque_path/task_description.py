@@ -1,4 +1,4 @@
-"""What the law of a mode does at a state, for ~/task_state."""
+"""Records of a cycle of a law, for ~/task_state."""
 
 from typing import Any, NamedTuple
 
@@ -8,7 +8,7 @@ import numpy as np
 
 class TaskSnapshot(NamedTuple):
     """
-    What a law keeps of one cycle; the next cycle does not change it.
+    State of a law in one cycle; the next cycle does not change it.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class TaskSnapshot(NamedTuple):
 
 class TaskDescription(NamedTuple):
     """
-    What a law does at a state.
+    Wrench and saturation of a law at a state.
 
     Attributes
     ----------

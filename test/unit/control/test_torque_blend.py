@@ -35,7 +35,8 @@ def commands(controller, count, first=0, **arguments):
 
 
 def controller(blend_time=0.1, **settings):
-    laws = {Mode.JOINT_IMPEDANCE: ConstantLaw([3.0, -1.0]), Mode.CARTESIAN_IMPEDANCE: ConstantLaw([0, 0])}
+    laws = {Mode.JOINT_IMPEDANCE: ConstantLaw([3.0, -1.0]),
+            Mode.CARTESIAN_IMPEDANCE: ConstantLaw([0, 0])}
     return Controller(ROBOT, blend_time=blend_time, laws=laws, **settings)
 
 

@@ -24,8 +24,8 @@ TABLES = {path: plant_specs.SPECS if path.stem == 'plant' else SPECS
           for path in sorted(FOLDER.glob('*.yaml'))}
 # Parameters that a file sets for its arm; all others have their defaults.
 OWN = {'urdf', 'supplement', 'base', 'tip', 'joints', 'payload.frame', 'initial.position',
-       'wrench.frames', 'arm_compensates', 'limits.rate', 'mode', 'efforts.kind',
-       'efforts.gravity'}
+       'wrench.frames', 'arm_compensates', 'limits.rate', 'mode', 'modes', 'efforts.kind',
+       'efforts.gravity', 'cartesian.frame'}
 FILES = pytest.mark.parametrize('path', TABLES, ids=lambda path: path.stem)
 
 
@@ -84,6 +84,7 @@ def test_a_shipped_file_describes_every_parameter_as_its_table_does(path):
     ('limits.effort', 0.0), ('limits.effort', [math.nan]), ('joints', 'a'), ('joints', ['a', 'a']),
     ('joints', ['']), ('joints', [1]), ('simulation.max_steps', 0),
     ('simulation.max_steps', 1.5), ('simulation.max_points', 10**9),
+    ('modes', ['computed_torque']), ('modes', 'joint_impedance'),
     ('arm_compensates', 'weight'), ('arm_compensates', ['gravity', 'none']),
     ('arm_compensates', ['gravity', 'gravity']), ('arm_compensates', 3), ('arm_compensates', ''),
 ])

@@ -359,13 +359,13 @@ def test_stale_states_end_the_target():
 
 def test_a_mode_that_is_not_configured_is_refused():
     rig = Rig(modes=[])
-    with pytest.raises(InputError, match="'joint_impedance'; expected one of "
-                       "inverse_dynamics, .*cartesian_impedance, or to configure the node"):
+    with pytest.raises(InputError, match=r"'joint_impedance'; expected one of "
+                       r"inverse_dynamics, .*cartesian_impedance, or to configure the node"):
         rig.adjust(mode='joint_impedance')
 
 
 @pytest.mark.parametrize(('changes', 'words'), [
-    ({'cartesian__frame': 'nowhere'}, "mode cartesian_impedance: .*nowhere"),
+    ({'cartesian__frame': 'nowhere'}, 'mode cartesian_impedance: .*nowhere'),
     ({'cartesian__axes': 'nowhere'}, 'nowhere'),
     ({'cartesian__stiffness': [-1.0] * 6}, r'cartesian.stiffness.*at least 0'),
     ({'cartesian__posture': [0.0] * 3}, 'cartesian.posture.*3 entries'),

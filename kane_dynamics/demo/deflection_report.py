@@ -1,4 +1,4 @@
-"""The report of the pushes: deflection against the stiffness, recovery, and a plot."""
+"""The report of mode cartesian: deflection against the stiffness, recovery, and a plot."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,12 +13,12 @@ from kane_dynamics.urdf import load_urdf
 import numpy as np
 
 MAX_DEVIATION = 0.10  # of the deflection from that of the stiffness, relative
-MAX_REMAINING = 1e-3  # m, from the place before the push
-SETTLED = 0.2  # s at the end of a push and of a rest, over which places are averaged
+MAX_REMAINING = 1e-3  # m, from the place before the force
+SETTLED = 0.2  # s at the end of a force and of a rest, over which places are averaged
 
 
 @dataclass(frozen=True, eq=False)
-class PushLog:
+class DeflectionLog:
     """
     A record of the pushed arm.
 
@@ -39,13 +39,13 @@ class PushLog:
     wrench: Array
 
     @classmethod
-    def load(cls, path: Path) -> 'PushLog':
+    def load(cls, path: Path) -> 'DeflectionLog':
         """Load the record that the plant saved."""
         with np.load(path) as file:
             return cls(**{name: file[name] for name in cls.__dataclass_fields__})
 
-    def pushes(self) -> list[tuple[int, int]]:
-        """Return the first and the last row of each push."""
+    def forces(self) -> list[tuple[int, int]]:
+        """Return the first and the last row of each force."""
         is_pushed = self.wrench.any(axis=1).astype(int)
         edges = np.diff(is_pushed, prepend=0, append=0)
         firsts = np.flatnonzero(edges > 0).tolist()
@@ -67,18 +67,18 @@ def places(robot: DemoRobot, q: Array) -> Array:
     return np.array(rows)
 
 
-def report_pushes(robot: DemoRobot, run: PushLog, folder: Path) -> int:
+def report_deflections(robot: DemoRobot, run: DeflectionLog, folder: Path) -> int:
     """Print the results, and return 0 if the arm yields and returns as stated, else 1."""
     place = places(robot, run.q)
     rate = 1.0 / float(np.median(np.diff(run.t)))
     count = max(1, round(SETTLED * rate))
-    print('\nPushes against a stiffness of '
+    print('\nForces against a stiffness of '
           f'{STIFFNESS[0]:g} N/m (expected: force / stiffness)\n'
           f'{"force [N]":>20}{"deflection":>14}{"expected":>12}{"after":>12}')
     fine = True
-    pushes = run.pushes()
-    ends = [first for first, _ in pushes[1:]] + [len(run.t)]
-    for (first, last), end in zip(pushes, ends, strict=True):
+    forces = run.forces()
+    ends = [first for first, _ in forces[1:]] + [len(run.t)]
+    for (first, last), end in zip(forces, ends, strict=True):
         force = run.wrench[first, :3]
         before = place[first - count:first].mean(axis=0)
         pushed = place[last - count:last].mean(axis=0)
