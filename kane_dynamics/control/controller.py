@@ -64,7 +64,7 @@ class Controller:
         an arm at rest. Without a motion it holds the first measured pose.
     gravity_compensation
         Gravity at q. The speed is not used.
-    joint_impedance, cartesian_impedance
+    joint_impedance, cartesian_impedance, hand_guiding
         The law that `laws` has for the mode, of `kane_dynamics.task_space`.
 
     `compensate` switches torque terms off in every mode. The springs of the model have

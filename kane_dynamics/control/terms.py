@@ -24,6 +24,7 @@ class Mode(StrEnum):
     GRAVITY_COMPENSATION = 'gravity_compensation'
     JOINT_IMPEDANCE = 'joint_impedance'
     CARTESIAN_IMPEDANCE = 'cartesian_impedance'
+    HAND_GUIDING = 'hand_guiding'
 
     @property
     def follows_motions(self) -> bool:

@@ -20,9 +20,9 @@ from typing import Any
 from geometry_msgs.msg import Vector3, WrenchStamped
 from kane_dynamics._util.progress import progress_bar
 from kane_dynamics.demo.children import Child, children, DemoError, stage, Waiting
-from kane_dynamics.demo.demo_settings import (DemoRobot, DURATION, NODE, PLANT, FORCES,
-                                              ROBOTS, STATE_TIMEOUT, STIFFNESS)
 from kane_dynamics.demo.deflection_report import DeflectionLog, report_deflections
+from kane_dynamics.demo.demo_settings import (DemoRobot, DURATION, FORCES, NODE, PLANT,
+                                              ROBOTS, STATE_TIMEOUT, STIFFNESS)
 from kane_dynamics.demo.tracking_report import repeated_if_late, report, TrackingLog
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics_interfaces.srv import Simulate
@@ -145,7 +145,6 @@ class Director(Node):
         self.ask(SetBool, f'{PLANT}/reset', data=False)
         time.sleep(FALL + 0.1)
         return prediction, self._recorded(record)
-
 
     def displace(self, record: Path) -> DeflectionLog:
         """

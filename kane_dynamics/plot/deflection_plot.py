@@ -29,6 +29,7 @@ def plot_deflection(t: Array, deflection: Array, force: Array,
     torques : (K, n) array
         Of the joints, N m; their change since the last moment before a force is drawn.
     joint_names : sequence of n str
+        In the order of the columns of `torques`.
     path, title
         See `kane_dynamics.plot`.
 

@@ -22,7 +22,8 @@ PARTS += [SimulateMotion.Goal, SimulateMotion.Result, SimulateMotion.Feedback, T
 
 VALUES = {'boolean': True, 'double': 0.25, 'sequence<double>': [1.5, -2.5e300],
           'sequence<string>': ['a', 'b'], 'string': 'words', 'uint8': 2, 'uint32': 3,
-          'geometry_msgs/Pose': Pose(position=Point(x=1.0)), 'geometry_msgs/Vector3': Vector3(y=2.0),
+          'geometry_msgs/Pose': Pose(position=Point(x=1.0)),
+          'geometry_msgs/Vector3': Vector3(y=2.0),
           'geometry_msgs/Wrench': Wrench(torque=Vector3(z=3.0)),
           'geometry_msgs/Inertia': Inertia(m=2.0, ixy=0.5),
           'sequence<geometry_msgs/Wrench>': [Wrench(force=Vector3(x=1.0))],

@@ -27,8 +27,8 @@ class TorqueBreakdownTopic:
     The torque path stores the state; the services' thread evaluates it with its own
     robot. In mode inverse_dynamics with an active motion, the desired state is
     evaluated; otherwise the measured state with the desired acceleration (in
-    gravity_compensation, at rest). Term switches, feedback and limits are not part of
-    the breakdown.
+    gravity_compensation and hand_guiding, at rest). Term switches, feedback and limits
+    are not part of the breakdown.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class TorqueBreakdownTopic:
         """Return the q, u, udot whose torques are broken down."""
         at_rest = np.zeros_like(u)
         mode = self._controller.mode
-        if mode is Mode.GRAVITY_COMPENSATION:
+        if mode in (Mode.GRAVITY_COMPENSATION, Mode.HAND_GUIDING):
             return q, at_rest, at_rest
         if motion is None:
             return q, at_rest if mode is Mode.INVERSE_DYNAMICS else u, at_rest

@@ -78,6 +78,13 @@ def _numbers(spec: Spec, value: Any) -> tuple[int, ...]:
     return tuple(_count(spec, item) for item in value)
 
 
+def _floats(spec: Spec, value: Any) -> NDArray[np.float64]:
+    """Return numbers within the bounds of `spec`, (k,)."""
+    if isinstance(value, str):
+        raise ValueError
+    return np.array([_number(spec, item) for item in value])
+
+
 def _per_joint(spec: Spec, value: Any) -> NDArray[np.float64]:
     """Return one number, shape (), or one per joint, shape (n,); shape (0,): not set."""
     if isinstance(value, (int, float)):
@@ -99,7 +106,7 @@ def _terms(spec: Spec, value: Any) -> tuple[str, ...]:
 
 _READERS: dict[Kind, Callable[[Spec, Any], Any]] = {
     'text': _text, 'flag': _flag, 'number': _number, 'count': _count, 'names': _names,
-    'vector': _vector, 'six': _vector, 'numbers': _numbers,
+    'vector': _vector, 'six': _vector, 'numbers': _numbers, 'floats': _floats,
     'per_joint': _per_joint, 'terms': _terms}
 
 

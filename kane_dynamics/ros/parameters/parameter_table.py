@@ -14,9 +14,9 @@ from kane_dynamics.control.friction_error import FRICTION_SPEED
 from kane_dynamics.control.terms import Mode, STATEMENT
 from kane_dynamics.mechanics.integrators import INTEGRATORS
 
-LAW_MODES = (Mode.JOINT_IMPEDANCE, Mode.CARTESIAN_IMPEDANCE)
+LAW_MODES = (Mode.JOINT_IMPEDANCE, Mode.CARTESIAN_IMPEDANCE, Mode.HAND_GUIDING)
 Kind = Literal['text', 'flag', 'number', 'count', 'names', 'vector', 'six', 'numbers',
-               'per_joint', 'terms']
+               'floats', 'per_joint', 'terms']
 
 AUTO = 'auto'  # of an integrator: chosen by the step, as `simulate` does
 
@@ -54,6 +54,7 @@ class Spec:
                  'names': 'a list of names, each once',
                  'vector': 'three finite numbers',
                  'six': 'six finite numbers',
+                 'floats': 'a list of finite numbers',
                  'numbers': f'a list of integers, each {self._range}',
                  'number': f'a number, {self._range}',
                  'count': f'an integer, {self._range}',
@@ -196,8 +197,8 @@ SPECS = (
          'damping ratio of each joint on its spring, for its inertia where the mode '
          'begins, if joint_impedance.damping is empty', low=0.0, high=10.0),
     Spec('cartesian.frame', 'text', '',
-         'the controlled frame of mode cartesian_impedance, and that of ~/task_state; '
-         'empty: `tip`, or else the last link'),
+         'the controlled frame of mode cartesian_impedance, that of the planes of '
+         'hand_guiding and of ~/task_state; empty: `tip`, or else the last link'),
     Spec('cartesian.axes', 'text', 'world',
          'axes of cartesian.stiffness: world, frame (those of the target), or a frame '
          'that is fixed to the world or to the body of cartesian.frame'),
@@ -222,11 +223,29 @@ SPECS = (
          'rate at which motion that does not move the frame decays, 1/s', low=0.0,
          high=1000.0),
     live('walls.margin', 'per_joint', [],
-         'mode cartesian_impedance: distance from the position limits at which soft walls '
-         'begin, rad or m; empty: 0.1, at most 5 % of the range', positive=True, low=0.0),
+         'modes cartesian_impedance and hand_guiding: distance from the position limits at '
+         'which soft walls begin, rad or m; empty: 0.1, at most 5 % of the range',
+         positive=True, low=0.0),
     live('walls.stiffness', 'per_joint', [],
          'stiffness of the walls, N m/rad or N/m; 0: none; empty: the effort limit at the '
          'position limit', low=0.0),
+    live('hand_guiding.friction', 'number', 0.8,
+         'mode hand_guiding: fraction of the friction of the model that is compensated',
+         low=0.0, high=1.0),
+    live('hand_guiding.damping', 'per_joint', 0.0,
+         'further damping of the joints, N m s/rad or N s/m', low=0.0),
+    live('hand_guiding.max_speed', 'per_joint', [],
+         'speed of a joint above which it is braked, rad/s or m/s; empty: half of the '
+         'limits of the URDF', positive=True, infinite=True, low=0.0),
+    live('hand_guiding.max_frame_speed', 'number', math.inf,
+         'speed of cartesian.frame above which the arm is braked, m/s', positive=True,
+         infinite=True, low=0.0),
+    live('hand_guiding.planes', 'floats', [],
+         'soft walls: for each plane a normal of length 1 and a distance d, world axes, '
+         'm; the origin of cartesian.frame stays where normal . position >= d. Their '
+         'number is fixed'),
+    live('hand_guiding.plane_stiffness', 'number', 2000.0,
+         'stiffness of the planes, N/m', low=0.0),
     live('target.max_speed', 'number', 0.25,
          'largest speed of the target of mode cartesian_impedance, m/s', positive=True,
          low=0.0, high=100.0),
@@ -248,8 +267,8 @@ SPECS = (
          'time a target that moves by ~/target_twist is held, and ~/target_wrench ends',
          positive=True, low=0.0, high=60.0),
     Spec('task_state.rate', 'number', 50.0,
-         'rate of ~/task_state in the modes joint_impedance and cartesian_impedance, 1/s; '
-         '0: not published', low=0.0, high=1000.0),
+         'rate of ~/task_state in the modes joint_impedance, cartesian_impedance and '
+         'hand_guiding, 1/s; 0: not published', low=0.0, high=1000.0),
     live('limits.effort', 'per_joint', [],
          'effort limit, N m or N, in addition to that of the '
          'URDF; the smaller one applies; empty: only that of the URDF', positive=True,

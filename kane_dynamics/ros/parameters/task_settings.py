@@ -71,6 +71,7 @@ def joint_damping(values: Mapping[str, Any], robot: Robot, stiffness: Array,
     values : mapping
         The node's parameters.
     robot : Robot
+        Names the joints.
     stiffness, inertia : (n_q,) arrays
         N m/rad and kg m^2, or N/m and kg.
 
@@ -105,3 +106,37 @@ def cartesian_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any
     if values['cartesian.posture'].size:
         settings['posture'] = per_joint(values, 'cartesian.posture', joints, 0.0)
     return settings | wall_settings(values, robot)
+
+
+def target_limits(values: Mapping[str, Any]) -> dict[str, float]:
+    """Return the limits of the target, as arguments of `PoseFilter`."""
+    return {'linear_speed': values['target.max_speed'],
+            'angular_speed': values['target.max_angular_speed'],
+            'linear_acceleration': values['target.max_acceleration'],
+            'angular_acceleration': values['target.max_angular_acceleration']}
+
+
+def guiding_settings(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
+    """
+    Return the settings of hand guiding that may change live.
+
+    Friction is left to an arm that compensates it itself.
+    """
+    planes = values['hand_guiding.planes']
+    if len(planes) % 4:
+        raise InputError(f"parameter 'hand_guiding.planes': {len(planes)} numbers; "
+                         'expected four for each plane')
+    joints = robot.joint_names
+    friction = values['hand_guiding.friction']
+    if not terms(values).friction:
+        friction = 0.0
+    speed = None
+    if values['hand_guiding.max_speed'].size:
+        speed = per_joint(values, 'hand_guiding.max_speed', joints, math.inf)
+    return {'friction': friction,
+            'damping': per_joint(values, 'hand_guiding.damping', joints, 0.0),
+            'speed_limit': speed, 'frame_speed': values['hand_guiding.max_frame_speed'],
+            'planes': planes.reshape(-1, 4),
+            'plane_stiffness': values['hand_guiding.plane_stiffness'],
+            'effort_limit': per_joint(values, 'limits.effort', joints, math.inf),
+            **wall_settings(values, robot)}

@@ -9,14 +9,16 @@ from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.common.conversion import NANO
 from kane_dynamics.ros.parameters.task_settings import (cartesian_settings,
-                                                        controlled_frame, differ)
+                                                        controlled_frame, differ,
+                                                        target_limits)
 from kane_dynamics.ros.torque_path.cartesian_target import CartesianTarget, largest_of
 from kane_dynamics.ros.torque_path.pose_functions import bound, displacement
 from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
-from kane_dynamics.ros.torque_path.target_filter import TargetFilter
 from kane_dynamics.task_space.cartesian_impedance import CartesianImpedance
+from kane_dynamics.task_space.pose_filter import PoseFilter
 import numpy as np
 
+SMOOTHING = 0.05  # s: time constant of the target's acceleration, for feedforward
 NEAR = 0.999  # of a limit of the target, above which it is reported
 
 
@@ -61,7 +63,8 @@ class CartesianMode:
         self._trial = CartesianImpedance(robot, self.frame, axes=self._axes,
                                          **self._posed(robot.neutral()))
         self.target = CartesianTarget(robot, values['target.timeout'])
-        self._filter = TargetFilter(robot)
+        self._filter = PoseFilter(**target_limits(values))
+        self._acceleration = np.zeros(6)  # of the target, smoothed
         self._measured = np.eye(4)
         self._difference = np.zeros(6)
         self._compare = bound(robot, displacement, self._difference,
@@ -76,10 +79,9 @@ class CartesianMode:
     def _use_target_limits(self, values: Mapping[str, Any]) -> None:
         """Use the parameters of the target."""
         self.target.timeout = values['target.timeout']
-        self._filter.set_limits(values['target.max_speed'],
-                                values['target.max_angular_speed'],
-                                values['target.max_acceleration'],
-                                values['target.max_angular_acceleration'])
+        limits = target_limits(values)
+        self._filter.tune(**limits)
+        self._fastest = limits['linear_speed'], limits['angular_speed']
         self._farthest = values['target.max_distance']
         self._widest = values['target.max_angle']
 
@@ -119,16 +121,20 @@ class CartesianMode:
         target.advance(stamp, self._may_move(q))
         elapsed = t - self._time if self._time else 0.0
         self._time = t
-        desired = self._filter
-        desired.advance(target.pose, target.twist, elapsed)
-        return self.law.torque(q, u, desired.pose, desired.twist, desired.acceleration,
+        desired = self._filter.step(target.pose, max(elapsed, 0.0), target.twist)
+        self._desired = desired
+        # The acceleration changes in steps, which would be steps of torque.
+        share = min(max(elapsed, 0.0) / SMOOTHING, 1.0)
+        self._acceleration += share * (desired.acceleration - self._acceleration)
+        return self.law.torque(q, u, desired.pose, desired.twist, self._acceleration,
                                target.wrench(stamp), t)
 
     def _begin(self, q: Array) -> None:
         """Hold the pose of the frame at q, (n_q,), and the posture if none is stated."""
         pose = self._robot.frame_pose(self.frame, q)
         self.target.begin(pose)
-        self._filter.restart(pose)
+        self._filter.reset(pose)
+        self._acceleration = np.zeros(6)
         self._posture = q.copy()
         self.law.update(**self._posed(self._posture))
 
@@ -146,8 +152,9 @@ class CartesianMode:
         age = -1.0
         if self.target.moved_at:
             age = (stamp - self.target.moved_at) / NANO
-        return TaskSnapshot(self._filter.pose.copy(), age,
-                            (self._filter.twist.copy(), self.target.wrench(stamp)))
+        desired = self._desired
+        return TaskSnapshot(desired.pose, age,
+                            (desired.twist, self.target.wrench(stamp)))
 
     def describe(self, q: Array, u: Array, snapshot: TaskSnapshot) -> TaskDescription:
         """Return the wrench of the law at a state, and what is at its limit."""
@@ -162,9 +169,8 @@ class CartesianMode:
             saturated.append('effort of the task')
         if state.regularization > 0.0:
             saturated.append('singular configuration')
-        fastest = self._filter.limits
-        for what, part, limit in (('speed', twist[:3], fastest[0]),
-                                  ('angular speed', twist[3:], fastest[1])):
+        for what, part, limit in (('speed', twist[:3], self._fastest[0]),
+                                  ('angular speed', twist[3:], self._fastest[1])):
             if np.sqrt(part @ part) > NEAR * limit:
                 saturated.append(f'{what} of the target')
         total = in_world(self._rotation(snapshot.desired), state.wrench)

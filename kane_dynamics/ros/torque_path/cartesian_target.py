@@ -183,5 +183,3 @@ def pose_of_numbers(numbers: Vector, frame: Matrix) -> Matrix:
 def largest_of(error: Array) -> tuple[float, float]:
     """Return distance, m, and angle, rad, of a displacement (6,)."""
     return float(np.sqrt(error[:3] @ error[:3])), float(np.sqrt(error[3:] @ error[3:]))
-
-

@@ -29,6 +29,7 @@ def path_controller(model: Model, values: Mapping[str, Any],
     Parameters
     ----------
     model : Model
+        Of the arm, with beams or without.
     values : mapping
         The node's parameters.
     laws_of : callable, optional

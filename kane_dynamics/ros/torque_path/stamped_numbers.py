@@ -28,6 +28,7 @@ def read_stamped(data: bytes, kind: Any, count: int,
     data : bytes
         The serialized message.
     kind : message type
+        Of the message.
     count : int
         Number of doubles.
     numbers_of : callable

@@ -113,14 +113,14 @@ class TargetReach:
         free = []
         for x, change, low, high in zip(q, step, lower, upper):
             is_low = select(x < low + AT_LIMIT, select(change < 0.0, 0.0, 1.0), 1.0)
-            free.append(select(high - AT_LIMIT < x, select(0.0 < change, 0.0, is_low),
+            free.append(select(x > high - AT_LIMIT, select(change > 0.0, 0.0, is_low),
                                is_low))
         step = _damped_step(J * np.array(free), error, damping)
         longest = 0.0
         for change in step:
             magnitude = select(change < 0.0, -change, change)
             longest = select(longest < magnitude, magnitude, longest)
-        share = select(LONGEST < longest, LONGEST / longest, 1.0)
+        share = select(longest > LONGEST, LONGEST / longest, 1.0)
         moved = []
         for x, change, low, high in zip(q, step, lower, upper):
             new = x + share * change

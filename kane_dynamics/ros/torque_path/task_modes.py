@@ -1,4 +1,4 @@
-"""The laws of the modes joint_impedance and cartesian_impedance."""
+"""The laws of the modes joint_impedance, cartesian_impedance and hand_guiding."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
@@ -9,13 +9,15 @@ from kane_dynamics.control.terms import Mode
 from kane_dynamics.errors import InputError, KaneError
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.ros.torque_path.cartesian_mode import CartesianMode
+from kane_dynamics.ros.torque_path.hand_guiding_mode import HandGuidingMode
 from kane_dynamics.ros.torque_path.joint_impedance_mode import JointImpedanceMode
 from kane_dynamics.ros.torque_path.task_description import (TaskDescription,
                                                             TaskSnapshot)
 
 LAWS: dict[Mode, Callable[[Robot, Mapping[str, Any]], 'LiveLaw']] = {
     Mode.JOINT_IMPEDANCE: JointImpedanceMode,
-    Mode.CARTESIAN_IMPEDANCE: CartesianMode}
+    Mode.CARTESIAN_IMPEDANCE: CartesianMode,
+    Mode.HAND_GUIDING: HandGuidingMode}
 
 
 class LiveLaw(ModeLaw, Protocol):

@@ -121,12 +121,12 @@ def test_a_clock_that_jumps_back_begins_the_blend_again():
 
 
 def test_a_mode_without_a_law_is_refused():
-    with pytest.raises(InputError, match='mode: .cartesian_impedance.; expected one of '
+    with pytest.raises(InputError, match=r'mode: .cartesian_impedance.; expected one of '
                        'inverse_dynamics, computed_torque, gravity_compensation'):
         Controller(ROBOT, mode='cartesian_impedance')
 
 
 @pytest.mark.parametrize('value', [-1.0, math.nan, math.inf])
 def test_an_invalid_blend_time_is_refused(value):
-    with pytest.raises(InputError, match='blend_time: .*; expected a finite time'):
+    with pytest.raises(InputError, match=r'blend_time: .*; expected a finite time'):
         Controller(ROBOT, blend_time=value)

@@ -201,5 +201,5 @@ def test_a_pose_is_reached_with_closed_loops():
     assert max(reach.remaining(goal, start)) <= REACHED
     tilted = goal.copy()
     tilted[:3, :3] = rotation_exp([0.0, 0.3, 0.0]) @ goal[:3, :3]
-    distance, angle = reach.remaining(tilted, start)
+    _, angle = reach.remaining(tilted, start)
     assert angle > 0.1

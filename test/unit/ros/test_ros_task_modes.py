@@ -134,9 +134,46 @@ def test_the_modes_of_the_table_are_those_with_a_law():
 @pytest.mark.parametrize('mode', LAW_MODES)
 def test_a_mode_holds_the_arm_against_gravity(mode):
     rig = Rig(mode)
+    rig.state()  # the first state has no answer
+    rig.now += STEP
     rig.run(1.0)
-    np.testing.assert_allclose(rig.q, START, atol=2e-3)  # the first state has no answer
-    np.testing.assert_allclose(rig.taus[-1], rig.robot.gravity_force(rig.q), atol=0.3)
+    np.testing.assert_allclose(rig.q, START, atol=1e-6)
+    np.testing.assert_allclose(rig.taus[-1], rig.robot.gravity_force(rig.q), atol=1e-3)
+
+
+def test_an_operator_leads_the_arm_up_to_its_limits():
+    """Friction is compensated in part, and fast motion and walls resist."""
+    rig = Rig('hand_guiding', hand_guiding__max_speed=0.3)
+    rig.state()
+    rig.now += STEP
+    rig.push = np.array([4.0, 0.0])
+    rig.run(1.5)
+    fast = rig.u[0]
+    described = rig.modes.laws[Mode.HAND_GUIDING].describe(rig.q, rig.u, None)
+    assert 'speed of joint1' in described.saturated
+    rig.adjust(hand_guiding__max_speed=9.0)
+    rig.q, rig.u = START.copy(), np.zeros(2)
+    rig.path.states.forget()
+    rig.run(1.5)
+    assert 0.3 < fast < 0.7 < rig.u[0]
+
+
+def test_a_plane_holds_the_frame():
+    rig = Rig('hand_guiding', hand_guiding__planes=[0.0, 0.0, 1.0, 0.0])
+    height = rig.pose()[2, 3]
+    rig.adjust(hand_guiding__planes=[0.0, 0.0, 1.0, height - 0.02])
+    rig.state()
+    rig.now += STEP
+
+    def load():
+        rig.push = rig.robot.jacobian(FRAME, rig.q).T @ [0.0, 0.0, -20.0, 0.0, 0.0, 0.0]
+    rig.run(2.0, load)
+    assert -0.06 < rig.pose()[2, 3] - height < -0.02
+    assert 'wall' in rig.modes.laws[Mode.HAND_GUIDING].describe(rig.q, rig.u, None).saturated
+    with pytest.raises(InputError, match='planes: 2; expected 1'):
+        rig.adjust(hand_guiding__planes=[0.0, 0.0, 1.0, 0.0] * 2)
+    with pytest.raises(InputError, match=r'hand_guiding\.planes.: 3 numbers; expected four'):
+        rig.adjust(hand_guiding__planes=[0.0, 0.0, 1.0])
 
 
 def test_a_target_pose_is_reached_without_a_jump_of_torque():
@@ -359,8 +396,8 @@ def test_stale_states_end_the_target():
 
 def test_a_mode_that_is_not_configured_is_refused():
     rig = Rig(modes=[])
-    with pytest.raises(InputError, match=r"'joint_impedance'; expected one of "
-                       r"inverse_dynamics, .*cartesian_impedance, or to configure the node"):
+    with pytest.raises(InputError, match=r'joint_impedance.; expected one of '
+                       r'inverse_dynamics, .*cartesian_impedance, or to configure the node'):
         rig.adjust(mode='joint_impedance')
 
 

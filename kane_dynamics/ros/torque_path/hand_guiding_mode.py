@@ -1,0 +1,99 @@
+"""Mode hand_guiding: an operator leads the arm by hand."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from kane_dynamics._util.typing import Array
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.robot.robot import Robot
+from kane_dynamics.ros.parameters.parameter_checks import terms
+from kane_dynamics.ros.parameters.task_settings import (controlled_frame, differ,
+                                                        guiding_settings)
+from kane_dynamics.ros.torque_path.task_description import TaskDescription, TaskSnapshot
+from kane_dynamics.task_space.hand_guiding import HandGuiding
+import numpy as np
+
+
+class HandGuidingMode:
+    """
+    The law of mode hand_guiding, without the terms that the arm adds itself.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot of the torque path.
+    values : mapping
+        The node's parameters; hand_guiding.*, walls.* and arm_compensates are used.
+
+    Raises
+    ------
+    InputError
+        A parameter does not fit the robot.
+
+    """
+
+    pose: Array | None = None  # no positions are held
+
+    def __init__(self, robot: Robot, values: Mapping[str, Any]) -> None:
+        self._robot = robot
+        self._settings = guiding_settings(values, robot)
+        frame = controlled_frame(values, robot.model)
+        self.law = HandGuiding(robot, frame=frame, **self._settings)
+        # A law of its own checks settings that the path does not use yet.
+        self._trial = HandGuiding(robot, frame=frame, **self._settings)
+        self._frame = frame
+        self._adds_gravity = terms(values).gravity
+
+    def check(self, values: Mapping[str, Any]) -> None:
+        """Raise InputError unless parameters fit the arm."""
+        settings = guiding_settings(values, self._robot)
+        if differ(settings, self._settings):
+            self._trial.update(**settings)
+
+    def update(self, values: Mapping[str, Any]) -> bool:
+        """Use checked parameters; return whether a setting of the law changes."""
+        settings = guiding_settings(values, self._robot)
+        changed = differ(settings, self._settings)
+        self._settings = settings
+        if changed:
+            self.law.update(**settings)
+        return changed
+
+    def compile(self) -> None:  # noqa: A003
+        """Compile what the path needs beside the law."""
+        self._robot.compile('gravity_force', 'joint_torques')
+
+    def restart(self) -> None:
+        """Do nothing: the law has no memory."""
+
+    def torque(self, q: Array, u: Array, motion: Motion | None, moment: float,
+               t: float) -> Array:
+        """Return joint torques (n_q,) at a state."""
+        tau = self.law.torque(q, u, t)
+        if self._adds_gravity:
+            return tau
+        gravity = self._robot.gravity_force(q)
+        if not self._robot.equations.in_joint_rates:
+            gravity = self._robot.joint_torques(gravity, q)
+        return tau - gravity
+
+    def snapshot(self, stamp: int) -> TaskSnapshot:
+        """Return what is kept of the last cycle."""
+        return TaskSnapshot()
+
+    def describe(self, q: Array, u: Array, snapshot: TaskSnapshot) -> TaskDescription:
+        """Return which limits of speed the operator exceeds, and which walls act."""
+        robot = self._robot
+        rates = robot.joint_rates(q, u)
+        saturated = []
+        limits = self._settings['speed_limit']
+        if limits is None:
+            limits = 0.5 * np.asarray(robot.limits.velocity)
+        for k in np.flatnonzero(np.abs(rates) > limits):
+            saturated.append(f'speed of {robot.joint_names[k]}')
+        speed = float(np.linalg.norm(robot.frame_velocity(self._frame, q, u)[:3]))
+        if speed > self._settings['frame_speed']:
+            saturated.append('speed of the frame')
+        if self.law.energy(q) > 0.0:
+            saturated.append('wall')
+        return TaskDescription(saturated=tuple(saturated))
