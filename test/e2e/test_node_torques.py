@@ -210,7 +210,7 @@ def test_an_invalid_parameter_is_refused_with_the_reason_and_changes_nothing(nod
 
 
 BAD = {'text': 3, 'flag': 2.5, 'number': -1e12, 'count': 0.5, 'names': 'one', 'vector': [1.0],
-       'six': [1.0], 'numbers': 1, 'per_joint': [np.nan], 'terms': 'weight'}
+       'six': [1.0], 'numbers': 1, 'floats': 'one', 'per_joint': [np.nan], 'terms': 'weight'}
 
 
 def test_live_parameters_may_be_set_while_active_and_invalid_values_are_refused_by_name(node):
@@ -224,7 +224,7 @@ def test_live_parameters_may_be_set_while_active_and_invalid_values_are_refused_
         assert spec.name in answer.reason
         assert spec.read_only or f'expected {spec.constraint}' in answer.reason
     assert node.adjust(state_timeout=1.0, state_check__speed_factor=math.inf,
-                       trajectory__start_tolerance=math.inf).successful
+                       trajectory__start_tolerance=math.inf, blend_time=0.0).successful
     after = node.call(GetParameters, 'get_parameters', names=[spec.name for spec in SPECS])
     for spec, old, new in zip(SPECS, before.values, after.values):
         assert spec.live or old == new, spec.name

@@ -82,7 +82,7 @@ class Process:
         command = [sys.executable, *(program or ['-m', module, '--ros-args'])]
         if module == DYNAMICS_NODE and program is None:
             # The client is no simulated robot; torques are compared with unlimited ones.
-            choices = {'activation': 'at_once', 'limits__rate': '.inf'}
+            choices = {'activation': 'at_once', 'limits__rate': '.inf', 'blend_time': '0.0'}
             if '--params-file' in arguments:  # what comes last is used
                 arguments = (*arguments, '-p', 'activation:=at_once')
             else:
