@@ -47,6 +47,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.simulation.simulate import simulate
     from kane_dynamics.simulation.step_size import longest_step
     from kane_dynamics.simulation.trajectory import Trajectory
+    from kane_dynamics.task_space.arm_coupling import ArmCoupling, PartnerState
     from kane_dynamics.task_space.cartesian_impedance import CartesianImpedance
     from kane_dynamics.task_space.hand_guiding import HandGuiding
     from kane_dynamics.task_space.hybrid_force import HybridForce
@@ -58,7 +59,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.urdf import expand_xacro, load_urdf
     from kane_dynamics.urdf.link_shapes import load_collision_shapes
 
-__all__ = ['Bending', 'Body', 'CartesianImpedance', 'CartesianMotion', 'Closure',
+__all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMotion', 'Closure',
            'CollisionDetector', 'CompileError', 'ComputedTorque', 'ConstraintError',
            'Controller', 'controller_kernels', 'Coupling', 'DependentSpeeds',
            'DeviceError', 'FilledTrajectory', 'FlexibleLink', 'Frame', 'FrictionError',
@@ -66,7 +67,8 @@ __all__ = ['Bending', 'Body', 'CartesianImpedance', 'CartesianMotion', 'Closure'
            'InverseKinematics', 'Joint', 'JointImpedance', 'KaneError', 'Limits',
            'LinkDistances', 'LinkShape', 'LoopError',
            'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
-           'MomentumObserver', 'Motion', 'OperationalSpace', 'PointVelocity', 'PoseFilter',
+           'MomentumObserver', 'Motion', 'OperationalSpace', 'PartnerState', 'PointVelocity',
+           'PoseFilter',
            'PoseLimits', 'PoseMotion', 'PosePath',
            'Prescribed', 'QuasiStatic', 'Robot',
            'Rolling', 'Speeds', 'SweepError', 'TaskSpace',
@@ -125,6 +127,7 @@ _NAMES_BY_MODULE = {
     'simulation.simulate': 'simulate',
     'simulation.step_size': 'longest_step',
     'simulation.trajectory': 'Trajectory',
+    'task_space.arm_coupling': 'ArmCoupling PartnerState',
     'task_space.cartesian_impedance': 'CartesianImpedance',
     'task_space.hand_guiding': 'HandGuiding',
     'task_space.hybrid_force': 'HybridForce',

@@ -83,7 +83,7 @@ def by_definition(stamps, q, u, tolerances):
     return None
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**31), st.integers(1, 40))
 def test_judged_in_pieces_a_goal_ends_as_by_the_definition_state_by_state(seed, piece):
     random = np.random.default_rng(seed)
@@ -191,7 +191,7 @@ def demand_of(served, rate=20.0):
     return partial(limit_demand, served, effort, rate * effort)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.integers(0, 2**31), st.floats(0.02, 1.55))
 def test_a_stop_stays_on_the_path_begins_smoothly_and_keeps_the_limits(seed, moment):
     motion = arm_motion(seed)
