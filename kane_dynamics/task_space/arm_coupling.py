@@ -11,9 +11,9 @@ with the scale s, an offset o, and the reflection f. At rest, with e the torques
 and environment and equal stiffness, the sums of both sides give e_hand = -e_environment
 for every f, and K (q_leader - q_follower) = (1 - f) e_hand. For f = 1 and equal arms
 both accelerations are the same, so that the springs are not stretched by motion either.
-For f = 0 the coupling is passive, apart from delay and different friction. Source of four channels: D. A.
-Lawrence, "Stability and transparency in bilateral teleoperation", IEEE Trans. Robotics
-and Automation 9(5), 1993.
+For f = 0 the coupling is passive, apart from delay and different friction. Source of
+four channels: D. A. Lawrence, "Stability and transparency in bilateral teleoperation",
+IEEE Trans. Robotics and Automation 9(5), 1993.
 """
 
 from __future__ import annotations
@@ -175,6 +175,7 @@ class ArmCoupling:
         q : (n_q,) array_like
             The measured positions of this arm, rad or m.
         partner : PartnerState
+            Its state; positions are used.
 
         Raises
         ------
@@ -208,8 +209,8 @@ class ArmCoupling:
         Parameters
         ----------
         t : float
-            Time of the measured state, s. After a gap of `timeout`, or a step back, the
-            arm begins alone where it is.
+            Time of the measured state, s. After an interruption of `timeout`, or a step
+            back, the arm begins alone where it is.
         q, u : (n_q,), (n,) array_like
             The measured state, rad or m, s.
         partner : PartnerState, optional
@@ -242,7 +243,7 @@ class ArmCoupling:
     # The parts of `torque`.
 
     def _elapsed(self, t: float, position: Array) -> float:
-        """Return the time since the last call, s; begin again after a gap."""
+        """Return the time since the last call, s; begin again after an interruption."""
         last = self._t
         if last is None or not 0.0 <= t - last <= self._timeout:
             if last is not None:

@@ -24,7 +24,8 @@ def fr3(tool=0.0):
     """Return an arm with the friction of its URDF, and a tool of some kg."""
     model = load_urdf(resource_path('urdf', 'fr3.urdf'), joints=TREE)
     if tool:
-        model = with_tool(model, 'fr3_link8', 'tool', Inertial(tool, np.zeros(3), np.zeros((3, 3))))
+        mass = Inertial(tool, np.zeros(3), np.zeros((3, 3)))
+        model = with_tool(model, 'fr3_link8', 'tool', mass)
     return Robot(model)
 
 
