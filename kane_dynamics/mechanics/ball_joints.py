@@ -54,14 +54,17 @@ class Ball(NamedTuple):
 
 def balls(model: Model) -> list[Ball]:
     """Return the ball joints of a model, in the order of `Model.balls`."""
-    speeds = {body: model.bodies[body].joint.coordinate for body in model.balls}
     result = []
-    for body, speed in speeds.items():
-        # A ball joint has one coordinate more than speeds, so that those after it in u
-        # are one further in q.
-        balls_before = sum(r < speed for r in speeds.values())
-        name = model.bodies[body].joint.name.removesuffix('/wx')
-        result.append(Ball(name, body, speed, speed + balls_before))
+    speeds = []
+    for body in model.balls:
+        joint = model.bodies[body].joint
+        speeds.append(joint.coordinate)
+        result.append(Ball(joint.name.removesuffix('/wx'), body, joint.coordinate, 0))
+    # A ball joint has one coordinate more than speeds, so that those after it in u are
+    # one further in q.
+    speeds.sort()
+    for k, ball in enumerate(result):
+        result[k] = ball._replace(place=ball.speed + speeds.index(ball.speed))
     return result
 
 
@@ -87,13 +90,21 @@ def joint_positions(model: Model, q: Vector) -> Vector:
 
 def rotations(model: Model, q: Vector) -> dict[int, Matrix]:
     """Return the rotation of the ball joints, (3, 3), by their first body's index."""
-    return {ball.body: rotation_matrix(ball.quaternion(q)) for ball in balls(model)}
+    result = {}
+    if model.balls:
+        for ball in balls(model):
+            result[ball.body] = rotation_matrix(ball.quaternion(q))
+    return result
 
 
 def free_bodies(model: Model) -> list[Ball]:
     """Return the ball joints of free bodies: those that three slides carry."""
-    return [ball for ball in balls(model)
-            if ball.body >= 3 and _slides_before(model, ball)]
+    result = []
+    if model.balls:
+        for ball in balls(model):
+            if ball.body >= 3 and _slides_before(model, ball):
+                result.append(ball)
+    return result
 
 
 def _slides_before(model: Model, ball: Ball) -> bool:

@@ -474,7 +474,9 @@ class KernelSet:
 
     def _inputs(self, arguments: Sequence[Argument]) -> list[tuple[str, Shape]]:
         """Return the inputs of the program of a kernel: its arguments and parameters."""
-        inputs = [(argument.name, argument.shape) for argument in arguments]
+        inputs = []
+        for argument in arguments:
+            inputs.append((argument.name, argument.shape))
         inputs.append(('parameters', self._parameters.shape))
         return inputs
 
@@ -519,7 +521,7 @@ class KernelSet:
                     block[part] = by_name[key]
             parameters, limits = np.split(block, [len(block) - equations.limits])
 
-            values = [by_name[argument] for argument in quantity.arguments]
+            values = list(map(by_name.__getitem__, quantity.arguments))
             if quantity.wrench:
                 values.append(by_name.get('wrench'))
             if quantity.parameters:

@@ -11,10 +11,12 @@ the form: R. Tarjan, Depth-first search and linear graph algorithms, 1972; Duff,
 Reid, Direct Methods for Sparse Matrices, chapter 6.
 """
 
+from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 from kane_dynamics._util.typing import Flags, Scalar
-from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics.mechanics.algebra.vector import dot, is_zero
 import numpy as np
 
 Row = list[Scalar]
@@ -67,7 +69,10 @@ def solution(A: Any, B: Any) -> Any:
 
 def _eliminate_constants(left: Matrix, right: Matrix) -> dict[int, int]:
     """Eliminate by Gauss-Jordan, in place; return the pivot rows of solved columns."""
-    smallest = [ROUNDING * _largest_constant(row) for row in left]
+    smallest = []
+    for row_of_left in left:
+        constants = filter(_is_constant, row_of_left)
+        smallest.append(ROUNDING * max(map(abs, constants), default=0.0))
     pivot_rows: dict[int, int] = {}
     while (pivot := _constant_pivot(left, pivot_rows, smallest)) is not None:
         row, column = pivot
@@ -92,15 +97,17 @@ def _solve_blocks(left: Matrix, right: Matrix,
     X: dict[int, Row] = {}
     for rows, columns in _triangular_blocks(left, pivot_rows):
         diagonal = _part(left, rows, columns)
-        right_of_block = [right[r] for r in rows]
+        right_of_block = list(map(right.__getitem__, rows))
 
         # Unknowns of earlier blocks that the rows of this block contain.
         earlier = []
+        known = []
         for c in sorted(X):
-            if not all(is_zero(left[r][c]) for r in rows):
+            column = _part(left, rows, [c])
+            if not all(map(is_zero, chain(*column))):
                 earlier.append(c)
+                known.append(X[c])
         coupling = _part(left, rows, earlier)
-        known = [X[c] for c in earlier]
         unknowns = _block_unknowns(diagonal, right_of_block, coupling, known)
         X.update(zip(columns, unknowns))
     return X
@@ -110,7 +117,7 @@ def _part(A: Matrix, rows: list[int], columns: list[int]) -> Matrix:
     """Return the submatrix of some rows and columns."""
     part = []
     for r in rows:
-        part.append([A[r][c] for c in columns])
+        part.append(list(map(A[r].__getitem__, columns)))
     return part
 
 
@@ -120,12 +127,6 @@ def _minus_products(row: Row, factors: Row, X: dict[int, Row]) -> Row:
         if not is_zero(factors[c]):
             row = _minus_multiple(row, factors[c], X[c])
     return row
-
-
-def _largest_constant(row: Row) -> float:
-    """Return the largest absolute value of the constants of a row, or 0."""
-    constants = filter(_is_constant, row)
-    return max(map(abs, constants), default=0.0)
 
 
 def _is_constant(entry: Scalar) -> bool:
@@ -158,7 +159,7 @@ def _constant_pivot(A: Matrix, pivot_rows: dict[int, int],
         largest = max(sizes.values(), default=0.0)
         if has_traced and largest < ALONE:
             continue
-        filled = sum(not is_zero(x) for x in row)
+        filled = list(map(is_zero, row)).count(False)
         for c, size in sizes.items():
             if size <= smallest[r] or size < PIVOT_THRESHOLD * largest:
                 continue
@@ -173,11 +174,14 @@ def _triangular_blocks(A: Matrix, pivot_rows: dict[int, int]
                        ) -> list[tuple[list[int], list[int]]]:
     """Return rows and columns of the diagonal blocks, in the order of their solution."""
     n = len(A)
-    unsolved = [c for c in range(n) if c not in pivot_rows]
     columns: dict[int, list[int]] = {}  # of a row: those in which it has an entry
     for r in range(n):
-        if r not in pivot_rows.values():
-            columns[r] = [c for c in unsolved if not is_zero(A[r][c])]
+        if r in pivot_rows.values():
+            continue
+        columns[r] = []
+        for c in range(n):
+            if not (c in pivot_rows or is_zero(A[r][c])):
+                columns[r].append(c)
 
     # A permutation with a full diagonal: each row gets a column in which it has an
     # entry.
@@ -185,16 +189,17 @@ def _triangular_blocks(A: Matrix, pivot_rows: dict[int, int]
     for r in columns:
         if not _match(r, columns, owner, set()):
             raise ZeroDivisionError(r)
-    column_of = {r: c for c, r in owner.items()}
 
     # A row needs the rows that own the other columns in which it has entries. Rows that
     # need one another are a block.
     needs: dict[int, list[int]] = {}
     for r, entries in columns.items():
-        needs[r] = [owner[c] for c in entries]
+        needs[r] = list(map(owner.__getitem__, entries))
+    column_of = dict(zip(owner.values(), owner))
     blocks = []
     for rows in _components(needs):
-        blocks.append((sorted(rows), sorted(column_of[r] for r in rows)))
+        own_columns = map(column_of.__getitem__, rows)
+        blocks.append((sorted(rows), sorted(own_columns)))
     return blocks
 
 
@@ -264,18 +269,24 @@ def _block_unknowns(A: Matrix, B: Matrix, C: Matrix, X: Matrix) -> Matrix:
     together = products.sum() + m * np.sum((products > 0) | b)
     apart = m * (b.sum() + c.sum() + x.sum())
     if apart < together:
-        right = [[*row, *factors] for row, factors in zip(B, C)]
-        both = _block_solution(A, right)
-        return [_minus_combination(row[:k], row[k:], X) for row in both]
-    right = [_minus_combination(row, factors, X) for row, factors in zip(B, C)]
+        # A^-1 [B C], then the combination of its rows with X.
+        both = np.concatenate([np.array(B, dtype=object), np.array(C, dtype=object)], axis=1)
+        unknowns = []
+        for row in _block_solution(A, both.tolist()):
+            unknowns.append(_minus_combination(row[:k], row[k:], X))
+        return unknowns
+    right = []
+    for row, factors in zip(B, C):
+        right.append(_minus_combination(row, factors, X))
     return _block_solution(A, right)
 
 
 def _filled(A: Matrix, columns: int) -> Flags:
     """Return which entries are not structurally zero; A may have no rows."""
     flags = np.zeros((len(A), columns), dtype=bool)
-    for flags_of_row, row in zip(flags, A):
-        flags_of_row[:] = [not is_zero(entry) for entry in row]
+    for r, row in enumerate(A):
+        for c, entry in enumerate(row):
+            flags[r, c] = not is_zero(entry)
     return flags
 
 
@@ -293,20 +304,24 @@ def _block_solution(A: Matrix, B: Matrix) -> Matrix:
         return _solve_by_gram_schmidt(A, B)
 
     # The adjugate, and the determinant from its first column.
-    adjugate: Matrix = [[1.0]]
+    adjugate = np.ones((n, n), dtype=object)
     if n > 1:
-        adjugate = []
-        for c in range(n):
-            adjugate.append([_cofactor(A, r, c) for r in range(n)])
-    determinant = sum(A[0][c] * adjugate[c][0] for c in range(n))
-    scale = 1.0 / determinant
-    return [_combination(_scaled(scale, row), B) for row in adjugate]
+        for r in range(n):
+            for c in range(n):
+                adjugate[c, r] = _cofactor(A, r, c)
+    scale = 1.0 / dot(A[0], adjugate[:, 0])
+    X = []
+    for row in adjugate.tolist():
+        X.append(_combination(_scaled(scale, row), B))
+    return X
 
 
 def _cofactor(A: Matrix, row: int, column: int) -> Scalar:
     """Return the cofactor of an entry of a 2 x 2 or 3 x 3 matrix."""
-    rows = [r for r in range(len(A)) if r != row]
-    columns = [c for c in range(len(A)) if c != column]
+    rows = list(range(len(A)))
+    columns = list(range(len(A)))
+    rows.remove(row)
+    columns.remove(column)
     minor = _part(A, rows, columns)
     value = minor[0][0]
     if len(minor) == 2:
@@ -326,46 +341,46 @@ def _solve_by_gram_schmidt(A: Matrix, B: Matrix) -> Matrix:
         # Twice: orthogonal to rounding even for nearly dependent rows.
         for _ in range(2):
             for unit, unit_weight in zip(basis, weights):
-                along = _dot(row, unit)
+                along = dot(row, unit)
                 row = _minus_multiple(row, along, unit)
                 weight = _minus_multiple(weight, along, unit_weight)
-        scale = 1.0 / np.sqrt(_dot(row, row))
+        scale = 1.0 / np.sqrt(dot(row, row))
         basis.append(_scaled(scale, row))
         weights.append(_scaled(scale, weight))
 
     # X = Q times the weights, row by row.
     X = []
-    for c in range(n):
-        X.append(_combination([unit[c] for unit in basis], weights))
+    for row_of_basis in zip(*basis):
+        X.append(_combination(row_of_basis, weights))
     return X
 
 
 # ------------------------------------------------------- rows without zero arithmetic
 
-def _dot(a: Row, b: Row) -> Scalar:
-    total: Scalar = 0.0
-    for x, y in zip(a, b):
-        if not (is_zero(x) or is_zero(y)):
-            total = total + x * y
-    return total
-
-
-def _combination(weights: Row, rows: Matrix) -> Row:
+def _combination(weights: Sequence[Scalar], rows: Matrix) -> Row:
     """Return weights @ rows."""
     result = []
-    for c in range(len(rows[0])):
-        result.append(_dot(weights, [row[c] for row in rows]))
+    for column in zip(*rows):
+        result.append(dot(weights, column))
     return result
 
 
 def _scaled(scale: Scalar, row: Row) -> Row:
-    if is_zero(scale):
-        return [0.0] * len(row)
-    return [0.0 if is_zero(x) else scale * x for x in row]
+    """Return scale row."""
+    result: Row = [0.0] * len(row)
+    if not is_zero(scale):
+        for k, x in enumerate(row):
+            if not is_zero(x):
+                result[k] = scale * x
+    return result
 
 
 def _minus_multiple(row: Row, factor: Scalar, subtracted: Row) -> Row:
     """Return row - factor subtracted."""
     if is_zero(factor):
         return row
-    return [x if is_zero(y) else x - factor * y for x, y in zip(row, subtracted)]
+    result = list(row)
+    for k, y in enumerate(subtracted):
+        if not is_zero(y):
+            result[k] = row[k] - factor * y
+    return result

@@ -47,16 +47,15 @@ def factorize(M: Matrix, order: Sequence[int], watched: Container[int] = ()) -> 
 
     """
     n = len(order)
-    A = [[M[r, s] for s in order] for r in order]
-    L: list[list[Scalar]] = [[0.0] * n for _ in range(n)]
+    A = M[np.ix_(order, order)].tolist()
+    L: list[list[Scalar]] = np.zeros((n, n)).tolist()
     reciprocal: list[Scalar] = [None] * n
     for i in reversed(range(n)):
         # Row i loses the multiples of the rows k that eliminated an entry of column i.
         # Each entry is finished before the next one begins.
-        later = [k for k in reversed(range(i + 1, n)) if not is_zero(L[k][i])]
         for j in reversed(range(i + 1)):
-            for k in later:
-                if not is_zero(A[k][j]):
+            for k in reversed(range(i + 1, n)):
+                if not (is_zero(L[k][i]) or is_zero(A[k][j])):
                     A[i][j] = A[i][j] - L[k][i] * A[k][j]
 
         # Its pivot, and row i of L.
@@ -80,7 +79,7 @@ def solve(factors: Factors, order: Sequence[int], b: Vector) -> Vector:
     """Return M^-1 b from the result of `factorize`."""
     L, reciprocal = factors
     n = len(order)
-    x: list[Scalar] = [b[r] for r in order]
+    x: list[Scalar] = list(b[list(order)])
 
     # L^T x' = b, from the leaves to the root.
     for k in reversed(range(n)):
@@ -105,9 +104,7 @@ def inverse(factors: Factors, order: Sequence[int]) -> Matrix:
     """Return M^-1, (n, n), exactly symmetric, from the result of `factorize`."""
     n = len(order)
     columns = []
-    for k in range(n):
-        unit = [0.0] * n
-        unit[k] = 1.0
+    for unit in np.eye(n):
         columns.append(solve(factors, order, unit))
 
     # Both triangles get the entries of one, in which a descendant's column is solved for

@@ -5,6 +5,7 @@ No function branches on a value, assigns to array entries, or calls a solver, so
 of them can be traced.
 """
 
+from collections.abc import Sequence
 import math
 
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
@@ -16,6 +17,15 @@ QUARTER = 0.5 * math.pi
 def is_zero(x: Scalar) -> bool:
     """Return whether a scalar is structurally zero: the number 0, no traced value."""
     return isinstance(x, (int, float)) and x == 0.0
+
+
+def dot(a: Sequence[Scalar] | Vector, b: Sequence[Scalar] | Vector) -> Scalar:
+    """Return a . b without the terms that are zero by structure."""
+    total: Scalar = 0.0
+    for x, y in zip(a, b):
+        if not (is_zero(x) or is_zero(y)):
+            total = total + x * y
+    return total
 
 
 def cross(a: Vector, b: Vector) -> Vector:

@@ -19,7 +19,7 @@ from typing import Any
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics.mechanics.algebra.vector import dot, is_zero
 from kane_dynamics.mechanics.constraints.constraint_types.constraint_rows import (
     ConstraintRows)
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
@@ -44,7 +44,8 @@ def squared_figure(mechanism: Mechanism, S: Matrix, inverse: Matrix) -> Scalar:
     n = mechanism.n
     for r in range(len(S)):
         if r < n:
-            size_2 = _square(S[r] * mechanism.units)  # a speed: its own norm
+            row = S[r] * mechanism.units
+            size_2 = dot(row, row)  # a speed: its own norm
         else:
             size_2 = mechanism.sizes[mechanism.kept[r - n]]**2
         for unit, x in zip(mechanism.units, inverse[:, r]):
@@ -103,24 +104,28 @@ def squared_excess(mechanism: Mechanism, S: Matrix, s: Vector, inverse: Matrix,
                    rows: ConstraintRows) -> Scalar:
     """Return the squared violation of redundant rows, relative to their size."""
     total: Scalar = 0.0
-    n = mechanism.n
     qdot_at_zero = inverse @ s  # at zero independent speeds
     for k in mechanism.left_out:
         # A row that equals a kept one is never violated: for example that of the second
         # wheel on an axle, across it.
         row = rows.J[k]
-        row_with_b = [*row, rows.b[k]]
-        if any(_identical(row_with_b, [*rows.J[j], rows.b[j]]) for j in mechanism.kept):
+        repeats = False
+        for j in mechanism.kept:
+            repeats |= _identical([*row, rows.b[k]], [*rows.J[j], rows.b[j]])
+        if repeats:
             continue
 
         # The velocity residual for unit independent speeds, and at zero speeds.
         weight = 1.0 / mechanism.sizes[k]**2
-        by_speed = [_dot(row, inverse[:, r]) for r in range(n)]
+        by_speed = []
+        for r in range(mechanism.n):
+            by_speed.append(dot(row, inverse[:, r]))
         moving_2: Scalar = 0.0
         for r, x in enumerate(by_speed):
             if not is_zero(x):
-                moving_2 = moving_2 + x * x * _square(S[r] * mechanism.units)
-        at_zero = _dot(row, qdot_at_zero) - rows.b[k]
+                row_of_speed = S[r] * mechanism.units
+                moving_2 = moving_2 + x * x * dot(row_of_speed, row_of_speed)
+        at_zero = dot(row, qdot_at_zero) - rows.b[k]
         total = total + weight * (moving_2 + at_zero * at_zero)
     return total
 
@@ -143,20 +148,6 @@ def _identical(a: Sequence[Scalar], b: Sequence[Scalar]) -> bool:
         if x is not y and not same_number:
             return False
     return True
-
-
-def _square(vector: Vector) -> Scalar:
-    """Return the sum of the squares, without the terms that are zero by structure."""
-    return _dot(vector, vector)
-
-
-def _dot(a: Vector, b: Vector) -> Scalar:
-    """Return a . b without the terms that are zero by structure."""
-    total: Scalar = 0.0
-    for x, y in zip(a, b):
-        if not (is_zero(x) or is_zero(y)):
-            total = total + x * y
-    return total
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,6 +101,14 @@ class Mechanism:
         Whether u = q', and there are no constraints: a tree as it comes from a URDF.
     in_joint_speeds : bool
         The same, but with ball joints u has their angular velocities: T = 1, no rows.
+    n : int
+        Number of independent speeds.
+    speed_names : tuple of str
+        Names of the independent speeds, in order.
+    left_out : list of int
+        Indices of the redundant rows.
+    turning : tuple of bool
+        Whether each row constrains a rotation, in rad and N m.
     length : float
         m, see `row_units.length_of`: scales moments to forces and angles to distances.
     units : (n_j,) array
@@ -125,14 +133,27 @@ class Mechanism:
         labels: list[str] = []
         owners: list[str] = []
         for constraint in self.constraints:
+            if constraint.name in owners:
+                raise ConstraintError(f"constraints: '{constraint.name}' given twice; "
+                                      'expected different names')
             labels += constraint.labels
             owners += [constraint.name] * len(constraint.labels)
         self.labels = tuple(labels)
         self.owners = tuple(owners)
 
-        self.free = list(range(model.n) if free is None else free)
-        self.kept = list(range(len(labels)) if kept is None else kept)
-        self.sizes = (1.0,) * len(labels) if sizes is None else tuple(sizes)
+        # The choice: independent speeds, and rows that do not follow from others.
+        if free is None:
+            free = range(model.n)
+        if kept is None:
+            kept = range(len(labels))
+        if sizes is None:
+            sizes = np.ones(len(labels)).tolist()
+        self.free = list(free)
+        self.kept = list(kept)
+        self.sizes = tuple(sizes)
+        self.n = len(self.free)
+        self.left_out = sorted(set(range(len(labels))).difference(self.kept))
+        self.speed_names = tuple(map(self.speeds.names.__getitem__, self.free))
         self._rolling = self._wheels_with_surface_rows()
         self.in_joint_speeds = (not self.labels and self.speeds.key == JOINT_RATES
                                 and self.free == list(range(model.n)))
@@ -140,15 +161,15 @@ class Mechanism:
 
         # Units: joints that slide and rows of translation in lengths, others in rad.
         self.length = length_of(model, self.constraints)
-        slides = [name in model.sliding for name in model.joint_names]
-        self.units = np.where(slides, self.length, 1.0)
+        self.units = np.ones(model.n)
+        for k, name in enumerate(model.joint_names):
+            if name in model.sliding:
+                self.units[k] = self.length
+        turning: list[bool] = []
+        for constraint in self.constraints:
+            turning += turning_rows(constraint, model)
+        self.turning = tuple(turning)
         self.row_units = np.where(self.turning, 1.0, self.length)
-
-        names = [constraint.name for constraint in self.constraints]
-        repeated = sorted({name for name in names if names.count(name) > 1})
-        if repeated:
-            raise ConstraintError(f'constraints: {repeated} given twice; expected '
-                                  'different names')
 
     def _wheels_with_surface_rows(self) -> list[Rolling]:
         """Return the wheels whose `surface_rows` can stand for their rows: all kept."""
@@ -169,11 +190,6 @@ class Mechanism:
         return places
 
     @property
-    def n(self) -> int:
-        """Return the number of independent speeds."""
-        return len(self.free)
-
-    @property
     def key(self) -> str | None:
         """
         Return an identifier among mechanisms of the model; None with user functions.
@@ -187,28 +203,10 @@ class Mechanism:
         texts = [part for part in parts if part is not None]
         return '\n'.join(texts) if len(texts) == len(parts) else None
 
-    @property
-    def left_out(self) -> list[int]:
-        """Return the indices of the rows that are redundant."""
-        return [k for k in range(len(self.labels)) if k not in self.kept]
-
-    @property
-    def turning(self) -> tuple[bool, ...]:
-        """Return for each row whether it constrains a rotation, in rad and N m."""
-        turning: list[bool] = []
-        for constraint in self.constraints:
-            turning += turning_rows(constraint, self.model)
-        return tuple(turning)
-
     def with_choice(self, free: Sequence[int], kept: Sequence[int]) -> 'Mechanism':
         """Return the same mechanism with other independent speeds or rows."""
         return Mechanism(self.model, self.speeds, self.constraints, free, kept,
                          self.sizes, self.rank_tolerance)
-
-    @property
-    def speed_names(self) -> tuple[str, ...]:
-        """Return the names of the independent speeds, in order."""
-        return tuple(self.speeds.names[r] for r in self.free)
 
     def state(self, q: Vector, t: Scalar = 0.0,
               links: Sequence[Link] | None = None) -> MechanismState:
@@ -217,7 +215,9 @@ class Mechanism:
 
     def rows(self, state: MechanismState) -> ConstraintRows:
         """Return the rows of all constraints, in the order of `labels`."""
-        parts = [constraint.rows(state) for constraint in self.constraints]
+        parts = []
+        for constraint in self.constraints:
+            parts.append(constraint.rows(state))
         return _stacked(parts, state.width)
 
     def functions(self, state: MechanismState,
@@ -384,7 +384,7 @@ def congruent(M: Matrix, T: Matrix) -> Matrix:
     """Return T^T M T for a symmetric M, exactly symmetric: equal expressions."""
     half = M @ T
     n = T.shape[1]
-    result: list[list[Scalar]] = [[0.0] * n for _ in range(n)]
+    result: list[list[Scalar]] = np.zeros((n, n)).tolist()
     for r in range(n):
         for s in range(r, n):
             entry = T[:, r] @ half[:, s]

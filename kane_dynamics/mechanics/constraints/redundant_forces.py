@@ -6,11 +6,9 @@ those with the least sum of squares are chosen, with moments divided by the leng
 mechanism.
 """
 
-from collections.abc import Sequence
-
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
-from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics.mechanics.algebra.vector import dot, is_zero
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 import numpy as np
 
@@ -43,10 +41,13 @@ def shared_forces(mechanism: Mechanism, J: Matrix, N: Matrix, held: Vector,
     result = np.zeros(len(mechanism.labels)).astype(object)
 
     # C = J_R N, with the forces of both kinds of rows in units of force.
-    products = [_product(row, N) for row in J[left_out]]
+    products = []
+    for row in J[left_out]:
+        for column in N.T:
+            products.append(dot(row, column))
     C: Matrix = np.array(products).reshape(len(left_out), len(kept))
     C = C * weight[kept] / weight[left_out][:, None]
-    if redundant == 'kept' or all(is_zero(x) for x in C.ravel()):
+    if redundant == 'kept' or all(map(is_zero, C.ravel())):
         result[kept] = held
         return result
 
@@ -59,27 +60,13 @@ def shared_forces(mechanism: Mechanism, J: Matrix, N: Matrix, held: Vector,
     return result
 
 
-def _product(row: Vector, matrix: Matrix) -> list[Scalar]:
-    """Return row @ matrix without the terms that are zero by structure."""
-    return [_dot(row, column) for column in matrix.T]
-
-
-def _dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Scalar:
-    """Return a . b without the terms that are zero by structure."""
-    total: Scalar = 0.0
-    for x, y in zip(a, b):
-        if not (is_zero(x) or is_zero(y)):
-            total = total + x * y
-    return total
-
-
 def _gram(C: Matrix) -> Matrix:
     """Return C^T C, symmetric to the last bit."""
     n = C.shape[1]
-    result: list[list[Scalar]] = [[0.0] * n for _ in range(n)]
+    result: list[list[Scalar]] = np.zeros((n, n)).tolist()
     for r in range(n):
         for s in range(r, n):
-            entry = _dot(C[:, r], C[:, s])
+            entry = dot(C[:, r], C[:, s])
             result[r][s] = entry
             result[s][r] = entry
     return np.array(result)

@@ -66,4 +66,8 @@ def turning_rows(constraint: Constraint, model: Model) -> list[bool]:
         return [constraint.joint not in model.sliding]
     if isinstance(constraint, PointVelocity):
         return [constraint.angular]
-    return [label.rpartition('/')[2].startswith('turn_') for label in constraint.labels]
+    turning = []
+    for label in constraint.labels:
+        _, _, row = label.rpartition('/')
+        turning.append(row.startswith('turn_'))
+    return turning

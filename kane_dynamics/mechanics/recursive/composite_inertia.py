@@ -35,12 +35,18 @@ class UnitAcceleration(NamedTuple):
 def mass_matrix(links: Sequence[Link], q: Vector) -> Matrix:
     """Return M_rs = sum_k (m v^r . v^s + omega^r . I omega^s), (n, n), by CRBA."""
     links = bent(links, q)
-    steps = [JointStep(link, q) for link in links]
-    composite = [(link.mass, link.first_moment, link.second_moment) for link in links]
+    n = len(q)
+    M: list[list[Scalar]] = np.zeros((n, n)).tolist()
+    steps = []
+    composite = []  # mass, first and second moment of each subtree
+    components: list[AxisComponents] = []
     # Accelerations of the subtree beyond a beam, by the beam's root.
-    pending: list[list[UnitAcceleration]] = [[] for _ in links]
-    components: list[AxisComponents] = [[] for _ in links]
-    M: list[list[Scalar]] = [[0.0] * len(q) for _ in q]
+    pending: list[list[UnitAcceleration]] = []
+    for link in links:
+        steps.append(JointStep(link, q))
+        composite.append((link.mass, link.first_moment, link.second_moment))
+        components.append([])
+        pending.append([])
 
     # Inward pass: composite bodies of the subtrees, and the forces that accelerate them.
     for i in reversed(range(len(links))):
@@ -79,8 +85,10 @@ def mass_matrix(links: Sequence[Link], q: Vector) -> Matrix:
     # Projection on the axes of the joints: the upper half of M.
     for step, of_joint in zip(steps, components):
         _project(dict(step.partials), of_joint, M)
-    n = range(len(q))
-    return np.array([[M[min(r, s)][max(r, s)] for s in n] for r in n])
+    for r in range(n):
+        for s in range(r):
+            M[r][s] = M[s][r]
+    return np.array(M)
 
 
 def _joint_acceleration(step: JointStep, mass: Scalar, h: Vector,
@@ -121,7 +129,7 @@ def _project(rates: Weights, components: AxisComponents, M: list[list[Scalar]]) 
     Each component adds (w_r W_s + W_r w_s) times itself to M_rs, w being the
     coefficients of the joint and W those of the accelerating joint.
     """
-    if any(not isinstance(w, (int, float)) for w in rates.values()):
+    if np.array(list(rates.values())).dtype == object:
         # Traced coefficients: the components are summed before the multiplication.
         total: Weights = {}
         for weights, value in components:

@@ -103,7 +103,7 @@ def link_motion(link: Link, step: JointStep, motions: Sequence[LinkMotion], q: V
         a = a + 2.0 * across + acceleration * Z
         return omega, alpha, a, rate_tensor(omega, alpha)
     omega = omega + rate * Z
-    if sum(not is_zero(x) for x in step.axis) > 1:
+    if list(map(is_zero, step.axis)).count(False) > 1:
         alpha = alpha + across + acceleration * Z
         return omega, alpha, a, rate_tensor(omega, alpha)
 
@@ -156,8 +156,11 @@ def inverse_dynamics(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
 
     """
     links = bent(links, q)
-    steps = [JointStep(link, q) for link in links]
     tau: list[Scalar] = [0.0] * len(q)
+    # All sines and cosines come first in the program, where they share vectors.
+    steps: list[JointStep] = []
+    for link in links:
+        steps.append(JointStep(link, q))
 
     # Outward pass: the motion of each link, and the force and moment that it takes.
     motions: list[LinkMotion] = []
@@ -237,7 +240,9 @@ def potential_energy(links: Sequence[Link], q: Vector, gravity: Vector) -> Scala
 def first_moment(links: Sequence[Link], q: Vector) -> tuple[Scalar, Vector]:
     """Return the mass of all links, kg, and sum m p*, (3,), kg m, world axes."""
     links = bent(links, q)
-    moments = [(link.mass, link.first_moment) for link in links]
+    moments = []
+    for link in links:
+        moments.append((link.mass, link.first_moment))
     total_mass: Scalar = 0.0
     total_moment: Vector = REST
     # Inward pass: masses and first moments of subtrees.

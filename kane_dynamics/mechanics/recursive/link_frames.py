@@ -44,10 +44,12 @@ def about_z(angle: float) -> Array:
 
 def linkage(model: Model) -> tuple[Link, ...]:
     """Return a model's bodies as links: same origins, z along the joint axes."""
-    turns = [homogeneous(_turn_to_z(body.joint.axis)) for body in model.bodies]
+    turns: list[Array] = []
     links: list[Link] = []
-    for k, (body, C) in enumerate(zip(model.bodies, turns)):
+    for k, body in enumerate(model.bodies):
         joint = body.joint
+        C = homogeneous(_turn_to_z(joint.axis))
+        turns.append(C)
         parent_turn = np.eye(4) if body.parent == WORLD else turns[body.parent]
         pose = parent_turn.T @ homogeneous(joint.rotation, joint.translation) @ C
         links.append(Link(
@@ -164,13 +166,17 @@ def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
     Each link uses the combination of translation and rotation with the fewest constants.
     """
     links = merged(links)
-    children: list[list[int]] = [[] for _ in links]
+    children: dict[int, list[int]] = {}
+    largest: dict[int, int] = {}  # of the children, the one with the largest subtree
     size = [1] * len(links)  # of the subtrees
     for i in reversed(range(len(links))):
         parent = links[i].parent
+        children.setdefault(parent, []).insert(0, i)
         if parent != WORLD:
-            children[parent].insert(0, i)
             size[parent] += size[i]
+            # Of equal ones the first, which comes last here.
+            if parent not in largest or size[i] >= size[largest[parent]]:
+                largest[parent] = i
 
     # Outward, so that the frame of the parent is final when a link's is chosen.
     result = list(links)
@@ -181,15 +187,14 @@ def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
         angle = 0.0
         if link.parent != WORLD:
             shift = _slide(result[i])
-        if children[i]:
-            largest = max(children[i], key=lambda k: size[k])
-            child = result[largest]
+        if i in largest:
+            child = result[largest[i]]
             angle = _turn_to_normal(child)
             if link.parent == WORLD and child.kind == 'revolute':
                 on_normal = child.translation + _slide(child) * child.rotation[:, 2]
                 shift = float(on_normal[2])
-        family = (i, *children[i])
-        nearby = [result[k] for k in family]
+        family = (i, *children.get(i, ()))
+        nearby = list(map(result.__getitem__, family))
         choices = []
         for turn in (angle, 0.0):
             for rise in (shift, 0.0):
@@ -197,7 +202,7 @@ def denavit_hartenberg(links: Sequence[Link]) -> tuple[Link, ...]:
         best = min(choices, key=_number_of_constants)
         for k, chosen in zip(family, best):
             result[k] = chosen
-    return tuple(_untwisted(link) for link in result)
+    return tuple(map(_untwisted, result))
 
 
 def _with_frame_moved(family: Sequence[Link], angle: float, shift: float) -> list[Link]:
@@ -260,11 +265,11 @@ def _untwisted(link: Link) -> Link:
 
 def regrouped(links: Sequence[Link]) -> tuple[Link, ...]:
     """Move inertia to the parents where it does not affect joint torques (see above)."""
-    parents = {link.parent for link in links}
-    result = list(links)
-    for i, link in enumerate(links):
-        if i not in parents:
-            result[i] = _align_with_com(link)
+    # A link without children is rotated about its axis.
+    result = list(map(_align_with_com, links))
+    for link in links:
+        if link.parent != WORLD:
+            result[link.parent] = links[link.parent]
 
     # Inward: a link's parameters are regrouped after those of its children are added.
     for i in reversed(range(len(links))):

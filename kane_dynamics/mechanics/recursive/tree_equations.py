@@ -84,6 +84,9 @@ class TreeEquations:
         self.frame_reduction = frame_reduction
         # Quantities that are not available for beams.
         self.unsupported = RIGID_ONLY if model.flexible else ()
+        # Zeros of an array of objects add no operation to a traced program.
+        self.zeros = np.zeros(self.n).astype(object)
+        self.zeros.setflags(write=False)
 
     # The links, with their inertial parameters and at a configuration.
 
@@ -134,11 +137,6 @@ class TreeEquations:
     def _angle_accelerations(self, u: Vector, udot: Vector) -> Vector:
         """Return the accelerations of the local angles and of the other joints, (n,)."""
         return udot - axis_acceleration(self.model, u) if self.model.balls else udot
-
-    @property
-    def zeros(self) -> Vector:
-        """Return n zeros, which add no operation to a traced program."""
-        return np.zeros(self.n).astype(object)
 
     # Inverse dynamics and its parts.
 
@@ -191,9 +189,11 @@ class TreeEquations:
 
     def external_force(self, q: Vector, wrench: Any) -> Vector:
         """Return the generalized force of wrenches (k, 6) at their frames, (n,)."""
-        wrenches = () if wrench is None else zip(self.wrench_frames, wrench)
-        return sum((self.partial_velocities(frame, q).T @ w for frame, w in wrenches),
-                   self.zeros)
+        force = self.zeros
+        if wrench is not None:
+            for frame, frame_wrench in zip(self.wrench_frames, wrench):
+                force = force + self.partial_velocities(frame, q).T @ frame_wrench
+        return force
 
     def torque_terms(self, q: Vector, u: Vector, udot: Vector,
                      parameters: Vector) -> Matrix:
@@ -329,10 +329,16 @@ class TreeEquations:
     @lazy_property
     def _free_balls(self) -> list[Ball]:
         """Return the free bodies whose slides carry no payload or wrench."""
-        frames = (self.payload_frame, *self.wrench_frames)
-        loaded = {frame.body for frame in frames if frame is not None}
-        return [ball for ball in free_bodies(self.model)
-                if loaded.isdisjoint(range(ball.body - 3, ball.body))]
+        loaded = []
+        for frame in (self.payload_frame, *self.wrench_frames):
+            if frame is not None:
+                loaded.append(frame.body)
+        unloaded = []
+        for ball in free_bodies(self.model):
+            slides = range(ball.body - 3, ball.body)
+            if not set(slides).intersection(loaded):
+                unloaded.append(ball)
+        return unloaded
 
     @lazy_property
     def _free_order(self) -> list[int]:
@@ -363,9 +369,14 @@ class TreeEquations:
                 first.setdefault(body.joint.coordinate, k)
         # The slides of a free body are eliminated first, which leaves motions about its
         # center.
-        central = {ball.body + 2 for ball in free_bodies(self.model)}
-        return frozenset(coordinate for coordinate, k in first.items()
-                         if not _own_inertia_resists(bodies[k], k in central))
+        central = []
+        for ball in free_bodies(self.model):
+            central.append(ball.body + 2)
+        unresisted = []
+        for coordinate, k in first.items():
+            if not _own_inertia_resists(bodies[k], k in central):
+                unresisted.append(coordinate)
+        return frozenset(unresisted)
 
     # Derivatives.
 
@@ -526,7 +537,8 @@ class TreeEquations:
     def _by_coordinate(self, force: Callable[[Joint], Scalar]) -> Vector:
         """Sum a force of every joint on its coordinate, (n,)."""
         total = [0.0] * self.n
-        for joint in (body.joint for body in self.model.bodies):
+        for body in self.model.bodies:
+            joint = body.joint
             total[joint.coordinate] = total[joint.coordinate] + force(joint)
         return np.array(total)
 

@@ -23,8 +23,11 @@ class Vector:
         self.real = real
         self.type = vector_type(width, real)
         self.end = intrinsic_end(width, real)
-        self.integer, self.truth = (kind if width == 1 else f'<{width} x {kind}>'
-                                    for kind in (f'i{real.bits}', 'i1'))
+        self.integer = f'i{real.bits}'
+        self.truth = 'i1'
+        if width > 1:
+            self.integer = f'<{width} x {self.integer}>'
+            self.truth = f'<{width} x {self.truth}>'
 
     def new(self, code: str) -> str:
         """Append one instruction and return the name of its result."""
@@ -68,7 +71,7 @@ class Vector:
 
     def shuffle(self, a: str, b: str, places: list[int]) -> str:
         """Return lanes of `a` (0 to width - 1) and `b` (width to 2 width - 1)."""
-        mask = ', '.join(f'i32 {place}' for place in places)
+        mask = ', '.join(map('i32 {}'.format, places))
         return self.new(f'shufflevector {self.type} {a}, {self.type} {b}, '
                         f'<{self.width} x i32> <{mask}>')
 
@@ -80,12 +83,16 @@ class Vector:
 
     def polynomial(self, coefficients: tuple[float, ...], x: str) -> str:
         """Evaluate sum c_k x^k by Estrin's scheme, which has short dependency chains."""
-        terms = [self.const(c) for c in coefficients]
+        terms = list(map(self.const, coefficients))
         power = x
         while len(terms) > 1:
-            paired = [self.fma(power, terms[k + 1], terms[k])
-                      for k in range(0, len(terms) - 1, 2)]
-            terms = paired + ([terms[-1]] if len(terms) % 2 else [])
+            # Each pass combines pairs of terms; a last one without a partner stays.
+            paired = []
+            for k in range(0, len(terms) - 1, 2):
+                paired.append(self.fma(power, terms[k + 1], terms[k]))
+            if len(terms) % 2:
+                paired.append(terms[-1])
+            terms = paired
             if len(terms) > 1:
                 power = self.op('fmul', power, power)
         return terms[0]
@@ -228,12 +235,11 @@ def exchange_blocks(v: Vector, rows: list[str], distance: int) -> list[str]:
         # the second the high ones. Lanes of the second row are numbered from the width
         # on.
         low = []
+        high = []
         for lane in range(v.width):
-            if lane & distance:
-                low.append(lane - distance + v.width)
-            else:
-                low.append(lane)
-        high = [lane + distance for lane in low]
+            place = lane - distance + v.width if lane & distance else lane
+            low.append(place)
+            high.append(place + distance)
         exchanged = []
         for i in range(v.width):
             first = rows[i & ~distance]

@@ -234,24 +234,23 @@ class Function:
 
     def value(self, x: Expr | float) -> str:
         """Return the IR name or literal of an operand."""
-        return self.names[x.index] if isinstance(x, Expr) else self._constant(x)
-
-    def _constant(self, value: float) -> str:
-        return splat(value, self.lanes, self.real)
+        if isinstance(x, Expr):
+            return self.names[x.index]
+        return splat(x, self.lanes, self.real)
 
     def _load_inputs(self, schedule: list[Expr]) -> None:
         """Load all inputs first: results may overlap arguments in memory."""
-        used = [node for node in schedule if node.op == 'input']
-        for k, name in enumerate([name for name, _ in self.program.inputs] + ['result']):
+        for k, (name, _) in enumerate([*self.program.inputs, ('result', ())]):
             self.lines += [f'  %slot.{name} = getelementptr ptr, ptr %args, i64 {k}',
                            f'  %in.{name} = load ptr, ptr %slot.{name}']
-        for node in used:
-            name, k = node.args
-            at = f'%at.{name}.{k}'
-            row = f'ptr %in.{name}'
-            self.lines += [f'  {at} = getelementptr {self.type}, {row}, i64 {k}',
-                           f'  %{name}.{k} = load {self.type}, ptr {at}']
-            self.names[node.index] = f'%{name}.{k}'
+        for node in schedule:
+            if node.op == 'input':
+                name, k = node.args
+                at = f'%at.{name}.{k}'
+                row = f'ptr %in.{name}'
+                self.lines += [f'  {at} = getelementptr {self.type}, {row}, i64 {k}',
+                               f'  %{name}.{k} = load {self.type}, ptr {at}']
+                self.names[node.index] = f'%{name}.{k}'
 
     def _clear_results(self) -> None:
         """Set all results of a sparse matrix to zero at once, instead of one by one."""
@@ -300,16 +299,16 @@ class Function:
                               f'@llvm.{node.op}.{kind}({self.type} '
                               f'{self.value(node.args[0])})')
         elif node.op == 'less':
-            a, b = (self.value(arg) for arg in node.args)
-            self._choice(name, f'fcmp olt {self.type} {a}, {b}', self._constant(1.0),
-                         self._constant(0.0))
+            a, b = map(self.value, node.args)
+            self._choice(name, f'fcmp olt {self.type} {a}, {b}', self.value(1.0),
+                         self.value(0.0))
         elif node.op == 'select':
-            chosen, a, b = (self.value(arg) for arg in node.args)
+            chosen, a, b = map(self.value, node.args)
             # Of a comparison, take its truth: not the number made of it, compared again.
             self._choice(name, f'{chosen}.if' if node.args[0].op == 'less' else
-                         f'fcmp une {self.type} {chosen}, {self._constant(0.0)}', a, b)
+                         f'fcmp une {self.type} {chosen}, {self.value(0.0)}', a, b)
         else:
-            a, b = (self.value(arg) for arg in node.args)
+            a, b = map(self.value, node.args)
             self.lines.append(f'  {name} = {ARITHMETIC[node.op]} contract {self.type} '
                               f'{a}, {b}')
         self.names[node.index] = name
@@ -346,7 +345,9 @@ class Function:
         where = self._contiguous(i, k, entries)
         if where is not None:
             return where
-        key = tuple(x.index if isinstance(x, Expr) else (x,) for x in entries)
+        key: tuple[object, ...] = ()
+        for x in entries:
+            key += (x.index,) if isinstance(x, Expr) else ((x,),)
         where = self._stored.get(key)
         if where is not None:  # an earlier call has the same argument
             return where
@@ -368,9 +369,11 @@ class Function:
             return None
         op = first.op
         source, place = first.args
-        if not all(isinstance(x, Expr) and x.op == op and x.args[0] is source
-                   and x.args[1] == place + j for j, x in enumerate(entries)):
-            return None
+        for j, x in enumerate(entries):
+            if not (isinstance(x, Expr) and x.op == op):
+                return None
+            if x.args[0] is not source or x.args[1] != place + j:
+                return None
         row = f'%in.{source}' if op == 'input' else f'%ret{source.index}'
         if place == 0:
             return row
@@ -381,9 +384,13 @@ class Function:
     def _functions(self, group: list[Expr]) -> None:
         """Evaluate the elementary functions of a group."""
         for label, ops in TOGETHER:
-            chosen = [node for node in group if node.op in ops]
             # Sine and cosine of one argument are evaluated together.
-            by_index = {node.args[0].index: node.args[0] for node in chosen}
+            chosen = []
+            by_index = {}
+            for node in group:
+                if node.op in ops:
+                    chosen.append(node)
+                    by_index[node.args[0].index] = node.args[0]
             arguments = list(by_index.values())
             # Lanes that hold different states already fill the vector.
             abreast = self.abreast if self.lanes == 1 else 1

@@ -138,8 +138,11 @@ def new_table(words: Mapping[str, int], fallback: Callable[..., Any], code: llvm
               owned: tuple[Any, ...] = ()) -> EntryTable:
     """Return a table of these words and addresses of the fallback and the blocks."""
     words = {**interpreter_words(), 'FALLBACK': id(fallback), **words}
-    numbers = [words.get(word, 0) for word in TABLE]
-    numbers += [block.ctypes.data for block in blocks]
+    numbers = []
+    for word in TABLE:
+        numbers.append(words.get(word, 0))
+    for block in blocks:
+        numbers.append(block.ctypes.data)
     numbers += [0] * DEFINITION  # space for the PyMethodDef
     table = np.array(numbers, dtype=np.uint64).view(EntryTable)
     table.owned = (tuple(blocks), code, *owned)

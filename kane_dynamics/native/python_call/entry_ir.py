@@ -136,7 +136,7 @@ class Assembly:
         for pointer, size, limit in blocks:
             if size > LOOP_SIZE:
                 continue
-            width = next(w for w in (8, 4, 2, 1) if w <= size)
+            width = max(filter(size.__ge__, (8, 4, 2, 1)))
             vector = f'<{width} x double>'
             # The last vector may overlap the one before.
             for place in [*range(0, size - width, width), size - width]:
@@ -150,13 +150,10 @@ class Assembly:
                     zero = self.new(f'fadd {vector} {totals[width]}, {zero}')
                 totals[width] = zero
         for width, total in totals.items():
-            conditions.append(self._all_ordered(total, width))
+            lanes = self.new(f'fcmp uno <{width} x double> {total}, zeroinitializer')
+            bits = self.new(f'bitcast <{width} x i1> {lanes} to i{width}')
+            conditions.append(self.equal(f'i{width}', bits, 0))
         return conditions
-
-    def _all_ordered(self, total: str, width: int) -> str:
-        lanes = self.new(f'fcmp uno <{width} x double> {total}, zeroinitializer')
-        return self.equal(f'i{width}',
-                          self.new(f'bitcast <{width} x i1> {lanes} to i{width}'), 0)
 
     def slow(self, keywords: str) -> None:
         """Emit the call of the fallback and the end of the function."""
@@ -249,12 +246,16 @@ def entry_code(symbol: str, lengths: Sequence[int], limits: Sequence[float],
               a.equal('i64', '%nargs', len(lengths))],
              'types', 'slow')
     a.put('types:')
-    arrays = [a.load('ptr', '%args', 8 * k) for k in range(len(lengths))]
+    arrays = []
+    for k in range(len(lengths)):
+        arrays.append(a.load('ptr', '%args', 8 * k))
     ndarray = a.word('NDARRAY')
     float64 = a.word('FLOAT64')
     # Only an ndarray has the fields that are read next.
-    a.branch([a.equal('ptr', a.load('ptr', array, TYPE), ndarray) for array in arrays],
-             'layout', 'slow')
+    conditions = []
+    for array in arrays:
+        conditions.append(a.equal('ptr', a.load('ptr', array, TYPE), ndarray))
+    a.branch(conditions, 'layout', 'slow')
     a.put('layout:')
     conditions = []
     for array in arrays:
@@ -270,10 +271,13 @@ def entry_code(symbol: str, lengths: Sequence[int], limits: Sequence[float],
         conditions.append(a.equal('i64', actual, length))
     a.branch(conditions, 'values', 'slow')
     a.put('values:')
-    data = [a.load('ptr', array, DATA) for array in arrays]
+    data = []
+    for array in arrays:
+        data.append(a.load('ptr', array, DATA))
     a.branch(a.finite(list(zip(data, lengths, limits))), 'ready', 'slow')
     a.put('ready:')
-    data += [a.load('ptr', '%table', 8 * (len(TABLE) + k)) for k in range(n_defaults)]
+    for k in range(n_defaults):
+        data.append(a.load('ptr', '%table', 8 * (len(TABLE) + k)))
     for k, pointer in enumerate(data):
         slot = a.new(f'getelementptr ptr, ptr %pointers, i64 {k}')
         a.put(f'  store ptr {pointer}, ptr {slot}')
@@ -323,7 +327,9 @@ def bound_code(symbol: str, sizes: Sequence[int], limits: Sequence[float],
     a = Assembly()
     a.put('define ptr @bound(ptr %self, ptr %args, i64 %nargs) {', *TABLE_OF_SELF)
     a.put(f'  %pointers = getelementptr ptr, ptr %table, i64 {len(TABLE)}')
-    data = [a.load('ptr', '%pointers', 8 * k) for k in range(len(sizes))]
+    data = []
+    for k in range(len(sizes)):
+        data.append(a.load('ptr', '%pointers', 8 * k))
     no_arguments = a.equal('i64', '%nargs', 0)
     a.branch([no_arguments, *a.finite(list(zip(data, sizes, limits)))], 'run', 'slow')
     a.put('run:', f'  call void @{symbol}(ptr %pointers)')

@@ -162,17 +162,22 @@ class Kernel:
         self.shape = shape
         self.arguments = tuple(arguments)
         self.parameters = parameters
-        self.defaults = [a.default for a in self.arguments if a.default is not None]
         self._reason = reason
         self._program = program
-        # Lengths of the arguments that every call must have.
-        self._lengths = [size_of(a.shape) for a in self.arguments if a.default is None]
-        # Axes of the arguments, the parameters and the result of one state.
-        ranks = [len(a.shape) for a in self.arguments]
-        self._ranks = [*ranks, parameters.ndim, len(shape)]
+        self.defaults: list[Array] = []
+        self._lengths = []  # of the arguments that every call must have
+        self._ranks = []  # axes of the arguments, the parameters and one state's result
+        signature = []
+        for argument in self.arguments:
+            if argument.default is None:
+                self._lengths.append(size_of(argument.shape))
+            else:
+                self.defaults.append(argument.default)
+            self._ranks.append(len(argument.shape))
+            signature.append((argument.name, argument.shape))
+        self._ranks += [parameters.ndim, len(shape)]
         self._key: str | None = None
         if key:
-            signature = [(a.name, a.shape) for a in self.arguments]
             origin_of_single = origin(single) if single else ''
             self._key = '|'.join([key, origin(program), origin_of_single,
                                   f'{signature} {parameters.shape} {shape}'])
@@ -222,8 +227,12 @@ class Kernel:
         return self._program()
 
     def _entry_points(self) -> str:
-        default_sizes = [default.size for default in self.defaults]
-        limits = [size_limit(a.name) for a in self.arguments]
+        default_sizes = []
+        for default in self.defaults:
+            default_sizes.append(default.size)
+        limits = []
+        for argument in self.arguments:
+            limits.append(size_limit(argument.name))
         return entry.entry_points(SYMBOL, self._lengths, default_sizes, limits,
                                   self.shape)
 
@@ -362,7 +371,7 @@ class Kernel:
             constants = self.parameters
         count = len(result)
         blocks = (*inputs, constants, result)
-        addresses = [address(block) for block in blocks]
+        addresses = list(map(address, blocks))
         # A stride of 0 shares a block that has no axis of rows.
         strides = []
         for block, rank in zip(blocks, self._ranks, strict=True):

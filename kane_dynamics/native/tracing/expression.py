@@ -79,7 +79,13 @@ class Expr:
                         'expression, whose value is known only when the kernel runs')
 
     def __neg__(self) -> Scalar:
-        return _negative(self)
+        # Two negations cancel, and a constant factor takes the sign.
+        if self.op == 'neg':
+            return self.args[0]  # type: ignore[no-any-return]
+        base, factor = _constant_factor(self)
+        if factor != 1.0:
+            return _product(base, -factor)
+        return self.trace.node('neg', self)
 
     def __pos__(self) -> Scalar:
         return self
@@ -87,8 +93,7 @@ class Expr:
     def __add__(self, other: Any) -> Any:
         return _sum(self, other) if isinstance(other, _SCALAR) else NotImplemented
 
-    def __radd__(self, other: Any) -> Any:
-        return _sum(self, other) if isinstance(other, _SCALAR) else NotImplemented
+    __radd__ = __add__
 
     def __sub__(self, other: Any) -> Any:
         return _difference(self, other) if isinstance(other, _SCALAR) else NotImplemented
@@ -99,8 +104,7 @@ class Expr:
     def __mul__(self, other: Any) -> Any:
         return _product(self, other) if isinstance(other, _SCALAR) else NotImplemented
 
-    def __rmul__(self, other: Any) -> Any:
-        return _product(self, other) if isinstance(other, _SCALAR) else NotImplemented
+    __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Any:
         return _quotient(self, other) if isinstance(other, _SCALAR) else NotImplemented
@@ -190,17 +194,6 @@ def _constant_factor(x: Scalar) -> tuple[Scalar, float]:
     return x, 1.0
 
 
-def _negative(x: Scalar) -> Scalar:
-    if not isinstance(x, Expr):
-        return -x
-    if x.op == 'neg':
-        return x.args[0]  # type: ignore[no-any-return]
-    base, factor = _constant_factor(x)
-    if factor != 1.0:
-        return _product(base, -factor)
-    return x.trace.node('neg', x)
-
-
 def _sum(x: Scalar, y: Scalar) -> Scalar:
     if not isinstance(x, Expr):
         x, y = y, x
@@ -224,9 +217,9 @@ def _sum(x: Scalar, y: Scalar) -> Scalar:
     if x is y:
         return _product(x, 2.0)
     if _constant_factor(y)[1] < 0.0:
-        return _difference(x, _negative(y))
+        return _difference(x, -y)
     if _constant_factor(x)[1] < 0.0:
-        return _difference(y, _negative(x))
+        return _difference(y, -x)
     if x.op == 'sub' and x.args[1] is y:
         return x.args[0]  # type: ignore[no-any-return]
     if y.op == 'sub' and y.args[1] is x:
@@ -245,21 +238,21 @@ def _difference(x: Scalar, y: Scalar) -> Scalar:
     if not isinstance(y, Expr):
         return _sum(x, -y)
     if not isinstance(x, Expr):
-        return _negative(y) if x == 0.0 else y.trace.node('sub', float(x), y)
+        return -y if x == 0.0 else y.trace.node('sub', float(x), y)
     if x is y:
         return 0.0
     if y.op == 'neg':
         return _sum(x, y.args[0])
     if x.op == 'neg':
-        return _negative(_sum(x.args[0], y))
+        return -_sum(x.args[0], y)
     if _constant_factor(y)[1] < 0.0:
-        return _sum(x, _negative(y))
+        return _sum(x, -y)
     if y.op == 'add' and x in y.args:  # x - (x + z) = -z
-        return _negative(y.args[1] if y.args[0] is x else y.args[0])
+        return -(y.args[1] if y.args[0] is x else y.args[0])
     if x.op == 'add' and y in x.args:  # (y + z) - y = z
         return x.args[1] if x.args[0] is y else x.args[0]  # type: ignore[no-any-return]
     if x.op == 'sub' and x.args[0] is y:
-        return _negative(x.args[1])
+        return -x.args[1]
     if x.trace.has('sub', y, x):  # a negation is cheaper than a second subtraction
         return x.trace.node('neg', x.trace.node('sub', y, x))
     return x.trace.node('sub', x, y)
@@ -277,7 +270,7 @@ def _product(x: Scalar, y: Scalar) -> Scalar:
         if y == 1.0:
             return x
         if y == -1.0:
-            return _negative(x)
+            return -x
         if x.op == 'neg':
             return _product(x.args[0], -y)
         base, factor = _constant_factor(x)
@@ -285,9 +278,9 @@ def _product(x: Scalar, y: Scalar) -> Scalar:
             return _product(base, factor * y)
         return x.trace.node('mul', x, y)
     if x.op == 'neg':
-        return _negative(_product(x.args[0], y))
+        return -_product(x.args[0], y)
     if y.op == 'neg':
-        return _negative(_product(x, y.args[0]))
+        return -_product(x, y.args[0])
     return _commutative('mul', x, y)
 
 
@@ -303,4 +296,8 @@ def _quotient(x: Scalar, y: Scalar) -> Scalar:
 
 def operands(node: Expr) -> Sequence[Any]:
     """Return the arguments of a node that are expressions."""
-    return [arg for arg in node.args if type(arg) is Expr]
+    expressions = []
+    for argument in node.args:
+        if type(argument) is Expr:
+            expressions.append(argument)
+    return expressions

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain, compress
 import math
 import operator
 from types import CodeType
@@ -80,20 +81,22 @@ class Program:
 
     def schedule(self) -> list[Expr]:
         """Return the nodes that the outputs depend on, in order of creation."""
-        roots = [x for x in self.outputs if isinstance(x, Expr)]
-        if not roots:
-            return []
+        nodes: list[Expr] = []
+        needed = bytearray()
+        for x in self.outputs:
+            if isinstance(x, Expr):
+                if not nodes:
+                    nodes = x.trace.nodes
+                    needed = bytearray(len(nodes))
+                needed[x.index] = 1
+
         # Backwards from the outputs: nodes are created after their operands, so one pass
         # marks everything that is needed.
-        nodes = roots[0].trace.nodes
-        needed = bytearray(len(nodes))
-        for root in roots:
-            needed[root.index] = 1
         for node in reversed(nodes):
             if needed[node.index]:
-                for arg in operands(node):
-                    needed[arg.index] = 1
-        return [node for node in nodes if needed[node.index]]
+                for operand in operands(node):
+                    needed[operand.index] = 1
+        return list(compress(nodes, needed))
 
     def operation_count(self) -> OperationCount:
         """Return the number of operations of one call, including subroutines."""
@@ -149,7 +152,9 @@ def trace_program(name: str, function: Callable[..., Any],
 
     """
     trace = Trace()
-    arguments = [trace.inputs(key, *shape) for key, shape in inputs]
+    arguments = []
+    for key, shape in inputs:
+        arguments.append(trace.inputs(key, *shape))
     result = np.asarray(function(*arguments), dtype=object)
     outputs = []
     for x in result.ravel():
@@ -208,26 +213,25 @@ def factored(program: Program) -> Program:
 
     # In order of creation, so that the operands of a node are rewritten before it.
     for node in program.schedule():
-        args = [value_of(arg) for arg in node.args]
+        args = list(map(value_of, node.args))
         common = _common_factor(node, uses) if node.op in ('add', 'sub') else None
         if common is not None:
             # a*c +- b*c = c*(a +- b); the two products are in no output any more.
-            factor, left, right = (value_of(x) for x in common)
+            factor, left, right = map(value_of, common)
             combined = applied(node.op, [left, right])
             rewritten[node.index] = factor * combined
         elif node.op in KEPT:
             rewritten[node.index] = trace.node(node.op, *args)
         else:
             rewritten[node.index] = applied(node.op, args)
-    outputs = tuple(value_of(x) for x in program.outputs)
+    outputs = tuple(map(value_of, program.outputs))
     return Program(program.name, program.inputs, outputs, program.shape)
 
 
 def _number_of_uses(program: Program) -> dict[int, int]:
     """Return how often each node is an operand or an output, by its index."""
     uses: dict[int, int] = {}
-    operand_lists = [operands(node) for node in program.schedule()]
-    for values in [*operand_lists, program.outputs]:
+    for values in chain(map(operands, program.schedule()), [program.outputs]):
         for x in values:
             if isinstance(x, Expr):
                 uses[x.index] = uses.get(x.index, 0) + 1
