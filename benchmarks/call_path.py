@@ -1,0 +1,82 @@
+"""Count the modules and functions of kane_dynamics that one first call passes.
+
+A first call traces and compiles what it needs, so it passes more code than any later one: this is
+what a reader has to follow. Functions are counted once each, with class bodies, module bodies,
+comprehensions and lambdas. `--list` names them by module.
+"""
+
+import argparse
+from collections import defaultdict
+import os
+from pathlib import Path
+import sys
+import tempfile
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = str(ROOT / 'kane_dynamics')
+
+
+def functions_passed(call):
+    """Return the names of functions that a call passes, by module."""
+    passed = defaultdict(set)
+
+    def count(frame, event, argument):
+        code = frame.f_code
+        if event == 'call' and code.co_filename.startswith(PACKAGE):
+            passed[code.co_filename[len(PACKAGE) + 1:]].add(code.co_qualname)
+
+    sys.setprofile(count)
+    try:
+        call()
+    finally:
+        sys.setprofile(None)
+    return passed
+
+
+def first_calls():
+    """Yield the name and the call of each case; every robot is new."""
+    from four_bar import b as builder, pin, q as closed
+    from kane_dynamics import load_urdf, Robot, simulate
+    from kane_dynamics.feasibility import time_optimal
+    import numpy as np
+
+    def tree():
+        return Robot(load_urdf(str(ROOT / 'urdf' / 'ur10e.urdf')))
+
+    def loop():
+        return Robot(builder.model(), constraints=[pin], independent=['crank'])
+
+    zeros = np.zeros(6)
+    closed = np.array(closed)
+    rest = np.zeros(1)
+    waypoints = np.array([[0, -1, 1, 0, 0, 0], [0.5, -1.2, 0.8, 0.3, 0.2, 0.1],
+                          [1, -0.8, 1.2, 0.1, 0.4, 0.3]])
+    arm, linkage = tree(), loop()
+    yield 'forward_dynamics, tree', lambda: arm.forward_dynamics(zeros, zeros, zeros)
+    yield 'forward_dynamics, loop', lambda: linkage.forward_dynamics(closed, rest, rest)
+    simulated_arm = tree()
+    yield 'simulate, tree', lambda: simulate(simulated_arm, zeros, zeros, 0.1)
+    yield 'simulate, four-bar', lambda: simulate(linkage, closed, rest, 0.1)
+    yield 'time_optimal, UR10e', lambda: time_optimal(simulated_arm, waypoints)
+
+
+def main():
+    """Print a line a call."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--list', action='store_true', help='name every function')
+    arguments = parser.parse_args()
+    sys.path[:0] = [str(ROOT), str(ROOT / 'examples')]
+    for name, call in first_calls():
+        # An empty cache on disk each: what an earlier call compiled must not shorten this one.
+        with tempfile.TemporaryDirectory() as cache:
+            os.environ['KANE_DYNAMICS_CACHE'] = cache
+            passed = functions_passed(call)
+        total = sum(len(functions) for functions in passed.values())
+        print(f'{name:24s} {len(passed):3d} modules {total:4d} functions')
+        if arguments.list:
+            for module, functions in sorted(passed.items()):
+                print(f'    {module} {len(functions)}: {" ".join(sorted(functions))}')
+
+
+if __name__ == '__main__':
+    main()
