@@ -7,7 +7,7 @@ energies, or of a derivative of one of these.
 
 import ctypes
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 import pickle
 import subprocess
@@ -157,27 +157,31 @@ def coriolis(case):
         assert_close(C @ case.u, force + 0.0 * rest)
 
 
-def inverse_derivatives(case):
-    tau_q, tau_u, M = case.robot.inverse_dynamics_derivatives(case.q, case.u, case.udot, **case.t)
-    columns = [slope(lambda s, e=e: nonholonomic.inverse_dynamics(
+@cache
+def torque_slopes(case):
+    """Return the derivatives of the definition's torque by q and by u."""
+    by_q = [slope(lambda s, e=e: nonholonomic.inverse_dynamics(
         case.mechanism, case.q + s * e, case.u, case.udot, case.time))
         for e in np.eye(case.robot.n_q)]
-    assert_close(tau_q, np.array(columns).T, CLOSED)
-    assert_close(tau_u, np.array([slope(lambda s, e=e: inverse(case, case.u + s * e))
-                                  for e in np.eye(case.robot.n)]).T, CLOSED)
+    by_u = [slope(lambda s, e=e: inverse(case, case.u + s * e)) for e in np.eye(case.robot.n)]
+    return np.array(by_q).T, np.array(by_u).T
+
+
+def inverse_derivatives(case):
+    tau_q, tau_u, M = case.robot.inverse_dynamics_derivatives(case.q, case.u, case.udot, **case.t)
+    by_q, by_u = torque_slopes(case)
+    assert_close(tau_q, by_q, CLOSED)
+    assert_close(tau_u, by_u, CLOSED)
     assert_close(M, nonholonomic.mass_matrix(case.mechanism, case.q, case.time))
 
 
 def forward_derivatives(case):
     tau = inverse(case)
     udot_q, udot_u, W = case.robot.forward_dynamics_derivatives(case.q, case.u, tau, **case.t)
-    columns = [slope(lambda s, e=e: nonholonomic.inverse_dynamics(
-        case.mechanism, case.q + s * e, case.u, case.udot, case.time))
-        for e in np.eye(case.robot.n_q)]
+    by_q, by_u = torque_slopes(case)
     M = nonholonomic.mass_matrix(case.mechanism, case.q, case.time)
-    assert_close(-M @ udot_q, np.array(columns).T, CLOSED)
-    assert_close(-M @ udot_u, np.array([slope(lambda s, e=e: inverse(case, case.u + s * e))
-                                        for e in np.eye(case.robot.n)]).T, CLOSED)
+    assert_close(-M @ udot_q, by_q, CLOSED)
+    assert_close(-M @ udot_u, by_u, CLOSED)
     assert_close(W @ M, np.eye(len(M)), CLOSED)
 
 

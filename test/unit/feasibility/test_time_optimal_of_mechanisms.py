@@ -195,7 +195,7 @@ def places_between(times, resolution):
     return (times[:-1, None] + fraction * np.diff(times)[:, None]).ravel()
 
 
-@pytest.mark.parametrize(('payload', 'power', 'resolution'), [(None, math.inf, 100),
+@pytest.mark.parametrize(('payload', 'power', 'resolution'), [(None, math.inf, 20),
                                                               (80.0, 6000.0, 20)])
 def test_no_limit_of_the_palletizer_is_exceeded_by_a_thousandth_between_points(payload, power,
                                                                                resolution):

@@ -167,10 +167,7 @@ sys.stdout.write(Robot(model).inverse_dynamics(*random_state(model, 0)).tobytes(
     assert all(disk_cache.load(name) is not None for name in os.listdir(place))
 
 
-@pytest.mark.parametrize('source', [
-    'mechanics/constraints/constraint_types/position_constraints.py',
-    'native/backends/llvm_scalar.py', 'robot/kernel_set.py'])
-def test_an_edit_of_a_source_at_any_depth_compiles_afresh(place, tmp_path, source):
+def test_an_edit_of_a_source_at_any_depth_compiles_afresh(place, tmp_path):
     copy = tmp_path / 'checkout' / 'kane_dynamics'
     shutil.copytree(Path(kane_dynamics.__file__).parent, copy,
                     ignore=shutil.ignore_patterns('__pycache__'))
@@ -188,9 +185,15 @@ Robot(random_model(8, 3), constraints=[coupling]).mass_matrix(np.zeros(3))
                             'PYTHONDONTWRITEBYTECODE': '1'})
         return set(os.listdir(place))
     first = kept()
-    assert kept() == first
-    status = (copy / source).stat()
-    text = (copy / source).read_text('utf-8')
-    (copy / source).write_text(text.replace('.', ',', 1), 'utf-8')  # in its docstring
-    os.utime(copy / source, ns=(status.st_atime_ns, status.st_mtime_ns))
-    assert len(kept() - first) >= len(first)
+    before = kept()
+    assert before == first
+    for name in ('mechanics/constraints/constraint_types/position_constraints.py',
+                 'native/backends/llvm_scalar.py', 'robot/kernel_set.py'):
+        source = copy / name
+        status = source.stat()
+        text = source.read_text('utf-8')
+        source.write_text(text.replace('.', ',', 1), 'utf-8')  # in its docstring
+        os.utime(source, ns=(status.st_atime_ns, status.st_mtime_ns))
+        after = kept()
+        assert len(after - before) >= len(first), name
+        before = after
