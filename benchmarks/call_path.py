@@ -1,4 +1,5 @@
-"""Count the modules and functions of kane_dynamics that one first call passes.
+"""
+Count the modules and functions of kane_dynamics that one first call passes.
 
 A first call traces and compiles what it needs, so it passes more code than any later one: this is
 what a reader has to follow. Functions are counted once each, with class bodies, module bodies,

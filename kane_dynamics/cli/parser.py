@@ -83,7 +83,7 @@ def _main(arguments: list[str]) -> int:
         print(f'kane-dynamics {package_version()}')
         return 0
     options = _options(parser, arguments)
-    if options.rest and options.command != 'demo':
+    if options.unknown and options.command != 'demo':
         _refuse_unknown(parser, options)
     compiling.on_stderr = True
     try:
@@ -111,29 +111,32 @@ def _run(options: argparse.Namespace) -> int:
 def _options(parser: argparse.ArgumentParser,
              arguments: list[str]) -> argparse.Namespace:
     """
-    Return the options; `rest` has the arguments that the command does not know.
+    Return the options; `unknown` has the arguments that the command does not know.
 
     argparse reads a negative number like -1e-3 as an option, unless it begins with a
     blank.
     """
-    marked: dict[str, str] = {}
+    words = []
     for argument in arguments:
-        if argument.startswith('-') and _is_number(argument):
-            marked[f' {argument}'] = argument
-    words = [f' {word}' if f' {word}' in marked else word for word in arguments]
+        is_negative = argument.startswith('-') and _is_number(argument)
+        words.append(f' {argument}' if is_negative else argument)
     if arguments[0].startswith('-') and arguments[0] not in ('-h', '--help'):
         parser.error(f"'{arguments[0]}' before the command; expected one of "
                      f'{", ".join(COMMANDS)}, or --help, --version')
-    options, rest = parser.parse_known_args(words)
-
-    def restored(value: Any) -> Any:
-        if isinstance(value, list):
-            return [restored(part) for part in value]
-        return marked.get(value, value) if isinstance(value, str) else value
+    options, unknown = parser.parse_known_args(words)
+    options.unknown = unknown
     for name, value in vars(options).items():
-        setattr(options, name, restored(value))
-    options.rest = restored(rest)
+        setattr(options, name, _without_blanks(value))
     return options
+
+
+def _without_blanks(value: Any) -> Any:
+    """Return a value of an option without the blanks before negative numbers."""
+    if isinstance(value, list):
+        return list(map(_without_blanks, value))
+    if isinstance(value, str) and value.startswith(' -') and _is_number(value[1:]):
+        return value[1:]
+    return value
 
 
 def _text_of(error: KaneError | OSError) -> str:
@@ -203,16 +206,20 @@ def _refuse_unknown(parser: argparse.ArgumentParser,
                     options: argparse.Namespace) -> NoReturn:
     """Exit with an error for unknown options; the message names the closest option."""
     flags = _flags(parser, options.command)
-    options_only = [word for word in options.rest if word.startswith('--')]
-    unknown = options_only[0] if options_only else options.rest[0]
-    synonym = SYNONYMS.get(unknown.lstrip('-').replace('_', '-').lower())
+    # The first option, which a value may precede.
+    first = options.unknown[0]
+    for word in reversed(options.unknown):
+        if word.startswith('--'):
+            first = word
+    synonym = SYNONYMS.get(first.lstrip('-').replace('_', '-').lower())
+    nearest = difflib.get_close_matches(first, flags, 1)
     if f'--{synonym}' in flags:
         nearest = [f'--{synonym}']
-    else:
-        nearest = difflib.get_close_matches(unknown, flags, 1)
-    hint = f'; expected {nearest[0]}?' if nearest else '; expected no further ones'
+    hint = 'expected no further ones'
+    if nearest:
+        hint = f'expected {nearest[0]}?'
     _command(parser, options.command).error(
-        f'unrecognized arguments: {" ".join(options.rest)}{hint}')
+        f'unrecognized arguments: {" ".join(options.unknown)}; {hint}')
 
 
 def _is_number(text: str) -> bool:

@@ -80,15 +80,17 @@ def print_table(header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
     """Print a table: texts aligned left, numbers right, with six digits."""
     lines = [list(header)]
     for row in rows:
-        lines.append([_cell(value) for value in row])
-    columns = list(zip(*lines, strict=True))
-    widths = [max(map(len, column)) for column in columns]
-    numeric = [all(map(_is_number, column[1:])) for column in columns]
-    for line in lines:
-        cells = []
-        for cell, width, is_numeric in zip(line, widths, numeric, strict=True):
-            cells.append(cell.rjust(width) if is_numeric else cell.ljust(width))
-        print('  '.join(cells).rstrip())
+        lines.append(list(map(_cell, row)))
+
+    # Each column as wide as its longest cell.
+    padded = []
+    for column in zip(*lines, strict=True):
+        width = max(map(len, column))
+        is_numeric = all(map(_is_number, column[1:]))
+        align = str.rjust if is_numeric else str.ljust
+        padded.append([align(cell, width) for cell in column])
+    for line in zip(*padded, strict=True):
+        print('  '.join(line).rstrip())
 
 
 def _cell(value: Any) -> str:

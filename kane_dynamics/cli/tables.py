@@ -71,26 +71,19 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
         a bad number, the joints without a column, or a duplicate column.
 
     """
-    lines = [line for line in csv.reader(_text(path).splitlines(),
-                                         skipinitialspace=True) if line]
+    reader = csv.reader(_text(path).splitlines(), skipinitialspace=True)
+    lines = list(filter(None, reader))
     if len(lines) < 2:
         raise InputError(f'{path}: {len(lines)} lines; expected a header and rows of '
                          'numbers')
-    header = [name.strip() for name in lines[0]]
+    header = list(map(str.strip, lines[0]))
     no_header(path, header, f't,q.{joint_names[0]},...')
     distinct(path, header)
     tables: dict[str, Any] = {}
     for quantity in QUANTITIES:
-        columns = {joint: _column(header, quantity, joint) for joint in joint_names}
-        lacking = [joint for joint, column in columns.items() if column is None]
-        if len(lacking) == len(joint_names):
-            continue
-        if lacking:
-            raise InputError(f"{path}: no column '{quantity}.{lacking[0]}'"
-                             f'{further(lacking[1:])}, but {quantity} of other joints; '
-                             f'expected {quantity}.<joint> of every joint (found '
-                             f'{", ".join(header)})')
-        tables[quantity] = _numbers(path, lines, list(columns.values()))
+        columns = _columns_of(path, header, quantity, joint_names)
+        if columns:
+            tables[quantity] = _numbers(path, lines, columns)
     if not tables:
         raise InputError(f'{path}: no column of any joint; expected names like '
                          f"'q.{joint_names[0]}', found {header}")
@@ -99,6 +92,25 @@ def read_states(path: str | Path, joint_names: Sequence[str]) -> States:
         if name in ('t', 'time') and t is None:
             t = _numbers(path, lines, [k])[:, 0]
     return States(t, **tables)
+
+
+def _columns_of(path: str | Path, header: list[str], quantity: str,
+                joint_names: Sequence[str]) -> list[int]:
+    """Return the columns of a quantity of all joints; none if no joint has one."""
+    columns = []
+    lacking = []
+    for joint in joint_names:
+        column = _column(header, quantity, joint)
+        if column is None:
+            lacking.append(joint)
+        else:
+            columns.append(column)
+    if lacking and columns:
+        raise InputError(f"{path}: no column '{quantity}.{lacking[0]}'"
+                         f'{further(lacking[1:])}, but {quantity} of other joints; '
+                         f'expected {quantity}.<joint> of every joint (found '
+                         f'{", ".join(header)})')
+    return columns
 
 
 def read_rows(path: str, joint_names: Sequence[str], step: float | None = None) -> Rows:

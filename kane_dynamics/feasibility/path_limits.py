@@ -305,17 +305,24 @@ class PathLimits:
     def _power_lines(self, torque: Array, width: Array, x: Array | None, used: Flags
                      ) -> PowerLines:
         """Return the used limits of power."""
-        at = np.zeros((len(torque), 1)) if x is None else self._from_rest(x)
+        at = np.zeros((len(torque), 1))
+        if x is not None:
+            at = self._from_rest(x)
         width = np.broadcast_to(width, self._first.shape)
-        coefficients = torque[:, 0], torque[:, 1], torque[:, 2]
+        alpha, beta, gamma = torque[:, 0], torque[:, 1], torque[:, 2]
         tangents = self._torque_of_power(width, at, self._first)
-        rows = [block[:, :, used] for block in _one_sided(*coefficients, *tangents)]
+        rows = []
+        for block in _one_sided(alpha, beta, gamma, *tangents):
+            rows.append(block[:, :, used])
+
         # The limit at the middle counts too; the mean of those at both ends exceeds it.
-        alpha, beta, gamma, width, at = (
-            0.5 * (line[1:] + line[:-1]) for line in (*coefficients, width, at))
-        tangents = self._torque_of_power(width, at, self.section.first[1::2])
-        blocks = _one_sided(alpha, beta, gamma, *tangents)
-        middles = [block[:, :, used] for block in blocks]
+        first = self.section.first[1::2]
+        tangents = self._torque_of_power(_middles(width), _middles(at), first)
+        middles = []
+        for block in _one_sided(_middles(alpha), _middles(beta), _middles(gamma), *tangents):
+            middles.append(block[:, :, used])
+
+        # The largest x at which the path is passed at a steady speed.
         steady = np.minimum.reduce([_steady(block, 1.0) for block in rows])
         between = np.minimum.reduce([_steady(block, 0.5) for block in middles])
         steady[1:] = np.minimum(steady[1:], between)
@@ -405,6 +412,12 @@ def _side_by_side(blocks: Sequence[Array]) -> Array:
     """Return limits as one array for the passes."""
     whole = blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=2)
     return np.ascontiguousarray(whole)
+
+
+def _middles(values: Array) -> Array:
+    """Return the means of neighbouring rows: values at the middles of intervals."""
+    middles: Array = 0.5 * (values[1:] + values[:-1])
+    return middles
 
 
 def _one_sided(alpha: Array, beta: Array, gamma: Array, width: Array, slope: Array

@@ -106,11 +106,19 @@ def allowed(steps: int, rows: Matrix, following: Matrix, *middles_and_most: Matr
     # The least x is 0, unless a limit excludes slow motion.
     low_steps = 1 if steps == NEWTON_STEPS[0] else steps
     low, low_error = _root(upper, lower, 0.0 * most[()], -1.0, low_steps)
-    slopes = [1.0 + drift for _, drift in upper]
-    rates = [1.0 / select(_absolute(slope) < TINY, TINY, slope) for slope in slopes]
-    return np.array([low, high, select(low_error < error, error, low_error),
-                     *(value for value, _ in upper), *(value for value, _ in lower),
-                     *slopes, *rates])
+
+    # x + v = value + slope x: of the upper bounds of v, then of the lower ones.
+    upper_values, upper_drifts = zip(*upper)
+    lower_values, _ = zip(*lower)
+    slopes = []
+    for drift in upper_drifts:
+        slopes.append(1.0 + drift)
+    reciprocals = []
+    for slope in slopes:
+        reciprocals.append(1.0 / select(_absolute(slope) < TINY, TINY, slope))
+    largest_error = select(low_error < error, error, low_error)
+    return np.array([low, high, largest_error, *upper_values, *lower_values, *slopes,
+                     *reciprocals])
 
 
 def _in_interval(rows: Matrix, following: Matrix) -> list[Vector]:

@@ -63,6 +63,12 @@ class Equations:
     watched : bool
         Whether a state may be singular or open: there are constraint rows. The
         parameters of the kernels then end with its limits, see `margin`.
+    limits : int
+        Number of limits of a state at the end of the parameters.
+    unsupported : tuple of str
+        Names of the methods that do not support beams.
+    zeros : (n,) array
+        Zeros, read-only.
 
     Raises
     ------
@@ -93,6 +99,11 @@ class Equations:
         self.in_joint_rates = mechanism.in_joint_rates
         self.timed = mechanism.key is None  # only user-defined functions depend on time
         self.watched = bool(mechanism.labels)
+        self.limits = LIMITS if self.watched else 0
+        self.unsupported = tree.unsupported
+        # Zeros of an array of objects add no operation to a traced program.
+        self.zeros = np.zeros(self.n).astype(object)
+        self.zeros.setflags(write=False)
         self._redundant = redundant
         self.carries_loads = tree.carries_loads
         self.actuated: list[int] | None = None
@@ -140,21 +151,6 @@ class Equations:
                 f'actuated: {len(places)} joints; expected at least {self.n}, the '
                 f'number of independent speeds ({", ".join(self.speed_names)})')
         return places
-
-    @property
-    def limits(self) -> int:
-        """Return the number of limits of a state at the end of the parameters."""
-        return LIMITS if self.watched else 0
-
-    @property
-    def unsupported(self) -> tuple[str, ...]:
-        """Return the names of the methods that do not support beams."""
-        return self.tree.unsupported
-
-    @property
-    def zeros(self) -> Vector:
-        """Return n zeros, which add no operation to a traced program."""
-        return np.zeros(self.n).astype(object)
 
     # Kinematics: the motion of joints and frames for independent speeds.
 

@@ -31,30 +31,23 @@ def constrained(robot: Any) -> bool:
 def header_text(robot: Any, prefix: str, about: Sequence[str], kernels: Sequence[CKernel],
                 precision: Precision, self_test: bool) -> str:
     """Return the header: sizes, the order of the joints, prototypes."""
-    upper, equations = prefix.upper(), robot.equations
-    largest = f'{size_limit("q"):g}{precision.suffix}'
-    lines = [*about, f'#ifndef {upper}_H', f'#define {upper}_H', '',
-             f'#define {upper}_MODEL_NAME {string(robot.model.name)}',
-             f'#define {upper}_MODEL_DIGEST {string(robot.model.digest())}',
-             f'#define {upper}_GENERATOR {string(f"kane_dynamics {package_version()}")}',
-             *_sizes(robot, upper),
-             f'#define {upper}_N_JOINTS {len(robot.joint_names)}',
-             f'#define {upper}_NAME_SIZE {name_size(robot)} /* of the longest name, with its 0 */',
-             f'#define {upper}_LARGEST_POSITION {largest} /* rad or m */',
-             f'#define {upper}_N_WRENCHES {len(equations.wrench_frames)}',
-             f'#define {upper}_N_PARAMETERS {len(robot.parameters.block)}',
-             f'#define {upper}_REAL {precision.c}',
-             *(f'#define {kernel.symbol.upper()}_SIZE {kernel.program.n_outputs} /* numbers */'
-               for kernel in kernels), '', *_joint_enum(robot, upper), '',
-             '/*', *(f' * {line}'.rstrip() for line in _conventions(robot, prefix)), ' */', '',
-             '#ifdef __cplusplus', 'extern "C" {', '#endif']
+    upper = prefix.upper()
+    lines = [*about, f'#ifndef {upper}_H', f'#define {upper}_H', '']
+    lines += _constants(robot, upper, precision)
+    for kernel in kernels:
+        size = kernel.program.n_outputs
+        lines.append(f'#define {kernel.symbol.upper()}_SIZE {size} /* numbers */')
+    lines += ['', *_joint_enum(robot, upper), '']
+
+    # The calling conventions are one comment.
+    lines.append('/*')
+    for line in _conventions(robot, prefix):
+        lines.append(f' * {line}'.rstrip())
+    lines += [' */', '', '#ifdef __cplusplus', 'extern "C" {', '#endif']
+
     lines += _data_declarations(robot, prefix, upper)
     for kernel in kernels:
-        doc = inspect.getdoc(getattr(type(robot), kernel.name, None)) or kernel.name
-        words = ' '.join(doc.split('\n\n')[0].split())
-        shape = ' x '.join(map(str, kernel.program.shape)) or '1'
-        lines += ['', f'/* {comment(words)}', f' * result: {shape}, C order. */',
-                  f'{prototype(kernel.program, kernel.symbol, precision)};']
+        lines += _function_declaration(robot, kernel, precision)
     if self_test:
         lines += [
             '', f'#ifndef {upper}_NO_SELF_TEST',
@@ -63,6 +56,34 @@ def header_text(robot: Any, prefix: str, about: Sequence[str], kernels: Sequence
             f'int {prefix}_self_test(void);', '#endif']
     lines += ['', '#ifdef __cplusplus', '}', '#endif', '', '#endif', '']
     return '\n'.join(lines)
+
+
+def _constants(robot: Any, upper: str, precision: Precision) -> list[str]:
+    """Return the definitions of what identifies the robot, and of its sizes."""
+    generator = f'kane_dynamics {package_version()}'
+    largest = f'{size_limit("q"):g}{precision.suffix}'
+    return [f'#define {upper}_MODEL_NAME {string(robot.model.name)}',
+            f'#define {upper}_MODEL_DIGEST {string(robot.model.digest())}',
+            f'#define {upper}_GENERATOR {string(generator)}',
+            *_sizes(robot, upper),
+            f'#define {upper}_N_JOINTS {len(robot.joint_names)}',
+            f'#define {upper}_NAME_SIZE {name_size(robot)} /* of the longest name, with its 0 */',
+            f'#define {upper}_LARGEST_POSITION {largest} /* rad or m */',
+            f'#define {upper}_N_WRENCHES {len(robot.equations.wrench_frames)}',
+            f'#define {upper}_N_PARAMETERS {len(robot.parameters.block)}',
+            f'#define {upper}_REAL {precision.c}']
+
+
+def _function_declaration(robot: Any, kernel: CKernel,
+                          precision: Precision) -> list[str]:
+    """Return the declaration of a kernel, with the first paragraph of its documentation."""
+    method = getattr(type(robot), kernel.name, None)
+    documentation = inspect.getdoc(method) or kernel.name
+    summary, _, _ = documentation.partition('\n\n')
+    words = ' '.join(summary.split())
+    shape = ' x '.join(map(str, kernel.program.shape)) or '1'
+    return ['', f'/* {comment(words)}', f' * result: {shape}, C order. */',
+            f'{prototype(kernel.program, kernel.symbol, precision)};']
 
 
 def _sizes(robot: Any, upper: str) -> list[str]:
@@ -146,14 +167,15 @@ def _enum(upper: str, kind: str, entries: Sequence[tuple[str, str]]) -> list[str
 
 def _conventions(robot: Any, prefix: str) -> list[str]:
     """Return the lines of the calling conventions."""
-    upper = prefix.upper()
     equations = robot.equations
-    gravity = ', '.join(f'{x:g}' for x in robot.parameters.gravity)
-    speeds = '' if constrained(robot) else 'u = dq/dt, '
-    lines = [f'M(q) udot + bias(q, u) = tau + external, {speeds}SI units, world axes.', '',
-             f'Arguments are arrays of {upper}_REAL: q, u, udot and tau have one entry per joint,']
+    entries = (f'Arguments are arrays of {prefix.upper()}_REAL: q, u, udot and tau have one '
+               'entry per joint,')
     if constrained(robot):
-        lines.append('or per independent speed (u, udot, and tau, which is dual to u),')
+        lines = ['M(q) udot + bias(q, u) = tau + external, SI units, world axes.', '', entries,
+                 'or per independent speed (u, udot, and tau, which is dual to u),']
+    else:
+        lines = ['M(q) udot + bias(q, u) = tau + external, u = dq/dt, SI units, world axes.', '',
+                 entries]
     lines += ['in the order above. A result may overlay an argument. Nothing is allocated, no',
               'state is kept: any thread may call anything at any time. Arguments are not',
               f'checked: call {prefix}_check_state before.', '',
@@ -167,12 +189,14 @@ def _conventions(robot: Any, prefix: str) -> list[str]:
             '  then the limits of a state, each as 1 / limit^2, 0 for none: conditioning of the',
             '  speeds, constraint residuals in m and in rad, violation of redundant constraints.',
             '  Beyond them the first entry of a result is NaN.']
-    and_payload = ' and the payload at export' if equations.payload_frame else ''
-    lines.append(f'  NULL selects the values at export: gravity ({gravity}){and_payload}.')
+    selected = f'gravity ({", ".join(map("{:g}".format, robot.parameters.gravity))})'
+    if equations.payload_frame is not None:
+        selected += ' and the payload at export'
+    lines.append(f'  NULL selects the values at export: {selected}.')
     if equations.timed:
         lines.append('t: pointer to the time, s')
     if equations.wrench_frames:
         lines += [
             'wrench: for each frame that carries one, the force (N) then the moment (N m)',
             '  that the environment exerts at its origin, world axes; NULL means none']
-    return [comment(line) for line in lines]
+    return list(map(comment, lines))

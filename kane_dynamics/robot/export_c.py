@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 import os
 from pathlib import Path
+import re
 from typing import Any
 
 from kane_dynamics._util.resources import package_version
@@ -57,27 +58,41 @@ def write_c(robot: Any, path: str | os.PathLike[str], kernels: Sequence[str | Ke
     """
     if scalar not in PRECISIONS:
         raise InputError(f'scalar: {scalar!r}; expected {" or ".join(PRECISIONS)}')
+    precision = PRECISIONS[scalar]
+    source, header = _checked_paths(path)
+    prefix = identifier(source.stem)
+
+    # The laws of a controller come with their kernels; quantities are named.
+    laws = _checked_laws(robot, kernels)
+    quantities: Sequence[Any] = kernels
+    if laws:
+        quantities = [name for name in kernels if not isinstance(name, Kernel)]
+    chosen = []
+    if quantities or not laws:
+        for name in _checked_names(robot, quantities):
+            chosen.append(_kernel(robot, prefix, name, precision))
+    for law in laws:
+        chosen.append(_reference(robot, prefix, law, law.name, law.name, precision))
+
+    about = _about(robot, chosen)
+    _write(header, header_text(robot, prefix, about, chosen, precision, self_test))
+    _write(source, _source_text(robot, prefix, header.name, about, chosen, precision, self_test))
+    return source, header
+
+
+def _checked_paths(path: str | os.PathLike[str]) -> tuple[Path, Path]:
+    """Return the paths of source and header; InputError if they cannot be written."""
     source = Path(path).expanduser()
     if source.suffix != '.c':
         raise InputError(f"path: '{source}'; expected the name of a C source, which ends in .c")
     source = source.resolve()
     header = source.with_suffix('.h')
-    if not header.name.isprintable() or any(part in header.name for part in ('"', '\\', '??')):
+    ends_a_name = re.search(r'["\\]|\?\?', header.name)  # in an #include of C
+    if not header.name.isprintable() or ends_a_name:
         raise InputError(f'path: {str(source)!r}; expected printable characters without ", \\ '
                          'and ??, because C includes the header by its name')
     for file in (source, header):
         _check_place(file)
-    prefix, precision = identifier(source.stem), PRECISIONS[scalar]
-    laws = _checked_laws(robot, kernels)
-    quantities: Sequence[Any] = kernels
-    if laws:
-        quantities = [name for name in kernels if not isinstance(name, Kernel)]
-    names = _checked_names(robot, quantities) if quantities or not laws else []
-    chosen = [_kernel(robot, prefix, name, precision) for name in names]
-    chosen += [_reference(robot, prefix, law, law.name, law.name, precision) for law in laws]
-    about = _about(robot, chosen)
-    _write(header, header_text(robot, prefix, about, chosen, precision, self_test))
-    _write(source, _source_text(robot, prefix, header.name, about, chosen, precision, self_test))
     return source, header
 
 

@@ -334,8 +334,9 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
         if not inputs:
             raise InputError(f'{name}: no inputs; expected at least one, such as '
                              f'q=({self.n_q},)')
-        shapes = {key: _checked_shape(value, f'shape of {key}')
-                  for key, value in inputs.items()}
+        shapes = {}
+        for key, value in inputs.items():
+            shapes[key] = _checked_shape(value, f'shape of {key}')
         return self.kernels.compiled(function, name, shapes, _checked_shape(shape, 'shape'))
 
     @hinting_method

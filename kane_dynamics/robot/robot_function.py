@@ -95,7 +95,9 @@ class RobotFunction:
         if 't' in asked and supply.timed:
             self.arguments.append(Argument('t', (), default=np.zeros(())))
         block: Shape = (supply.block,) if constants is None else constants
-        program_inputs = [(argument.name, argument.shape) for argument in self.arguments]
+        program_inputs = []
+        for argument in self.arguments:
+            program_inputs.append((argument.name, argument.shape))
         program_inputs.append(('parameters', block))
         # A partial function of plain values, since these are what its `origin`
         # describes.
@@ -152,7 +154,11 @@ def _asked_by_signature(function: Callable[..., Any], name: str, count: int
         raise InputError(f'{name}: the function takes {names}; expected {count} inputs, '
                          'then '
                          f'some of {", ".join(SUPPLIED)}')
-    return tuple(parameter.name for parameter in by_name if parameter.name in SUPPLIED)
+    asked = []
+    for parameter in by_name:
+        if parameter.name in SUPPLIED:
+            asked.append(parameter.name)
+    return tuple(asked)
 
 
 def _traced(function: Callable[..., Any], name: str, inputs: Sequence[tuple[str, Shape]],
@@ -160,18 +166,24 @@ def _traced(function: Callable[..., Any], name: str, inputs: Sequence[tuple[str,
             shape: Shape | None) -> Program:
     """Trace a function of `count` inputs, constants, and what it asks for by name."""
     def traced(*arrays: Any) -> Any:
-        values = [x[()] for x in arrays]  # scalars of arrays without an axis
+        values = []
+        for x in arrays:
+            values.append(x[()])  # a scalar, of an array without an axis
         block = values[-1]
-        supplied: dict[str, Any] = {'wrench': None, 't': 0.0,
-                                    'parameters': block[:physical],
-                                    'limits': block[physical:]}
-        for (key, _), value in zip(inputs[:-1], values):
-            if key in ('wrench', 't'):
-                supplied[key] = value
         positional = values[:count]
         if has_constants:
             positional.append(block)
-        return function(*positional, **{key: supplied[key] for key in asked})
+
+        # What the function asks for by name; a robot may have no wrench or time.
+        supplied: dict[str, Any] = {'wrench': None, 't': 0.0,
+                                    'parameters': block[:physical],
+                                    'limits': block[physical:]}
+        for (key, _), value in zip(inputs[count:-1], values[count:]):
+            supplied[key] = value
+        by_name = {}
+        for key in asked:
+            by_name[key] = supplied[key]
+        return function(*positional, **by_name)
     program = trace_program(name, traced, inputs)
     if shape not in (None, program.shape):
         raise InputError(f'{name}: the function returns shape {program.shape}; expected '

@@ -191,13 +191,20 @@ class _Parts(NamedTuple):
 
 def _parts(functions: dict[tuple[str, str], Any]) -> _Parts:
     """Return the parts of functions that are dual numbers."""
-    flat = np.concatenate([np.ravel(np.asarray(x,
-                                               dtype=object)) for x in functions.values()])
-    f, r = values(flat), rates(flat)
+    entries: list[Any] = []
+    for function in functions.values():
+        entries += np.asarray(function, dtype=object).ravel().tolist()
+    flat = np.array(entries, dtype=object)
+    f = values(flat)
+    r = rates(flat)
+
     # Every comparison has a weight of its own, so that no two outcomes cancel.
-    decisions = [node for node in Program('', (), (*f, *r), ()).schedule()
-                 if node.op in ('less', 'floor')]
-    branch = sum((1.0 + GOLDEN * k % 1.0) * node for k, node in enumerate(decisions))
+    branch: Scalar = 0
+    count = 0
+    for node in Program('', (), (*f, *r), ()).schedule():
+        if node.op in ('less', 'floor'):
+            branch = branch + (1.0 + GOLDEN * count % 1.0) * node
+            count += 1
     return _Parts(f, r, branch)
 
 

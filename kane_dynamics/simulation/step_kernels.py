@@ -247,6 +247,18 @@ def time_input(robot: Robot) -> list[tuple[str, Shape]]:
     return [('t', ())] if robot.equations.timed else []
 
 
+def optional_inputs(robot: Robot, values: Sequence[Any]) -> tuple[Any, Scalar, Vector]:
+    """Return wrench (or None), time (or 0) and parameters from the last inputs of a program."""
+    *options, parameters = values
+    wrench = None
+    t: Scalar = 0.0
+    if wrench_input(robot):
+        wrench = options.pop(0)
+    if time_input(robot):
+        t = options.pop(0)[()]
+    return wrench, t, parameters
+
+
 def implicit_stage(robot: Robot, method: ImplicitStep,
                    dual_to: tuple[str, ...] | None = None,
                    *, watched: bool = False, varied: bool = False) -> Program:
@@ -257,26 +269,30 @@ def implicit_stage(robot: Robot, method: ImplicitStep,
     `varied`, wrench, time and parameters.
     """
     equations: Any = robot.equations
-    wrenches, n_j = wrench_input(robot), robot.model.n
-    factor_input: list[tuple[str, Shape]] = [('factors', (n_j,))] if varied else []
+    n = robot.n
+    n_j = robot.model.n
     inputs: list[tuple[str, Shape]] = [
-        ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)),
-        ('joint_rates', (n_j,)),
-        ('udot', (robot.n,)), ('g', ()), *factor_input, *wrenches, *time_input(robot),
-        ('parameters', robot.parameters.block.shape)]
+        ('q', (robot.n_q,)), ('u', (n,)), ('tau', (n,)), ('joint_rates', (n_j,)),
+        ('udot', (n,)), ('g', ())]
+    if varied:
+        inputs.append(('factors', (n_j,)))
+    inputs += [*wrench_input(robot), *time_input(robot),
+               ('parameters', robot.parameters.block.shape)]
 
     def stage(q: Vector, u: Vector, tau: Vector, k_v: Vector, k_u: Vector, g: Matrix,
               *inputs: Any) -> list[Scalar]:
-        *options, parameters = inputs
-        factors = options.pop(0) if varied else 1.0
-        wrench = options.pop(0) if wrenches else None
-        t = options[0][()] if options else 0.0
+        factors: Any = 1.0
+        if varied:
+            factors = inputs[0]
+            inputs = inputs[1:]
+        wrench, t, parameters = optional_inputs(robot, inputs)
         if dual_to is not None:
             tau = tau_from(equations, dual_to, q, tau, t)
         v, udot = method.stage(q, u, tau, (k_v, k_u), g[()], wrench,
                                parameters[:robot.parameters.physical], t, factors)
-        margin = [equations.margin(q, t, parameters[-LIMITS:])] if watched else []
-        return [*v, *udot, *margin]
+        if not watched:
+            return [*v, *udot]
+        return [*v, *udot, equations.margin(q, t, parameters[-LIMITS:])]
     return trace_program('implicit_stage', stage, inputs)
 
 
@@ -286,13 +302,10 @@ def _state_program(robot: Robot, dual_to: tuple[str, ...] | None,
     equations = robot.equations
     if equations.in_joint_rates:
         return robot.kernels.program('forward_dynamics')
-    wrenches, times = wrench_input(robot), time_input(robot)
     physical = robot.parameters.physical
 
     def rates(q: Vector, u: Vector, tau: Vector, *inputs: Any) -> Any:
-        wrench = inputs[0] if wrenches else None
-        t = inputs[-2][()] if times else 0.0
-        parameters = inputs[-1]
+        wrench, t, parameters = optional_inputs(robot, inputs)
         if dual_to is not None:
             tau = tau_from(equations, dual_to, q, tau, t)
         state_rates = equations.state_rates(q, u, tau, wrench, parameters[:physical], t)
@@ -300,5 +313,5 @@ def _state_program(robot: Robot, dual_to: tuple[str, ...] | None,
             return state_rates
         return [*state_rates, equations.margin(q, t, parameters[-LIMITS:])]
     return trace_program('state_rates', rates, [
-        ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), *wrenches, *times,
-        ('parameters', robot.parameters.block.shape)])
+        ('q', (robot.n_q,)), ('u', (robot.n,)), ('tau', (robot.n,)), *wrench_input(robot),
+        *time_input(robot), ('parameters', robot.parameters.block.shape)])

@@ -316,8 +316,8 @@ class Trajectory:
             writer = csv.writer(file)
             writer.writerow(self._columns())
             columns = [getattr(self, name) for name in ARRAYS if name != 'sticking']
-            table = np.column_stack(columns)
-            writer.writerows([repr(x) for x in row] for row in table.tolist())
+            for row in np.column_stack(columns).tolist():
+                writer.writerow(map(repr, row))  # all digits
 
     def plot(self, path: Path | None = None) -> Any:
         """Draw a single motion's positions, speeds, torques and energy; needs matplotlib."""

@@ -6,7 +6,7 @@ a row does not depend on chunks, threads or workers.
 """
 
 from functools import lru_cache
-from itertools import pairwise
+from itertools import compress, pairwise
 import pickle
 from typing import Any, NamedTuple
 
@@ -226,18 +226,23 @@ class Simulator:
         at, robot = self.trial.parts, self.sweep.robot
         peak = np.maximum(-results.low[:, at.tau], results.high[:, at.tau])
         rms = np.sqrt(results.ends[:, at.squared_error] / self.sweep.duration)
+        tables = (('q', results.ends[:, at.q], robot.coordinate_names),
+                  ('u', results.ends[:, at.u], robot.speed_names),
+                  ('peak_torque', peak, robot.speed_names),
+                  ('rms_error', rms, self.sweep.joints.tracked_names))
         columns: Columns = {}
-        for name, values, joints in (
-                ('q', results.ends[:, at.q], robot.coordinate_names),
-                ('u', results.ends[:, at.u], robot.speed_names),
-                ('peak_torque', peak, robot.speed_names),
-                ('rms_error', rms, self.sweep.joints.tracked_names)):
-            for k, joint in enumerate(joints):
-                columns[f'{name}.{joint}'] = values[:, k]
+        for name, values, joints in tables:
+            for joint, column in zip(joints, values.T):
+                columns[f'{name}.{joint}'] = column
+
+        # The limits that each trial exceeded, by name.
         passed, names = self._limits_passed(results.low, results.high, peak)
         columns['energy_drift'] = results.drift
         columns['limit_events'] = passed.sum(axis=1)
-        columns['limits'] = ['; '.join(names[k] for k in np.flatnonzero(row)) for row in passed]
+        listed = []
+        for row in passed:
+            listed.append('; '.join(compress(names, row)))
+        columns['limits'] = listed
         return columns
 
     def _limits_passed(self,

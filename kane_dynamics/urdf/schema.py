@@ -143,14 +143,17 @@ def _check_numbers(element: Element, text: str, count: int, what: str) -> None:
     """Raise UrdfError if a text is not `count` finite decimal numbers."""
     largest = sys.float_info.max if element.tag == 'limit' else LARGEST
     parts = text.split()
-    valid = all(NUMBER.fullmatch(part) and abs(float(part)) <= largest for part in parts)
-    if len(parts) != count or not valid:
-        expected = 'one finite number, like 0.5 or 1e-3'
-        if count > 1:
-            expected = f'{count} finite numbers separated by spaces, like "0 0.5 1e-3"'
-        hint = f'; expand it with xacro first: {XACRO}' if '${' in text else ''
-        raise UrdfError(f"{what}: '{text}' (line {element.line}); expected "
-                        f'{expected}{hint}')
+    valid = len(parts) == count
+    for part in parts:
+        valid = valid and NUMBER.fullmatch(part) is not None and abs(float(part)) <= largest
+    if valid:
+        return
+    expected = 'one finite number, like 0.5 or 1e-3'
+    if count > 1:
+        expected = f'{count} finite numbers separated by spaces, like "0 0.5 1e-3"'
+    if '${' in text:
+        expected += f'; expand it with xacro first: {XACRO}'
+    raise UrdfError(f"{what}: '{text}' (line {element.line}); expected {expected}")
 
 
 def _check_joint(joint: Element) -> None:

@@ -59,32 +59,38 @@ class RowFunction(Function):
     def _load_inputs(self, schedule: list[Expr]) -> None:
         """Load all inputs first: results may overlap arguments in memory."""
         self._vector = Vector(self.lines, 'row', self.lanes)
-        used = {node.args: node.index for node in schedule if node.op == 'input'}
+        used = {}  # indices of the nodes of entries that the program needs
+        for node in schedule:
+            if node.op == 'input':
+                used[node.args] = node.index
         bits: list[str] = []
         for slot, (name, shape) in enumerate(self.program.inputs):
             rows = self._rows(slot)
             size = size_of(shape)
-            needed = [k for k in range(size) if (name, k) in used]
-            if name == self.shared:
-                for k in needed:
-                    self.names[used[name, k]] = self._splat(rows[0], k)
-            else:
+            is_shared = name == self.shared
+            columns = []
+            if not is_shared:
                 columns = self._columns(rows, size, size_limit(name), bits)
-                for k in needed:
-                    self.names[used[name, k]] = columns[k]
+            for k in range(size):
+                if (name, k) in used:
+                    entry = self._splat(rows[0], k) if is_shared else columns[k]
+                    self.names[used[name, k]] = entry
         self._add_flags(0, bits)
 
     def _store_outputs(self) -> None:
         v = self._vector
         outputs = self.program.outputs
         rows = self._rows(len(self.program.inputs))
-        computed = {x.index: x for x in outputs if isinstance(x, Expr)}
-        self._add_flags(1, [v.nonfinite_bits(self.value(x)) for x in computed.values()])
+        computed: dict[int, str] = {}  # bits of each node that is a result
+        for x in outputs:
+            if isinstance(x, Expr) and x.index not in computed:
+                computed[x.index] = v.nonfinite_bits(self.value(x))
+        self._add_flags(1, list(computed.values()))
         self._prefetch(rows, len(outputs), writing=True)
         # Tiles of as many entries as lanes: their transpose holds a part of each lane's
         # row.
         for c in range(0, len(outputs), v.width):
-            tile = [self.value(x) for x in outputs[c:c + v.width]]
+            tile = list(map(self.value, outputs[c:c + v.width]))
             mask = _mask(v.width, len(tile))
             tile += ['zeroinitializer'] * (v.width - len(tile))
             for row, vector in zip(rows, transpose(v, tile)):
@@ -124,8 +130,9 @@ class RowFunction(Function):
             for place in (c, c + half):
                 for i in range(half):
                     tile.append(self._load_halves(rows[i], rows[i + half], place, size))
-            bits += [v.nonfinite_bits(row, most)
-                     for row in tile if row != 'zeroinitializer']
+            for row in tile:
+                if row != 'zeroinitializer':
+                    bits.append(v.nonfinite_bits(row, most))
             columns += exchange_blocks(v, tile, half // 2)
         return columns[:size]
 
@@ -149,7 +156,7 @@ class RowFunction(Function):
         if half == 1:
             one = v.new(f'insertelement {v.type} poison, double {halves[0]}, i32 0')
             return v.new(f'insertelement {v.type} {one}, double {halves[1]}, i32 1')
-        places = ', '.join(f'i32 {k}' for k in range(self.lanes))
+        places = ', '.join(map('i32 {}'.format, range(self.lanes)))
         return v.new(f'shufflevector {kind} {halves[0]}, {kind} {halves[1]}, '
                      f'<{self.lanes} x i32> <{places}>')
 
@@ -159,9 +166,12 @@ class RowFunction(Function):
         at = v.new(f'getelementptr {v.integer}, ptr %bad, i64 {place}')
         bits = [*bits, v.new(f'load {v.integer}, ptr {at}')]
         while len(bits) > 1:  # pairwise: keeps the dependency chain short
-            unpaired = bits[-1:] if len(bits) % 2 else []
-            pairs = zip(bits[::2], bits[1::2])
-            bits = [v.new(f'or {v.integer} {a}, {b}') for a, b in pairs] + unpaired
+            combined = []
+            for a, b in zip(bits[::2], bits[1::2]):
+                combined.append(v.new(f'or {v.integer} {a}, {b}'))
+            if len(bits) % 2:
+                combined.append(bits[-1])
+            bits = combined
         v.lines.append(f'  store {v.integer} {bits[0]}, ptr {at}')
 
     def _prefetch(self, rows: list[str], size: int, writing: bool) -> None:
@@ -180,8 +190,8 @@ class RowFunction(Function):
 
 def _mask(lanes: int, live: int) -> str:
     """Return a mask that enables the first `live` lanes."""
-    bits = ', '.join(f'i1 {int(lane < live)}' for lane in range(lanes))
-    return f'<{lanes} x i1> <{bits}>'
+    bits = ['i1 1'] * live + ['i1 0'] * (lanes - live)
+    return f'<{lanes} x i1> <{", ".join(bits)}>'
 
 
 def lane_text(program: Program, symbol: str, lanes: int) -> str:

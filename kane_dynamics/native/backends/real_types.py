@@ -110,21 +110,14 @@ FLOAT = Real('float', 32, 23, 2.0**128 - 2.0**104, 2.0**-126,
              (1.57079637050628662109375, -4.37113900018624283e-8),
              (0.693359375, -2.12194440054690583e-4), (-104.0, 89.0), SIN[:4], COS[:4],
              EXP[:7], LOG[:4], ARCTAN[:8], 1e4)
-
-
-def size_limit(argument: str) -> float:
-    """Return the largest absolute value allowed in the argument of this name."""
-    return DOUBLE.size_limit(argument)
+# Of doubles, which all code uses that names no other type.
+literal = DOUBLE.literal
+size_limit = DOUBLE.size_limit
 
 
 def overflow_scale(most: float, real: Real = DOUBLE) -> float:
     """Return a factor by which numbers larger than `most` overflow to infinity."""
     return 1.0 if math.isinf(most) else real.largest / most
-
-
-def literal(value: float) -> str:
-    """Return a double as an LLVM hexadecimal literal, bit for bit."""
-    return DOUBLE.literal(value)
 
 
 def splat(value: float, width: int, real: Real = DOUBLE) -> str:

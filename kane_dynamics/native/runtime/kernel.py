@@ -168,11 +168,15 @@ class Kernel:
         self._lengths = []  # of the arguments that every call must have
         self._ranks = []  # axes of the arguments, the parameters and one state's result
         signature = []
+        default_sizes = []
+        limits = []
         for argument in self.arguments:
             if argument.default is None:
                 self._lengths.append(size_of(argument.shape))
             else:
                 self.defaults.append(argument.default)
+                default_sizes.append(argument.default.size)
+            limits.append(size_limit(argument.name))
             self._ranks.append(len(argument.shape))
             signature.append((argument.name, argument.shape))
         self._ranks += [parameters.ndim, len(shape)]
@@ -186,7 +190,9 @@ class Kernel:
 
         def text_of_single() -> str:
             text = module_text((single or program)(), SYMBOL)
-            return f'{text}\n{self._entry_points()}'
+            entries = entry.entry_points(SYMBOL, self._lengths, default_sizes, limits,
+                                         shape)
+            return f'{text}\n{entries}'
         self.code = self._compiled('', text_of_single, in_order)
         self.address = self.code.address(SYMBOL)
 
@@ -197,19 +203,17 @@ class Kernel:
 
         Without a key, the text is traced now and is the key itself.
         """
-        def traced_text() -> str:
-            with _TRACING.held():
-                return text()
-        source: Callable[[], str] = traced_text
-
         def assembled() -> bytes:
             with logged(self.name):
-                return llvm.assemble(source(), in_order=in_order)
+                with _TRACING.held():
+                    source = text()
+                return llvm.assemble(source, in_order=in_order)
         with gc_paused():
             key = self._key
             if key is None:
-                key = traced_text()
-                source = partial(str, key)
+                with _TRACING.held():
+                    key = text()
+                text = partial(str, key)  # not traced again
             return llvm.Code(llvm.cached(assembled, self.name, key, kind))
 
     def with_parameters(self, parameters: Array,
@@ -225,16 +229,6 @@ class Kernel:
     def traced(self) -> Program:
         """Trace the program."""
         return self._program()
-
-    def _entry_points(self) -> str:
-        default_sizes = []
-        for default in self.defaults:
-            default_sizes.append(default.size)
-        limits = []
-        for argument in self.arguments:
-            limits.append(size_limit(argument.name))
-        return entry.entry_points(SYMBOL, self._lengths, default_sizes, limits,
-                                  self.shape)
 
     def compile_lanes(self) -> llvm.Address:
         """Compile the lane kernel for batches, if not done yet; return its address."""

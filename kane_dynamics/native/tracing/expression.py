@@ -248,11 +248,13 @@ def _difference(x: Scalar, y: Scalar) -> Scalar:
     if _constant_factor(y)[1] < 0.0:
         return _sum(x, -y)
     if y.op == 'add' and x in y.args:  # x - (x + z) = -z
-        return -(y.args[1] if y.args[0] is x else y.args[0])
+        other: Scalar = y.args[1] if y.args[0] is x else y.args[0]
+        return -other
     if x.op == 'add' and y in x.args:  # (y + z) - y = z
         return x.args[1] if x.args[0] is y else x.args[0]  # type: ignore[no-any-return]
     if x.op == 'sub' and x.args[0] is y:
-        return -x.args[1]
+        subtracted: Scalar = x.args[1]
+        return -subtracted
     if x.trace.has('sub', y, x):  # a negation is cheaper than a second subtraction
         return x.trace.node('neg', x.trace.node('sub', y, x))
     return x.trace.node('sub', x, y)

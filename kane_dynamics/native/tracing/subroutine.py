@@ -106,7 +106,10 @@ def call(program: Any, *arguments: Iterable[Any]) -> list[Expr]:
         entries += list(np.ravel(np.asarray(argument)))
     trace = next(x.trace for x in entries if isinstance(x, Expr))
     node = trace.node('call', program, *entries)
-    return [trace.node('output', node, k) for k in range(program.n_outputs)]
+    outputs = []
+    for k in range(program.n_outputs):
+        outputs.append(trace.node('output', node, k))
+    return outputs
 
 
 def inlined(program: Program, values: Sequence[Any]) -> list[Any]:

@@ -44,15 +44,14 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
     if sorted(names) != sorted(joints):
         raise InputError(f'joint_names: {names}; expected each of {", ".join(joints)} '
                          'once')
-    order = [names.index(joint) for joint in joints]  # of the columns of the request
+    order = list(map(names.index, joints))  # of the columns of the request
     times, columns = _points(served, request, order)
     points = times if len(times) else np.arange(float(len(columns[0])))
     check_positions(served, joints, columns[0], points)
+    places = list(map(every_joint.index, joints))
     limits: dict[str, Any] = {}
     for quantity in LIMITED:
-        limits[quantity] = _limit(request, quantity, order,
-                                  [every_joint.index(joint) for joint in joints],
-                                  len(every_joint))
+        limits[quantity] = _limit(request, quantity, order, places, len(every_joint))
 
     def compute(response: Any) -> None:
         served.loads.apply(robot)
@@ -63,9 +62,11 @@ def timing_request(served: ServedRobot, request: Any) -> Callable[[Any], None]:
         timing = time_optimal(robot, path, rest=assembled, **limits)
         t, *states = timing.points
         # First the joints of the request, then actuators that follow from them.
-        moved = [*names, *(joint for joint in robot.actuated_names if joint
-                           not in names)]
-        moved_columns = [every_joint.index(joint) for joint in moved]
+        moved = list(names)
+        for joint in robot.actuated_names:
+            if joint not in names:
+                moved.append(joint)
+        moved_columns = list(map(every_joint.index, moved))
         response.joint_names = moved
         response.time_from_start = doubles(t)
         tables = {}
