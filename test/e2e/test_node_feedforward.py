@@ -14,7 +14,7 @@ from kane_dynamics import Robot
 from kane_dynamics.control.trajectory_feedforward import fill_trajectory
 from kane_dynamics.feasibility import time_optimal
 from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal
-from node_process import DEEP, JOINTS, model, NAME, Process, URDF, wait_until
+from node_process import active_until_end, DEEP, JOINTS, model, NAME, Process, URDF, wait_until
 import numpy as np
 import pytest
 from std_srvs.srv import Trigger
@@ -35,15 +35,9 @@ def robot():
 
 @pytest.fixture(scope='module')
 def module_node():
-    process = Process('-r', '~/trajectory_with_effort:=/jtc/joint_trajectory',
-                      robot_description=f"'{URDF}'", diagnostics_rate=20, state_timeout=30.0)
-    try:
-        process.wait_for('active, mode', 120.0)
-        yield process
-    finally:
-        code = process.end()[0]
-    assert code == 0
-    assert 'Traceback' not in process.log
+    yield from active_until_end(Process(
+        '-r', '~/trajectory_with_effort:=/jtc/joint_trajectory', robot_description=f"'{URDF}'",
+        diagnostics_rate=20, state_timeout=30.0))
 
 
 class Filler:

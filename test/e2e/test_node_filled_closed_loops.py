@@ -9,7 +9,7 @@ from kane_dynamics.feasibility import time_optimal
 from kane_dynamics.loop_tracking.loop_error import CONTRADICTORY_POINT, SINGULAR
 from kane_dynamics.mechanics.definition import nonholonomic
 from kane_dynamics_interfaces.srv import FillTrajectory, TimeOptimal
-from node_process import DEEP, NAME, Process, wait_until
+from node_process import active_until_end, DEEP, NAME, Process, wait_until
 import numpy as np
 from palletizer import CONSTRAINTS, DRIVEN, LOOPS, palletizer, positions, SINGULAR_SHOULDER, URDF
 import pytest
@@ -27,14 +27,8 @@ def module_node(tmp_path_factory):
     urdf = tmp_path_factory.mktemp('arm') / 'wide.urdf'  # its limits exclude what is singular
     urdf.write_text(re.sub(r'lower="\S*" upper="\S*" velocity="\S*"', 'lower="-3" upper="3" '
                            'velocity="99"', URDF.read_text(encoding='utf-8')), encoding='utf-8')
-    process = Process(urdf=urdf, constraints=LOOPS, diagnostics_rate=20, state_timeout=60.0)
-    try:
-        process.wait_for('active, mode', 120.0)
-        yield process
-    finally:
-        code = process.end()[0]
-    assert code == 0
-    assert 'Traceback' not in process.log
+    yield from active_until_end(Process(urdf=urdf, constraints=LOOPS, diagnostics_rate=20,
+                                        state_timeout=60.0))
 
 
 @pytest.fixture

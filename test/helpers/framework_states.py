@@ -1,4 +1,4 @@
-"""States of robots of several kinds, for tests of functions for PyTorch and JAX."""
+"""Robots of several kinds and their states, for tests of functions for PyTorch, JAX, CasADi."""
 
 from functools import cache
 
@@ -29,9 +29,9 @@ def fr3():
 
 
 @cache
-def driven():
-    """Return a four-bar whose crank moves in a given way, without a degree of freedom."""
-    return Robot(four_bar_model(), constraints=[
+def driven(turntable=False):
+    """Return a four-bar whose crank moves in a given way; only a turntable moves freely."""
+    return Robot(four_bar_model(turntable), constraints=[
         PIN, Prescribed('crank', lambda t: 0.7 + 0.1 * np.sin(t))])
 
 

@@ -134,6 +134,17 @@ class Process:
         return code, time.monotonic() - began
 
 
+def active_until_end(process):
+    """Yield a node once it is active; it must then end without an error."""
+    try:
+        process.wait_for('active, mode', 120.0)
+        yield process
+    finally:
+        code = process.end()[0]
+    assert code == 0
+    assert 'Traceback' not in process.log
+
+
 def wait_until(condition, timeout=10.0):
     """Wait until a condition holds; return whether it does."""
     end = time.monotonic() + timeout

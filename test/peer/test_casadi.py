@@ -3,10 +3,11 @@
 from functools import cache
 import sys
 
-from kane_dynamics import (CompileError, ConstraintError, Inertial, InputError, load_urdf,
-                           ModelBuilder, Prescribed, Robot, rod, Speeds)
+from framework_states import arm, driven
+from kane_dynamics import (CompileError, ConstraintError, InputError, load_urdf,
+                           ModelBuilder, Robot, rod, Speeds)
 from kane_dynamics.native.machine_code import shared_library
-from linkages import at_angle, four_bar, four_bar_model, PIN
+from linkages import at_angle, four_bar
 import numpy as np
 import pytest
 
@@ -19,18 +20,9 @@ kinds = pytest.mark.parametrize('compiled', KINDS)
 
 
 @cache
-def arm():
-    """Return two links with a payload and a frame that carries a wrench."""
-    robot = Robot(load_urdf('urdf/two_link.urdf'), wrench_frames=['tip'], payload_frame='tip')
-    robot.parameters.payload = Inertial(0.7, (0.1, 0.02, -0.03), 0.01 * np.eye(3))
-    return robot
-
-
-@cache
-def driven():
+def driven_linkage():
     """Return a four-bar on a turntable whose crank moves in a given way."""
-    return Robot(four_bar_model(turntable=True), constraints=[
-        PIN, Prescribed('crank', lambda t: 0.7 + 0.1 * np.sin(t))])
+    return driven(turntable=True)
 
 
 @cache
@@ -45,7 +37,7 @@ def branching():
 def state_of(robot):
     """Return a closed configuration of a robot, speeds and their rates."""
     rng = np.random.default_rng(3)
-    q = {four_bar(): at_angle(0.7), driven(): np.r_[0.3, at_angle(0.7)],
+    q = {four_bar(): at_angle(0.7), driven_linkage(): np.r_[0.3, at_angle(0.7)],
          branching(): np.array([-1.0])}.get(robot)
     return (rng.normal(size=robot.n_q) if q is None else q,
             rng.normal(size=robot.n), rng.normal(size=robot.n))
@@ -75,7 +67,8 @@ def hessian(function):
 @pytest.mark.parametrize('robot, name', [
     (arm, 'inverse_dynamics'), (arm, 'forward_dynamics'), (arm, 'mass_matrix'),
     (arm, 'frame_pose:tip'), (arm, 'jacobian:tip'), (arm, 'kinetic_energy'),
-    (four_bar, 'inverse_dynamics'), (four_bar, 'forward_dynamics'), (driven, 'inverse_dynamics'),
+    (four_bar, 'inverse_dynamics'), (four_bar, 'forward_dynamics'),
+    (driven_linkage, 'inverse_dynamics'),
     (branching, 'inverse_dynamics')])
 def test_values_and_jacobians_are_the_robots(robot, name, compiled):
     robot = robot()

@@ -390,7 +390,7 @@ def congruent(M: Matrix, T: Matrix) -> Matrix:
             entry = T[:, r] @ half[:, s]
             result[r][s] = entry
             result[s][r] = entry
-    return np.array(result)
+    return np.array(result).reshape(n, n)
 
 
 def _exact_text(constraint: Constraint) -> str | None:

@@ -15,6 +15,7 @@ from kane_dynamics.feasibility.jerk_limited.third_order_limits import torque_rat
 from kane_dynamics.feasibility.path_limits import torque_kernel
 from kane_dynamics.robot.parameters import JointLimits
 import numpy as np
+from pinocchio_fr3 import pinocchio_fr3
 import pytest
 
 URDF, SUPPLEMENT = 'urdf/fr3.urdf', 'urdf/fr3.supplement.yaml'
@@ -70,14 +71,7 @@ def waypoints(seed, count=5):
 
 def excesses(robot, motion, payload, limits, resolution=100):
     """Return the largest shares of all limits, by Pinocchio and by differences of its torques."""
-    pinocchio = pytest.importorskip('pinocchio')
-    model = pinocchio.buildModelFromUrdf(URDF)
-    model = pinocchio.buildReducedModel(
-        model, [k for k, name in enumerate(model.names) if 'finger' in name], np.zeros(model.nq))
-    if payload:
-        model.appendBodyToJoint(7, pinocchio.Inertia(payload, np.zeros(3), np.zeros((3, 3))),
-                                model.frames[model.getFrameId('fr3_link7')].placement)
-    data = model.createData()
+    pinocchio, model, data = pinocchio_fr3(payload)
     h = np.diff(motion.times)
     t = np.append((motion.times[:-1, None] + h[:, None] * np.arange(resolution) / resolution
                    ).ravel(), np.nextafter(motion.duration, 0.0))

@@ -16,6 +16,7 @@ from kane_dynamics.motion.controller_points import ControllerPoints
 from kane_dynamics.motion.uniform_spline import spline_derivatives
 from kane_dynamics.robot.parameters import JointLimits
 import numpy as np
+from pinocchio_fr3 import pinocchio_fr3
 import pytest
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
@@ -53,19 +54,6 @@ def moving(seed):
     t, points = np.linspace(0.0, 1.0, 5), waypoints(seed)
     return Motion.from_points(t, points, CubicSpline(t, points)(t, 1),
                               joint_names=fr3().joint_names)
-
-
-@cache
-def pinocchio_fr3(payload=0.0):
-    """Return Pinocchio's model of the arm, which knows no friction."""
-    pinocchio = pytest.importorskip('pinocchio')
-    model = pinocchio.buildModelFromUrdf(URDF)
-    model = pinocchio.buildReducedModel(
-        model, [k for k, name in enumerate(model.names) if 'finger' in name], np.zeros(model.nq))
-    if payload:
-        model.appendBodyToJoint(7, pinocchio.Inertia(payload, np.zeros(3), np.zeros((3, 3))),
-                                model.frames[model.getFrameId('fr3_link7')].placement)
-    return pinocchio, model, model.createData()
 
 
 def torques(robot, q, u, udot, payload=0.0):
