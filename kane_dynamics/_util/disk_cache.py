@@ -95,6 +95,7 @@ def load(name: str) -> bytes | None:
                 os.utime(file.fileno())  # mark as recently used
     except OSError:
         return None
+    # The checksum includes the name, so that a file with another's content is damaged.
     head, checksum, body = (content[:len(MAGIC)], content[len(MAGIC):len(MAGIC) + 32],
                             content[len(MAGIC) + 32:])
     if head != MAGIC or hashlib.sha256(name.encode() + body).digest() != checksum:

@@ -410,6 +410,7 @@ class KernelSet:
 
     def _body(self, joint: str) -> int:
         """Return the index of the body that a joint moves."""
+        # Reactions exist for every body, with the joint that moves it.
         names = [body.joint.name for body in self.equations.model.bodies]
         if joint not in names:
             valid = ', '.join(names) or 'none'
@@ -493,6 +494,7 @@ class KernelSet:
             in_lanes = method_in_lanes(self.equations, name)
         if in_lanes is None:
             return self._traced(self._method(name, at), name, at, derivative)
+        # For arms of common size, the program with fewer instructions on this processor.
         program_in_lanes = self._traced(in_lanes, name, at)
         if self.equations.n > ALWAYS_IN_LANES:  # without lanes it would be far longer
             return program_in_lanes

@@ -95,7 +95,8 @@ def check(mechanism, seed):
     return np.abs(powers), kanes.size * speed
 
 
-@pytest.mark.parametrize('speeds', ['rates', 'absolute', 'momenta', 'wavy'])
+@pytest.mark.parametrize('speeds', ['rates', 'wavy', *(
+    pytest.param(speeds, marks=pytest.mark.slow) for speeds in ('absolute', 'momenta'))])
 @pytest.mark.parametrize('kind', KINDS)
 def test_energy_formulation_matches_kanes_on_trees(kind, speeds):
     powers, size = check(tree(1, kind, speeds), 1)

@@ -14,7 +14,7 @@ AGREES = 1e-6  # rad or m, with the reference
 GROWTH = 1e6  # of a perturbation: 1e-12 rad or m becomes more than AGREES beyond it
 CONSERVED = 1e-7  # of the largest energy
 NEAR = 0.02  # relative singular value of the Jacobian at a state refused as singular
-FEW = (0, 4, 6, 9, 11, 13)  # a seed or so of most families
+FEW = (0, 4, 9, 13)  # a seed of families that differ much
 
 
 def start(loops, robot, seed):

@@ -147,6 +147,7 @@ def _constant_pivot(A: Matrix, pivot_rows: dict[int, int],
     for r, row in enumerate(A):
         if r in pivot_rows.values():
             continue
+        # Constants of the row in unsolved columns; a traced entry may be of any size.
         sizes: dict[int, float] = {}
         has_traced = False
         for c, entry in enumerate(row):
@@ -159,6 +160,7 @@ def _constant_pivot(A: Matrix, pivot_rows: dict[int, int],
         largest = max(sizes.values(), default=0.0)
         if has_traced and largest < ALONE:
             continue
+        # Of large enough entries, one in a row with few entries, then a large one.
         filled = list(map(is_zero, row)).count(False)
         for c, size in sizes.items():
             if size <= smallest[r] or size < PIVOT_THRESHOLD * largest:

@@ -126,6 +126,8 @@ def generalized_active_force(model: Model, q: Vector, u: Vector, *,
         if body.beam is not None:
             force = force + beams.weight(body.beam, configuration, x, g)
             force = force + beams.modal_force(body.beam, x, u, friction)
+    # A force counts by the partial velocity of its point, a moment by the partial
+    # angular velocity of its body.
     if wrenches is not None:
         for frame, (force_at_frame, moment) in wrenches.items():
             jacobian = frame_partial_velocities(model, model.frame(frame), q)

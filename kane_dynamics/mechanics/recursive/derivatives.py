@@ -179,6 +179,7 @@ def link_states(links: Sequence[Link], q: Vector, u: Vector, udot: Vector,
 
 def single_link(link: Link, motion: LinkMotion) -> CompositeBody:
     """Return the composite body of a single link."""
+    # Momentum int omega x r dm, and angular momentum int r x (omega x r) dm.
     omega = motion[0]
     S, h = link.second_moment, link.first_moment
     v_r = np.stack([cross(omega, column) for column in S.T], axis=1)  # int v r^T dm

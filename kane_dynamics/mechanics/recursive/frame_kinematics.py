@@ -129,6 +129,7 @@ def partial_velocities(links: Sequence[Link], frame: Frame, q: Vector,
     if k != WORLD:
         R, p = poses[k]
         p_f = R @ p_f + p if at is None else at
+    # From the body of the frame to the root; joints that share a coordinate add up.
     while k != WORLD:
         link = links[k]
         R, p = poses[k]

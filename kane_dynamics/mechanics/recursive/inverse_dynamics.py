@@ -118,6 +118,7 @@ def link_motion(link: Link, step: JointStep, motions: Sequence[LinkMotion], q: V
 def inertia_wrench(link: Link, motion: LinkMotion) -> tuple[Vector, Vector]:
     """Return the negated inertia force and moment about the origin of a rigid link."""
     omega, _, a, U = motion
+    # int (a + U r) dm = m a + U h, and int r x (a + U r) dm about the origin.
     h = link.first_moment
     force = link.mass * a + U @ h
     moment = inertia_moment(link.second_moment, omega, U) + cross(h, a)

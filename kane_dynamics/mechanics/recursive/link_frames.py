@@ -227,12 +227,14 @@ def _number_of_constants(links: Sequence[Link]) -> int:
 
 def _turn_to_normal(child: Link) -> float:
     """Return the angle about z to the common normal with a child's joint axis."""
+    # The common normal of both axes; of parallel ones, the line to the child's origin.
     z, p = child.rotation[:, 2], child.translation
     x = np.cross(Z, z)
     if np.linalg.norm(x) <= NEARLY_PARALLEL and child.kind == 'revolute':
         x = np.array([p[0], p[1], 0.0])
     if np.linalg.norm(x) < 1e-9:  # the axes coincide
         return 0.0
+    # A normal has two directions: the smaller angle is chosen.
     angle = math.atan2(x[1], x[0])
     half = math.pi / 2.0 + 1e-9
     if angle > half:
@@ -277,6 +279,7 @@ def regrouped(links: Sequence[Link]) -> tuple[Link, ...]:
         # Mass and its moments along z do not resist a rotation about z, and second
         # moments do not resist a translation.
         part = slice(2, 4) if link.kind == 'revolute' else slice(0, 3)
+        # What does not resist moves to the parent, in its axes; the rest stays.
         inert = np.zeros((4, 4)).astype(link.pseudo_inertia.dtype)
         inert[part, part] = link.pseudo_inertia[part, part]
         base = link.pseudo_inertia.copy()

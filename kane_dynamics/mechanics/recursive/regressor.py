@@ -83,6 +83,7 @@ def regressor(links: Sequence[Link], q: Vector, u: Vector, udot: Vector, gravity
 
             for j, partial in partials[link.parent].items():
                 columns[j] = share(f'body_{k}', from_parent, partial, state)
+        # Rows of Y: joints that share a coordinate add up.
         partials.append({j: column[:6] for j, column in columns.items()})
         for j, column in columns.items():
             row = Y[links[j].coordinate]

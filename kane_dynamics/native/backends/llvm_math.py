@@ -104,17 +104,22 @@ class Vector:
         The error is 2 ulp for |x| < 1e6 and 1e-15 absolute up to 1e15; beyond 3e15 the
         results are wrong. Of floats: 2e-7 absolute up to their position limit.
         """
+        # x = turns pi/2 + r: adding `round` leaves the nearest whole number of quarter
+        # turns in the last bits of the mantissa.
         shifted = self.fma(x, self.const(2.0 / math.pi), self.const(self.real.round))
         quadrant = self.bits(shifted)
         turns = self.new(f'fneg {self.type} '
                          + self.op('fsub', shifted, self.const(self.real.round)))
+        # pi/2 in two parts, so that r keeps its digits.
         r = self.fma(turns, self.const(self.real.half_pi[0]), x)
         r = self.fma(turns, self.const(self.real.half_pi[1]), r)
+        # Polynomials of sine and cosine of r, |r| <= pi/4.
         z = self.op('fmul', r, r)
         sine = self.fma(self.op('fmul', r, z), self.polynomial(self.real.sine, z), r)
         head = self.fma(z, self.const(-0.5), self.const(1.0))
         cosine = self.fma(self.op('fmul', z, z), self.polynomial(self.real.cosine, z),
                           head)
+        # Odd quarter turns exchange them; the second bit of the quarter is the sign.
         odd = self.new(f'icmp ne {self.integer} {self.integer_op("and", quadrant, 1)}, '
                        'zeroinitializer')
         result = []
@@ -133,6 +138,7 @@ class Vector:
         # NaN stays NaN.
         over = self.new(f'fcmp ogt {self.type} {size}, {self.const(20.0)}')
         size = self.select(over, self.const(20.0), size)
+        # 2 |x| = k log 2 + r, as in `exp`.
         z = self.op('fadd', size, size)
         shifted = self.fma(z, self.const(1.0 / math.log(2.0)),
                            self.const(self.real.round))
@@ -141,6 +147,7 @@ class Vector:
         r = self.fma(k, self.const(self.real.log_2[0]), z)
         r = self.fma(k, self.const(self.real.log_2[1]), r)
         small = self.fma(self.op('fmul', r, r), self.polynomial(self.real.exp, r), r)
+        # E = 2^k (e^r - 1) + 2^k - 1 loses no digits near zero.
         power = self.number(self.integer_op(
             'shl', self.integer_op('add', self.bits(shifted), self.real.bias),
             self.real.mantissa))
@@ -155,6 +162,7 @@ class Vector:
         for code, most in (('ogt', high), ('olt', low)):  # NaN stays NaN
             past = self.new(f'fcmp {code} {self.type} {x}, {self.const(most)}')
             x = self.select(past, self.const(most), x)
+        # x = k log 2 + r, with log 2 in two parts.
         shifted = self.fma(x, self.const(1.0 / math.log(2.0)),
                            self.const(self.real.round))
         k = self.new(f'fneg {self.type} ' + self.op('fsub', shifted,
@@ -166,6 +174,7 @@ class Vector:
                                  self.polynomial(self.real.exp, r), r))
         whole = self.new(f'sub {self.integer} {self.bits(shifted)}, '
                          + self.bits(self.const(self.real.round)))
+        # Two factors: 2^k alone may be beyond the normal numbers where e^x is not.
         half = self.integer_op('ashr', whole, 1)
         for part in (half, self.new(f'sub {self.integer} {whole}, {half}')):
             power = self.op('fmul', power, self.number(self.integer_op(
@@ -175,16 +184,19 @@ class Vector:
 
     def log(self, x: str) -> str:
         """Return log x = k log 2 + log m, m from sqrt(1/2) to sqrt(2); 1 ulp."""
+        # Numbers below the normal ones are scaled up first, by 2^lift.
         lift = self.real.mantissa + 2
         tiny = self.new(f'fcmp olt {self.type} {x}, {self.const(self.real.smallest)}')
         scaled = self.select(tiny, self.op(
             'fmul', x, self.const(2.0**lift)), x)
+        # x = 2^k m: the exponent's bits, counted from sqrt(1/2), are k, the others m.
         above = self.integer_op('sub', self.bits(scaled), self.real.sqrt_half)
         exponent = self.integer_op('ashr', above, self.real.mantissa)
         m = self.number(self.new(f'sub {self.integer} {self.bits(scaled)}, '
                                  + self.integer_op('shl', exponent, self.real.mantissa)))
         k = self.new(f'sitofp {self.integer} {exponent} to {self.type}')
         k = self.op('fsub', k, self.select(tiny, self.const(lift), self.const(0.0)))
+        # log m = 2 artanh(s) with s = f / (2 + f), f = m - 1.
         f = self.op('fsub', m, self.const(1.0))
         s = self.op('fdiv', f, self.op('fadd', f, self.const(2.0)))
         z = self.op('fmul', s, s)
@@ -216,6 +228,7 @@ class Vector:
             r = self.select(past, reduced, r)
             base = self.select(past, self.const(share * self.real.half_pi[0]), base)
             low = self.select(past, self.const(share * self.real.half_pi[1]), low)
+        # arctan r = r + r^3 p(r^2); the rest of the base is added to the small part.
         z = self.op('fmul', r, r)
         tail = self.fma(self.op('fmul', r, z), self.polynomial(self.real.arctan, z), low)
         value = self.op('fadd', base, self.op('fadd', r, tail))

@@ -433,6 +433,7 @@ def module_text(program: Program, symbol: str) -> str:
 
 def with_callees(main: Function, declarations: Sequence[str]) -> str:
     """Return the LLVM IR of a function, its subroutines and their declarations."""
+    # A subroutine may call others; each is emitted once.
     functions: dict[str, list[str]] = {}
     pending = list(main.callees)
     while pending:
@@ -441,6 +442,7 @@ def with_callees(main: Function, declarations: Sequence[str]) -> str:
             function = main.callee(current)
             functions[current.name] = function.lines
             pending += function.callees
+    # Declarations of the intrinsics of elementary functions, as vectors and scalars.
     v = vector_type(main.width, main.real)
     end = intrinsic_end(main.width, main.real)
     lines = [*declarations,

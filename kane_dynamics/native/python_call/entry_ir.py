@@ -330,9 +330,11 @@ def bound_code(symbol: str, sizes: Sequence[int], limits: Sequence[float],
     data = []
     for k in range(len(sizes)):
         data.append(a.load('ptr', '%pointers', 8 * k))
+    # Only the values can be wrong: the arrays are those of the table.
     no_arguments = a.equal('i64', '%nargs', 0)
     a.branch([no_arguments, *a.finite(list(zip(data, sizes, limits)))], 'run', 'slow')
     a.put('run:', f'  call void @{symbol}(ptr %pointers)')
+    # The result stands last, behind the parameters.
     memory = a.load('ptr', '%pointers', 8 * (len(sizes) + n_parameters))
     if shape:
         a.branch(a.finite([(memory, math.prod(shape), math.inf)]), 'good', 'slow')

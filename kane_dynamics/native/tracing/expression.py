@@ -239,6 +239,7 @@ def _difference(x: Scalar, y: Scalar) -> Scalar:
         return _sum(x, -y)
     if not isinstance(x, Expr):
         return -y if x == 0.0 else y.trace.node('sub', float(x), y)
+    # Equal terms cancel, and signs make the difference a sum.
     if x is y:
         return 0.0
     if y.op == 'neg':
@@ -265,6 +266,7 @@ def _product(x: Scalar, y: Scalar) -> Scalar:
         x, y = y, x
     if not isinstance(x, Expr):
         return float(x) * float(y)
+    # A constant factor stands last; 0, 1 and -1 fold, signs and factors merge.
     if not isinstance(y, Expr):
         y = float(y)
         if y == 0.0:
@@ -279,6 +281,7 @@ def _product(x: Scalar, y: Scalar) -> Scalar:
         if factor != 1.0:
             return _product(base, factor * y)
         return x.trace.node('mul', x, y)
+    # Signs move outward, where sums absorb them.
     if x.op == 'neg':
         return -_product(x.args[0], y)
     if y.op == 'neg':
@@ -287,6 +290,7 @@ def _product(x: Scalar, y: Scalar) -> Scalar:
 
 
 def _quotient(x: Scalar, y: Scalar) -> Scalar:
+    # A division by a constant is a multiplication.
     if not isinstance(y, Expr):
         return _product(x, 1.0 / y)
     if not isinstance(x, Expr):

@@ -163,6 +163,7 @@ class MatrixFunction:
         blocks = []
         entries = []
         first_row = 0
+        # A block for each pair of result and argument; its nonzeros column by column.
         for y in self.outputs:
             first_column = 0
             for x in self.inputs:

@@ -291,6 +291,7 @@ def evaluate(program: Program, inputs: Sequence[Any], dtype: Any = np.float64) -
     def value_of(x: Any) -> Any:
         return values[x.index] if isinstance(x, Expr) else dtype(x)
 
+    # Operands are evaluated before the nodes that use them.
     for node in program.schedule():
         if node.op == 'input':
             name, k = node.args
@@ -298,6 +299,7 @@ def evaluate(program: Program, inputs: Sequence[Any], dtype: Any = np.float64) -
         elif node.op == 'call':
             callee, *arguments = node.args
             flat = np.array([value_of(x) for x in arguments])
+            # A subroutine gets its arguments as the program does: a flat part each.
             ends = np.cumsum([size_of(shape) for _, shape in callee.inputs])
             values[node.index] = evaluate(callee, np.split(flat, ends[:-1]),
                                           dtype).ravel()

@@ -178,8 +178,8 @@ def least_duration(robot, begin, end):
     return (2.0 * np.diff(angles) / (speeds[1:] + speeds[:-1])).sum()
 
 
-@pytest.mark.parametrize('friction', [0.0, 1.5])
-@pytest.mark.parametrize('velocity', [30.0, 5.0])
+@pytest.mark.parametrize('friction, velocity', [(1.5, 30.0), (1.5, 5.0), *(
+    pytest.param(0.0, velocity, marks=pytest.mark.slow) for velocity in (30.0, 5.0))])
 def test_duration_of_a_four_bar_is_that_of_full_torque_there_and_full_torque_back(friction,
                                                                                   velocity):
     robot = linkage(friction, velocity=velocity)

@@ -81,11 +81,11 @@ def test_z_scores_are_near_1_with_white_noise(estimate):
 
 
 @pytest.mark.parametrize(('estimate', 'unknown'), [
-    (identified_from_all_rows, ('friction',)), (identified_from_all_rows, ('offset',)),
-    (identified_from_all_rows, ('colour',)),
+    *(pytest.param(identified_from_all_rows, (unknown,), marks=pytest.mark.slow)
+      for unknown in ('friction', 'offset', 'colour')),
     (identified_from_all_rows, ('friction', 'offset', 'colour')),
     (estimated_by_sample, ('friction', 'offset', 'colour')),
-    (estimated_by_sample, ('friction', 'offset'))])
+    pytest.param(estimated_by_sample, ('friction', 'offset'), marks=pytest.mark.slow)])
 def test_z_scores_are_below_1_5_with_friction_offsets_and_coloured_noise(estimate, unknown):
     for score in scores(estimate, unknown):
         assert score < 1.5
