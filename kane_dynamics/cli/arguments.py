@@ -46,6 +46,8 @@ def _simulate(sub: ArgumentParser) -> None:
                      'rk4 where the step is stable, else implicit)')
     sub.add_argument('--stops', action='store_true',
                      help='joints hit rigid, inelastic stops at their position limits')
+    sub.add_argument('--sticking', action='store_true',
+                     help='joints stick below breakaway friction (exact Coulomb friction)')
     source = sub.add_mutually_exclusive_group()
     _add_motion(source, 'CSV or YAML file; followed by computed torque')
     source.add_argument('--torque', nargs='+', metavar='X',

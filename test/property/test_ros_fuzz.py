@@ -283,7 +283,8 @@ def test_mutated_request_is_answered_or_rejected_with_its_reason(share):
     served = ServedRobot(ROBOT, ROBOT, GravityAndPayload(ROBOT.model.gravity), {
         'gains.kp': np.ones(2), 'gains.kd': np.ones(2), 'simulation.max_duration': 1.0,
         'simulation.max_steps': 200, 'simulation.max_points': 50, 'trajectory.max_points': 20,
-        'simulation.integrator': 'rk4', 'simulation.stops': False}, WrenchFrames(ROBOT))
+        'simulation.integrator': 'rk4', 'simulation.stops': False,
+        'simulation.sticking': False}, WrenchFrames(ROBOT))
     seeds = requests(chance)
     outcomes = Counter()
     for _ in range(count):

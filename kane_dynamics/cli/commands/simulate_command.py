@@ -46,7 +46,8 @@ def simulation(options: Namespace) -> None:
             model_warnings(verbose=options.verbose)):
         result = simulate(robot, plan.q0, plan.u0, plan.duration, step=options.step,
                           torque=plan.torque, progress=progress,
-                          integrator=options.integrator, stops=options.stops)
+                          integrator=options.integrator, stops=options.stops,
+                          sticking=options.sticking)
     wall_time = time.perf_counter() - start
     if options.out:
         save = result.save_npz if options.out.endswith('.npz') else result.save_csv

@@ -50,6 +50,7 @@ from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.simulate import compile_simulation
 from kane_dynamics.simulation.step_kernels import step_kernel
 from kane_dynamics.simulation.step_size import possible_integrators
+from kane_dynamics.simulation.sticking.sticking_kernel import compile_sticking_steps
 from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_steps
 from kane_dynamics_interfaces.msg import TaskState
 import numpy as np
@@ -167,7 +168,10 @@ class ConfiguredRobot:
         follow = joints_that_follow(robot)
         for integrator in integrators:
             compile_simulation(robot, integrator, 'external_force', 'body_torques')
-            if self.values['simulation.stops']:
+            if self.values['simulation.sticking']:
+                compile_sticking_steps(robot, integrator, follow,
+                                       self.values['simulation.stops'])
+            elif self.values['simulation.stops']:
                 compile_pressed_steps(robot, integrator, follow)
         compile_timing(robot)
         if robot.constraint_names:

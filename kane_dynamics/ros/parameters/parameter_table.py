@@ -458,6 +458,9 @@ SPECS = (
     live('simulation.stops', 'flag', False,
          'put rigid, inelastic stops at the position limits in '
          'simulations'),
+    live('simulation.sticking', 'flag', False,
+         'simulate exact Coulomb friction: joints stick below '
+         'breakaway friction'),
     live('simulation.max_waiting', 'count', 8,
          'largest number of queued simulations; further '
          'requests are answered as busy', low=1.0, high=1000.0),

@@ -305,6 +305,7 @@ class PlantNode(Node):
             'steps at stops': str(plant.arm.stop_contacts),
             'energy balance': plant.arm.energy.warning or 'closes',
             'at a stop': ', '.join(plant.arm.at_stops) or 'none',
+            'sticking': ', '.join(plant.arm.stuck) or 'none',
             'wrenches at': ', '.join(plant.arm.wrenches) or 'none',
             'joint states dropped': str(plant.states.dropped),
             'commands dropped': str(plant.commands.dropped)}

@@ -31,6 +31,9 @@ SPECS = (
     Spec('integrator', 'text', AUTO,
          'integrator; auto: rk4, or implicit where friction, springs or beams need more '
          'substeps with rk4', choices=(AUTO, *INTEGRATORS)),
+    Spec('sticking', 'flag', False,
+         'exact Coulomb friction: joints stick below breakaway friction; false: the '
+         'smooth law, with which they creep'),
     Spec('publish_clock', 'flag', False,
          'publish simulated time on /clock, starting at 1 s, for '
          'nodes with use_sim_time; false: use system time'),

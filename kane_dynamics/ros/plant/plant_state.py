@@ -67,7 +67,7 @@ class PlantState:
         self.period: float = NANO / values['rate']  # ns
         self.arm = SimulatedArm(robot, 1.0 / (values['rate'] * values['substeps']),
                                 integrator_of_simulations(values, 'integrator'),
-                                values['arm_compensates'])
+                                values['arm_compensates'], values['sticking'])
         self.states: DelayLine[Measurement] = DelayLine()
         self.commands: DelayLine[Array] = DelayLine()
         self.timeouts = self.ticks = 0

@@ -11,7 +11,11 @@ from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 from kane_dynamics.ros.torque_path.wrench_input import WrenchFrames
 from kane_dynamics.simulation.energy_balance import EnergyBalance
 from kane_dynamics.simulation.step_kernels import state_names, step_kernel, StepChoice
-from kane_dynamics.simulation.step_size import stable_integrator, step_warning
+from kane_dynamics.simulation.step_size import (stable_integrator, step_warning,
+                                                without_coulomb)
+from kane_dynamics.simulation.sticking.friction_state import FrictionState
+from kane_dynamics.simulation.sticking.sticking_kernel import compile_sticking
+from kane_dynamics.simulation.sticking.sticking_steps import Sticking
 from kane_dynamics.simulation.stops.joint_stops import JointStops
 from kane_dynamics.simulation.stops.pressed_steps import compile_pressed_step
 from kane_dynamics.simulation.torque_input import TorqueInput
@@ -73,6 +77,8 @@ class SimulatedArm:
     arm_compensates : collection of str
         Torque terms that the arm adds to the commanded torques itself, at the state at
         the start of each step; effort limits apply to the commanded torques only.
+    sticking : bool
+        Exact Coulomb friction, as of `simulate`.
 
     Attributes
     ----------
@@ -102,7 +108,8 @@ class SimulatedArm:
     """
 
     def __init__(self, robot: Robot, step: float, integrator: str | None = None,
-                 arm_compensates: Collection[str] = (NO_TERM,)) -> None:
+                 arm_compensates: Collection[str] = (NO_TERM,),
+                 sticking: bool = False) -> None:
         """Compile the kernels of a step."""
         self._added = added_terms(arm_compensates)
         if self._added is not None:
@@ -134,20 +141,29 @@ class SimulatedArm:
         self._state[:n_q] = self._next[:n_q] = start
         self.integrator_choice = ''
         if integrator is None:
-            integrator, words = stable_integrator(robot, self._q[None], step, None, 0.0)
+            smooth = without_coulomb(robot) if sticking else robot
+            integrator, words = stable_integrator(smooth, self._q[None], step, None, 0.0)
             self.integrator_choice = words or ''
         self._integrator = integrator
         choice = StepChoice(False, integrator)
         kernel = step_kernel(robot, *choice)
         self._constants = kernel.parameters
         self._constants[0] = step
-        self.energy = EnergyCheck(robot, step, integrator)
+        contact = FrictionState(robot, True)
+        self._sticks = sticking and bool(contact.joints)
+        self._friction = contact
+        self.energy = EnergyCheck(robot, step, integrator,
+                                  contact if self._sticks else None)
         self.use_parameters()
         self._advance = kernel.bind([self._state, self._total], self._next, 'Step.')
         self._stops = JointStops(robot, step, 0.0)
+        self._sticking = Sticking(robot, step, 0.0, stops=True)
         self._source = TorqueInput(robot, kernel, choice, step, self._constants,
                                    self._total[None])
-        compile_pressed_step(robot, choice)
+        if self._sticks:
+            compile_sticking(robot, choice, stops=True)
+        else:
+            compile_pressed_step(robot, choice)
         robot.compile('inverse_mass_matrix')
         self.frames = WrenchFrames(robot)
         robot.compile('external_force')
@@ -235,7 +251,14 @@ class SimulatedArm:
             self._total[0] += self._external()
         # 3. One integration step; its last number is positive where the loops were
         # closed.
-        self._advance()
+        if self._sticks:
+            self._next[:] = self._sticking.step_end(self._source, self._state.copy(),
+                                                    self._next)
+            if not np.isfinite(self._next).all():
+                raise InputError('the motion diverged: not finite; expected torques of a '
+                                 'motion in a physical range')
+        else:
+            self._advance()
         if self._constrained and not self._next[-1] > 0.0:
             raise InputError('closed loops: near a singular configuration at '
                              f'{described(self.robot.mechanism, self._q)}; expected a '
@@ -243,7 +266,9 @@ class SimulatedArm:
         # 4. A joint beyond its limits: the step is repeated with the forces of the
         # stops.
         n = len(self.q)
-        if (self._next[:n] < self.lower).any() or (self._next[:n] > self.upper).any():
+        if self._sticks:
+            self._accept_exact()
+        elif (self._next[:n] < self.lower).any() or (self._next[:n] > self.upper).any():
             self._apply_stops()
         else:
             self._state[:] = self._next
@@ -257,6 +282,26 @@ class SimulatedArm:
                 for frame, wrench in self.wrenches.items()]
         world = self.frames.in_world(self._q, rows)
         return self.robot.external_force(self._q, wrench=world)
+
+    def _accept_exact(self) -> None:
+        """Accept a step with exact friction, in which joints may have hit their stops."""
+        self._state[:] = self._next
+        at_stop = self._friction.sides_at(self._q) != 0.0
+        self.stop_contacts += int(at_stop.any())
+        if self._sticking.hit:  # the impact takes energy
+            self.energy.close()
+            self.energy.restart(self._state)
+        else:
+            self.energy.add(self._total[0], self._state)
+
+    @property
+    def stuck(self) -> list[str]:
+        """Return the names of the joints that friction holds; none with the smooth law."""
+        if not self._sticks:
+            return []
+        samples = self._friction.at_samples(self._state[None], self._total, np.zeros(1))
+        held = samples.sticking[0][:len(self.joint_names)]
+        return [name for name, sticks in zip(self.joint_names, held) if sticks]
 
     def _apply_stops(self) -> None:
         """Advance by a step with the forces and the impulses of the stops."""
@@ -279,6 +324,8 @@ class EnergyCheck:
         s.
     integrator : str
         One of `mechanics.integrators.INTEGRATORS`.
+    friction : FrictionState, optional
+        Exact friction in place of the smooth law.
 
     Attributes
     ----------
@@ -287,9 +334,11 @@ class EnergyCheck:
 
     """
 
-    def __init__(self, robot: Robot, step: float, integrator: str) -> None:
+    def __init__(self, robot: Robot, step: float, integrator: str,
+                 friction: FrictionState | None = None) -> None:
         self._arguments = robot, step
         self._integrator = integrator
+        self._friction = friction
         self._states = np.zeros((1, BLOCK + 1, len(state_names(robot))))
         self._torques = np.zeros((1, BLOCK, robot.n))
         self.warning = ''
@@ -300,7 +349,7 @@ class EnergyCheck:
         self._states[0, 0] = state
         self._count = 0
         self._balance = EnergyBalance(*self._arguments, self._states[:, 0],
-                                      self._integrator)
+                                      self._integrator, friction=self._friction)
 
     def add(self, torque: Array, state: Array) -> None:
         """Add a step: the torques held during it, and the state after it."""

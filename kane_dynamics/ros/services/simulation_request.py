@@ -42,6 +42,7 @@ class SimulationRequest:
     torque: Array | ComputedTorque | None
     integrator: str | None
     stops: bool
+    sticking: bool
     assumption: str
 
     @classmethod
@@ -79,7 +80,8 @@ class SimulationRequest:
                    vector(request.velocity, index, n, 'velocity', 0.0), duration, step,
                    sample, torque,
                    integrator_of_simulations(values, 'simulation.integrator'),
-                   values['simulation.stops'], RIGID * (served.bending is not None))
+                   values['simulation.stops'], values['simulation.sticking'],
+                   RIGID * (served.bending is not None))
 
     def run(self, response: Any, proceed: Callable[[float], bool]) -> None:
         """
@@ -93,7 +95,7 @@ class SimulationRequest:
             trajectory = simulate(self.robot, self.q0, self.u0, self.duration,
                                   step=self.step, torque=self.torque, sample=self.sample,
                                   progress=proceed, integrator=self.integrator,
-                                  stops=self.stops)
+                                  stops=self.stops, sticking=self.sticking)
         except InputError as error:
             if self.integrator is None:  # chosen so that the step is stable
                 raise

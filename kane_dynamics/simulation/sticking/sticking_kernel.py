@@ -7,6 +7,7 @@ beginning, no joint that slides changes its direction, and none passes its stop.
 `Sticking` computes the other steps, in pieces.
 """
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -23,6 +24,7 @@ from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape, trace_program
 from kane_dynamics.native.tracing.subroutine import call
 from kane_dynamics.robot.robot import Robot
+from kane_dynamics.simulation.energy_balance import energy_kernel
 from kane_dynamics.simulation.step_kernels import (RobotMotion, step_signature,
                                                    StepChoice, time_input,
                                                    traced_step, wrench_input)
@@ -65,11 +67,19 @@ def sticking_kernel(choice: StepChoice, state: FrictionState, holds: bool) -> Ke
                                   (inputs['state'][0] + 2,), constants=constants)
 
 
+def compile_sticking_steps(robot: Robot, integrator: str, followed: Sequence[int],
+                           stops: bool) -> None:
+    """Compile the kernels of `Sticking` with and without feedback, as `step_kernel`."""
+    for feedback in (False, True):
+        compile_sticking(robot, StepChoice(feedback, integrator, None, followed), stops)
+
+
 def compile_sticking(robot: Robot, choice: StepChoice, stops: bool) -> None:
     """Compile the kernels of `Sticking` for one choice of the step."""
     state = FrictionState(robot, stops, choice.needed(robot).dual_to)
     if state.joints:
         state.kernel()
+        energy_kernel(robot, True)
         for holds in (False, True):
             sticking_kernel(choice, state, holds)
 

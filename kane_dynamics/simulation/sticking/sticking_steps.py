@@ -62,12 +62,18 @@ class Sticking:
     stops : bool
         Whether there are stops at the position limits.
 
+    Attributes
+    ----------
+    hit : bool
+        Whether joints hit stops in the last step of `step_end`.
+
     """
 
     def __init__(self, robot: Robot, step: float, start: float, stops: bool) -> None:
         """Begin without transitions."""
         self._robot, self._step, self._start = robot, step, start
         self.stops = stops
+        self.hit = False
         self._states: dict[int, FrictionState] = {}
         self._impacts: dict[int, dict[int, list[tuple[float, float]]]] = {}
         self._hits: dict[int, list[tuple[int, StopEvent]]] = {}
@@ -124,7 +130,7 @@ class Sticking:
         buffer = np.stack([state, state])
         self._forget(0, 0)
         self._follow(source, 0, buffer, 0)
-        self.settle(0)
+        self.hit = bool(self.settle(0))
         end: Array = buffer[1]
         return end
 

@@ -103,3 +103,13 @@ def test_simulations_have_stops_if_the_parameter_says_so(stops):
     assert RIGID in response.message
     assert (largest <= limits.upper[0] + 1e-9) == stops
     assert ('hits its upper stop' in response.message) == stops
+
+
+def test_simulations_have_exact_friction_if_the_parameter_says_so():
+    request = Simulate.Request(position=[0.1, 0.1], duration=0.1, sample_period=0.01,
+                               torque_source=Simulate.Request.ZERO)
+    simulation = SimulationRequest.from_request(request, served(simulation__sticking=True))
+    assert simulation.sticking
+    response = SimpleNamespace()
+    simulation.run(response, lambda t: True)
+    assert len(response.trajectory.points) == 11

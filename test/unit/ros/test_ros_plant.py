@@ -4,7 +4,8 @@ from dataclasses import replace
 from functools import cache
 import math
 
-from kane_dynamics import load_urdf, QuasiStatic, Robot, simulate
+from kane_dynamics import (Limits, load_urdf, ModelBuilder, QuasiStatic, Robot, rod,
+                           simulate)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.joint_stops import resolve_stops
@@ -462,3 +463,19 @@ def test_the_implicit_integrator_stops_an_arm_with_stiff_friction():
     oscillating = coasting(integrator='rk4')
     assert not oscillating.integrator_choice
     assert 'too long' in oscillating.step_warning() and np.abs(oscillating.u).max() > 1e-3
+
+
+def test_an_arm_with_exact_friction_sticks_and_hits_its_stops():
+    builder = ModelBuilder('arm')
+    builder.body('bar', axis=(0, -1, 0), inertial=rod(1.0, (0, 0, 0), (1, 0, 0)), friction=2.0,
+                 limits=Limits(-1.0, 1.0, effort=20.0))
+    arm = SimulatedArm(Robot(builder.model()), 1e-3, sticking=True)
+    weight = 0.5 * 9.81
+    for _ in range(200):
+        arm.step(np.array([weight - 1.9]))
+    assert arm.q[0] == 0.0 and arm.u[0] == 0.0 and arm.stuck == ['bar']
+    for _ in range(2000):
+        arm.step(np.zeros(1))
+    assert arm.q[0] == -1.0 and arm.u[0] == 0.0 and arm.stop_contacts > 0
+    arm.energy.close()
+    assert arm.energy.warning == ''

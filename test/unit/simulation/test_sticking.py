@@ -2,9 +2,12 @@
 
 from dataclasses import replace
 import itertools
+import json
 
 from kane_dynamics import (ComputedTorque, FlexibleLink, ModelBuilder, Motion, point_mass,
                            PointVelocity, Robot, rod, simulate, Trajectory)
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.cli import main
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.definition import kane
 from kane_dynamics.mechanics.friction import held_forces
@@ -345,6 +348,16 @@ def test_nothing_sticks_without_friction():
     assert not free.sticking.any() and free.q[-1, 0] == pytest.approx(1.0)
     with pytest.raises(InputError, match="sticking: 'yes'; expected True or False"):
         simulate(wheel(), [0.0], [1.0], 1.0, sticking='yes')
+
+
+def test_the_command_line_has_exact_friction(capsys, tmp_path):
+    supplement = tmp_path / 'rub.yaml'
+    supplement.write_text('joints: {joint1: {friction: 200.0}, joint2: {friction: 200.0}}')
+    asked = ['simulate', str(resource_path('urdf', 'two_link.urdf')), '--supplement',
+             str(supplement), '--duration', '0.1', '--json', '--sticking']
+    assert main(asked) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result['u'] == [0.0, 0.0]
 
 
 def test_what_sticks_is_saved(tmp_path):
