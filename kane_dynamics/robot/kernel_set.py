@@ -340,13 +340,15 @@ class KernelSet:
     def compiled(self, function: Callable[..., Any], name: str,
                  inputs: Mapping[str, Shape | Argument], shape: Shape, *,
                  constants: Shape | None = None,
-                 reason: ResultCheck | None = None) -> Kernel:
+                 reason: ResultCheck | None = None,
+                 single: Callable[..., Any] | None = None) -> Kernel:
         """
         Return the kernel of a function over any scalar, as `Robot.compiled`.
 
         With `constants`, the shape of the function's last argument, its numbers take the
         place of the robot's parameters: calls of the kernel's address pass them last.
-        `reason` is that of `Kernel`.
+        `reason` is that of `Kernel`; `single` is the same function in lanes, for single
+        states.
         """
         traced = self.function(function, name, inputs, constants, shape)
         place = name, traced.identity
@@ -358,8 +360,12 @@ class KernelSet:
             # The code of functions of others is in no key, so that they are traced
             # always.
             key = self.key if traced.is_of_library else None
+            program_in_lanes = None
+            if single is not None:
+                program_in_lanes = self.function(single, name, inputs, constants,
+                                                 shape).program
             kernel = Kernel(name, traced.program, key, traced.arguments, block, shape,
-                            reason, in_order=self._in_order)
+                            reason, program_in_lanes, self._in_order)
             self._made[place] = kernel
         return kernel
 

@@ -4,11 +4,11 @@ Cartesian impedance: a frame held to a target pose by a spring and a damper.
 With e the displacement and the orientation error, J the Jacobian of the frame, u_r a
 reference motion with J u_r = the desired twist, and s = u - u_r:
 
-    tau = compensation(u_r) + J^T (-dV/de - D J s + wrench) + N^T (posture) + walls
+    tau = compensation(u_r) + J^T (-dV/de - D J s + wrench) + posture + walls
 
 V = 1/2 e^T K e is the spring's energy (`Spring`), D the damping by ratio from the
-inertia and K at each state (`modal_damping`), N the projector on motions that do not
-move the frame (`TaskInertia`). The inertia is not shaped: no inverse of the Jacobian
+inertia and K at each state (`modal_damping`). The posture acts where it does not
+accelerate the frame (`posture`). The inertia is not shaped: no inverse of the Jacobian
 multiplies a feedback, and no measured force is needed. The reference motion alone uses
 the regularized Lambda.
 
@@ -47,11 +47,12 @@ from kane_dynamics.task_space.joint_speed_limits import (brake_torques, checked_
                                                          slowdown)
 from kane_dynamics.task_space.joint_walls import JointWalls
 from kane_dynamics.task_space.law_kernel import (checked_effort, checked_terms,
-                                                 identifier, Law, law_kernel,
-                                                 RunTimeSettings, Settings)
+                                                 entry_with_pose, identifier, LanesOf,
+                                                 Law, law_kernel, RunTimeSettings,
+                                                 Settings)
 from kane_dynamics.task_space.modal_damping import inverse_root_times
 from kane_dynamics.task_space.pose_checks import flat_pose, pose_margin
-from kane_dynamics.task_space.posture import posture_forces
+from kane_dynamics.task_space.posture import null_damping, posture_force
 from kane_dynamics.task_space.reference_dynamics import (compensation_weights,
                                                          reference_dynamics, WEIGHTS)
 from kane_dynamics.task_space.reference_motion import reference_motion, TargetMotion
@@ -61,7 +62,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 RATIO = 0.7  # default damping ratio
-NULL_DAMPING = 2.0  # 1/s: default rate at which motion that the frame does not see decays
+NULL_DAMPING = 5.0  # 1/s: default rate at which motion that the frame does not see decays
 
 
 class ImpedanceState(NamedTuple):
@@ -137,8 +138,9 @@ class CartesianImpedance(RunTimeSettings):
     posture_stiffness : float or array_like
         N m/rad or N/m, one for each joint with a position; 0 by default.
     null_damping : float
-        1/s: the rate at which motion that does not move the frame decays. Near singular
-        configurations it damps the directions that the frame loses.
+        1/s: the rate at which motion that does not move the frame decays; 5 by default.
+        Near singular configurations it damps the directions that the frame loses. With
+        a posture, 2 sqrt(stiffness / inertia) is critical.
     limit_stiffness, limit_margin : float or array_like, optional
         Soft walls before the joint limits, N m/rad and rad. Default: 0.1 rad or 5 % of
         the range, with the effort limit at the joint limit; 0 for none.
@@ -285,10 +287,18 @@ class CartesianImpedance(RunTimeSettings):
             The configuration is open or singular.
 
         """
-        return self._law(q, u, flat_pose(pose), self._zero if twist is None else twist,
-                         self._zero if acceleration is None else acceleration,
-                         self._zero if wrench is None else wrench, self._block,
-                         *((t,) if self._timed else ()))
+        if type(pose) is not np.ndarray:
+            pose = flat_pose(pose)
+        if twist is None:
+            twist = self._zero
+        if acceleration is None:
+            acceleration = self._zero
+        if wrench is None:
+            wrench = self._zero
+        if self._timed:
+            return self._law(q, u, pose.ravel(), twist, acceleration, wrench,
+                             self._block, t)
+        return self._law(q, u, pose.ravel(), twist, acceleration, wrench, self._block)
 
     def state(self, q: ArrayLike, u: ArrayLike, pose: ArrayLike,
               twist: ArrayLike | None = None, t: float = 0.0) -> ImpedanceState:
@@ -321,22 +331,22 @@ class CartesianImpedance(RunTimeSettings):
         shapes = self._shapes
         walls = self._walls
 
-        def law_of(choice: Robot) -> Law:
-            return _law(choice, task, walls, shapes, with_state)
+        def law_of(choice: Robot, lanes_of: LanesOf) -> Law:
+            return _law(choice, task, walls, shapes, with_state, lanes_of)
         name = 'impedance_state' if with_state else 'cartesian_impedance'
         inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'pose': (16,), 'twist': (6,),
                   'acceleration': (6,), 'desired_wrench': (6,),
                   'settings': (shapes.size,)}
         size = STATE_SIZE if with_state else len(robot.joint_names)
         kernel = law_kernel(robot, law_of, identifier(name, task.words), inputs, (size,))
-        return kernel.entry('', kernel)
+        return entry_with_pose(kernel)
 
 
 AXES = ('x', 'y', 'z', 'rx', 'ry', 'rz')
 
 
 def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,
-         with_state: bool) -> Law:
+         with_state: bool, lanes_of: LanesOf) -> Law:
     """Return the law as a function over any scalar; see the module."""
     equations = robot.equations
 
@@ -347,7 +357,7 @@ def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,
         target = pose.reshape(4, 4)
         desired = TargetMotion(task.in_world(target[:3, :3]), twist, acceleration)
         forces = impedance_forces(robot, task, walls, (q, u, t, parameters), target,
-                                  desired, values)
+                                  desired, values, lanes_of(q[0]))
         exerted = forces.mobility.J.T @ in_axes(desired.axes, wrench)
         tau, scale, brakes = forces.torques(equations, exerted, values['effort'])
         if with_state:
@@ -435,7 +445,7 @@ class ImpedanceForces(NamedTuple):
 
 def impedance_forces(robot: Robot, task: FrameTask, walls: JointWalls, at: StateAt,
                      target: Matrix, desired: TargetMotion,
-                     values: Mapping[str, Any]) -> ImpedanceForces:
+                     values: Mapping[str, Any], lanes: Any) -> ImpedanceForces:
     """Return the forces of a Cartesian impedance at a state; see the module."""
     equations = robot.equations
     q, u, t, parameters = at
@@ -450,8 +460,8 @@ def impedance_forces(robot: Robot, task: FrameTask, walls: JointWalls, at: State
     speed_scale = slowdown(motion.T @ u_r, values['speed'])
     u_r = speed_scale * u_r
     at_rest = equations.zeros
-    held = reference_dynamics(equations, q, u, at_rest, at_rest, values['weights'],
-                              parameters, t)
+    held = reference_dynamics(equations, q, at_rest, at_rest, at_rest,
+                              values['weights'], parameters, t)
     compensation = reference_dynamics(equations, q, u, u_r, speed_scale * udot_r,
                                       values['weights'], parameters, t)
     at_walls = motion.projected(walls.force(q, motion.qdot, values))
@@ -460,20 +470,22 @@ def impedance_forces(robot: Robot, task: FrameTask, walls: JointWalls, at: State
     s = u - u_r
     velocity = J @ s
     spring = Spring(equations.frame_pose(task.frame, q, t), target, axes, values)
-    damping = damping_wrench(mobility.W, velocity, values)
+    damping = damping_wrench(mobility.W, velocity, values, lanes)
 
-    # The posture, where it does not accelerate the frame.
-    posture, drag = posture_forces(equations, walls, inertia, q, s, motion, parameters,
-                                   values)
+    # Posture and damping, where they do not accelerate the frame.
+    momentum = equations.mass_matrix(q, parameters, t) @ s
+    drag = null_damping(inertia, momentum, s, values['null_damping'])
+    posture = posture_force(walls, inertia, q, motion, values)
     return ImpedanceForces(at, motion, held, at_walls, compensation - held,
                            drag - J.T @ damping, J.T @ spring.wrench + posture, spring,
                            damping, velocity, mobility, inertia, values['speed'],
                            speed_scale)
 
 
-def damping_wrench(W: Matrix, velocity: Vector, values: Mapping[str, Any]) -> Vector:
+def damping_wrench(W: Matrix, velocity: Vector, values: Mapping[str, Any],
+                   lanes: Any) -> Vector:
     """Return D times a velocity, (6,): the damping by ratio and the stated one."""
     F = np.triu(values['factor'])
     modes = symmetric_product(F @ W, F.T)
-    by_ratio = F.T @ inverse_root_times(modes, F @ (values['root'] * velocity))
+    by_ratio = F.T @ inverse_root_times(modes, F @ (values['root'] * velocity), lanes)
     return values['root'] * by_ratio + values['damping'] @ velocity

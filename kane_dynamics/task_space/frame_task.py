@@ -11,7 +11,7 @@ from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.computed_torque import require_rigid
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
+from kane_dynamics.mechanics.algebra.ltdl import factorize, Factors, inverse, solve
 from kane_dynamics.mechanics.ball_joints import on_unit_quaternions
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.model.model import Frame, WORLD
@@ -219,8 +219,7 @@ class TaskInertia:
         least = 1.0 / heaviest
         trace = sum(self.W[k, k] for k in range(count))
         shift = LEAST * least + ROUNDING * trace
-        of_shifted = inverse(factorize(self._shifted(shift), self._order), self._order)
-        self.mass = sum(of_shifted[k, k] for k in range(count))
+        self.mass = inverse_trace(factorize(self._shifted(shift), self._order))
 
         # lambda^2 = (1 - m_s / mass)^2 / m_s above m_s, else 0. The shift keeps the
         # factorization finite at the edge of rounding.
@@ -251,9 +250,19 @@ class TaskInertia:
         """Return N^T tau, (n,), which does not accelerate the task."""
         return tau - self.J.T @ self.force(self.P.T @ tau)
 
-    def null_speeds(self, u: Vector) -> Vector:
-        """Return N u, (n,): the part of u that does not move the task."""
-        return u - self.speeds(self.J @ u)
+
+def inverse_trace(factors: Factors) -> Scalar:
+    """Return the trace of M^-1 from M = L^T D L: the sum of (L^-1)_ij^2 / D_j."""
+    L, reciprocal = factors
+    count = len(L)
+    total: Scalar = 0.0
+    for j in range(count):
+        # Column j of L^-1, from its diagonal entry 1 down.
+        column = [1.0]
+        for i in range(j + 1, count):
+            column.append(-sum(L[i][j + k] * x for k, x in enumerate(column)))
+        total = total + reciprocal[j] * sum(x * x for x in column)
+    return total
 
 
 def symmetric_product(A: Matrix, B: Matrix) -> Matrix:

@@ -29,8 +29,9 @@ from kane_dynamics.model.model import Frame, WORLD
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.frame_task import frame_mobility
 from kane_dynamics.task_space.joint_walls import DAMPING, JointWalls
-from kane_dynamics.task_space.law_kernel import (checked_effort, identifier, Law,
-                                                 law_kernel, RunTimeSettings, Settings)
+from kane_dynamics.task_space.law_kernel import (checked_effort, identifier, LanesOf,
+                                                 Law, law_kernel, RunTimeSettings,
+                                                 Settings)
 from kane_dynamics.task_space.reference_dynamics import rated_friction
 import numpy as np
 from numpy.typing import ArrayLike
@@ -187,7 +188,7 @@ class HandGuiding(RunTimeSettings):
         walls = self._walls
         shapes = self._shapes
 
-        def law_of(choice: Robot) -> Law:
+        def law_of(choice: Robot, _: LanesOf) -> Law:
             return _law(choice, frame, walls, shapes)
         words = ['hand_guiding', str(self._planes)]
         if frame is not None:

@@ -33,7 +33,8 @@ from kane_dynamics.task_space.cartesian_impedance import (CartesianImpedance,
                                                           impedance_forces)
 from kane_dynamics.task_space.frame_task import FrameTask, in_axes
 from kane_dynamics.task_space.joint_walls import JointWalls
-from kane_dynamics.task_space.law_kernel import identifier, Law, law_kernel, Settings
+from kane_dynamics.task_space.law_kernel import (entry_with_pose, identifier, LanesOf,
+                                                 Law, law_kernel, Settings)
 from kane_dynamics.task_space.pose_checks import flat_pose, pose_margin
 from kane_dynamics.task_space.reference_motion import TargetMotion
 import numpy as np
@@ -190,18 +191,18 @@ class HybridForce(CartesianImpedance):
         walls = self._walls
         forced = self._forced
 
-        def law_of(choice: Robot) -> Law:
-            return _law(choice, task, forced, walls, shapes)
+        def law_of(choice: Robot, lanes_of: LanesOf) -> Law:
+            return _law(choice, task, forced, walls, shapes, lanes_of)
         inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'pose': (16,), 'twist': (6,),
                   'acceleration': (6,), 'desired_wrench': (6,), 'measured': (6,),
                   'integral': (6,), 'elapsed': (1,), 'settings': (shapes.size,)}
         name = identifier('hybrid_force', task.words, *map(str, forced))
         kernel = law_kernel(robot, law_of, name, inputs, (len(robot.joint_names) + 6,))
-        return kernel.entry('', kernel)
+        return entry_with_pose(kernel)
 
 
 def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls,
-         shapes: Settings) -> Law:
+         shapes: Settings, lanes_of: LanesOf) -> Law:
     """Return the law as a function over any scalar; see the module."""
     equations = robot.equations
     moving = np.ones(6)
@@ -221,7 +222,7 @@ def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls
             parts.append(in_axes(axes.T, along))
         desired = TargetMotion(axes, *parts)
         forces = impedance_forces(robot, task, walls, (q, u, t, parameters), target,
-                                  desired, values)
+                                  desired, values, lanes_of(q[0]))
 
         # The wrench to exert, in the axes: as desired along the impedance.
         wanted = in_axes(axes, wrench)

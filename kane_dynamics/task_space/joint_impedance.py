@@ -23,8 +23,8 @@ from kane_dynamics.control.terms import EVERY_TERM, Terms
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.task_space.law_kernel import (checked_terms, identifier, Law, law_kernel,
-                                                 RunTimeSettings, Settings)
+from kane_dynamics.task_space.law_kernel import (checked_terms, identifier, LanesOf, Law,
+                                                 law_kernel, RunTimeSettings, Settings)
 from kane_dynamics.task_space.reference_dynamics import (compensation_weights,
                                                          reference_dynamics, WEIGHTS)
 import numpy as np
@@ -108,9 +108,13 @@ class JointImpedance(RunTimeSettings):
             motion there.
 
         """
-        return self._law(q, u, q_d, self._zero if u_d is None else u_d,
-                         self._zero if udot_d is None else udot_d, self._block,
-                         *((t,) if self._timed else ()))
+        if u_d is None:
+            u_d = self._zero
+        if udot_d is None:
+            udot_d = self._zero
+        if self._timed:
+            return self._law(q, u, q_d, u_d, udot_d, self._block, t)
+        return self._law(q, u, q_d, u_d, udot_d, self._block)
 
     def energy(self, q: ArrayLike, q_d: ArrayLike) -> float:
         """Return the energy that the springs store, J."""
@@ -126,7 +130,7 @@ class JointImpedance(RunTimeSettings):
         shapes = self._shapes
         places = self._places
 
-        def law_of(choice: Robot) -> Law:
+        def law_of(choice: Robot, _: LanesOf) -> Law:
             return _law(choice, places, shapes)
         inputs = {'q': (robot.n_q,), 'u': (n,), 'q_d': (n,), 'u_d': (n,),
                   'udot_d': (n,), 'settings': (shapes.size,)}

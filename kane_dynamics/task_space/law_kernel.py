@@ -8,9 +8,11 @@ from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.control.computed_torque import require_following
 from kane_dynamics.control.terms import Terms
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.lanes import Lanes
 from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.native.runtime.kernel import Argument, Kernel
 from kane_dynamics.native.tracing.program import Shape, size_of
+from kane_dynamics.native.tracing.wide import WideLanes
 from kane_dynamics.robot.robot import in_choice, Robot
 from kane_dynamics.task_space.pose_checks import require_pose
 import numpy as np
@@ -110,10 +112,11 @@ def checked_effort(robot: Robot, stated: ArrayLike | None) -> Array:
     return np.minimum(effort, limits)
 
 
+LanesOf = Callable[[Scalar], Any]
 Law = Callable[..., Vector]  # of the inputs; wrench, t, parameters and limits by name
 
 
-def law_kernel(robot: Robot, law_of: Callable[[Robot], Law], name: str,
+def law_kernel(robot: Robot, law_of: Callable[[Robot, LanesOf], Law], name: str,
                inputs: Mapping[str, Shape | Argument], shape: Shape,
                followed: Sequence[int] = ()) -> Kernel:
     """
@@ -126,7 +129,8 @@ def law_kernel(robot: Robot, law_of: Callable[[Robot], Law], name: str,
     law_of : callable
         Returns the law of a robot as a function over any scalar, of the inputs and of
         `t`, `parameters`, all of which it must take. Its result is torques of the
-        joints first.
+        joints first. Its second argument returns the functions of `Lanes` for a scalar
+        of q: those of SIMD instructions for single states.
     name : str
         Distinguishes laws of one class with other frames, axes or directions.
     inputs : mapping of str to shape
@@ -138,14 +142,15 @@ def law_kernel(robot: Robot, law_of: Callable[[Robot], Law], name: str,
 
     """
     equations = robot.equations
-    law = law_of(robot)
+    def watched(law: Law) -> Law:
 
-    def watched(*inputs: Vector, t: Scalar, parameters: Vector,
-                limits: Vector) -> Vector:
-        result = law(*inputs, t=t, parameters=parameters)
-        if not equations.watched:  # a tree has no singular or open configuration
-            return result
-        return guarded(result, equations.margin(inputs[0], t, limits))
+        def guarded_law(*inputs: Vector, t: Scalar, parameters: Vector,
+                        limits: Vector) -> Vector:
+            result = law(*inputs, t=t, parameters=parameters)
+            if not equations.watched:  # a tree has no singular or open configuration
+                return result
+            return guarded(result, equations.margin(inputs[0], t, limits))
+        return guarded_law
 
     def reason(state: dict[str, Array]) -> Kernel | None:
         """Return the law with rows that are regular at a state, or None; may raise."""
@@ -160,7 +165,33 @@ def law_kernel(robot: Robot, law_of: Callable[[Robot], Law], name: str,
         choice = regular.equations.mechanism
         return law_kernel(in_choice(robot, choice.free, choice.kept), law_of, name,
                           inputs, shape, followed)
-    return robot.kernels.compiled(watched, name, inputs, shape, reason=reason)
+    return robot.kernels.compiled(watched(law_of(robot, _in_scalars)), name, inputs,
+                                  shape, reason=reason,
+                                  single=watched(law_of(robot, _in_lanes)))
+
+
+def _in_lanes(scalar: Scalar) -> Any:
+    """Return the functions of lanes of SIMD instructions, for a traced scalar."""
+    return WideLanes(scalar.trace)
+
+
+def _in_scalars(scalar: Scalar) -> Any:
+    """Return the functions of lanes for any scalar."""
+    return Lanes
+
+
+def entry_with_pose(kernel: Kernel) -> Callable[..., Array]:
+    """
+    Return the native entry point of a law whose third argument is a pose, flat.
+
+    Its fallback names the shape of the pose, which the kernel cannot.
+    """
+    def explained(q: Any, u: Any, pose: Any, *others: Any) -> Array:
+        if np.size(pose) != 16:
+            raise InputError(f'pose: {np.size(pose)} numbers; expected shape (4, 4)')
+        result: Array = kernel(q, u, pose, *others)
+        return result
+    return kernel.entry('', explained)
 
 
 def identifier(*words: str | Sequence[str]) -> str:

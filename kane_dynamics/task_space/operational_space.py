@@ -32,8 +32,9 @@ from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task, Fra
                                                  singular_mass as checked_mass,
                                                  TaskInertia)
 from kane_dynamics.task_space.joint_walls import JointWalls
-from kane_dynamics.task_space.law_kernel import (checked_effort, identifier, Law,
-                                                 law_kernel, RunTimeSettings, Settings)
+from kane_dynamics.task_space.law_kernel import (checked_effort, entry_with_pose,
+                                                 identifier, LanesOf, Law, law_kernel,
+                                                 RunTimeSettings, Settings)
 from kane_dynamics.task_space.orientation_error import orientation_error
 from kane_dynamics.task_space.pose_checks import flat_pose, pose_margin
 from kane_dynamics.task_space.reference_dynamics import rated_friction
@@ -149,10 +150,18 @@ class OperationalSpace(RunTimeSettings):
             The configuration is open or singular.
 
         """
-        return self._law(q, u, flat_pose(pose), self._zero if twist is None else twist,
-                         self._zero if acceleration is None else acceleration,
-                         self._zero if wrench is None else wrench, self._block,
-                         *((t,) if self._timed else ()))
+        if type(pose) is not np.ndarray:
+            pose = flat_pose(pose)
+        if twist is None:
+            twist = self._zero
+        if acceleration is None:
+            acceleration = self._zero
+        if wrench is None:
+            wrench = self._zero
+        if self._timed:
+            return self._law(q, u, pose.ravel(), twist, acceleration, wrench,
+                             self._block, t)
+        return self._law(q, u, pose.ravel(), twist, acceleration, wrench, self._block)
 
     def _compiled(self) -> Callable[..., Array]:
         """Return the entry point of the law."""
@@ -161,14 +170,14 @@ class OperationalSpace(RunTimeSettings):
         walls = self._walls
         shapes = self._shapes
 
-        def law_of(choice: Robot) -> Law:
+        def law_of(choice: Robot, _: LanesOf) -> Law:
             return _law(choice, task, walls, shapes)
         inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'pose': (16,), 'twist': (6,),
                   'acceleration': (6,), 'desired_wrench': (6,),
                   'settings': (shapes.size,)}
         name = identifier('operational_space', task.words)
         kernel = law_kernel(robot, law_of, name, inputs, (len(robot.joint_names),))
-        return kernel.entry('', kernel)
+        return entry_with_pose(kernel)
 
 
 def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings) -> Law:

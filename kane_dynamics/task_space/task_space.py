@@ -27,7 +27,8 @@ from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task, Fra
                                                  in_axes, independent_directions,
                                                  singular_mass as checked_mass,
                                                  TaskInertia)
-from kane_dynamics.task_space.law_kernel import identifier, Law, law_kernel, Settings
+from kane_dynamics.task_space.law_kernel import (identifier, LanesOf, Law, law_kernel,
+                                                 Settings)
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -162,7 +163,7 @@ class TaskSpace:
         robot = self.robot
         task = self._task
 
-        def law_of(choice: Robot) -> Law:
+        def law_of(choice: Robot, _: LanesOf) -> Law:
             return _quantities(choice, task)
         inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'singular_mass': (1,)}
         return law_kernel(robot, law_of, identifier('task_space', task.words), inputs,

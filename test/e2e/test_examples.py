@@ -67,6 +67,15 @@ def test_leader_and_follower():
     assert left < 0.5
 
 
+def test_push_and_release():
+    deflection, released, energy, mass = printed('push_and_release')
+    _, pushed, expected = numbers(deflection)
+    assert abs(pushed - expected) < 1e-6 * abs(expected)
+    assert numbers(released)[-1] == 0.0
+    assert numbers(energy)[1:] == [0.0, 0.0]
+    assert numbers(mass)[1] > 1e4  # through a singular configuration
+
+
 def test_free_flying_arm():
     turned, *momenta = printed('free_flying_arm')
     assert numbers(turned)[1] > 90.0

@@ -51,6 +51,7 @@ def test_the_torque_is_that_of_the_definition():
         np.testing.assert_allclose(tau, expected, atol=2e-5 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_a_moving_target_is_followed_exactly_on_the_exact_model():
     """Without errors the frame has the acceleration of the target, in turning axes too."""
     robot = fr3()
@@ -69,6 +70,7 @@ def test_a_moving_target_is_followed_exactly_on_the_exact_model():
         np.testing.assert_allclose(result, acceleration + drift, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('settings', [{'limit_stiffness': 500.0},
                                       {'force_limit': 500.0, 'moment_limit': 50.0}])
 def test_energy_does_not_rise_at_any_step_through_singular_configurations(settings):
@@ -123,6 +125,7 @@ def test_the_null_space_does_not_accelerate_the_frame():
     assert np.abs(torques[0] - torques[1]).max() > 1.0
 
 
+@pytest.mark.slow
 def test_through_a_singularity_torques_are_bounded_and_do_not_jump():
     """The elbow stretches; the damping by ratio of the lost direction stays finite."""
     robot = fr3()
@@ -220,7 +223,7 @@ def test_wrong_tasks_are_refused(arguments, message):
 
 
 @pytest.mark.parametrize('pose, message', [
-    (np.eye(3), 'shape (3, 3)'), (2.0 * np.eye(4), 'rotation matrix'),
+    (np.eye(3), 'expected shape (4, 4)'), (2.0 * np.eye(4), 'rotation matrix'),
     (np.full((4, 4), np.nan), 'pose'), (np.diag([-1.0, 1, 1, 1]), 'rotation matrix'),
     (np.eye(4) + np.eye(4, k=-3), 'last row'), ('pose', 'pose')])
 def test_what_is_no_pose_is_refused(pose, message):
@@ -229,6 +232,7 @@ def test_what_is_no_pose_is_refused(pose, message):
     assert message in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_palletizer_stands_still_on_its_target_and_falls_toward_it():
     """Three loops, four degrees of freedom, five actuators or less."""
     robot = palletizer()
@@ -243,6 +247,7 @@ def test_a_palletizer_stands_still_on_its_target_and_falls_toward_it():
     assert impedance.torque(q, 0.1 * np.ones(robot.n), pose).shape == (robot.n_q,)
 
 
+@pytest.mark.slow
 def test_the_energy_of_a_four_bar_falls_while_its_target_rests():
     robot = Robot(four_bar().model, constraints=four_bar().options['constraints'], friction=False)
     q = robot.closed_configuration((1.2, 0.0, -1.5), fixed=['crank'])

@@ -48,6 +48,7 @@ def test_speeds_beyond_the_limit_are_braked_with_the_inertia():
     np.testing.assert_allclose(tau, expected, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_frame_is_braked_along_its_velocity():
     robot = ur10e()
     u = np.array([0.5, 0.4, 0.3, 0.0, 0.2, 0.1])
@@ -72,6 +73,7 @@ def test_a_plane_pushes_the_frame_back_and_moves_at_run_time():
     np.testing.assert_allclose(guiding.torque(Q, rest), robot.gravity_force(Q), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_energy_falls_on_walls_and_planes_and_with_full_compensation_of_friction():
     """Thrown at a plane and a joint limit; the friction of the arm is compensated wholly."""
     robot = ur10e()
@@ -94,6 +96,7 @@ def test_energy_falls_on_walls_and_planes_and_with_full_compensation_of_friction
     assert np.diff(energies).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_a_closed_loop_is_held_against_gravity():
     robot = five_bar('left_crank', 'right_crank')
     q = five_bar_at(2.1, 1.05)

@@ -21,6 +21,7 @@ def ur10e():
     return robot
 
 
+@pytest.mark.slow
 def test_without_force_it_is_the_impedance_along_the_other_directions():
     robot = ur10e()
     pose = robot.frame_pose(TOOL, Q)

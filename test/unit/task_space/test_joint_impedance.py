@@ -51,6 +51,7 @@ def test_on_the_exact_model_a_closed_loop_follows_its_motion():
     np.testing.assert_allclose(result, accelerations, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_energy_of_a_closed_loop_does_not_rise_while_the_target_rests():
     robot = five_bar('left_crank', 'right_crank')
     law = JointImpedance(robot, stiffness=50.0, damping=0.5)

@@ -42,6 +42,7 @@ def test_the_frame_accelerates_as_prescribed_whatever_the_posture():
         np.testing.assert_allclose(result, expected, atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_the_posture_acts_where_the_frame_does_not_move():
     robot = fr3()
     law = OperationalSpace(robot, TIP, posture=Q + 0.3, limit_stiffness=0.0)
@@ -68,6 +69,7 @@ def test_torques_stay_finite_at_singular_configurations():
         assert np.abs(tau).max() < 1e3
 
 
+@pytest.mark.slow
 def test_a_closed_loop_accelerates_as_prescribed():
     robot = palletizer()
     angles = joint_angles(0.2, 0.3, 0.1, 0.4)

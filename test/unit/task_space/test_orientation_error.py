@@ -63,6 +63,7 @@ def test_through_half_a_turn_the_moment_does_not_jump_and_vanishes_about_the_axi
     assert abs(moments[2] @ n) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_closed_motion_neither_gains_nor_loses_energy():
     """The spring -K phi, which is no gradient, would leak joules here."""
     def path(s):

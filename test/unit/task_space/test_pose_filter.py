@@ -18,6 +18,7 @@ def norms(rows):
     return [np.linalg.norm(rows[:, part], axis=1).max() for part in (slice(3), slice(3, 6))]
 
 
+@pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(TWISTS, TWISTS, st.sampled_from([1e-3, 4e-3, 0.02]))
 def test_limits_hold_while_the_goal_jumps_and_it_is_reached(first, second, h):

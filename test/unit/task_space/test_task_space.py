@@ -49,6 +49,7 @@ def test_they_are_those_of_the_definition():
     assert space.mass == pytest.approx(np.trace(Lambda / np.outer(scales, scales)), rel=1e-7)
 
 
+@pytest.mark.slow
 def test_towards_a_singularity_they_are_bounded_and_do_not_jump():
     """Lambda itself grows without bound; the direction that is lost is named."""
     robot = fr3()
@@ -65,6 +66,7 @@ def test_towards_a_singularity_they_are_bounded_and_do_not_jump():
     assert np.abs(states[0].heaviest @ jacobian).max() < 1e-5  # of a square root of rounding
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('axes', ['world', 'frame', 'fr3_link0'])
 def test_axes_turn_the_quantities(axes):
     robot = fr3()
@@ -76,8 +78,9 @@ def test_axes_turn_the_quantities(axes):
     np.testing.assert_allclose(six @ turned.bias, world.bias, atol=1e-11)
 
 
-@pytest.mark.parametrize('axes, directions', [('world', None), ('world', ('x', 'z', 'ry')),
-                                              ('frame', ('x', 'y', 'z'))])
+@pytest.mark.parametrize('axes, directions', [
+    ('world', None), pytest.param('world', ('x', 'z', 'ry'), marks=pytest.mark.slow),
+    pytest.param('frame', ('x', 'y', 'z'), marks=pytest.mark.slow)])
 def test_in_task_speeds_the_mass_matrix_is_lambda(axes, directions):
     """Two formulations: generalized speeds of Kane's equations, and products of matrices."""
     robot = Robot(load_urdf(resource_path('urdf', 'ur10e.urdf')))
@@ -106,6 +109,7 @@ def test_in_task_speeds_the_mass_matrix_is_lambda(axes, directions):
     assert chosen.verify() < 1e-9
 
 
+@pytest.mark.slow
 def test_closed_loops_have_task_speeds():
     robot, q = loop()
     u = np.array([0.3, -0.2, 0.1, 0.4])
@@ -120,6 +124,7 @@ def test_closed_loops_have_task_speeds():
                                atol=1e-10 * np.abs(direct.bias).max())
 
 
+@pytest.mark.slow
 def test_a_five_bar_with_one_direction_has_a_complement():
     robot = five_bar('left_crank', 'right_crank')
     q, u = five_bar_at(2.1, 1.05), np.array([0.4, -0.3])
