@@ -142,6 +142,7 @@ def law_kernel(robot: Robot, law_of: Callable[[Robot, LanesOf], Law], name: str,
 
     """
     equations = robot.equations
+
     def watched(law: Law) -> Law:
 
         def guarded_law(*inputs: Vector, t: Scalar, parameters: Vector,

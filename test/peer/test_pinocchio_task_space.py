@@ -27,7 +27,7 @@ def arm(name):
     peer = Peer(path)
     robot = Robot(peer.model, friction=False)
     free = np.full(robot.n, np.inf)
-    robot.limits = replace(robot.limits, effort=free, lower=-free, upper=free)
+    robot.limits = replace(robot.limits, effort=free, lower=-free, upper=free, velocity=free)
     return robot, peer
 
 
