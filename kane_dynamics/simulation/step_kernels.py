@@ -78,7 +78,7 @@ def step_signature(robot: Robot, choice: StepChoice) -> tuple[str, dict[str, Sha
     if dual_to is not None:
         places = speed_places(robot.mechanism.speeds, dual_to)
         name = f'{name}_dual_to_{"_".join(map(str, places))}'
-    if feedback and not robot.equations.in_joint_rates:
+    if followed:
         name = f'{name}_{"_".join(map(str, followed))}'
     inputs = dict(_inputs(robot, feedback))
     constants = inputs.pop('constants')

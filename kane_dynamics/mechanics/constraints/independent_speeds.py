@@ -241,9 +241,11 @@ def _starts(mechanism: Mechanism) -> list[Array]:
     """Return initial guesses for loop closure within the joint limits, first near 0."""
     model = mechanism.model
     units = mechanism.units
-    limits = [joint.limits for joint in model.coordinate_joints]
-    lower = np.maximum([limit.lower for limit in limits], -np.pi * units)
-    upper = np.minimum([limit.upper for limit in limits], np.pi * units)
+    lower = -np.pi * units
+    upper = np.pi * units
+    for k, joint in enumerate(model.coordinate_joints):
+        lower[k] = max(lower[k], joint.limits.lower)
+        upper[k] = min(upper[k], joint.limits.upper)
 
     rng = np.random.default_rng(0)
     near_zero = units * rng.uniform(-0.1, 0.1, len(lower))

@@ -34,11 +34,15 @@ def defined_rows(mechanism: Mechanism) -> Rows:
     def rows(q: Array, t: float) -> tuple[Array, Array, Array]:
         with np.errstate(all='ignore'):
             all_rows = mechanism.rows(mechanism.state(q, t))
-        residual = [0.0 if x is None else x for x in all_rows.residual]
-        of_positions = [x is not None for x in all_rows.residual]
-        arrays = [np.array(x, dtype=np.float64)
-                  for x in (all_rows.J, residual, of_positions)]
-        return arrays[0], arrays[1], arrays[2]
+        J = np.array(all_rows.J, dtype=np.float64)
+        # Rows of velocities alone have no residual.
+        residual = np.zeros(len(J))
+        of_positions = np.zeros(len(J))
+        for k, x in enumerate(all_rows.residual):
+            if x is not None:
+                residual[k] = x
+                of_positions[k] = 1.0
+        return J, residual, of_positions
     return rows
 
 
@@ -90,17 +94,20 @@ def closed_configuration(mechanism: Mechanism, q: Any, *, t: float = 0.0,
     """
     model = mechanism.model
     start = _checked(mechanism, q, t)
-    if not all(ball.quaternion(start).any() for ball in balls(model)):
-        raise InputError(f'q: {start.tolist()}; expected nonzero quaternions')
+    for ball in balls(model):
+        if not ball.quaternion(start).any():
+            raise InputError(f'q: {start.tolist()}; expected nonzero quaternions')
     start = np.asarray(on_unit_quaternions(model, start), dtype=np.float64)
     fixed_joints = _joints(mechanism, checked_names(fixed, 'fixed') or ())
-    moves = np.array([k not in fixed_joints for k in range(model.n)])
+    moves = np.ones(model.n, dtype=bool)
+    moves[list(fixed_joints)] = False
 
     result = closing_iterations(mechanism, start, moves, t, rows=rows)
     if result.converged:
         return result.q
+    # The worst row, each relative to its unit: rad, or lengths of the mechanism.
     unit_of_label = dict(zip(mechanism.labels, mechanism.row_units))
-    units = [unit_of_label[label] for label in result.labels]
+    units = list(map(unit_of_label.__getitem__, result.labels))
     worst = int(np.argmax(np.abs(result.residual / units)))
     raise ConstraintError(
         f"loop closure: no configuration found for '{result.labels[worst]}', its "
