@@ -1,10 +1,12 @@
 """Mechanics with SymPy symbols: a scalar type, and models with symbolic constants."""
 
 from collections.abc import Iterable
+from copy import copy
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
+from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.friction import slides
@@ -210,8 +212,7 @@ def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
     table = ParameterSymbols()
     bodies = []
     for number, body in enumerate(model.bodies, 1):
-        bodies.append(SimpleNamespace(name=body.name, parent=body.parent, beam=None,
-                                      inertial=_inertial(table, number, body),
+        bodies.append(_unchecked_copy(body, inertial=_inertial(table, number, body),
                                       joint=_joint(table, number, body.joint)))
     gravity = table.vector('g', model.gravity, 'm/s^2', 'gravity')
     view = SimpleNamespace(n=model.n, bodies=bodies, gravity=gravity, name=model.name,
@@ -244,7 +245,8 @@ def exact_model(model: Model) -> Any:
 def _inertial(table: ParameterSymbols, number: int, body: Body) -> Any:
     """Return the inertial properties of a body as symbols."""
     inertial = body.inertial
-    return SimpleNamespace(
+    return _unchecked_copy(
+        inertial,
         mass=table.scalar(f'm{number}', inertial.mass, 'kg', f'mass of {body.name}'),
         com=table.vector(f'r{number}', inertial.com, 'm',
                          f'center of mass of {body.name}'),
@@ -288,8 +290,12 @@ def _joint(table: ParameterSymbols, number: int, joint: Joint) -> Any:
                              f'friction speed at {joint.name}')
     place = table.vector(f'l{number}', joint.translation, 'm',
                          f'position of {joint.name}')
-    return SimpleNamespace(name=joint.name, kind=joint.kind, axis=joint.axis,
-                           rotation=joint.rotation, translation=place,
-                           coordinate=joint.coordinate, multiplier=joint.multiplier,
-                           offset=joint.offset, friction_speed=speed, deflection=None,
-                           **properties)
+    return _unchecked_copy(joint, translation=place, friction_speed=speed, **properties)
+
+
+def _unchecked_copy(record: Any, **symbols: Any) -> Any:
+    """Return a copy of a frozen record with symbols in fields that are checked for numbers."""
+    result = copy(record)
+    for name, value in symbols.items():
+        freeze(result, name, value)
+    return result
