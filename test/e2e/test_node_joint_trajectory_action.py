@@ -103,7 +103,8 @@ def node(participant):
                         initial__position=list(START), wrench__frames='[c]', **common)
         node = Process(real_states=True, mode='computed_torque', state_timeout=5.0,
                        limits__rate='.inf',
-                       trajectory__path_tolerance=1.0, **common)
+                       trajectory__path_tolerance=1.0,
+                       modes='[joint_impedance, hand_guiding]', **common)
         try:
             node.wait_for('active, mode computed_torque', 120.0)
             yield node
@@ -382,7 +383,29 @@ def test_the_driven_joints_of_an_arm_with_closed_loops_follow_and_stop(client):
                                         start=(np.array(goal_end), None, None))
             np.testing.assert_allclose(arm.rest(), motion.sample(rest)[0], atol=5 * SETTLED)
         finally:
-            arm.close()
             print(node.log, plant.log)
+            _, unfinished = arm.send(times, [goal_end], DRIVEN)
+            assert wait_until(lambda: arm.feedback)
             for process in (node, plant):
                 assert process.end()[0] == 0
+            # A node that ends sends the result first.
+            status, code, text = arm.result(unfinished)
+            arm.close()
+            assert (status, code) == (ABORTED, -1)
+            assert text.startswith('dropped (the node was deactivated) at '), text
+
+
+def test_joint_impedance_follows_goals_and_hand_guiding_does_not(arm):
+    assert arm.client.adjust(mode='joint_impedance').successful
+    try:
+        random = np.random.default_rng(4)
+        succeeds(arm, random)
+        is_cancelled(arm, random)
+        assert arm.client.adjust(mode='hand_guiding').successful
+        status, code, text = arm.ask([1.0], [START])
+        assert (status, code) == (ABORTED, -1)
+        assert text == ('mode: hand_guiding; expected one with feedback (computed_torque, '
+                        'joint_impedance)')
+    finally:
+        assert arm.client.adjust(mode='computed_torque').successful
+    arm.rest()

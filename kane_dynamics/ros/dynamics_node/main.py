@@ -61,6 +61,7 @@ def spin_node(stop: Any) -> None:
         spin(node, executor, stop, failed=command_zeros)
     finally:
         node.halt()
+        node.end_goals()
         node.server.stop()
         services.join(timeout=1.0)
         executor.shutdown()

@@ -104,6 +104,7 @@ class DynamicsNode(LifecycleNode):
         self.server = Services(
             self, self._on_trajectory, self._on_payload,
             lambda reason: self._reject_trajectory('trajectory', reason))
+        self.trajectory_action: JointTrajectoryAction | None = None
         try:
             self.trajectory_action = JointTrajectoryAction(
                 self, self.server, self._running,
@@ -322,6 +323,11 @@ class DynamicsNode(LifecycleNode):
         if self.arm is not None and not self.arm.halt():
             self.get_logger().error('commands: zeros not acknowledged by a subscriber '
                                     f'within {ACKNOWLEDGE_TIMEOUT} s')
+
+    def end_goals(self) -> None:
+        """End the goal of a node that has halted, before the services stop."""
+        if self.trajectory_action is not None:
+            self.trajectory_action.close()
 
     # What the transitions do.
 

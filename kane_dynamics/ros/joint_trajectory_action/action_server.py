@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
+import time
 from typing import Any
 
 from kane_dynamics.errors import InputError, KaneError
@@ -46,6 +47,7 @@ NAME = 'follow_joint_trajectory'
 # s between two judgements, and two feedback messages. Shorter ones delay torques: each
 # takes the interpreter for about a millisecond.
 PERIOD = 0.05
+CLOSING, SENDING = 0.3, 0.05  # s, to end a goal, and to send its result
 # Modes whose feedback follows a motion of the joints
 FEEDBACK_MODES = ('computed_torque', 'joint_impedance')
 
@@ -240,13 +242,37 @@ class JointTrajectoryAction:
             return GoalOutcome(ResultCode.SUCCESSFUL, text)
         return GoalOutcome(ResultCode.INVALID_GOAL, f'{reason} {goal.progress()}')
 
+    def close(self) -> None:
+        """
+        End the goal of a node that stopped, from another thread; wait for its result.
+
+        Without it a client would wait for a result that nobody sends.
+        """
+        end = time.monotonic() + CLOSING
+        goal = self._goal
+        if goal is None:
+            return
+        self._server.spinner.create_task(self._judge)
+        while not goal.ended.done() and time.monotonic() < end:
+            time.sleep(0.005)
+        time.sleep(SENDING)
+
     # While a goal is followed.
 
     def _judge(self) -> None:
-        """Judge the states since the last call, and publish feedback."""
+        """Judge the states since the last call; an error ends the goal."""
         goal = self._goal
         if goal is None:  # the timer was ready when it was destroyed
             return
+        try:
+            self._judge_states(goal)
+        except Exception as error:
+            text = f'internal error: {type(error).__name__}: {error}'
+            self._end(goal, GoalOutcome(ResultCode.INVALID_GOAL, text))
+            self._stop(goal)  # without judgement the motion does not go on
+
+    def _judge_states(self, goal: FollowedGoal) -> None:
+        """Judge states, publish feedback, and end the goal where it ends."""
         states = goal.record.take()
         outcome = None
         if states is not None and not goal.cancelled:
@@ -304,6 +330,9 @@ class JointTrajectoryAction:
         generation = active_motion.generation
         now = path.now
         progress = goal.progress()
+        goal.cancelled = f'cancelled {progress}'
+        if not path.running:  # the motion ended with the node's activity
+            return
         motion, moment = active_motion.at(now)
         if motion is None:
             # The goal has not begun, and the arm holds its pose.
@@ -322,7 +351,6 @@ class JointTrajectoryAction:
             start = now
         goal.record.motion = stop
         goal.rest = start + round(stop.duration * NANO)
-        goal.cancelled = f'cancelled {progress}'
         if motion is goal.motion:
             goal.cancelled += f'; the arm rests at {rest:.3f} s of its motion'
         active_motion.follow(stop, start, now, generation)
