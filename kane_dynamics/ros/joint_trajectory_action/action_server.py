@@ -246,7 +246,7 @@ class JointTrajectoryAction:
         """
         End the goal of a node that stopped, from another thread; wait for its result.
 
-        Without it a client would wait for a result that nobody sends.
+        Without it a client would wait for a result that never arrives.
         """
         end = time.monotonic() + CLOSING
         goal = self._goal
