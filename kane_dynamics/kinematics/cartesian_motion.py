@@ -26,6 +26,7 @@ from kane_dynamics.kinematics.poses import pose_error
 from kane_dynamics.loop_tracking.driven_mechanism import DrivenLoops
 from kane_dynamics.loop_tracking.loop_tracker import velocity_rows
 from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.model.model import WORLD
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.native.runtime.kernel import Argument, checked
 from kane_dynamics.robot.robot import Robot
@@ -33,6 +34,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 EXACT = 1e-10  # m and rad, of inverse kinematics at the times
+FINEST = 1e-9  # m and rad, least tolerance
 ITERATIONS = 50
 FIRST_INTERVALS = 8  # of each phase of the motion along the path
 MOST_POINTS = 20_000
@@ -105,8 +107,8 @@ def cartesian_motion(robot: Robot, frame: str, q: ArrayLike,
     Parameters
     ----------
     robot : Robot
-        With joint angles and positions as coordinates, no ball joints; constraints of
-        positions, with rates of joints as independent speeds.
+        With joint angles and positions as coordinates, no ball joints, no beams;
+        constraints of positions, with rates of joints as independent speeds.
     frame : str
         One of `robot.frame_names`.
     q : (n_q,) array_like
@@ -134,8 +136,14 @@ def cartesian_motion(robot: Robot, frame: str, q: ArrayLike,
     """
     instance(robot, Robot, 'robot')
     require_angles(robot.model, 'cartesian_motion')
-    tolerance = number(tolerance, 'tolerance', 'a positive number, m and rad',
-                       lambda x: 0.0 < x < np.inf)
+    if robot.model.flexible:
+        raise InputError('robot: with beams; expected a rigid robot, as a path does not '
+                         'state their deflections')
+    tolerance = number(tolerance, 'tolerance', f'a number from {FINEST:g}, m and rad',
+                       lambda x: FINEST <= x < np.inf)
+    if robot.model.frame(frame).body == WORLD:
+        raise InputError(f"frame: '{frame}', which does not move; expected a frame of a "
+                         'moving body')
     names = _moved_joints(robot)
     start = _start(robot, q)
     desired = _desired(robot, frame, start, path, limits, duration)

@@ -16,13 +16,13 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import finite_row, number
+from kane_dynamics._util.checks import constant, number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.poses import checked_pose, pose_error, rotation_exp
 from kane_dynamics.motion.speed_profile import SectionLimits
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 RADIUS = 0.3  # m/rad: a turn of 1 rad counts as much as this distance in s
 SHORTEST = 1e-9  # of a piece, m or RADIUS rad
@@ -306,6 +306,8 @@ class PosePath:
 
         """
         stated, oriented = _stated(poses)
+        if len(stated) < 2:
+            raise InputError('poses: one; expected two or more')
         pieces = []
         for k, (start, end) in enumerate(pairwise(stated)):
             error = pose_error(start, end)
@@ -338,7 +340,7 @@ class PosePath:
 
         """
         ends, oriented = _stated([start, end])
-        middle = finite_row(via, 'via', ('x', 'y', 'z'))
+        middle = constant(via, (3,), 'via', InputError)
         first, last = ends[0, :3, 3], ends[1, :3, 3]
         # The center of the circle is in the plane of both chords.
         to_via, to_end = middle - first, last - first
@@ -389,8 +391,8 @@ class PosePath:
 
         """
         poses, oriented = _stated([start])
-        point = finite_row(center, 'center', ('x', 'y', 'z'))
-        direction = finite_row(axis, 'axis', ('x', 'y', 'z'))
+        point = constant(center, (3,), 'center', InputError)
+        direction = constant(axis, (3,), 'axis', InputError)
         size = float(np.linalg.norm(direction))
         if not size > 0.0:
             raise InputError(f'axis: {direction.tolist()}; expected a direction')
@@ -488,12 +490,19 @@ class PosePath:
         """Return whether the orientation changes."""
         return any(piece.turning.any() for piece in self._pieces)
 
-    def _placed(self, s: ArrayLike) -> tuple[Array, Array]:
+    def _placed(self, s: ArrayLike) -> tuple[Array, NDArray[np.intp]]:
         """Return places within their sections, and the sections, (N,) each."""
-        parameters = np.clip(np.atleast_1d(np.asarray(s, dtype=float)), 0.0, self.length)
+        try:
+            stated: Array = np.atleast_1d(np.asarray(s, dtype=np.float64))
+        except (TypeError, ValueError):
+            stated = np.array([np.nan])
+        if stated.ndim > 1 or not np.isfinite(stated).all():
+            raise InputError(f's: {s!r}; expected (N,) finite parameters')
+        parameters: Array = np.clip(stated, 0.0, self.length)
         sections = np.searchsorted(self._starts, parameters, side='right') - 1
-        sections = np.minimum(sections, len(self._sections) - 1)
-        return parameters - self._starts[sections], sections
+        last = len(self._sections) - 1
+        inside: NDArray[np.intp] = np.minimum(sections, last)
+        return parameters - self._starts[inside], inside
 
 
 def _stated(poses: ArrayLike | Sequence[ArrayLike]) -> tuple[Array, bool]:
@@ -501,13 +510,13 @@ def _stated(poses: ArrayLike | Sequence[ArrayLike]) -> tuple[Array, bool]:
     try:
         numbers = np.asarray(poses, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f'poses: {poses!r}; expected poses (4, 4), or positions (3,)'
-                         ) from None
+        raise InputError('poses: of several shapes, or not of numbers; expected poses '
+                         '(4, 4), or positions (3,)') from None
     if numbers.ndim == 2 and numbers.shape[1] == 3 and len(numbers):
-        rows = [finite_row(row, f'position {k}', ('x', 'y', 'z'))
-                for k, row in enumerate(numbers)]
-        T = np.tile(np.eye(4), (len(rows), 1, 1))
-        T[:, :3, 3] = rows
+        for k, row in enumerate(numbers):
+            constant(row, (3,), f'position {k}', InputError)
+        T = np.tile(np.eye(4), (len(numbers), 1, 1))
+        T[:, :3, 3] = numbers
         return T, False
     if numbers.ndim != 3 or not len(numbers):
         raise InputError(f'poses: shape {numbers.shape}; expected (K, 4, 4), poses, or '

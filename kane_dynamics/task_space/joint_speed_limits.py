@@ -54,12 +54,18 @@ def brake_torques(equations: Equations, q: Vector, u: Vector, motion: JointMotio
 
     Parameters
     ----------
+    equations : Equations
+        Of the robot.
+    q, u : (n_q,), (n,) arrays
+        The state.
     motion : JointMotion
         At u, with udot = 0.
     force : (n,) array
         The generalized force that acts.
     limits : (n_j,) array
         Of the joint speeds, rad/s; infinite for none.
+    parameters, t
+        Of the robot; time, s.
 
     """
     T = motion.T

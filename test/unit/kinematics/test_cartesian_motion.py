@@ -199,6 +199,8 @@ def test_a_path_through_a_singular_configuration_is_refused_and_along_it_is_foll
     ({'path': PoseMotion(PosePath.through([[0, 0, 0], [1, 0, 0]]), duration=1.0)},
      r'limits and duration: given for a PoseMotion'),
     ({'duration': 0.0}, r'duration: 0.0; expected'), ({'tolerance': -1.0}, r'tolerance: -1.0'),
+    ({'tolerance': 1e-12}, r'tolerance: 1e-12; expected a number from 1e-09'),
+    ({'frame': 'base_link'}, r"frame: 'base_link', which does not move"),
     ({'frame': 'tool9'}, r"frame 'tool9'|'tool9'")])
 def test_invalid_arguments_are_named(robot, change, message):
     target = robot.frame_pose('tool0', HOME)
@@ -217,3 +219,9 @@ def test_a_closed_loop_with_other_speeds_than_joint_rates_is_refused_by_its_spee
     q = machine.feasible_configuration()
     with pytest.raises(InputError, match=r"robot: constraints with the speeds \['.*; expected"):
         cartesian_motion(machine, 'tool', q, machine.frame_pose('tool', q), duration=1.0)
+
+
+def test_an_arm_with_beams_is_refused():
+    arm = Robot(load_urdf(URDFS / 'two_link.urdf', supplement=URDFS / 'two_link.bending.yaml'))
+    with pytest.raises(InputError, match='robot: with beams; expected a rigid robot'):
+        cartesian_motion(arm, arm.frame_names[-1], np.zeros(arm.n_q), np.eye(4), duration=1.0)
