@@ -9,23 +9,27 @@ of the joint positions at the end, against a simulation with a far shorter step.
 Run: `.venv/bin/python benchmarks/sticking.py`; it prints both ratios.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 import sys
 import time
 
-from kane_dynamics import load_urdf, Robot
+from kane_dynamics import load_urdf, Robot, simulate
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.simulation.step_kernels import step_kernel, StepChoice
 from kane_dynamics.simulation.sticking.friction_state import FrictionModes, FrictionState
 from kane_dynamics.simulation.sticking.sticking_kernel import mode_rows, sticking_kernel
+import mujoco
 import numpy as np
+from simulation_loop import mujoco_model
 
 FRICTION = np.array([4.0, 4.0, 3.0, 3.0, 1.0, 1.0, 1.0])  # N m
 Q = np.array([0.1, -0.4, 0.2, -1.8, 0.1, 1.5, 0.4])
 U = np.array([0.8, -0.6, 0.7, 0.9, -0.8, 0.7, 0.9])
 STEPS, ROUNDS = 20_000, 15
 DURATION = 1.0  # s
-REFERENCE = 1e-5  # s: step of the reference
+REFERENCE = 1e-4  # s: step of the reference
+OUR_STEPS = (0.02, 0.01, 0.005, 0.002, 0.001)  # s: the longest with at most the error counts
 
 
 def fr3() -> Robot:
@@ -72,9 +76,73 @@ def step_times(robot: Robot, integrator: str) -> dict[str, float]:
     return times
 
 
+def moved(robot: Robot, q0: np.ndarray, tau: np.ndarray, step: float) -> np.ndarray:
+    """Return where the FR3 is at the end, with exact friction."""
+    run = simulate(robot, q0, np.zeros(robot.n), DURATION, step=step, torque=tau,
+                   sample=DURATION, sticking=True)
+    return run.q[-1]
+
+
+def mujoco_of(robot: Robot) -> mujoco.MjModel:
+    """Return MuJoCo's FR3 with the same joints and friction, and its noslip solver."""
+    plant = mujoco_model('fr3', robot.model)
+    plant.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    plant.opt.noslip_iterations = 20
+    off = mujoco.mjtDisableBit
+    plant.opt.disableflags &= ~(off.mjDSBL_FRICTIONLOSS | off.mjDSBL_CONSTRAINT)
+    plant.dof_frictionloss[:] = FRICTION
+    plant.dof_damping[:] = 0.0
+    plant.dof_damping.reshape(robot.n, -1)[:, 0] = 0.5
+    plant.dof_armature[:] = 0.1
+    return plant
+
+
+def moved_by_mujoco(plant: mujoco.MjModel, data: mujoco.MjData, q0: np.ndarray,
+                    tau: np.ndarray, step: float) -> np.ndarray:
+    """Return where MuJoCo's FR3 is at the end."""
+    mujoco.mj_resetData(plant, data)
+    plant.opt.timestep = step
+    data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q0, 0.0, tau
+    mujoco.mj_step(plant, data, nstep=round(DURATION / step))
+    return data.qpos.copy()
+
+
+def least_times(calls: dict[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+    """Return the least time of each call, s, in interleaved runs."""
+    times = dict.fromkeys(calls, np.inf)
+    for _ in range(rounds):
+        for name, call in calls.items():
+            begin = time.perf_counter()
+            call()
+            times[name] = min(times[name], time.perf_counter() - begin)
+    return times
+
+
+def against_mujoco(robot: Robot) -> None:
+    """Print times and errors of one motion with transitions, of both programs."""
+    # Gravity and springs of the motion: torques that break some joints away.
+    tau = robot.gravity_force(Q) + FRICTION * np.array([1.5, 0.9, -1.3, 0.5, 2.0, -0.7, 1.2])
+    reference = moved(robot, Q, tau, REFERENCE)
+    plant = mujoco_of(robot)
+    data = mujoco.MjData(plant)
+    for step in (1e-3, 1e-4):
+        its_error = np.abs(moved_by_mujoco(plant, data, Q, tau, step) - reference).max()
+        ours = next(length for length in OUR_STEPS
+                    if np.abs(moved(robot, Q, tau, length) - reference).max() <= its_error)
+        our_error = np.abs(moved(robot, Q, tau, ours) - reference).max()
+        times = least_times({
+            'MuJoCo': lambda step=step: moved_by_mujoco(plant, data, Q, tau, step),
+            'simulate': lambda ours=ours: moved(robot, Q, tau, ours)}, 7)
+        print(f'{DURATION:g} s: MuJoCo noslip, step {step:g} s: error {its_error:.1e} rad, '
+              f'{1e3 * times["MuJoCo"]:.2f} ms; simulate, step {ours:g} s: error '
+              f'{our_error:.1e} rad, {1e3 * times["simulate"]:.2f} ms; ratio '
+              f'{times["MuJoCo"] / times["simulate"]:.1f}')
+
+
 def main() -> None:
     """Print the comparisons."""
     robot = fr3()
+    against_mujoco(robot)
     for integrator in ('rk4', 'implicit'):
         times = step_times(robot, integrator)
         text = ', '.join(f'{name} {1e6 * x:.2f} us ({x / times["smooth"]:.2f})'

@@ -207,21 +207,22 @@ def viscous_over_rate(joint: Joint, rate: Scalar) -> Scalar:
     return ratio
 
 
-def breakaway_torques(joint: Joint, load: float) -> tuple[float, float]:
+def holding_interval(joint: Joint, load: Any) -> tuple[Any, Any]:
     """
-    Return the least and the largest torque of the motor, N m or N, that a joint at rest holds.
+    Return the least and the largest friction of a joint at rest, on its coordinate, N m or N.
 
-    Friction of a joint at rest is any torque up to breakaway friction: the motor may
-    have any torque in this interval while the drive carries the load.
+    The motor may have any torque between the sums of the load and these, while the drive
+    carries the load. `load` may be an array.
     """
     forward, backward = breakaway_levels(joint)
     driving, backdriven = load_fractions(joint)
-    up, down = driving, backdriven
-    if load < 0.0:
-        up, down = backdriven, driving
-    center = load + joint.friction_offset
-    return (center - (backward + down * abs(load)),
-            center + (forward + up * abs(load)))
+    lifts = np.asarray(load) >= 0.0
+    up = np.where(lifts, driving, backdriven)
+    down = np.where(lifts, backdriven, driving)
+    m = joint.multiplier
+    ends = (m * (joint.friction_offset - backward - down * np.abs(load)),
+            m * (joint.friction_offset + forward + up * np.abs(load)))
+    return min(ends, key=np.sum), max(ends, key=np.sum)
 
 
 def breakaway_levels(joint: Joint) -> tuple[Any, Any]:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 import math
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant
@@ -153,8 +154,15 @@ def possible_integrators(robot: Robot, integrator: str | None) -> tuple[str, ...
     return ('rk4',)
 
 
+_WITHOUT_COULOMB: WeakKeyDictionary[Robot, Robot] = WeakKeyDictionary()
+
+
 def without_coulomb(robot: Robot) -> Robot:
     """Return a robot whose friction does not depend on the direction of motion."""
+    if robot in _WITHOUT_COULOMB:
+        other = _WITHOUT_COULOMB[robot]
+        other.parameters.block[:] = robot.parameters.block
+        return other
     bodies = []
     for body in robot.model.bodies:
         joint = replace(body.joint, friction=0.0, friction_backward=None,
@@ -163,6 +171,7 @@ def without_coulomb(robot: Robot) -> Robot:
         bodies.append(replace(body, joint=joint))
     other = Robot(replace(robot.model, bodies=tuple(bodies)), **robot.options)
     other.parameters.block[:] = robot.parameters.block
+    _WITHOUT_COULOMB[robot] = other
     return other
 
 

@@ -8,7 +8,9 @@ from typing import Any
 from kane_dynamics._util.attribute_hints import hinting_method
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.friction import holding_interval
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters
+from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS
 from kane_dynamics.native.tracing.program import size_of
 from kane_dynamics.robot.derivative_kernels import Derivative, require_known
 from kane_dynamics.robot.methods.dispatch import compiled, Dispatch
@@ -18,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 
+FRICTION_TERM = TORQUE_TERMS.index('friction')
 Matrices = tuple[Array, Array, Array]
 OTHER_NAMES = {'jacobian': 'partial_velocities',
                'jacobian_rate': 'partial_velocity_rates',
@@ -128,10 +131,11 @@ class DynamicsMethods(Dispatch):
                        t: ArrayLike = 0.0,
                        out: Array | None = None) -> Array:
         """
-        Return d u + mu tanh(u / u_s) + offset, (n,): viscous and Coulomb friction.
+        Return the torque that overcomes friction without load, (n,), N m or N.
 
-        In N m or N. With chosen speeds or constraints it depends on q; other robots
-        ignore q and t.
+        By `mechanics.friction.friction_torque`; friction that depends on the load of a
+        drive is in `inverse_dynamics` and `torque_terms`. With chosen speeds or
+        constraints it depends on q; other robots ignore q and t.
         """
         if self.equations.in_joint_rates:
             return self._call('friction_force', (u,), out)
@@ -140,6 +144,53 @@ class DynamicsMethods(Dispatch):
                              'friction of a robot with chosen speeds or constraints '
                              'depends')
         return self._call('friction_force', (u, q), out, t)
+
+    def holding_torques(self, q: ArrayLike, *,
+                        wrench: ArrayLike | None = None) -> tuple[Array, Array]:
+        """
+        Return the least and the largest torques with which motors hold the robot at rest.
+
+        Friction of a joint at rest is any torque up to breakaway friction. Within the
+        interval the torque is not determined by the rest; outside, the joint moves. A
+        self-locking drive holds its load also without torque.
+
+        Parameters
+        ----------
+        q : (n,) or (N, n) array_like
+            rad or m.
+        wrench : (k, 6) or (N, k, 6) array_like, optional
+            External wrenches, as of `inverse_dynamics`.
+
+        Returns
+        -------
+        least, largest : (n,) or (N, n) arrays
+            N m or N.
+
+        Raises
+        ------
+        InputError
+            The robot has chosen speeds or constraints: there the torques that hold are
+            no intervals of single joints.
+
+        """
+        if not self.equations.in_joint_rates:
+            raise InputError('holding_torques: of a robot with chosen speeds, constraints '
+                             'or ball joints; expected a tree in joint rates, since '
+                             'joints share what holds others')
+        u = np.zeros_like(np.asarray(q, dtype=np.float64))
+        terms = self.torque_terms(q, u, u)
+        load = terms.sum(axis=-2) - terms[..., FRICTION_TERM, :]
+        if wrench is not None:
+            load = load - self.external_force(q, wrench=wrench)
+        least, largest = load.copy(), load.copy()
+        equations = self.equations
+        joints = [body.joint for body in equations.model.bodies if equations.friction]
+        for joint in joints:
+            k = joint.coordinate
+            low, high = holding_interval(joint, load[..., k])
+            least[..., k] += low
+            largest[..., k] += high
+        return least, largest
 
     @compiled
     def external_force(self, q: ArrayLike, *, wrench: ArrayLike | None = None,

@@ -13,6 +13,7 @@ the independent speeds by M^-1 T_s^T f.
 
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Flags, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
@@ -187,6 +188,7 @@ class FrictionState:
             self.units = units[self.places]
         self.slow = AT_REST * self.units * self.constrained
 
+    @lazy_property
     def kernel(self) -> Kernel:
         """Return the kernel of `Forces`."""
         robot, joints, dual_to = self.robot, self.joints, self._dual_to
@@ -222,10 +224,18 @@ class FrictionState:
         """Return `Forces` at a state, (size,), with the torque tau and these directions."""
         robot = self.robot
         n_q, n, k = robot.n_q, robot.n, len(self.joints)
-        time = (t,) if robot.equations.timed else ()
-        row = self.kernel()(state[:n_q], state[n_q:n_q + n], tau, directions, *time)
-        ends = np.cumsum([n, k, k, n * k, k * k, k, k, k])
-        udot, v, a, B, A, *bounds_and_friction = np.split(row, ends)
+        # Without the checks of a call: states and torques are those of the simulation.
+        inputs = [state[None, :n_q], state[None, n_q:n_q + n], tau[None], directions[None]]
+        if robot.equations.timed:
+            inputs.append(np.array([t]))
+        row = np.empty((1, *self.kernel.shape))
+        self.kernel.run([np.ascontiguousarray(x, dtype=np.float64) for x in inputs], row, 1)
+        parts = []
+        begin = 0
+        for size in (n, k, k, n * k, k * k, k, k, k, robot.model.n):
+            parts.append(row[0, begin:begin + size])
+            begin += size
+        udot, v, a, B, A, *bounds_and_friction = parts
         A = A.reshape(k, k)
         if self.constrained:  # may couple joints: then A is singular, and they share f
             A = A + REGULAR * np.diag(A).max(initial=0.0) * np.eye(k)

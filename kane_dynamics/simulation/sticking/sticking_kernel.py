@@ -78,7 +78,7 @@ def compile_sticking(robot: Robot, choice: StepChoice, stops: bool) -> None:
     """Compile the kernels of `Sticking` for one choice of the step."""
     state = FrictionState(robot, stops, choice.needed(robot).dual_to)
     if state.joints:
-        state.kernel()
+        assert state.kernel is not None  # compiled
         energy_kernel(robot, True)
         for holds in (False, True):
             sticking_kernel(choice, state, holds)

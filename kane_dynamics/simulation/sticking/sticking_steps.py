@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.joint_stops import nearest_stops, resolve_stops
+from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.simulation.energy_balance import energy_kernel
 from kane_dynamics.simulation.observers import Extremes, Impact
@@ -32,6 +33,7 @@ MOST = 200  # transitions in one step
 SHORT = 1e-13  # of a step: resolution of a transition's time
 ROUNDING = 1e-12  # relative, of a margin
 LEAST = 1e-300  # N m or N
+ROOT = 1e-14  # of the largest value of a function in a step: zero
 
 
 class _Event(NamedTuple):
@@ -75,6 +77,7 @@ class Sticking:
         self.stops = stops
         self.hit = False
         self._states: dict[int, FrictionState] = {}
+        self._kernels: dict[int, dict[bool, Kernel]] = {}  # by robot
         self._impacts: dict[int, dict[int, list[tuple[float, float]]]] = {}
         self._hits: dict[int, list[tuple[int, StopEvent]]] = {}
         self._events: list[StopEvent] = []
@@ -86,6 +89,15 @@ class Sticking:
             self._states[key] = FrictionState(source.robot, self.stops,
                                               source.choice.needed(source.robot).dual_to)
         return self._states[key]
+
+    def _kernels_of(self, source: TorqueInput) -> dict[bool, Kernel]:
+        """Return the kernels of steps of a source, by whether joints may be held."""
+        key = id(source.robot)
+        if key not in self._kernels:
+            contact = self.state_of(source)
+            self._kernels[key] = {holds: sticking_kernel(source.choice, contact, holds)
+                                  for holds in (False, True)}
+        return self._kernels[key]
 
     def advance(self, source: TorqueInput, buffer: Array, done: int) -> Extremes | None:
         """Compute the states after each step; arguments as of `JointStops.advance`."""
@@ -138,7 +150,8 @@ class Sticking:
 
     def _follow(self, source: TorqueInput, i: int, rows: Array, done: int) -> None:
         """Compute the states of simulation i after each step, (K + 1, size)."""
-        path = _Path(source, self.state_of(source), self._step, self._start)
+        path = _Path(source, self.state_of(source), self._kernels_of(source), self._step,
+                     self._start)
         modes = path.modes(rows[0], done)
         at, end, piece = 0, len(rows) - 1, PIECE
         resolved = True
@@ -216,16 +229,15 @@ class _Hit(NamedTuple):
 class _Path:
     """The motion of one simulation within and across steps, in given modes."""
 
-    def __init__(self, source: TorqueInput, contact: FrictionState, step: float,
-                 start: float) -> None:
-        """Find the kernels."""
+    def __init__(self, source: TorqueInput, contact: FrictionState,
+                 kernels: dict[bool, Kernel], step: float, start: float) -> None:
+        """Store the kernels of steps, by whether joints may be held."""
         self.source, self.contact = source, contact
         self._step, self._start = step, start
         self._n_q, self._n = source.robot.n_q, source.robot.n
         # The length of the step is the constant after the gains.
         self._place_of_step = 2 * source.robot.n if source.follows else 0
-        self._kernels = {holds: sticking_kernel(source.choice, contact, holds)
-                         for holds in (False, True)}
+        self._kernels = kernels
 
     def modes(self, state: Array, step: int, passed: float = 0.0,
               sliding: dict[int, float] | None = None) -> FrictionModes:
@@ -441,7 +453,7 @@ def first_root(function: Callable[[float], float], end: float, resolution: float
     last = 0
     for iteration in range(200):
         width = high - low
-        if width <= resolution or f_high == 0.0:
+        if width <= resolution or f_high > -ROOT:
             break
         x = high - f_high * width / (f_high - f_low)
         if iteration % 4 == 3:

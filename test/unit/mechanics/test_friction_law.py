@@ -241,7 +241,44 @@ def test_the_other_direction_is_as_the_first_by_default():
     joint = Joint('j', 'revolute', AXIS, friction=1.0, load_friction=0.1)
     assert friction.coulomb_levels(replace(joint, friction=2.0)) == (2.0, 2.0)
     assert friction.load_fractions(joint) == (0.1, 0.1)
-    assert friction.breakaway_torques(joint, -5.0) == pytest.approx((-6.5, -3.5))
+    assert friction.holding_interval(joint, -5.0) == pytest.approx((-1.5, 1.5))
+
+
+@pytest.mark.parametrize('fractions', [(0.2, 0.3), (0.3, 1.4), (0.0, None)])
+def test_torques_that_hold_are_those_with_which_nothing_moves(fractions):
+    law = {'friction': 1.0, 'friction_backward': 0.6, 'breakaway_friction': 1.3,
+           'friction_offset': 0.2, 'load_friction': fractions[0],
+           'load_friction_backdriven': fractions[1]}
+    builder = ModelBuilder('arm')
+    for name, on, at in (('one', 'world', (0, 0, 0)), ('two', 'one', (0.7, 0, 0))):
+        builder.body(name, on, axis=(0, -1, 0), at=at,
+                     inertial=rod(2.0, (0, 0, 0), (0.7, 0, 0)), **law)
+    robot = Robot(builder.model())
+    q = [0.4, -0.9]
+    least, largest = robot.holding_torques(q)
+    load = Robot(robot.model, friction=False).gravity_force(q)
+    for j in range(2):
+        # The load pulls down: upward it is driven, downward it drives the motor.
+        up, down = fractions[0], fractions[0] if fractions[1] is None else fractions[1]
+        assert load[j] > 0.0
+        assert largest[j] == pytest.approx(0.2 + load[j] * (1.0 + up) + 1.3)
+        assert least[j] == pytest.approx(0.2 + load[j] * (1.0 - down) - 0.9)
+    ends = [(largest, 1e-3, 1.0)]
+    if max(x or 0.0 for x in fractions) < 1.0:
+        ends.append((least, -1e-3, -1.0))
+    for end, beyond, direction in ends:
+        for j in range(2):
+            tau = 0.5 * (np.maximum(least, 0.3 * load) + largest)
+            tau[j] = end[j] - beyond
+            held = simulate(robot, q, [0.0, 0.0], 0.01, torque=tau, sticking=True)
+            assert held.sticking.all()
+            tau[j] = end[j] + beyond
+            moved = simulate(robot, q, [0.0, 0.0], 0.01, torque=tau, sticking=True)
+            assert direction * moved.u[-1, j] > 0.0
+    batch = robot.holding_torques([q, q])
+    np.testing.assert_array_equal(batch[0][1], least)
+    with pytest.raises(InputError, match='holding_torques: of a robot with chosen speeds'):
+        loaded_four_bar().holding_torques(at_angle(1.1))
 
 
 def test_the_observer_sees_no_contact_in_a_motion_with_load_friction():
