@@ -29,6 +29,7 @@ from kane_dynamics.ros.parameters.parameter_checks import (controller_settings, 
 from kane_dynamics.ros.parameters.parameter_table import BY_NAME, SPECS
 from kane_dynamics.ros.plant.plant_parameters import SPECS as PLANT_SPECS
 from kane_dynamics.ros.torque_path.gravity_payload import parameter_loads
+from kane_dynamics.ros.torque_path.task_modes import TaskModes
 import numpy as np
 
 PROGRAM = 'dynamics_node'  # which runs the node kane_dynamics
@@ -310,6 +311,7 @@ class ConfigurationExamination:
             self._attempt(lambda: QuasiStatic(flexible_robot(model, options)))
         if self._joints_known:
             self._check_lists(values, robot.joint_names)
+            self._attempt(TaskModes, robot, values)
         for name in DISABLED:
             self._attempt(check_optional_topics,
                           {**values, **DISABLED, name: values[name]}, robot)

@@ -55,6 +55,23 @@ def test_a_missing_control_msgs_is_named_where_the_action_could_be_served(tmp_pa
         assert 'not served without control_msgs/FollowJointTrajectory' in line
 
 
+def test_the_settings_of_a_mode_are_checked(examine):
+    found, _ = examine("""
+        /**:
+          ros__parameters:
+            arm_compensates: none
+            mode: cartesian_impedance
+            cartesian: {frame: nowhere, axes: world}""")
+    assert any(level == 'problem' and 'nowhere' in words for level, words in found)
+    found, _ = examine("""
+        /**:
+          ros__parameters:
+            arm_compensates: none
+            modes: [joint_impedance]
+            joint_impedance: {stiffness: [1.0, 2.0, 3.0]}""")
+    assert any("'joint_impedance.stiffness': 3 entries" in words for _, words in found)
+
+
 def test_blocks_of_other_nodes_are_ignored(examine):
     found, _ = examine("""
         controller_manager: {ros__parameters: {update_rate: 500}}
