@@ -12,7 +12,8 @@ The gates: the median of the paired ratios to the echoes, and beside simulations
 less than 2 % of the states. With the argument `realtime` the node runs with its real-time settings
 (which need the rights). With the argument `palletizer` it is that of an arm of four motors with
 three closed loops, whose other six joints follow from loop closure; only the gates to the echo on
-the default executor hold there. With `--no-gates` missed gates are printed and no failure.
+the default executor hold there. With the name of a mode, such as `cartesian_impedance`, the node
+runs in it; by default in computed_torque. With `--no-gates` missed gates are printed and no failure.
 """
 
 from collections.abc import Sequence
@@ -24,6 +25,7 @@ from typing import IO
 
 from gates import exit_status, NO_GATES
 from kane_dynamics.demo.demo_settings import DemoRobot, ROBOTS
+from kane_dynamics.ros.parameters.parameter_table import LAW_MODES
 from node_contenders import (BEST_EFFORT, compile_echo, contenders, DEFAULT, IN_C, NAMESPACES,
                              OURS, REALTIME, RELIABLE)
 import numpy as np
@@ -156,7 +158,10 @@ def main(*arguments: str, samples: int = 2500) -> int:
     left_out = compile_echo()
     names = [name for name in NAMESPACES if not (left_out and name == IN_C)]
     rclpy.init()
-    with contenders(robot, names[1:], *(REALTIME if 'realtime' in arguments else [])) as loader:
+    settings = list(REALTIME) if 'realtime' in arguments else []
+    for mode in set(arguments) & set(LAW_MODES):
+        settings += ['-p', f'mode:={mode}', '-p', f'cartesian.frame:={ROBOTS[robot].frame}']
+    with contenders(robot, names[1:], *settings) as loader:
         assert loader.stdin is not None
         assert loader.stdout is not None
         loader.stdout.readline()
@@ -182,7 +187,7 @@ def main(*arguments: str, samples: int = 2500) -> int:
 
 
 if __name__ == '__main__':
-    if unknown := set(sys.argv[1:]) - {'realtime', PALLETIZER, NO_GATES}:
-        sys.exit(f'arguments: {sorted(unknown)}; expected realtime, {PALLETIZER}, {NO_GATES} or '
-                 'none')
+    if unknown := set(sys.argv[1:]) - {'realtime', PALLETIZER, NO_GATES, *LAW_MODES}:
+        sys.exit(f'arguments: {sorted(unknown)}; expected realtime, {PALLETIZER}, '
+                 f'{", ".join(LAW_MODES)}, {NO_GATES} or none')
     sys.exit(main(*sys.argv[1:]))

@@ -31,3 +31,19 @@ def test_the_demo_ends_well_in_90_s_and_draws_its_picture(tmp_path, options, las
     for words in ('Tracking error', last_joint, 'Latency from joint state to torque',
                   'predicted'):
         assert words in done.stdout
+
+
+@pytest.mark.timeout(120)
+def test_an_arm_held_by_the_node_yields_as_its_stiffness_says_and_returns(tmp_path):
+    for module in ('rclpy', 'mujoco', 'matplotlib', 'kane_dynamics_interfaces'):
+        pytest.importorskip(module)
+    path = os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])
+    environment = {**os.environ, 'PYTHONPATH': path,
+                   'ROS_DOMAIN_ID': str(random.SystemRandom().randint(1, 100))}
+    done = subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', 'demo', '--mode', 'cartesian',
+                           '--output', str(tmp_path)], capture_output=True, text=True, timeout=110,
+                          env=environment)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert '[ERROR]' not in done.stderr, done.stderr
+    assert (tmp_path / 'demo_cartesian.png').stat().st_size > 30_000
+    assert 'force / stiffness' in done.stdout
