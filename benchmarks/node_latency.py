@@ -13,7 +13,8 @@ less than 2 % of the states. With the argument `realtime` the node runs with its
 (which need the rights). With the argument `palletizer` it is that of an arm of four motors with
 three closed loops, whose other six joints follow from loop closure; only the gates to the echo on
 the default executor hold there. With the name of a mode, such as `cartesian_impedance`, the node
-runs in it; by default in computed_torque. With `--no-gates` missed gates are printed and no failure.
+runs in it; by default in computed_torque. With `--no-gates` missed gates are printed and no
+failure.
 """
 
 from collections.abc import Sequence

@@ -40,9 +40,9 @@ def test_an_arm_held_by_the_node_yields_as_its_stiffness_says_and_returns(tmp_pa
     path = os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')])
     environment = {**os.environ, 'PYTHONPATH': path,
                    'ROS_DOMAIN_ID': str(random.SystemRandom().randint(1, 100))}
-    done = subprocess.run([sys.executable, '-m', 'kane_dynamics.cli', 'demo', '--mode', 'cartesian',
-                           '--output', str(tmp_path)], capture_output=True, text=True, timeout=110,
-                          env=environment)
+    command = [sys.executable, '-m', 'kane_dynamics.cli', 'demo', '--mode', 'cartesian']
+    done = subprocess.run([*command, '--output', str(tmp_path)], capture_output=True, text=True,
+                          timeout=110, env=environment)
     assert done.returncode == 0, done.stdout + done.stderr
     assert '[ERROR]' not in done.stderr, done.stderr
     assert (tmp_path / 'demo_cartesian.png').stat().st_size > 30_000

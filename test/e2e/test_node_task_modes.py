@@ -158,7 +158,8 @@ def test_a_stream_is_followed_and_its_last_pose_is_held(arm, rate):
     def pose_at(t):
         return shifted(arm.home, y=0.08 * np.sin(1.5 * t), z=0.05 * (np.cos(1.5 * t) - 1.0))
     for k in range(round(2.0 * rate)):
-        assert wait_until(lambda: arm.now >= began + k * period * NANO, 60.0)
+        due = began + k * period * NANO
+        assert wait_until(lambda due=due: arm.now >= due, 60.0)
         arm.send(pose_at(k * period))
         state = arm.states[-1]
         desired = np.array([state.desired_pose.position.y, state.desired_pose.position.z])
