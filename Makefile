@@ -169,7 +169,8 @@ $(CROCODDYL_VENV)/.tools: $(VENV)/.uv
 # All of them run, then any failure counts.
 BENCHMARKS ?= benchmarks/report.py benchmarks/exported_c.py benchmarks/torque_path.py \
   benchmarks/casadi_functions.py benchmarks/learning_functions.py benchmarks/time_optimal.py \
-  benchmarks/predictive_control.py benchmarks/node_latency.py benchmarks/state_rates.py
+  benchmarks/predictive_control.py benchmarks/task_space_laws.py benchmarks/node_latency.py \
+  benchmarks/state_rates.py
 BENCH_ARGS ?=
 
 bench: install $(VENV)/.bench $(VENV)/.torch $(CROCODDYL_VENV)/.tools

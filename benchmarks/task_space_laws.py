@@ -1,0 +1,602 @@
+"""
+Laws in task space on arms in MuJoCo: singular configurations, contact, friction.
+
+The plant is MuJoCo, an independent engine. Run `python benchmarks/task_space_laws.py`.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from importlib.metadata import files
+from pathlib import Path
+import re
+import sys
+from typing import NamedTuple
+
+from gates import exit_status
+from kane_dynamics import (CartesianImpedance, HandGuiding, HybridForce, inverse_kinematics,
+                           load_urdf, PoseLimits, PoseMotion, PosePath, Robot, Terms)
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics._util.typing import Array
+import mujoco
+import numpy as np
+
+RATE = 1000.0  # Hz, of the law
+SUBSTEPS = 4  # steps of MuJoCo in a period of the law
+WITHOUT_SHAPES = r'<(visual|collision)\b.*?</\1>'
+
+
+class Arm(NamedTuple):
+    """An arm, its frame, and an ordinary configuration."""
+
+    name: str
+    urdf: Path
+    frame: str
+    home: Array
+
+
+def _xarm7() -> Path:
+    """Return the URDF of the xArm7 of example-robot-data."""
+    for file in files('example-robot-data') or ():
+        if file.name == 'xarm7.urdf':
+            return Path(str(file.locate()))
+    raise FileNotFoundError('xarm7.urdf of example-robot-data')
+
+
+def arms() -> dict[str, Arm]:
+    """Return the arms by their names."""
+    return {
+        'UR10e': Arm('UR10e', resource_path('urdf', 'ur10e.urdf'), 'tool0',
+                     np.array([0.3, -1.2, 1.4, -1.77, -1.57, 0.0])),
+        'xArm7': Arm('xArm7', _xarm7(), 'link_eef',
+                     np.array([0.3, -0.3, 0.1, 1.2, 0.1, 1.4, 0.0])),
+        'FR3': Arm('FR3', resource_path('urdf', 'fr3.urdf'), 'fr3_link8',
+                   np.array([0.3, -0.5, 0.1, -2.2, 0.1, 1.9, 0.8]))}
+
+
+class Plant:
+    """
+    An arm in MuJoCo, without friction unless it is stated; the joint limits are stops.
+
+    Parameters
+    ----------
+    robot : Robot
+        States the joints that move; the others are fixed.
+    urdf : Path
+
+    """
+
+    def __init__(self, robot: Robot, urdf: Path) -> None:
+        text = urdf.read_text(encoding='utf-8')
+        spec = mujoco.MjSpec.from_string(re.sub(WITHOUT_SHAPES, '', text, flags=re.DOTALL))
+        spec.compiler.fusestatic = False
+        for equality in list(spec.equalities):  # of fingers
+            spec.delete(equality)
+        for joint in list(spec.joints):
+            if joint.name not in robot.joint_names:
+                spec.delete(joint)
+        self.spec = spec
+        self.robot = robot
+        self._compile()
+
+    def _compile(self) -> None:
+        """Compile the model."""
+        self.model = self.spec.compile()
+        self.model.opt.timestep = 1.0 / (RATE * SUBSTEPS)
+        self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        self.model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        self.model.dof_damping[:] = 0.0
+        self.model.dof_frictionloss[:] = 0.0
+        self.data = mujoco.MjData(self.model)
+        names = self.robot.joint_names
+        self.q_places = [self.model.joint(name).qposadr[0] for name in names]
+        self.u_places = [self.model.joint(name).dofadr[0] for name in names]
+
+    def rub(self, robot: Robot) -> None:
+        """Give the joints the damping and the Coulomb friction of a robot."""
+        for body in robot.model.bodies:
+            dof = self.model.joint(body.joint.name).dofadr[0]
+            self.model.dof_damping[dof] = body.joint.damping
+            self.model.dof_frictionloss[dof] = body.joint.friction
+
+    def reset(self, q: Array) -> None:
+        """Put the arm at rest."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[self.q_places] = q
+        mujoco.mj_forward(self.model, self.data)
+
+    @property
+    def state(self) -> tuple[Array, Array]:
+        """Return positions and velocities."""
+        return (self.data.qpos[self.q_places].copy(),
+                self.data.qvel[self.u_places].copy())
+
+    def step(self, tau: Array) -> None:
+        """Advance by one period of the law under constant torques."""
+        for _ in range(SUBSTEPS):
+            self.data.qfrc_applied[:] = 0.0
+            self.data.qfrc_applied[self.u_places] = tau
+            self.load()
+            mujoco.mj_step(self.model, self.data)
+
+    def load(self) -> None:
+        """Add further generalized forces of a step; none here."""
+
+    def kinetic_energy(self) -> float:
+        """Return MuJoCo's kinetic energy, J."""
+        mujoco.mj_forward(self.model, self.data)
+        mujoco.mj_energyVel(self.model, self.data)
+        return float(self.data.energy[1])
+
+
+class Passage(NamedTuple):
+    """A singular configuration, and an ordinary one from which the arm is led there."""
+
+    arm: str
+    what: str
+    singular: list[float]
+    start: list[float]
+
+
+HALF = 0.5 * np.pi
+PASSAGES = (
+    Passage('UR10e', 'wrist', [0.3, -1.2, 1.4, -1.77, 0.0, 0.0],
+            [0.3, -1.2, 1.4, -1.77, -0.8, 0.0]),
+    Passage('UR10e', 'elbow', [0.3, -1.2, 0.0, -0.6, -1.57, 0.0],
+            [0.3, -1.2, 0.9, -1.5, -1.57, 0.0]),
+    Passage('UR10e', 'shoulder', [0.3, 0.838, 1.4, -1.77, -1.57, 0.0],
+            [0.3, 0.2, 1.4, -1.77, -1.57, 0.0]),
+    Passage('xArm7', 'wrist', [0.3, -0.3, 0.0, 1.19, HALF, -0.214, 0.0],
+            [0.3, -0.3, 0.0, 1.19, HALF, 0.9, 0.0]),
+    Passage('xArm7', 'shoulder', [0.3, 0.0, HALF, 1.2, 0.0, 1.2, 0.0],
+            [0.3, -0.6, HALF, 1.2, 0.0, 1.2, 0.0]),
+    Passage('FR3', 'stretched', [0.3, 0.3, 0.0, -0.467, 0.0, 1.9, 0.8],
+            [0.3, 0.0, 0.0, -1.4, 0.0, 1.9, 0.8]),
+    Passage('FR3', 'shoulder', [0.3, 0.0, HALF, -2.0, 0.0, 1.9, 0.8],
+            [0.3, -0.5, HALF, -2.0, 0.0, 1.9, 0.8]))
+LIMITS = PoseLimits((0.5, 2.0, 20.0), (1.5, 6.0, 60.0))
+STIFFNESS = np.array([2000.0, 2000.0, 2000.0, 150.0, 150.0, 150.0])
+BEYOND = 0.1  # m of the target along the direction that is lost, and beyond the reach
+SETTLING = 3.0  # s of rest, in which the error of the singular neighborhood decays
+
+
+class PassageFigures(NamedTuple):
+    """Largest shares of limits, and errors, m, of a run through a singular configuration."""
+
+    duration: float
+    fastest_target: float  # m/s
+    smallest_singular_value: float
+    torque: float
+    speed: float
+    error_outside: float
+    error_inside: float
+    energy_rise: float  # J, after the target came to rest
+
+
+def through(robot: Robot, frame: str, passage: Passage) -> PoseMotion:
+    """Return the motion to a singular pose, across it in the lost direction, and back."""
+    start = robot.frame_pose(frame, passage.start)
+    singular = robot.frame_pose(frame, passage.singular)
+    left, _, _ = np.linalg.svd(robot.jacobian(frame, passage.singular))
+    lost = left[:3, 5]
+    before, after = singular.copy(), singular.copy()
+    before[:3, 3] -= BEYOND * lost / np.linalg.norm(lost)
+    after[:3, 3] += BEYOND * lost / np.linalg.norm(lost)
+    path = PosePath.through([start, before, after, start], blend=0.02, blend_angle=0.1)
+    return PoseMotion(path, LIMITS)
+
+
+def beyond_the_edge(robot: Robot, frame: str, start: Array) -> PoseMotion:
+    """Return the motion outwards, to BEYOND outside of the reach, and back."""
+    pose = robot.frame_pose(frame, start)
+    outwards = pose[:3, 3] * [1.0, 1.0, 0.0]
+    outwards /= np.linalg.norm(outwards)
+    target = pose.copy()
+    reached = inverse_kinematics(robot, frame, target, start, starts=1)
+    while reached.converged:
+        target[:3, 3] += 0.01 * outwards
+        reached = inverse_kinematics(robot, frame, target, reached.q, starts=1)
+    target[:3, 3] += BEYOND * outwards
+    there = PosePath.through([pose, target])
+    return PoseMotion(PosePath.joined([there, PosePath.through([target, pose])]), LIMITS)
+
+
+def follow(arm: Arm, start: Array, desired: PoseMotion) -> PassageFigures:
+    """
+    Follow a target with the impedance law in MuJoCo, let it rest, and move it again.
+
+    The error counts as one outside of the singular neighborhood before the arm comes
+    there, and in the last motion, which is an ordinary one.
+    """
+    robot = Robot(load_urdf(arm.urdf, tip=arm.frame), friction=False)
+    plant = Plant(robot, arm.urdf)
+    law = CartesianImpedance(robot, arm.frame, stiffness=STIFFNESS)
+    plant.reset(start)
+    end = desired.sample(desired.duration).pose
+    aside = end.copy()
+    aside[:3, 3] += [0.0, 0.05, -0.05]
+    ordinary = PoseMotion(PosePath.through([end, aside, end]), LIMITS)
+    begins = desired.duration + SETTLING
+    steps = int((begins + ordinary.duration) * RATE)
+    torque = speed = inside = outside = rise = fastest = 0.0
+    smallest = np.inf
+    energy = np.inf
+    entered = False
+    for k in range(steps):
+        t = k / RATE
+        moves_again = t >= begins
+        target = ordinary.sample(t - begins) if moves_again else desired.sample(t)
+        q, u = plant.state
+        tau = law.torque(q, u, *target)
+        state = law.state(q, u, *target[:2])
+        error = float(np.linalg.norm(
+            robot.frame_pose(arm.frame, q)[:3, 3] - target.pose[:3, 3]))
+        entered |= state.regularization > 0.0 or state.braking > 0.0
+        entered |= state.speed_scale < 1.0 or state.effort_scale < 1.0
+        if entered and not moves_again:
+            inside = max(inside, error)
+        else:
+            outside = max(outside, error)
+        if k % 10 == 0:
+            values = np.linalg.svd(robot.jacobian(arm.frame, q), compute_uv=False)
+            smallest = min(smallest, float(values.min()))
+        torque = max(torque, float(np.max(np.abs(tau) / robot.limits.effort)))
+        speed = max(speed, float(np.max(np.abs(u) / robot.limits.velocity)))
+        fastest = max(fastest, float(np.linalg.norm(target.twist[:3])))
+        if desired.duration < t < begins:
+            before = energy
+            energy = plant.kinetic_energy() + law.energy(q, target.pose)
+            rise = max(rise, energy - before)
+        plant.step(tau)
+    return PassageFigures(desired.duration, fastest, smallest, torque, speed, outside,
+                          inside, rise)
+
+
+ENCODER = 2.0 * np.pi / 2**20  # rad, resolution of 20 bits
+BANDWIDTH = 100.0  # Hz, of the filter behind the differences of encoder readings
+CLEARANCE = 0.02  # m of the tip above the table at the start
+CREEP = 0.01  # m/s, below which the table's friction is viscous; stable at SUBSTEPS
+TIP = 0.02  # m, radius of the sphere at the tip
+# MuJoCo's contact: time constant, s, and damping ratio; little give.
+STIFF = ([0.002, 1.0], [0.99, 0.999, 1e-4, 0.5, 2.0])
+
+
+class TablePlant(Plant):
+    """
+    An arm with a sphere as its tip over a stiff table, encoders and a delayed command.
+
+    The sphere is around the origin of the frame. A command acts one period after the
+    readings from which it was computed.
+    """
+
+    def __init__(self, robot: Robot, arm: Arm, friction: float) -> None:
+        self.arm = arm
+        super().__init__(robot, arm.urdf)
+        self.height = float(robot.frame_pose(arm.frame, arm.home)[2, 3]) - CLEARANCE - TIP
+        self.friction = friction
+        solref, solimp = STIFF
+        contact = {'solref': solref, 'solimp': solimp, 'condim': 1}
+        self.spec.worldbody.add_geom(
+            name='table', type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.0, 2.0, 0.1],
+            pos=[0.0, 0.0, self.height], **contact)
+        self.spec.body(arm.frame).add_geom(
+            name='tip', type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[TIP, 0.0, 0.0],
+            mass=0.0, **contact)
+        self._compile()
+        self.reset(arm.home)
+
+    def reset(self, q: Array) -> None:
+        """Put the arm at rest; its brakes hold it in the first period."""
+        super().reset(q)
+        self._waiting = self.robot.gravity_force(q)
+        self._readings = np.round(q / ENCODER) * ENCODER
+        self._speeds = np.zeros(len(q))
+
+    def load(self) -> None:
+        """
+        Add the table's sliding friction at the tip.
+
+        MuJoCo's own makes the sphere hop while it slides on a contact as stiff as this
+        one, with exact states and without a delay, too.
+        """
+        force = self.contact_force()
+        if not force:
+            return
+        body = self.model.body(self.arm.frame).id
+        point = self.data.xpos[body] - [0.0, 0.0, TIP]
+        J = np.zeros((3, self.model.nv))
+        mujoco.mj_jac(self.model, self.data, J, None, point, body)
+        slip = (J @ self.data.qvel)[:2]
+        share = slip / np.hypot(np.linalg.norm(slip), CREEP)
+        self.data.qfrc_applied += J[:2].T @ (-self.friction * force * share)
+
+    def measured(self) -> tuple[Array, Array]:
+        """Return readings of the encoders, and the filtered differences of them."""
+        readings = np.round(self.state[0] / ENCODER) * ENCODER
+        share = 1.0 - np.exp(-2.0 * np.pi * BANDWIDTH / RATE)
+        self._speeds += share * ((readings - self._readings) * RATE - self._speeds)
+        self._readings = readings
+        return readings, self._speeds.copy()
+
+    def command(self, tau: Array) -> None:
+        """Advance by one period under the command before; this one comes next."""
+        self.step(self._waiting)
+        self._waiting = tau
+
+    def contact_force(self) -> float:
+        """Return the normal force of the table on the tip, N; 0 without contact."""
+        total = 0.0
+        force = np.zeros(6)
+        for k in range(self.data.ncon):
+            mujoco.mj_contactForce(self.model, self.data, k, force)
+            total += float(force[0])
+        return total
+
+
+class ContactFigures(NamedTuple):
+    """A press on the table."""
+
+    peak: float  # N, in the first 0.1 s of contact
+    losses: int  # periods without contact after the first 0.1 s
+    mean_error: float  # N, of the last second
+    largest_error: float  # N, of the last second
+
+
+TURNING = 10.0  # N m/rad, on the table; see `press`
+PRESSED = 20.0  # N
+
+
+def press(arm: Arm, stiffness: float) -> ContactFigures:
+    """
+    Lower a target at 0.05 m/s below the table until its spring presses.
+
+    The models state no rotor inertia, and the last link's own is 1e-4 kg m^2: with the
+    delay and the filter a stiff spring about its axis would not be stable at 1 kHz.
+    """
+    robot = Robot(load_urdf(arm.urdf, tip=arm.frame), friction=False)
+    plant = TablePlant(robot, arm, 0.3)
+    law = CartesianImpedance(robot, arm.frame, stiffness=[stiffness] * 3 + [TURNING] * 3)
+    start = robot.frame_pose(arm.frame, arm.home)
+    end = start.copy()
+    end[2, 3] -= CLEARANCE + PRESSED / stiffness
+    desired = PoseMotion(PosePath.through([start, end]),
+                         PoseLimits((0.05, 1.0, 20.0), (1.0, 1.0, 1.0)))
+    steps = int((desired.duration + 2.0) * RATE)
+    forces = np.zeros(steps)
+    for k in range(steps):
+        q, u = plant.measured()
+        plant.command(law.torque(q, u, *desired.sample(k / RATE)))
+        forces[k] = plant.contact_force()
+    touching = forces > 0.0
+    touch = int(touching.argmax())
+    early = touch + int(0.1 * RATE)
+    settled = forces[-int(RATE):]
+    return ContactFigures(float(forces[touch:early].max()),
+                          int(np.count_nonzero(~touching[early:])),
+                          float(abs(settled.mean() - PRESSED)),
+                          float(np.abs(settled - PRESSED).max()))
+
+
+class DrawingFigures(NamedTuple):
+    """A circle drawn on the table with a force along its normal."""
+
+    force_error: float  # N, largest after the first second of contact
+    circle_error: float  # m, largest distance from the target in the plane
+    losses: int  # periods without contact
+
+
+DRAWN = 10.0  # N
+RADIUS = 0.05  # m
+SENSOR = 30.0  # Hz, bandwidth of the force sensor
+
+
+def draw_circle(arm: Arm) -> DrawingFigures:
+    """Press along the normal with a measured force, and draw a circle in 5 s."""
+    robot = Robot(load_urdf(arm.urdf, tip=arm.frame), friction=False)
+    plant = TablePlant(robot, arm, 0.2)
+    law = HybridForce(robot, arm.frame, force_directions=['z'],
+                      approach_speed=0.2, stiffness=[2000.0] * 3 + [TURNING] * 3)
+    start = robot.frame_pose(arm.frame, arm.home)
+    circle = PosePath.circle(start, start[:3, 3] + [RADIUS, 0.0, 0.0], (0.0, 0.0, 1.0))
+    desired = PoseMotion(circle, duration=5.0)
+    wrench = np.array([0.0, 0.0, -DRAWN, 0.0, 0.0, 0.0])
+    pressing = 2.0  # s before the circle: the approach, and the force
+    steps = int((pressing + desired.duration) * RATE)
+    forces = np.zeros(steps)
+    distances = np.zeros(steps)
+    sensed = 0.0
+    share = 1.0 - np.exp(-2.0 * np.pi * SENSOR / RATE)
+    for k in range(steps):
+        q, u = plant.measured()
+        target = desired.sample(k / RATE - pressing)
+        sensed += share * (plant.contact_force() - sensed)
+        plant.command(law.torque(q, u, *target, wrench, measured=-wrench * sensed / DRAWN,
+                                 elapsed=1.0 / RATE))
+        forces[k] = plant.contact_force()
+        position = robot.frame_pose(arm.frame, plant.state[0])[:2, 3]
+        distances[k] = np.linalg.norm(position - target.pose[:2, 3])
+    drawing = slice(int(pressing * RATE), None)
+    return DrawingFigures(float(np.abs(forces[drawing] - DRAWN).max()),
+                          float(distances[drawing].max()),
+                          int(np.count_nonzero(forces[drawing] == 0.0)))
+
+
+FRICTION = resource_path('urdf', 'fr3.urdf').parents[1] / 'examples' / 'fr3_friction.yaml'
+
+
+def with_friction(arm: Arm, factor: float) -> Robot:
+    """Return the FR3 with the friction of the examples, times a factor."""
+    model = load_urdf(arm.urdf, tip=arm.frame, supplement=FRICTION)
+    bodies = []
+    for body in model.bodies:
+        joint = replace(body.joint, friction=factor * body.joint.friction,
+                        damping=factor * body.joint.damping)
+        bodies.append(replace(body, joint=joint))
+    return Robot(replace(model, bodies=tuple(bodies)))
+
+
+class GuidingFigures(NamedTuple):
+    """Mean forces, N, that lead the FR3 by its flange at 0.1 m/s."""
+
+    without: float  # gravity compensation alone
+    exact: float  # with the exact model of the friction
+    more: float  # with a model of 20 % more friction
+    less: float  # with a model of 20 % less friction
+
+
+HAND = (4000.0, 150.0)  # N/m and N s/m: the operator holds on to a point that moves
+LED = 0.1  # m/s
+COMPENSATED = 0.8  # of the friction of the model, the default of HandGuiding
+
+
+def guiding(arm: Arm) -> GuidingFigures:
+    """Lead the FR3 with gravity compensation, and with three models of its friction."""
+    cases = ((1.0, 0.0), (1.0, COMPENSATED), (1.2, COMPENSATED), (0.8, COMPENSATED))
+    return GuidingFigures(*(lead(arm, factor, share) for factor, share in cases))
+
+
+def lead(arm: Arm, factor: float, share: float) -> float:
+    """Return the mean force of a hand that leads the flange on a line, N."""
+    actual = with_friction(arm, 1.0)
+    plant = Plant(actual, arm.urdf)
+    plant.rub(actual)
+    law = HandGuiding(with_friction(arm, factor), friction=share)
+    plant.reset(arm.home)
+    start = actual.frame_pose(arm.frame, arm.home)[:3, 3]
+    direction = np.array([0.0, 1.0, 0.0])
+    forces = []
+    for k in range(int(3.0 * RATE)):
+        q, u = plant.state
+        position = actual.frame_pose(arm.frame, q)[:3, 3]
+        velocity = actual.frame_velocity(arm.frame, q, u)[:3]
+        t = k / RATE
+        hand = start + LED * t * direction
+        force = HAND[0] * (hand - position) + HAND[1] * (LED * direction - velocity)
+        push = actual.jacobian(arm.frame, q)[:3].T @ force
+        plant.step(law.torque(q, u) + push)
+        if t > 1.0:
+            forces.append(float(np.linalg.norm(force)))
+    return float(np.mean(forces))
+
+
+class FrictionFigures(NamedTuple):
+    """Position errors of the FR3 with friction, m, at 2000 N/m."""
+
+    moving: float  # largest, along a line at 0.25 m/s
+    resting: float  # after the motion
+    deflection: float  # largest difference of a deflection by 20 N from F / K
+
+
+def friction_errors(arm: Arm, compensated: bool, factor: float = 1.0) -> FrictionFigures:
+    """Follow a line with friction, rest, and bear a force."""
+    actual = with_friction(arm, 1.0)
+    plant = Plant(actual, arm.urdf)
+    plant.rub(actual)
+    terms = Terms(friction=compensated)
+    law = CartesianImpedance(with_friction(arm, factor), arm.frame, stiffness=STIFFNESS,
+                             compensate=terms)
+    plant.reset(arm.home)
+    start = actual.frame_pose(arm.frame, arm.home)
+    end = start.copy()
+    end[:3, 3] += [0.1, 0.2, 0.1]
+    desired = PoseMotion(PosePath.through([start, end]),
+                         PoseLimits((0.25, 1.0, 10.0), (1.0, 4.0, 40.0)))
+    moving = resting = 0.0
+    force = np.array([0.0, 0.0, -20.0])
+    loaded = desired.duration + 1.5
+    for k in range(int((loaded + 2.0) * RATE)):
+        t = k / RATE
+        q, u = plant.state
+        target = desired.sample(t)
+        position = actual.frame_pose(arm.frame, q)[:3, 3]
+        error = float(np.linalg.norm(position - target.pose[:3, 3]))
+        tau = law.torque(q, u, *target)
+        if t < desired.duration:
+            moving = max(moving, error)
+        elif t < loaded:
+            resting = error
+        else:
+            tau = tau + actual.jacobian(arm.frame, q)[:3].T @ force
+        plant.step(tau)
+    expected = target.pose[:3, 3] + force / STIFFNESS[:3]
+    position = actual.frame_pose(arm.frame, plant.state[0])[:3, 3]
+    return FrictionFigures(moving, resting, float(np.linalg.norm(position - expected)))
+
+
+SPEED, TORQUE = 1.0, 1.0  # largest shares of the limits
+OUTSIDE = 1e-3  # m
+RISE = 1e-9  # J: rounding of an energy
+FORCE_ERROR = 0.5  # N
+LIGHTER = 5.0  # times, with a model of 20 % more friction
+STIFFNESSES = (500.0, 1000.0, 2000.0, 3000.0)  # N/m
+
+
+def passages() -> Iterator[tuple[str, str, PassageFigures]]:
+    """Yield the figures of all runs through singular configurations, with arm and place."""
+    for name, arm in arms().items():
+        robot = Robot(load_urdf(arm.urdf, tip=arm.frame), friction=False)
+        for passage in PASSAGES:
+            if passage.arm == name:
+                start = np.array(passage.start)
+                desired = through(robot, arm.frame, passage)
+                yield name, passage.what, follow(arm, start, desired)
+        desired = beyond_the_edge(robot, arm.frame, arm.home)
+        yield name, 'edge', follow(arm, arm.home, desired)
+
+
+def main() -> int:
+    """Print the tables; return 1 if a gate does not hold."""
+    good = True
+
+    def gate(met: bool, text: str) -> None:
+        nonlocal good
+        if not met:
+            print(f'FAILED: {text}')
+            good = False
+
+    print('Through singular configurations, 2000 N/m, target up to 0.5 m/s: largest shares '
+          'of limits, errors')
+    print('arm    place      sigma    torque  speed   outside    inside     energy')
+    for name, place, row in passages():
+        print(f'{name:6} {place:9} {row.smallest_singular_value:7.1e} {row.torque:8.2f} '
+              f'{row.speed:6.2f} {1e3 * row.error_outside:7.3f} mm '
+              f'{1e3 * row.error_inside:7.1f} mm  +{max(row.energy_rise, 0.0):.0e} J',
+              flush=True)
+        gate(row.torque <= TORQUE + 1e-9 and row.speed <= SPEED, f'{name} {place}: limits')
+        gate(row.error_outside <= OUTSIDE, f'{name} {place}: error')
+        gate(row.energy_rise <= RISE, f'{name} {place}: energy')
+
+    print(f'Contact: {PRESSED:g} N on a stiff table, 1 kHz, one period of delay, encoders of '
+          '20 bits')
+    for name, arm in arms().items():
+        for stiffness in STIFFNESSES:
+            pressed = press(arm, stiffness)
+            print(f'{name:6} {stiffness:6g} N/m: peak {pressed.peak:5.0f} N, lost in '
+                  f'{pressed.losses} periods, error {pressed.mean_error:.4f} N, at most '
+                  f'{pressed.largest_error:.2f} N', flush=True)
+            gate(pressed.losses == 0 and pressed.largest_error < 1.0,
+                 f'{name} {stiffness:g} N/m: contact')
+        drawn = draw_circle(arm)
+        print(f'{name:6} circle with {DRAWN:g} N: force within {drawn.force_error:.2f} N, '
+              f'position within {1e3 * drawn.circle_error:.2f} mm', flush=True)
+        gate(drawn.force_error <= FORCE_ERROR and not drawn.losses, f'{name}: hybrid force')
+
+    arm = arms()['FR3']
+    led = guiding(arm)
+    print(f'Hand guiding of the FR3 at {LED:g} m/s: {led.without:.1f} N without, '
+          f'{led.exact:.1f} N with the exact friction, {led.more:.1f} N with 20 % more, '
+          f'{led.less:.1f} N with 20 % less', flush=True)
+    gate(led.without > LIGHTER * led.more, 'hand guiding')
+
+    print('Friction of the FR3, 2000 N/m: errors moving, at rest, of a deflection')
+    for what, compensated, factor in (('not compensated', False, 1.0),
+                                      ('compensated', True, 1.0),
+                                      ('compensated, 20 % more', True, 1.2),
+                                      ('compensated, 20 % less', True, 0.8)):
+        errors = friction_errors(arm, compensated, factor)
+        listed = ', '.join(f'{1e3 * error:.2f} mm' for error in errors)
+        print(f'{what:24} {listed}', flush=True)
+    return exit_status(good)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,93 @@
+"""Laws in task space on arms in MuJoCo: the experiments whose table the docs show."""
+
+from pathlib import Path
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip('mujoco')
+sys.path.append(str(Path(__file__).resolve().parents[3] / 'benchmarks'))
+
+import task_space_laws as experiments  # noqa: E402, I100
+from kane_dynamics import load_urdf, Robot  # noqa: E402, I100
+
+pytestmark = pytest.mark.filterwarnings('ignore::kane_dynamics.errors.ModelWarning')
+ARMS = experiments.arms()
+
+
+def robot_of(arm):
+    return Robot(load_urdf(arm.urdf, tip=arm.frame), friction=False)
+
+
+def check_passage(figures):
+    """Torques and speeds within their limits, no energy at rest, small errors elsewhere."""
+    assert figures.torque <= 1.0 + 1e-9
+    assert figures.speed <= 1.0
+    assert figures.energy_rise <= experiments.RISE
+    assert figures.error_outside <= experiments.OUTSIDE
+
+
+@pytest.mark.parametrize('name', ARMS)
+def test_the_plant_is_the_model_of_the_law(name):
+    arm = ARMS[name]
+    robot = robot_of(arm)
+    plant = experiments.Plant(robot, arm.urdf)
+    plant.reset(arm.home)
+    np.testing.assert_allclose(plant.data.qfrc_bias[plant.u_places],
+                               robot.gravity_force(arm.home), atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('passage', experiments.PASSAGES,
+                         ids=lambda passage: f'{passage.arm}-{passage.what}')
+def test_an_arm_is_led_through_a_singular_configuration_within_its_limits(passage):
+    arm = ARMS[passage.arm]
+    desired = experiments.through(robot_of(arm), arm.frame, passage)
+    check_passage(experiments.follow(arm, np.array(passage.start), desired))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', ARMS)
+def test_an_arm_follows_a_target_beyond_its_reach_and_back_within_its_limits(name):
+    arm = ARMS[name]
+    desired = experiments.beyond_the_edge(robot_of(arm), arm.frame, arm.home)
+    figures = experiments.follow(arm, arm.home, desired)
+    check_passage(figures)
+    assert figures.error_inside > 0.5 * experiments.BEYOND, 'the target was out of reach'
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('stiffness', experiments.STIFFNESSES)
+@pytest.mark.parametrize('name', ARMS)
+def test_a_press_on_a_stiff_table_does_not_bounce(name, stiffness):
+    figures = experiments.press(ARMS[name], stiffness)
+    assert figures.losses == 0
+    assert figures.mean_error < 0.05
+    assert figures.largest_error < 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', ARMS)
+def test_a_force_is_kept_while_a_circle_is_drawn(name):
+    figures = experiments.draw_circle(ARMS[name])
+    assert figures.losses == 0
+    assert figures.force_error <= experiments.FORCE_ERROR
+    assert figures.circle_error < 1.5e-3  # the friction of the table over the stiffness
+
+
+@pytest.mark.slow
+def test_a_hand_needs_a_fifth_of_the_force_with_a_model_of_more_friction():
+    figures = experiments.guiding(ARMS['FR3'])
+    assert figures.without > experiments.LIGHTER * figures.more
+    assert figures.without > 3.0 * figures.exact > 3.0 * figures.more
+
+
+@pytest.mark.slow
+def test_compensated_friction_leaves_a_twentieth_of_the_error():
+    without = experiments.friction_errors(ARMS['FR3'], False)
+    exact = experiments.friction_errors(ARMS['FR3'], True)
+    assert exact.moving < 0.05 * without.moving
+    assert exact.resting < 0.05 * without.resting
+    # A brake of dry friction holds a load too, with and without compensation.
+    assert max(without.deflection, exact.deflection) < 6e-3
