@@ -5,13 +5,17 @@ The torque of each joint, shifted by a number of rows, is fitted by all terms of
 equations of motion: base parameters, friction, armature, offset. The masses of the model
 have no influence. The sum of squares is a parabola in the shift near its minimum, at the
 delay.
-Torque that the equations lack (play, elasticity, friction with a memory) shifts the
-minimum too. It is correlated in time, which noise is not, so its part of the residual is
-known, and widens the standard deviation.
 
-Friction with a memory lags the speed as if the torque came late. A joint's own delay is
-therefore none if Dahl friction (P. Dahl, "A solid friction model", 1968) fits as well
-without a delay.
+Torque that the equations lack (play, elasticity) shifts the minimum too. It is correlated
+in time, which noise is not, so its part of the residual is known, and widens the standard
+deviation.
+
+Friction does not follow the speed at once: it reverses over a short travel (presliding).
+It is most of the torque of a small joint behind a gear, and lags the speed as if the
+torque came late. The delays are therefore fitted a second time with Dahl friction
+(P. Dahl, "A solid friction model", 1968) among the terms, for several lengths of that
+travel. Where friction alone tells the delay, the sum of squares is then flat. A joint has
+a delay of its own only if both fits say so.
 """
 
 from dataclasses import dataclass
@@ -32,7 +36,7 @@ MOST_ROWS = 1500  # used rows, evenly distributed
 NEAR = 0.03  # s, of the minimum: where the sum of squares is fitted by a parabola
 BLOCKS = 8  # of consecutive rows, for the jackknife
 FRICTION_SPEEDS = (0.02, 0.1)  # rad/s or m/s
-DAHL_LENGTHS = (0.01, 0.05)  # rad or m, over which friction reverses
+DAHL_LENGTHS = (0.002, 0.01, 0.05)  # rad or m, over which friction reverses
 RANK = 1e-4  # relative size of singular values that are regarded as zero
 LIKENESS = 0.25  # assumed correlation of missing torque with that of a delay; RMS of real arms
 JUDGED = 0.025  # s, largest standard deviation of a known delay
@@ -56,7 +60,8 @@ class TorqueDelays:
         Of the joints that agree with each other, s; NaN and infinite if none can be
         judged.
     friction_memory : (n,) array of bool
-        Whether friction with a memory explains the torque as well as the delay does.
+        Whether the joint's delay may be that of friction with a memory: with this friction
+        among the terms it does not clearly differ from the common one.
 
     """
 
@@ -91,9 +96,9 @@ def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
     if recording.uneven:
         recording = recording.resampled()
     n = recording.tau.shape[1]
-    delay = np.zeros(n)
-    deviation = np.full(n, np.inf)
-    friction_memory = np.zeros(n, dtype=bool)
+    # Columns: without friction with a memory, and with it.
+    delay = np.zeros((n, 2))
+    deviation = np.full((n, 2), np.inf)
     step = float(np.median(np.diff(recording.t)))
     longest = min(int(np.ceil(LONGEST / step)), len(recording) // 4)
     count = min(2 * longest + 1, MOST_LAGS)
@@ -106,23 +111,25 @@ def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
         q, u, udot = recording.q[inner], recording.u[inner], recording.udot[inner]
         Y = robot.regressor(q, u, udot)
         rigid = robot.inverse_dynamics(q, u, udot)
-        memory = [_dahl_friction(recording.q, length)[inner] for length in DAHL_LENGTHS]
+        presliding = [dahl_friction(recording.q, length)[inner]
+                      for length in DAHL_LENGTHS]
         for j in np.flatnonzero(np.ptp(u, axis=0) > 0.0):
             coulomb_friction = [coulomb(u[:, j], speed) for speed in FRICTION_SPEEDS]
             A = np.column_stack([Y[:, j], u[:, j], *coulomb_friction, udot[:, j],
                                  np.ones(len(u))])
+            with_memory = np.column_stack([A, *(dahl[:, j] for dahl in presliding)])
             torques = recording.tau[inner[:, None] + lags, j] - rigid[:, j, None]
-            residuals = _residuals(A, torques)
-            delay[j], deviation[j] = _vertex(step * lags, residuals)
-            # Does friction with a memory explain the torque without any delay?
-            with_memory = np.column_stack([A, *(friction[:, j] for friction in memory)])
-            undelayed = _residuals(with_memory, torques[:, lags == 0])
-            smallest = np.sum(residuals**2, axis=0).min()
-            friction_memory[j] = np.sum(undelayed**2) <= smallest
-    return TorqueDelays(delay, deviation, *_common(delay, deviation), friction_memory)
+            for k, columns in enumerate((A, with_memory)):
+                residuals = _residuals(columns, torques)
+                delay[j, k], deviation[j, k] = _vertex(step * lags, residuals)
+    common_with_memory, _ = _common(delay[:, 1], deviation[:, 1])
+    own = _outlying(delay[:, 1], deviation[:, 1], common_with_memory)
+    friction_memory = ~(own & (deviation[:, 1] <= JUDGED))
+    return TorqueDelays(delay[:, 0], deviation[:, 0], *_common(delay[:, 0], deviation[:, 0]),
+                        friction_memory)
 
 
-def _dahl_friction(q: Array, length: float) -> Array:
+def dahl_friction(q: Array, length: float) -> Array:
     """
     Return the friction of coefficient 1 by Dahl's law along positions, (N, n).
 
@@ -168,11 +175,11 @@ def _outlying(delay: Array, deviation: Array, from_delay: float) -> Flags:
 def _residuals(A: Array, torques: Array) -> Array:
     """Return what the columns of A miss of each column of torques."""
     size = np.linalg.norm(A, axis=0)
-    # numpy's driver, gesdd, does not converge for some of these matrices, though they
-    # are finite.
-    U, s, _ = scientific('scipy.linalg').svd(A[:, size > 0.0] / size[size > 0.0],
-                                             full_matrices=False, lapack_driver='gesvd')
-    U = U[:, s > RANK * s[0]]
+    # Columns pivoted by length: the diagonal of R falls like the singular values.
+    U, R, _ = scientific('scipy.linalg').qr(A[:, size > 0.0] / size[size > 0.0],
+                                            mode='economic', pivoting=True)
+    diagonal = np.abs(np.diag(R))
+    U = U[:, diagonal > RANK * diagonal[0]]
     residuals: Array = torques - U @ (U.T @ torques)
     return residuals
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from kane_dynamics import load_urdf
 from kane_dynamics.cli import main
 from kane_dynamics.identification import diagnose, read_recording, torque_delays
+from kane_dynamics.identification.recordings.torque_delay import dahl_friction
 import numpy as np
 import pytest
 from recordings import present, quiet, real, simulated
@@ -79,6 +80,19 @@ def test_delay_of_one_joint_is_that_joints(joint):
     assert abs(found.delay[joint] - 0.03) < 3.0 * found.deviation[joint]
     words, = (f.words for f in diagnose(model, late(r, 0.03, joint)))
     assert f"efforts of joint '{model.joint_names[joint]}' come 0.0" in words
+
+
+@pytest.mark.parametrize('length', [0.01, 0.03])
+def test_presliding_friction_of_a_small_joint_is_no_delay_of_its_own(length):
+    model, r = recorded('noisy')
+    tau = r.tau.copy()
+    # Joint 6 has friction with a memory in place of that of its speed.
+    tau[:, 5] += 4.0 * (dahl_friction(r.q, length)[:, 5] - np.tanh(r.u[:, 5] / 0.05))
+    sound = replace(r, tau=tau)
+    found = torque_delays(model, sound)
+    assert found.delay[5] > 0.003  # as it seems where friction follows the speed
+    assert found.friction_memory[5] and not found.different.any()
+    assert diagnose(model, sound) == []
 
 
 def test_joint_without_motion_or_torque_of_its_own_cannot_be_judged(tmp_path, capsys):
