@@ -208,6 +208,7 @@ def _add_efforts(sub: ArgumentParser) -> None:
 
 
 def _identify(sub: ArgumentParser) -> None:
+    from kane_dynamics.identification.friction_laws import LAW_NAMES
     from kane_dynamics.identification.regression import STANDSTILL
     _add_model(sub)
     _add_constraints(sub)
@@ -217,6 +218,10 @@ def _identify(sub: ArgumentParser) -> None:
                      help='also fit a recording that contradicts the model')
     sub.add_argument('--friction-only', action='store_true',
                      help='identify friction and armature only')
+    sub.add_argument('--friction', choices=('select', *LAW_NAMES), default='select',
+                     help='law of friction of all joints; default: one for each joint, '
+                          'by errors on rows that fits leave out (coulomb with '
+                          '--friction-only)')
     sub.add_argument('--unbounded', action='store_true',
                      help='with --friction-only: plain least squares, whose friction '
                           'may be negative where the inertial parameters are wrong')
@@ -278,6 +283,19 @@ def _replay(sub: ArgumentParser) -> None:
     sub.add_argument('-o', '--out', metavar='CSV',
                      help='write the motion and its torques')
     add_plot(sub, 'measured and computed torques')
+
+
+def _watch(sub: ArgumentParser) -> None:
+    from kane_dynamics.identification.model_watch import FALSE_ALARMS
+    _add_model(sub)
+    _add_recording(sub)
+    sub.add_argument('--reference', metavar='RECORDING', required=True,
+                     help='recording of the sound arm with the same payload, best of the '
+                          'same motion')
+    sub.add_argument('--false-alarms', type=float, default=FALSE_ALARMS, metavar='SHARE',
+                     help='share of sound recordings with an alarm, at most; default: '
+                          '%(default)g')
+    _add_efforts(sub)
 
 
 def _collision_thresholds(sub: ArgumentParser) -> None:
@@ -492,6 +510,7 @@ ADD: dict[str, Callable[[ArgumentParser], None]] = {
     'identify': _identify,
     'excite': _excite,
     'replay': _replay,
+    'watch': _watch,
     'collision-thresholds': _collision_thresholds,
     'feasible': _feasible,
     'fill': _fill,

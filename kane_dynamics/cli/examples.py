@@ -145,6 +145,14 @@ examples:
 A recording is a file as for identify, or a ROS 2 bag (MCAP or SQLite) of joint states with
 efforts. ROS is not needed. Missing accelerations are derived from q; filter them with
 --cutoff.""",
+    'watch': """
+examples:
+  kane-dynamics watch arm.urdf today.csv --reference sound.csv
+  kane-dynamics watch arm.urdf today.mcap --reference sound.mcap --supplement arm.yaml --json
+
+Compares the torques of a recording with those of the model, and their difference with that of a
+recording of the sound arm. Names payload, friction, an offset, a torque constant or a delay that
+has changed, with its joint, and exits with 1. Small changes show only in the same motion.""",
     'view': """
 examples:
   kane-dynamics view arm.urdf

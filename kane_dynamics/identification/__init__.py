@@ -8,6 +8,8 @@ from kane_dynamics.identification.collision_calibration import (calibrate_collis
 from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.identification.excitation.optimal_excitation import Excitation, excite
 from kane_dynamics.identification.fit import Identification, identify
+from kane_dynamics.identification.friction_laws import CandidateErrors
+from kane_dynamics.identification.model_watch import ModelChange, ModelWatch, WatchReport
 from kane_dynamics.identification.payload.payload_estimator import PayloadEstimator
 from kane_dynamics.identification.payload.payload_fit import identify_payload, Payload
 from kane_dynamics.identification.recordings.diagnosis import diagnose, RecordingFault
@@ -16,8 +18,9 @@ from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.identification.recordings.torque_delay import torque_delays, TorqueDelays
 from kane_dynamics.identification.regression import friction_speeds, rows
 
-__all__ = ['BaseFit', 'BaseParameters', 'CollisionCalibration', 'Efforts', 'Excitation',
-           'Identification', 'Payload', 'PayloadEstimator', 'Recording',
-           'RecordingFault', 'TorqueDelays', 'base_parameters', 'base_speeds',
+__all__ = ['BaseFit', 'BaseParameters', 'CandidateErrors', 'CollisionCalibration', 'Efforts',
+           'Excitation', 'Identification', 'ModelChange', 'ModelWatch', 'Payload',
+           'PayloadEstimator', 'Recording', 'RecordingFault', 'TorqueDelays', 'WatchReport',
+           'base_parameters', 'base_speeds',
            'calibrate_collision', 'diagnose', 'excite', 'fit_base', 'friction_speeds',
            'identify', 'identify_payload', 'read_recording', 'rows', 'torque_delays']

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 import warnings
 
 from kane_dynamics._util.attribute_hints import hinting
@@ -9,15 +10,22 @@ from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.identification.base_regressor import true_unknowns
+from kane_dynamics.identification.friction_laws import (block_flags, Blocks,
+                                                        CandidateErrors, chosen_laws,
+                                                        COLUMNS, COULOMB, equations,
+                                                        fit_laws, FrictionLaw,
+                                                        largest_supported, law_error,
+                                                        LAW_NAMES, law_rows, LawFit,
+                                                        LawRows, LAWS, moving_rms,
+                                                        phases, Prior)
 from kane_dynamics.identification.physical_consistency import physical
 from kane_dynamics.identification.recordings.diagnosis import diagnose
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
-from kane_dynamics.identification.regression import (compressed, factorized,
-                                                     fit_friction, FRICTION,
-                                                     friction_speeds, full_regressor,
-                                                     LOWEST, RegressionRows, rms, rows,
+from kane_dynamics.identification.regression import (compressed, fit_friction, FRICTION,
+                                                     friction_speeds, LOWEST,
+                                                     RegressionRows, rms, rows,
                                                      settled_speeds, stacked, STANDSTILL,
-                                                     triangle, UNBOUNDED, weights)
+                                                     UNBOUNDED, weights)
 from kane_dynamics.identification.solvers import on_one_processor
 from kane_dynamics.identification.standard_deviations import friction_statistics, statistics
 from kane_dynamics.mechanics.recursive.regressor import pseudo_inertia_of
@@ -27,6 +35,11 @@ import numpy as np
 
 ROUNDS = 3  # of reweighting
 WEIGHTS = 10.0 ** np.arange(1, 7)
+CHOICES = 2  # of laws and weight in turn, at most
+FIRST_WEIGHT = 1e3  # of the prior, before one is chosen
+SELECT = 'select'  # the law of friction of each joint
+OTHER_TERMS: dict[str, Any] = {'friction_backward': None, 'breakaway_friction': None,
+                               'stribeck_speed': 0.0, 'load_friction_backdriven': None}
 
 
 @hinting
@@ -46,6 +59,16 @@ class Identification:
         Friction speed of the Coulomb friction of each joint, rad/s or m/s.
     friction_only : bool
         Whether the inertials are the given ones.
+    laws : tuple of n str
+        Law of friction of each joint, of `friction_laws.LAWS`.
+    quadratic_damping, load_friction : (n,) arrays
+        As of `Joint`; 0 where the law has none.
+    presliding : (n,) array
+        Travel over which presliding friction reverses, rad or m; 0 where the law has none.
+        `model` has smooth Coulomb friction instead; `torque` has presliding.
+    candidates : dict of str to CandidateErrors
+        RMS errors of each law on blocks of the first half that its fit had left out, of all
+        and of moving rows; empty with a law that was given.
     before, fitted, held_out : (n,) arrays
         RMS of torque error, N m or N: of the given model on the second half; of the
         identified model on the first half, to which it was fitted; and on the second
@@ -54,7 +77,7 @@ class Identification:
         Standard deviations of damping, friction, armature and offset for independent
         residuals; those of a smooth recording are correlated, which makes the deviations
         too small. They include the bias of the prior, see `standard_deviations`, and
-        take the friction speeds as known.
+        take what enters nonlinearly, and further terms of friction laws, as known.
     inertial_deviations : (bodies, 10) array
         Standard deviations of single inertial parameters about the body's origin, in the
         order of `regressor.PARAMETERS`: those of the torques alone, or larger by the
@@ -75,6 +98,11 @@ class Identification:
     unknowns: Array
     friction_speed: Array
     friction_only: bool
+    laws: tuple[str, ...]
+    quadratic_damping: Array
+    load_friction: Array
+    presliding: Array
+    candidates: dict[str, CandidateErrors]
     before: Array
     fitted: Array
     held_out: Array
@@ -97,7 +125,9 @@ class Identification:
             without bounds; the message names it.
 
         """
-        return identified(self.given, self.unknowns, self.friction_speed,
+        further = {'quadratic_damping': self.quadratic_damping,
+                   'load_friction': self.load_friction}
+        return identified(self.given, self.unknowns, self.friction_speed, further,
                           inertials=not self.friction_only)
 
     def torque(self, recording: Recording) -> Array:
@@ -110,9 +140,18 @@ class Identification:
             Of the joints of the model, in their order; its torques are not used.
 
         """
-        data = rows(self.given, recording)
-        return np.asarray(recording.tau - _error(data, self.friction_speed,
-                                                 self.unknowns))
+        data = law_rows(rows(self.given, recording))
+        return np.asarray(recording.tau - law_error(data, self._fit))
+
+    @property
+    def _fit(self) -> LawFit:
+        """Return the values as a fit of laws."""
+        laws = [LAWS[LAW_NAMES.index(name)] for name in self.laws]
+        further = np.column_stack([self.quadratic_damping, self.load_friction])
+        shapes = np.where(self.presliding > 0.0, self.presliding, self.friction_speed)
+        size = 10 * len(self.given.bodies)
+        return LawFit(tuple(laws), self.unknowns[:size],
+                      np.hstack([self.losses, further]), shapes, self.fitted)
 
     @property
     def losses(self) -> Array:
@@ -124,11 +163,14 @@ class Identification:
 @on_one_processor
 def identify(model: Model, recording: Recording, *, friction_only: bool = False,
              bounded: bool = True, weight: float | None = None,
-             standstill: float = STANDSTILL,
+             standstill: float = STANDSTILL, friction: str = SELECT,
              diagnosed: bool = False,
              progress: Callable[[float], object] = lambda done: None) -> Identification:
     """
     Fit a model to the first half of a recording and validate it on the second half.
+
+    Of a periodic recording the halves are those of its period, since repeated motion is no
+    test.
 
     Parameters
     ----------
@@ -142,12 +184,18 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
     bounded : bool
         Whether damping, friction and armature are bounded to values >= 0. False requires
         `friction_only`: plain least squares, in which a negative value shows an error of
-        the rigid bodies; `model` then raises ModelError.
+        the rigid bodies; `model` then raises ModelError. The law is then 'coulomb'.
     weight : float, optional
-        Weight of the prior. Default: chosen by cross-validation on the first half.
+        Weight of the prior. Default: chosen on blocks of the first half that fits leave
+        out.
     standstill : float
-        The fit of a joint ignores rows in which it is slower, rad/s or m/s; the reported
-        errors are those of all rows.
+        The fit of a joint ignores rows in which it is slower, rad/s or m/s, but for
+        presliding friction; the reported errors are those of all rows.
+    friction : str
+        Law of friction of all joints, a name of `friction_laws.LAWS`; or 'select', which
+        chooses one for each joint on blocks of the first half that fits leave out. With
+        `friction_only` it is 'coulomb', since wrong masses look like friction that
+        depends on the load.
     diagnosed : bool
         Whether `diagnose` was called already; it is not called again then.
     progress : callable
@@ -166,51 +214,171 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
         range.
 
     """
-    if weight is not None and not 0.0 < weight < np.inf:
-        raise InputError(f'weight: {weight:g}; expected a positive, finite number')
-    if not (bounded or friction_only):
-        raise InputError('bounded: False; expected it only with friction_only=True')
-    if not standstill >= 0.0:
-        raise InputError(f'standstill: {standstill:g}; expected a number >= 0')
+    _check_options(weight, bounded, friction_only, standstill, friction)
     check_recording(model, recording)
     if not diagnosed:
         for finding in diagnose(model, recording):
             if finding.level != 'remark':
                 warnings.warn(f'the recording does not fit the model: {finding.words}',
                               ModelWarning, stacklevel=3)
-    data = rows(model, recording, standstill)
-    first, second = data.half(second=False), data.half(second=True)
+    whole = law_rows(rows(model, recording, standstill))
+    place = phases(recording)
+    first, second = whole.part(place < 0.5), whole.part(place >= 0.5)
+    blocks = block_flags(2.0 * place[place < 0.5])
     lowest = LOWEST if bounded else UNBOUNDED
-    speeds = friction_speeds(first, lowest)
-    x = _friction_alone(model, first, speeds, lowest)
-    if friction_only:
-        weight = np.inf
-    else:
-        x, speeds, weight = _with_bodies(model, first, speeds, x, weight, progress)
+    plain = _PlainFits(model, first, blocks, lowest)
+    given = np.inf if friction_only else weight
+    laws: tuple[FrictionLaw, ...] | None = None  # to be selected
+    if friction != SELECT or friction_only:
+        name = COULOMB.name if friction == SELECT else friction
+        laws = (LAWS[LAW_NAMES.index(name)],) * model.n
+    fit, used_weight, candidates = _chosen_fit(plain, laws, given, progress)
     progress(1.0)
-    A, _, _ = _weighted(compressed(first, speeds), x)
+    return _identification(first, second, fit, used_weight, candidates, model)
+
+
+def _check_options(weight: float | None, bounded: bool, friction_only: bool,
+                   standstill: float, friction: str) -> None:
+    """Raise InputError for options of `identify` that are out of range."""
+    if weight is not None and not 0.0 < weight < np.inf:
+        raise InputError(f'weight: {weight:g}; expected a positive, finite number')
+    if not (bounded or friction_only):
+        raise InputError('bounded: False; expected it only with friction_only=True')
+    if not standstill >= 0.0:
+        raise InputError(f'standstill: {standstill:g}; expected a number >= 0')
+    if friction != SELECT and friction not in LAW_NAMES:
+        raise InputError(f'friction: {friction!r}; expected one of {SELECT}, '
+                         f'{", ".join(LAW_NAMES)}')
+    if not bounded and friction not in (SELECT, COULOMB.name):
+        raise InputError(f'friction: {friction!r} with bounded=False; expected '
+                         f'{COULOMB.name!r}')
+
+
+class _PlainFits(NamedTuple):
+    """What fits with Coulomb friction of all joints need: the rows and their blocks."""
+
+    model: Model
+    rows: LawRows
+    blocks: list[Flags]
+    lowest: Array
+
+    def fit(self, weight: float, start: LawFit | None = None) -> LawFit:
+        """Return the fit with a weight of the prior."""
+        return _coulomb_fit(self.model, self.rows.data, weight, self.lowest, start)
+
+    def weight(self, fit: LawFit) -> float:
+        """Return the weight of the prior that errors on left-out blocks support."""
+        return _chosen_weight(self.rows, self.blocks, fit, self.model)
+
+
+def _chosen_fit(plain_fits: _PlainFits, stated: tuple[FrictionLaw, ...] | None,
+                given: float | None, progress: Callable[[float], object]
+                ) -> tuple[LawFit, float, dict[str, CandidateErrors]]:
+    """
+    Return the fit, its weight of the prior, and the errors of all laws.
+
+    The weight is chosen with Coulomb friction. With it the laws are compared, then the
+    weight is chosen with these laws; once more if both have changed.
+
+    Parameters
+    ----------
+    stated : tuple of FrictionLaw, optional
+        Of the joints, not to be chosen.
+    given : float, optional
+        Weight that is not to be chosen; infinite for given bodies.
+
+    """
+    data, model = plain_fits.rows, plain_fits.model
+    weight = given or FIRST_WEIGHT
+    plain = plain_fits.fit(weight)
+    if given is None:
+        weight = plain_fits.weight(plain)
+        plain = plain_fits.fit(weight, plain)
+    progress(0.4)
+    laws = stated or (COULOMB,) * model.n
+    candidates: dict[str, CandidateErrors] = {}
+    fit = plain
+    for turn in range(CHOICES):
+        last_laws, last_weight = laws, weight
+        if stated is None:
+            laws, candidates = _selected(data, plain_fits.blocks, plain,
+                                         Prior(model, weight))
+        if turn and laws == last_laws:
+            break
+        fit = plain
+        if all(law is COULOMB for law in laws):
+            break
+        fit = fit_laws(data, laws, plain, Prior(model, weight))
+        if given is None:
+            weight = plain_fits.weight(fit)
+        if weight == last_weight:
+            break
+        fit = fit_laws(data, laws, fit, Prior(model, weight))
+        plain = plain_fits.fit(weight, plain)
+        progress(0.4 + 0.5 * (turn + 1) / CHOICES)
+    return fit, weight, candidates
+
+
+def _identification(first: LawRows, second: LawRows, fit: LawFit, weight: float,
+                    candidates: dict[str, CandidateErrors], model: Model
+                    ) -> Identification:
+    """Return the result for a fit, with its errors and deviations."""
+    x = _unknowns(fit)
+    load = first.load(fit.inertial, fit.losses[:, 2])
+    friction_only = not np.isfinite(weight)
+    A = _plain_equations(equations(first, fit.laws, fit.shapes, load).triangles, fit)
+    speeds = _smooth_speeds(first, fit)
     if friction_only:
         deviations, inertial_deviations, condition = friction_statistics(A, model)
     else:
         deviations, inertial_deviations, condition = statistics(A, model, x, speeds,
                                                                 weight)
-    fitted = _error(first, speeds, x)
-    held_out = _error(second, speeds, x)
+    fitted, held_out = law_error(first, fit), law_error(second, fit)
+    has_memory = np.array([law.presliding for law in fit.laws])
     return Identification(
-        model, x, speeds, friction_only, rms(recording_error(model, second.recording)),
-        rms(fitted), rms(held_out), _moving_rms(fitted, first.moving),
-        _moving_rms(held_out, second.moving), deviations,
-        inertial_deviations, condition, float(weight))
+        model, x, speeds, friction_only, tuple(law.name for law in fit.laws),
+        fit.losses[:, 4], fit.losses[:, 5], np.where(has_memory, fit.shapes, 0.0),
+        candidates, rms(recording_error(model, second.data.recording)), rms(fitted),
+        rms(held_out), moving_rms(fitted, first.data.moving),
+        moving_rms(held_out, second.data.moving), deviations, inertial_deviations,
+        condition, float(weight))
 
 
-def identified(model: Model, x: Array, speeds: Array, *,
+def _unknowns(fit: LawFit) -> Array:
+    """Return inertial parameters and the four losses of all laws, (10 bodies + 4 n,)."""
+    return np.concatenate([fit.inertial, fit.losses[:, :len(FRICTION)].ravel()])
+
+
+def _plain_equations(triangles: list[Array], fit: LawFit) -> Array:
+    """Return the weighted equations without the torque and without further terms."""
+    size, n = len(fit.inertial), len(fit.laws)
+    of_losses = np.arange(COLUMNS * n).reshape(n, COLUMNS)[:, :len(FRICTION)]
+    kept = np.concatenate([np.arange(size), size + of_losses.ravel()])
+    weighted = [R[:, kept] / deviation
+                for R, deviation in zip(triangles, fit.sigma, strict=True)]
+    return np.vstack(weighted)
+
+
+def _smooth_speeds(first: LawRows, fit: LawFit) -> Array:
+    """Return the friction speeds; of presliding friction, those that resemble it most."""
+    speeds = fit.shapes.copy()
+    has_memory = [j for j, law in enumerate(fit.laws) if law.presliding]
+    if has_memory:
+        alone = replace(first.data, rigid=first.data.Y @ fit.inertial)
+        speeds[has_memory] = friction_speeds(alone)[has_memory]
+    return speeds
+
+
+def identified(model: Model, x: Array, speeds: Array, further: dict[str, Array], *,
                inertials: bool = True) -> Model:
-    """Return the model with the values of the unknowns."""
-    losses = {}
-    for name, row, speed in zip(model.joint_names, x[-4 * model.n:].reshape(-1, 4),
-                                speeds, strict=True):
-        losses[name] = dict(zip(FRICTION, row.tolist(), strict=True),
-                            friction_speed=float(speed))
+    """Return the model with the values of the unknowns, and of further terms of friction."""
+    losses: dict[str, dict[str, Any]] = {}
+    for j, name in enumerate(model.joint_names):
+        row = x[-4 * model.n:].reshape(-1, 4)[j]
+        losses[name] = {**OTHER_TERMS, **dict(zip(FRICTION, row.tolist(), strict=True)),
+                        'friction_speed': float(speeds[j])}
+        for term, values in further.items():
+            losses[name][term] = float(values[j])
     bodies = []
     for k, body in enumerate(model.bodies):
         inertial = body.inertial
@@ -228,96 +396,79 @@ def recording_error(model: Model, recording: Recording) -> Array:
                                                          recording.udot)
 
 
-def _friction_alone(model: Model, data: RegressionRows, speeds: Array,
-                    lowest: Array) -> Array:
-    """Return the unknowns with the model's inertials and fitted friction."""
-    x = true_unknowns(model)
-    for j, speed in enumerate(speeds):
-        start = 10 * len(model.bodies) + 4 * j
-        x[start:start + 4] = fit_friction(data, j, float(speed), lowest)[0]
-    return x
-
-
-def _with_bodies(model: Model, data: RegressionRows, speeds: Array, x: Array,
-                 weight: float | None,
-                 progress: Callable[[float], object]) -> tuple[Array, Array, float]:
+def _coulomb_fit(model: Model, data: RegressionRows, weight: float, lowest: Array,
+                 start: LawFit | None = None) -> LawFit:
     """
-    Return the unknowns, the friction speeds, and the weight of the prior.
+    Return the fit with Coulomb friction of all joints.
 
-    A weight that is not given is chosen twice: with the friction speeds fitted to the
-    given bodies, then with those fitted to the identified bodies.
+    Friction speeds are searched finely: those fitted to the given bodies, then those
+    fitted to the identified bodies.
     """
     prior = [body.inertial for body in model.bodies]
-    used_weight = 0.0
+    bounds = np.tile(lowest, model.n)
+    if start is None:
+        speeds = friction_speeds(data, lowest)
+        x = true_unknowns(model)
+        for j, speed in enumerate(speeds):
+            own = slice(10 * len(prior) + 4 * j, 10 * len(prior) + 4 * j + 4)
+            x[own] = fit_friction(data, j, float(speed), lowest)[0]
+    else:
+        speeds, x = start.shapes, _unknowns(start)
 
     def rigid(speeds: Array) -> Array:
         """Fit at given friction speeds; return the rigid-body torque."""
         nonlocal x
-        equations = compressed(data, speeds)
+        at_speeds = compressed(data, speeds)
         for _ in range(ROUNDS):
-            A, b, _ = _weighted(equations, x)
-            x = physical(A, b, prior, model.n, used_weight)
+            A, b, _ = _weighted(at_speeds, x)
+            x = physical(A, b, prior, bounds, weight)
         return np.asarray(data.Y @ x[:10 * len(prior)])
 
-    for done_before in (0.0, 0.5):
-        def report(done: float, done_before: float = done_before) -> None:
-            progress(done_before + 0.5 * done)
-        used_weight = weight or _chosen_weight(model, data, speeds, x, report)
+    if np.isfinite(weight):
         speeds = settled_speeds(data, speeds, rigid)
-        if weight:
-            break
-    rigid(speeds)
-    return x, speeds, used_weight
+        rigid(speeds)
+    _, _, sigma = _weighted(compressed(data, speeds), x)
+    size = 10 * len(prior)
+    losses = np.hstack([x[size:].reshape(-1, 4), np.zeros((model.n, 2))])
+    return LawFit((COULOMB,) * model.n, x[:size], losses, np.asarray(speeds), sigma)
 
 
 def _weighted(compressed_rows: tuple[list[tuple[Array, Array]], Array, Array], x: Array
               ) -> tuple[Array, Array, Array]:
     """Return the equations divided by the residuals' deviations at x, and the deviations."""
-    equations, floor, counts = compressed_rows
-    sigma = weights(equations, floor, counts, x)
-    return *stacked(equations, sigma), sigma
+    equations_of_joints, floor, counts = compressed_rows
+    sigma = weights(equations_of_joints, floor, counts, x)
+    return *stacked(equations_of_joints, sigma), sigma
 
 
-def _chosen_weight(model: Model, data: RegressionRows, speeds: Array, x: Array,
-                   progress: Callable[[float], object]) -> float:
-    """
-    Return the weight of the prior, by cross-validation over blocks of consecutive rows.
-
-    It is the largest weight whose error is within one standard error of the smallest
-    (Hastie, Tibshirani & Friedman, The Elements of Statistical Learning, section 7.10).
-    Errors are in units of each joint's residual at x.
-    """
-    _, _, sigma = _weighted(compressed(data, speeds), x)
-    prior = [body.inertial for body in model.bodies]
-    stretches = []
-    for part in data.stretches:
-        triangles = factorized(part, speeds)
-        weighted = [R / deviation for R, deviation in zip(triangles, sigma, strict=True)]
-        stretches.append(np.vstack(weighted))
-    # The prior counts as much for a fit to all stretches but one as for a fit to all.
-    share = 1.0 - 1.0 / len(stretches)
-    errors = np.zeros((len(stretches), len(WEIGHTS)))
-    for k, held_out in enumerate(stretches):
-        R = triangle(np.vstack(stretches[:k] + stretches[k + 1:]))
-        count = max(int(data.stretches[k].moving.sum()), 1)
-        for i, weight in enumerate(WEIGHTS):
-            fitted = physical(R[:, :-1], R[:, -1], prior, model.n, float(weight) * share)
-            residual = held_out[:, -1] - held_out[:, :-1] @ fitted
-            errors[k, i] = residual @ residual / count
-            progress((k * len(WEIGHTS) + i + 1) / (errors.size + ROUNDS))
-    mean = errors.mean(axis=0)
-    best = int(np.argmin(mean))
-    standard_error = errors[:, best].std(ddof=1) / np.sqrt(len(stretches))
-    return float(WEIGHTS[mean <= mean[best] + standard_error][-1])
+def _selected(rows_of_fit: LawRows, blocks: list[Flags], start: LawFit, prior: Prior
+              ) -> tuple[tuple[FrictionLaw, ...], dict[str, CandidateErrors]]:
+    """Return the law of each joint, and the errors of all laws on left-out blocks."""
+    errors = []
+    candidates = {}
+    for law in LAWS:
+        fit = start
+        if law is not COULOMB:
+            fit = fit_laws(rows_of_fit, (law,) * len(start.laws), start, prior)
+        every, moving = Blocks(rows_of_fit, blocks, fit).errors(prior)
+        errors.append(every)
+        candidates[law.name] = CandidateErrors(_root_mean_square(every),
+                                               _root_mean_square(moving))
+    return chosen_laws(errors), candidates
 
 
-def _moving_rms(error: Array, moving: Flags) -> Array:
-    """Return the RMS of each joint's error over the rows in which it moves, (n,)."""
-    counts = moving.sum(axis=0)
-    squares = np.sum(np.where(moving, error, 0.0)**2, axis=0)
-    return np.where(counts > 0, np.sqrt(squares / np.maximum(counts, 1)), np.nan)
+def _root_mean_square(errors: Array) -> Array:
+    """Return the root of the mean square over blocks, (n,); NaN of joints at rest."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', RuntimeWarning)  # a joint that never moves
+        return np.asarray(np.sqrt(np.nanmean(errors**2, axis=0)))
 
 
-def _error(data: RegressionRows, speeds: Array, x: Array) -> Array:
-    """Return measured torque minus that of the values of the unknowns, (N, n)."""
-    return np.asarray(data.recording.tau - data.rest - full_regressor(data, speeds) @ x)
+def _chosen_weight(rows_of_fit: LawRows, blocks: list[Flags], fit: LawFit, model: Model
+                   ) -> float:
+    """Return the largest weight of the prior that errors on left-out blocks support."""
+    left_out = Blocks(rows_of_fit, blocks, fit)
+    errors = []
+    for weight in WEIGHTS:
+        errors.append(left_out.errors(Prior(model, float(weight)))[0])
+    return largest_supported(errors, WEIGHTS.tolist())

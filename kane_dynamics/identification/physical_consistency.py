@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.identification.regression import LOWEST, triangle
+from kane_dynamics.identification.regression import triangle
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.recursive.regressor import parameters_of, pseudo_inertia_of
 from kane_dynamics.model.model import Inertial
@@ -46,20 +46,19 @@ def prior_parameters(prior: Inertial) -> Array:
     return parameters_of(L @ L.T)
 
 
-def physical(A: Array, b: Array, prior: Sequence[Inertial], joints: int, weight: float
+def physical(A: Array, b: Array, prior: Sequence[Inertial], lowest: Array, weight: float
              ) -> Array:
     """
     Return the x that minimizes |A x - b|^2 + weight * sum |Z|^2 with physical bodies.
 
     Parameters
     ----------
-    A, b : (m, 10 bodies + 4 joints), (m,) arrays
+    A, b : (m, 10 bodies + losses), (m,) arrays
         Equations, each divided by its standard deviation.
     prior : sequence of Inertial
         Inertials of the initial model.
-    joints : int
-        Number of joints with friction and armature among the unknowns; all of these
-        except offsets are >= 0.
+    lowest : (losses,) array
+        Lower bounds of the friction and armature of joints; -inf for none.
     weight : float
         Positive weight of the distance from the prior.
 
@@ -70,7 +69,6 @@ def physical(A: Array, b: Array, prior: Sequence[Inertial], joints: int, weight:
 
     """
     size = 10 * len(prior)
-    lowest = np.tile(LOWEST, joints)
     # By Z of each body: P = L (1 + Z) L^T, so its parameters are linear in Z.
     starts, changes, columns = [], [], []
     for k, inertial in enumerate(prior):
@@ -82,7 +80,7 @@ def physical(A: Array, b: Array, prior: Sequence[Inertial], joints: int, weight:
     start = np.concatenate(starts)
     data = np.column_stack([*columns, A[:, size:], b - A[:, :size] @ start])
     nearness = np.hstack([np.sqrt(weight) * np.eye(size),
-                          np.zeros((size, 4 * joints + 1))])
+                          np.zeros((size, len(lowest) + 1))])
     R = triangle(np.vstack([data, nearness]))
     x = _unconstrained(R, len(prior), lowest)
     if x is None:

@@ -26,7 +26,7 @@ from kane_dynamics.identification.qr_factor import Factor
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.friction import coulomb
-from kane_dynamics.model.model import Model
+from kane_dynamics.model.model import FRICTION as LAW_FIELDS, Joint, Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
@@ -72,8 +72,8 @@ class RegressionRows:
         middle = len(self.recording) // 2
         return self.part(slice(middle, None) if second else slice(0, middle))
 
-    def part(self, chosen: slice) -> 'RegressionRows':
-        """Return the rows of a slice."""
+    def part(self, chosen: slice | Flags) -> 'RegressionRows':
+        """Return the rows of a slice or a mask."""
         return RegressionRows(self.recording.rows(chosen), self.joint_names,
                               self.rigid[chosen],
                               self.rest[chosen], self.Y[chosen], self.moving[chosen])
@@ -111,7 +111,9 @@ class RegressionRows:
 
 def without_losses(model: Model) -> Model:
     """Return the model without friction and armature at joints with a coordinate of their own."""
-    without: dict[str, Any] = dict.fromkeys(FRICTION, 0.0)
+    nothing = Joint('nothing', 'revolute', np.array([0.0, 0.0, 1.0]))
+    without: dict[str, Any] = {name: getattr(nothing, name)
+                               for name in (*LAW_FIELDS, 'armature')}
     bodies = []
     for body in model.bodies:
         if body.joint.name in model.coordinate_names:

@@ -18,6 +18,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import base_error, base_speeds, fit_base
 from kane_dynamics.identification.efforts import Efforts
 from kane_dynamics.identification.fit import Identification, identify
+from kane_dynamics.identification.friction_laws import COULOMB
 from kane_dynamics.identification.payload.payload_fit import identify_payload, Payload
 from kane_dynamics.identification.payload.recorded_motion import recorded_joints, recorded_motion
 from kane_dynamics.identification.recordings.diagnosis import refuse_faulty
@@ -32,6 +33,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 AXES = 'xyz'
+FURTHER = ('quadratic_damping', 'load_friction', 'presliding')  # terms of friction laws
 
 
 @dataclass(frozen=True)
@@ -158,7 +160,8 @@ def _fit_model(options: Namespace, model: Model) -> Outcome:
     with progress_bar('identifying', 1.0) as progress:
         result = identify(model, recording, friction_only=options.friction_only,
                           bounded=not options.unbounded, weight=options.weight,
-                          standstill=options.standstill, diagnosed=True,
+                          standstill=options.standstill, friction=options.friction,
+                          diagnosed=True,
                           progress=progress)
     files: Sequence[str] = ()
     if options.out:
@@ -173,11 +176,17 @@ def model_data(result: Identification, recording: Recording) -> dict[str, Any]:
     bodies = (result.given if result.friction_only else result.model).bodies
     friction = dict(zip(FRICTION, result.losses.T.tolist(), strict=True))
     friction['friction_speed'] = result.friction_speed.tolist()
+    for name in FURTHER:
+        friction[name] = getattr(result, name).tolist()
+    candidates = {}
+    for law, errors in result.candidates.items():
+        candidates[law] = {'rms': errors.every, 'rms_moving': errors.moving}
     return {
         'joint_names': list(result.given.joint_names), 'rows': len(recording),
         'rms_before': result.before, 'rms_fitted': result.fitted,
         'rms_held_out': result.held_out, 'rms_fitted_moving': result.fitted_moving,
         'rms_held_out_moving': result.held_out_moving, 'friction': friction,
+        'laws': list(result.laws), 'candidates': candidates,
         'standard_deviations': dict(zip(FRICTION, result.deviations.T.tolist(),
                                         strict=True)),
         'inertials': _identifiable(result),
@@ -211,6 +220,7 @@ def print_model(data: dict[str, Any]) -> None:
                  'held out, moving'],
                 zip(data['joint_names'], *(data[name] for name in errors), strict=True))
     print()
+    _print_laws(data)
     _print_friction(data)
     identifiable = []
     for body, row in data['inertials'].items():
@@ -223,6 +233,29 @@ def print_model(data: dict[str, Any]) -> None:
     print(f'\ncondition number {data["condition"]:.3g}, weight of the prior '
           f'{data["prior_weight"]:g}')
     _print_files(data)
+
+
+def _print_laws(data: dict[str, Any]) -> None:
+    """Print the errors of all laws of friction, and what the chosen ones add."""
+    if data['candidates']:
+        print('laws of friction: RMS of torque error on blocks that the fit left out, of '
+              'all rows / in motion')
+        table = []
+        for k, joint in enumerate(data['joint_names']):
+            errors = []
+            for of_law in data['candidates'].values():
+                errors.append(f'{of_law["rms"][k]:.3g} / {of_law["rms_moving"][k]:.3g}')
+            table.append([joint, *errors, data['laws'][k]])
+        print_table(['joint', *data['candidates'], 'chosen'], table)
+        print()
+    further = []
+    for k, (joint, law) in enumerate(zip(data['joint_names'], data['laws'], strict=True)):
+        if law != COULOMB.name:
+            values = [data['friction'][name][k] for name in FURTHER]
+            further.append([joint, law, *values])
+    if further:
+        print_table(['joint', 'law of friction', *FURTHER], further)
+        print()
 
 
 def _print_friction(data: dict[str, Any]) -> None:

@@ -144,8 +144,8 @@ def _physical(information: Array, weighted: Array) -> Array:
     """Return the physical parameters, (10,), that fit `PayloadEquations` best."""
     values, axes = np.linalg.eigh(information)
     root = np.sqrt(np.maximum(values, 1e-15 * values[-1]))
-    return physical(root[:, None] * axes.T, (axes.T @ weighted) / root, [START], 0,
-                    BELIEF)
+    return physical(root[:, None] * axes.T, (axes.T @ weighted) / root, [START],
+                    np.zeros(0), BELIEF)
 
 
 def covariance_of(information: Array) -> Array:

@@ -7,7 +7,7 @@ from typing import Any
 from kane_dynamics._util.attribute_hints import fixed
 from kane_dynamics._util.checks import increasing, instance
 from kane_dynamics._util.frozen import freeze
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.ball_joints import require_angles
@@ -72,8 +72,8 @@ class Recording:
         """Return the number of rows."""
         return len(self.t)
 
-    def rows(self, chosen: slice) -> 'Recording':
-        """Return some of the rows."""
+    def rows(self, chosen: slice | Flags) -> 'Recording':
+        """Return some of the rows, of a slice or of a mask (N,)."""
         return replace(self, **{name: getattr(self, name)[chosen] for name in ('t',
                                                                                *NAMES)})
 

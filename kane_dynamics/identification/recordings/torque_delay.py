@@ -13,7 +13,7 @@ deviation.
 Friction does not follow the speed at once: it reverses over a short travel (presliding).
 It is most of the torque of a small joint behind a gear, and lags the speed as if the
 torque came late. The delays are therefore fitted a second time with Dahl friction
-(P. Dahl, "A solid friction model", 1968) among the terms, for several lengths of that
+(P. Dahl, "A solid friction model", 1968) among the terms, for four lengths of that
 travel. Where friction alone tells the delay, the sum of squares is then flat. A joint has
 a delay of its own only if both fits say so.
 """
@@ -22,6 +22,7 @@ from dataclasses import dataclass
 
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.typing import Array, Flags
+from kane_dynamics.identification.presliding import dahl_friction
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.solvers import scientific
 from kane_dynamics.mechanics.friction import coulomb
@@ -36,7 +37,7 @@ MOST_ROWS = 1500  # used rows, evenly distributed
 NEAR = 0.03  # s, of the minimum: where the sum of squares is fitted by a parabola
 BLOCKS = 8  # of consecutive rows, for the jackknife
 FRICTION_SPEEDS = (0.02, 0.1)  # rad/s or m/s
-DAHL_LENGTHS = (0.002, 0.01, 0.05)  # rad or m, over which friction reverses
+DAHL_LENGTHS = (0.002, 0.007, 0.02, 0.06)  # rad or m, over which friction reverses
 RANK = 1e-4  # relative size of singular values that are regarded as zero
 LIKENESS = 0.25  # assumed correlation of missing torque with that of a delay; RMS of real arms
 JUDGED = 0.025  # s, largest standard deviation of a known delay
@@ -111,37 +112,22 @@ def torque_delays(model: Model, recording: Recording) -> TorqueDelays:
         q, u, udot = recording.q[inner], recording.u[inner], recording.udot[inner]
         Y = robot.regressor(q, u, udot)
         rigid = robot.inverse_dynamics(q, u, udot)
-        presliding = [dahl_friction(recording.q, length)[inner]
-                      for length in DAHL_LENGTHS]
+        presliding = dahl_friction(recording.q, DAHL_LENGTHS)[inner]
         for j in np.flatnonzero(np.ptp(u, axis=0) > 0.0):
             coulomb_friction = [coulomb(u[:, j], speed) for speed in FRICTION_SPEEDS]
             A = np.column_stack([Y[:, j], u[:, j], *coulomb_friction, udot[:, j],
                                  np.ones(len(u))])
-            with_memory = np.column_stack([A, *(dahl[:, j] for dahl in presliding)])
+            with_memory = np.column_stack([A, presliding[:, :, j]])
             torques = recording.tau[inner[:, None] + lags, j] - rigid[:, j, None]
             for k, columns in enumerate((A, with_memory)):
                 residuals = _residuals(columns, torques)
                 delay[j, k], deviation[j, k] = _vertex(step * lags, residuals)
-    common_with_memory, _ = _common(delay[:, 1], deviation[:, 1])
-    own = _outlying(delay[:, 1], deviation[:, 1], common_with_memory)
-    friction_memory = ~(own & (deviation[:, 1] <= JUDGED))
-    return TorqueDelays(delay[:, 0], deviation[:, 0], *_common(delay[:, 0], deviation[:, 0]),
-                        friction_memory)
-
-
-def dahl_friction(q: Array, length: float) -> Array:
-    """
-    Return the friction of coefficient 1 by Dahl's law along positions, (N, n).
-
-    z' = (u - |u| z) / length, exact between rows: z approaches the sign of the motion
-    over the length, whatever the speed.
-    """
-    friction = np.zeros_like(q)
-    for k, step in enumerate(np.diff(q, axis=0), start=1):
-        direction = np.sign(step)
-        decay = np.exp(-np.abs(step) / length)
-        friction[k] = direction + (friction[k - 1] - direction) * decay
-    return friction
+    common, common_deviation = _common(delay[:, 0], deviation[:, 0])
+    # A delay of the joint's own has the same side of the common one in both fits.
+    apart = delay - common
+    own = _outlying(delay[:, 1], deviation[:, 1], common) & (deviation[:, 1] <= JUDGED)
+    own &= apart[:, 0] * apart[:, 1] > 0.0
+    return TorqueDelays(delay[:, 0], deviation[:, 0], common, common_deviation, ~own)
 
 
 def smoothed(recording: Recording) -> Recording:

@@ -221,10 +221,10 @@ def test_physical_parameters_are_those_of_the_semidefinite_program(monkeypatch):
     equations, _, _ = compressed(data, np.full(6, 0.05))
     A, b = stacked(equations, np.full(6, 0.5))
     prior = [body.inertial for body in inaccurate_arm().bodies]
-    direct = physical(A, b, prior, 6, 100.0)
+    direct = physical(A, b, prior, np.tile(LOWEST, 6), 100.0)
     monkeypatch.setattr('kane_dynamics.identification.physical_consistency._unconstrained',
                         lambda *_: None)
-    program = physical(A, b, prior, 6, 100.0)
+    program = physical(A, b, prior, np.tile(LOWEST, 6), 100.0)
     misses = [np.linalg.norm(A @ x - b) for x in (direct, program)]
     assert misses[0] == pytest.approx(misses[1], rel=1e-6)
     assert np.abs(direct - program).max() < 1e-3 * np.abs(direct).max()

@@ -7,7 +7,7 @@ from pathlib import Path
 from kane_dynamics import load_urdf
 from kane_dynamics.cli import main
 from kane_dynamics.identification import diagnose, read_recording, torque_delays
-from kane_dynamics.identification.recordings.torque_delay import dahl_friction
+from kane_dynamics.identification.presliding import dahl_friction
 import numpy as np
 import pytest
 from recordings import present, quiet, real, simulated
@@ -87,7 +87,7 @@ def test_presliding_friction_of_a_small_joint_is_no_delay_of_its_own(length):
     model, r = recorded('noisy')
     tau = r.tau.copy()
     # Joint 6 has friction with a memory in place of that of its speed.
-    tau[:, 5] += 4.0 * (dahl_friction(r.q, length)[:, 5] - np.tanh(r.u[:, 5] / 0.05))
+    tau[:, 5] += 4.0 * (dahl_friction(r.q, [length])[:, 0, 5] - np.tanh(r.u[:, 5] / 0.05))
     sound = replace(r, tau=tau)
     found = torque_delays(model, sound)
     assert found.delay[5] > 0.003  # as it seems where friction follows the speed

@@ -1,0 +1,451 @@
+"""
+Laws of friction for identification, and the choice of one for each joint.
+
+Every law has damping, Coulomb friction and an offset. Beyond these:
+
+    quadratic           c u |u|
+    load                mu |L| y: friction that grows with the load L on the drive, as
+                        of gears
+    load and quadratic  both
+    presliding          Dahl friction z in place of y = tanh(u / u_s)
+
+z' = (u - |u| z) / l, so that friction reverses over the travel l (P. Dahl, "A solid
+friction model", 1968). The load L, of the bodies and the rotor, is that of the fit
+before, which makes the equations linear.
+
+A law is judged on blocks of rows that its fit has left out. Motion that repeats is no
+test of a fit: rows of a periodic motion are divided by their phase instead.
+
+The blocks are few and the rows within one are correlated, so that single joints cannot
+be told apart by their errors alone. Drives of one arm are alike: the mean of all joints
+is the prior of each joint (empirical Bayes; Efron & Morris, JASA 70 (1975)). A joint
+keeps the simplest law whose error is the smallest within its standard error.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from kane_dynamics._util.typing import Array, Flags
+from kane_dynamics.identification.physical_consistency import physical
+from kane_dynamics.identification.presliding import dahl_friction
+from kane_dynamics.identification.recordings.recording import Recording
+from kane_dynamics.identification.regression import (LOWEST, RegressionRows, rms, SPEEDS,
+                                                     triangle)
+from kane_dynamics.identification.solvers import scientific
+from kane_dynamics.mechanics.friction import coulomb
+from kane_dynamics.model.model import Model
+import numpy as np
+
+LENGTHS = np.geomspace(3e-4, 0.03, 15)  # candidates of the travel l, rad or m
+NEAR = np.geomspace(0.5, 2.0, 13)  # candidates of a friction speed, relative to the last
+COLUMNS = 6  # damping, friction, armature, offset, quadratic damping, load friction
+LOWEST_OF_ALL = np.concatenate([LOWEST, [0.0, 0.0]])
+BLOCKS = 6  # of rows that are left out in turn
+TURNS = 3  # alternating fits of bodies and of what enters nonlinearly
+REWEIGHTED = 2  # fits with weights of the joints by their residuals
+FLOOR = 1e-3  # of the RMS of the torque: smaller errors are no difference
+ALIKE = 0.02  # RMS distance of a repeated motion, relative to the range of each joint
+LEAST_PERIODS = 1.8  # of a periodic recording
+
+
+class FrictionLaw(NamedTuple):
+    """A law: its name, and which terms it has beyond those of all laws."""
+
+    name: str
+    quadratic: bool = False
+    load: bool = False
+    presliding: bool = False
+
+
+# The simplest first.
+LAWS = (FrictionLaw('coulomb'), FrictionLaw('quadratic', quadratic=True),
+        FrictionLaw('load', load=True), FrictionLaw('presliding', presliding=True),
+        FrictionLaw('load and quadratic', quadratic=True, load=True))
+LAW_NAMES = tuple(law.name for law in LAWS)
+COULOMB = LAWS[0]
+
+
+@dataclass(frozen=True, eq=False)
+class LawFit:
+    """
+    Values of all unknowns with one law for each joint.
+
+    Attributes
+    ----------
+    laws : tuple of n FrictionLaw
+    inertial : (10 bodies,) array
+    losses : (n, 6) array
+        Damping, friction, armature, offset, quadratic damping and load friction.
+    shapes : (n,) array
+        Friction speed, rad/s or m/s; the travel l, rad or m, of presliding friction.
+    sigma : (n,) array
+        Standard deviation of each joint's residual, N m or N.
+
+    """
+
+    laws: tuple[FrictionLaw, ...]
+    inertial: Array
+    losses: Array
+    shapes: Array
+    sigma: Array
+
+
+class CandidateErrors(NamedTuple):
+    """RMS error of a law on rows that were left out, (n,) arrays, N m or N."""
+
+    every: Array
+    moving: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LawRows:
+    """
+    Rows for fits of friction laws.
+
+    Attributes
+    ----------
+    data : RegressionRows
+    dahl : (N, lengths, n) array
+        Dahl friction of coefficient 1, for each of `LENGTHS`.
+
+    """
+
+    data: RegressionRows
+    dahl: Array
+
+    def part(self, chosen: slice | Flags) -> 'LawRows':
+        """Return some of the rows; Dahl friction remembers the rows before."""
+        return LawRows(self.data.part(chosen), self.dahl[chosen])
+
+    @property
+    def torque(self) -> Array:
+        """Return the torque that bodies, friction and armature explain, (N, n)."""
+        return np.asarray(self.data.recording.tau - self.data.rest)
+
+    def load(self, inertial: Array, armature: Array) -> Array:
+        """Return the loads on the drives, (N, n), N m or N."""
+        of_bodies = self.data.Y @ inertial
+        return np.asarray(of_bodies + self.data.rest + armature * self.data.recording.udot)
+
+    def used(self, joint: int, law: FrictionLaw) -> Flags:
+        """Return the rows that tell a joint's parameters, (N,)."""
+        # At standstill friction is undetermined, but for that which remembers the motion.
+        if law.presliding:
+            return np.ones(len(self.dahl), dtype=bool)
+        return np.asarray(self.data.moving[:, joint])
+
+    def columns(self, joint: int, law: FrictionLaw, shape: float, load: Array) -> Array:
+        """Return the torques of a joint's losses of 1, (N, 6); zeros of unused ones."""
+        u = self.data.recording.u[:, joint]
+        slip = coulomb(u, shape) if not law.presliding else self._dahl(joint, shape)
+        nothing = np.zeros(len(u))
+        quadratic = u * np.abs(u) if law.quadratic else nothing
+        by_load = np.abs(load) * slip if law.load else nothing
+        return np.column_stack([u, slip, self.data.recording.udot[:, joint],
+                                np.ones(len(u)), quadratic, by_load])
+
+    def _dahl(self, joint: int, length: float) -> Array:
+        """Return the Dahl friction of coefficient 1 of a joint, (N,)."""
+        nearest = int(np.argmin(np.abs(np.log(LENGTHS / length))))
+        return np.asarray(self.dahl[:, nearest, joint])
+
+
+def law_rows(data: RegressionRows) -> LawRows:
+    """Return the rows for fits of friction laws, of a whole recording."""
+    return LawRows(data, dahl_friction(data.recording.q, LENGTHS))
+
+
+# Rows that are left out.
+
+def period(recording: Recording) -> float | None:
+    """Return the period of a recording that repeats itself, s; None if it does not."""
+    q = recording.q
+    count = len(q)
+    reach = np.ptp(q, axis=0)
+    moves = reach > 0.0
+    if not moves.any() or count < 50:
+        return None
+    latest = int(count / LEAST_PERIODS)
+    # A position recurs now and then; after a period all rows do.
+    scaled = q[:, moves] / reach[moves]
+    stride = max(1, count // 2000)
+    least, best = ALIKE, 0
+    for lag in range(count // 50 + 1, latest, stride):
+        difference = scaled[lag:] - scaled[:-lag]
+        distance = float(np.sqrt(np.mean(difference**2, axis=0)).max())
+        if distance < least:
+            least, best = distance, lag
+        elif best and distance > ALIKE:
+            break  # beyond the first minimum; the next one is that of two periods
+    return float(recording.t[best] - recording.t[0]) if best else None
+
+
+def phases(recording: Recording) -> Array:
+    """Return the place of each row in the motion, 0 to 1; equal for repeated motion."""
+    t = recording.t - recording.t[0]
+    repeated = period(recording)
+    if repeated is None:
+        return np.asarray(np.arange(len(t)) / len(t))
+    return np.asarray((t % repeated) / repeated)
+
+
+def block_flags(place: Array) -> list[Flags]:
+    """Return the rows of each block, by their places in the motion."""
+    number = np.minimum((BLOCKS * place).astype(int), BLOCKS - 1)
+    return [np.asarray(number == k) for k in range(BLOCKS)]
+
+
+# Fits.
+
+class Prior(NamedTuple):
+    """Prior of the inertial parameters: a model, and the weight of the distance from it."""
+
+    model: Model
+    weight: float  # infinite: the bodies are those of the model
+
+
+class System(NamedTuple):
+    """Equations R of each joint, [bodies | losses | torque], and their number of rows."""
+
+    triangles: list[Array]
+    counts: Array
+
+
+def fit_laws(rows: LawRows, laws: Sequence[FrictionLaw], start: LawFit,
+             prior: Prior) -> LawFit:
+    """Return the fit of bodies and friction with these laws, from another fit."""
+    fit = start
+    for _ in range(TURNS):
+        load = rows.load(fit.inertial, fit.losses[:, 2])
+        shapes = _best_shapes(rows, laws, fit, load)
+        system = equations(rows, laws, shapes, load)
+        fit = LawFit(tuple(laws), fit.inertial, fit.losses, shapes, fit.sigma)
+        for _ in range(REWEIGHTED):
+            fit = _solved(system, fit, prior)
+    return fit
+
+
+def _best_shapes(rows: LawRows, laws: Sequence[FrictionLaw], fit: LawFit, load: Array
+                 ) -> Array:
+    """Return the friction speeds and travels that fit best for given bodies, (n,)."""
+    missing = rows.torque - rows.data.Y @ fit.inertial
+    shapes = np.zeros(len(laws))
+    for j, law in enumerate(laws):
+        used = rows.used(j, law)
+        candidates = LENGTHS
+        if not law.presliding:
+            candidates = SPEEDS
+            if not fit.laws[j].presliding:  # near those of the fit before
+                candidates = fit.shapes[j] * NEAR
+        errors = []
+        for shape in candidates:
+            columns = rows.columns(j, law, float(shape), load[:, j])[used]
+            R = triangle(np.column_stack([columns, missing[used, j]]))
+            losses = _bounded(R)
+            errors.append(float(np.sum((R[:, -1] - R[:, :-1] @ losses)**2)))
+        shapes[j] = candidates[int(np.argmin(errors))]
+    return shapes
+
+
+def _bounded(R: Array) -> Array:
+    """Return the losses within their bounds that solve R = [losses | torque] best, (6,)."""
+    present = R[:, :-1].any(axis=0)
+    solution = scientific('scipy.optimize').lsq_linear(
+        R[:, :-1][:, present], R[:, -1], bounds=(LOWEST_OF_ALL[present], np.inf),
+        method='bvls')
+    losses = np.zeros(len(present))
+    losses[present] = np.maximum(solution.x, LOWEST_OF_ALL[present])
+    return losses
+
+
+def equations(rows: LawRows, laws: Sequence[FrictionLaw], shapes: Array, load: Array
+              ) -> System:
+    """Return the equations of all joints in their used rows."""
+    n = len(laws)
+    inertial = rows.data.Y.shape[2]
+    torque = rows.torque
+    triangles = []
+    counts = np.zeros(n)
+    for j, law in enumerate(laws):
+        used = rows.used(j, law)
+        counts[j] = max(int(used.sum()), 1)
+        table = np.zeros((int(used.sum()), inertial + COLUMNS * n + 1))
+        table[:, :inertial] = rows.data.Y[used, j]
+        columns = rows.columns(j, law, float(shapes[j]), load[:, j])
+        table[:, own_columns(inertial, j)] = columns[used]
+        table[:, -1] = torque[used, j]
+        triangles.append(triangle(table))
+    return System(triangles, counts)
+
+
+def own_columns(inertial: int, joint: int) -> slice:
+    """Return the columns of a joint's losses, behind those of the bodies."""
+    begin = inertial + COLUMNS * joint
+    return slice(begin, begin + COLUMNS)
+
+
+def _solved(system: System, fit: LawFit, prior: Prior) -> LawFit:
+    """Return the minimum of the equations, joints weighted by the residuals of a fit."""
+    inertial, losses = fit.inertial, fit.losses
+    size = len(inertial)
+    if np.isfinite(prior.weight):
+        A = triangle(np.vstack([R / deviation for R, deviation
+                                in zip(system.triangles, fit.sigma, strict=True)]))
+        # Columns of terms that no law has are left out.
+        present = np.append(A[:, :-1].any(axis=0), True)
+        present[:size] = True
+        bounds = np.tile(LOWEST_OF_ALL, len(fit.laws))[present[size:-1]]
+        A = A[:, present]
+        bodies = [body.inertial for body in prior.model.bodies]
+        x = np.zeros(len(present) - 1)
+        x[present[:-1]] = physical(A[:, :-1], A[:, -1], bodies, bounds, prior.weight)
+        inertial, losses = x[:size], x[size:].reshape(-1, COLUMNS)
+    else:
+        of_joints = []
+        for j, R in enumerate(system.triangles):
+            missing = R[:, -1] - R[:, :size] @ inertial
+            of_joints.append(_bounded(np.column_stack([R[:, own_columns(size, j)],
+                                                       missing])))
+        losses = np.array(of_joints)
+    x = np.concatenate([inertial, losses.ravel()])
+    squares = [np.sum((R[:, -1] - R[:, :-1] @ x)**2) for R in system.triangles]
+    sigma = np.sqrt(np.maximum(np.array(squares) / system.counts, 1e-24))
+    return LawFit(fit.laws, inertial, losses, fit.shapes, sigma)
+
+
+def law_error(rows: LawRows, fit: LawFit) -> Array:
+    """Return measured torque minus that of a fit, (N, n), N m or N."""
+    load = rows.load(fit.inertial, fit.losses[:, 2])
+    error = rows.torque - rows.data.Y @ fit.inertial
+    for j, law in enumerate(fit.laws):
+        columns = rows.columns(j, law, float(fit.shapes[j]), load[:, j])
+        error[:, j] -= columns @ fit.losses[j]
+    return error
+
+
+# Errors on rows that were left out, and the choice.
+
+class Blocks:
+    """
+    Blocks of rows, each predicted by fits of the others, with the laws of one fit.
+
+    Loads, friction speeds and travels are those of that fit, to all blocks.
+    """
+
+    def __init__(self, rows: LawRows, flags: Sequence[Flags], fit: LawFit) -> None:
+        self._fit = fit
+        self._floor = FLOOR * rms(rows.torque)
+        load = rows.load(fit.inertial, fit.losses[:, 2])
+        self._parts = [rows.part(block) for block in flags]
+        systems = []
+        for part, block in zip(self._parts, flags, strict=True):
+            systems.append(equations(part, fit.laws, fit.shapes, load[block]))
+        # The equations of all blocks but one.
+        self._others = [_without(systems, k) for k in range(len(systems))]
+
+    def errors(self, prior: Prior) -> tuple[Array, Array]:
+        """
+        Return each joint's error on each block, (blocks, n), of all and of moving rows.
+
+        The prior counts as much for a fit to all blocks but one as for a fit to all.
+        """
+        share = 1.0 - 1.0 / len(self._parts)
+        every, moving = [], []
+        for part, others in zip(self._parts, self._others, strict=True):
+            predicted = _solved(others, self._fit, Prior(prior.model, share * prior.weight))
+            error = law_error(part, predicted)
+            every.append(np.maximum(rms(error), self._floor))
+            moving.append(np.maximum(moving_rms(error, part.data.moving), self._floor))
+        return np.array(every), np.array(moving)
+
+
+def _without(systems: Sequence[System], left_out: int) -> System:
+    """Return the equations of all systems but one."""
+    kept = [system for k, system in enumerate(systems) if k != left_out]
+    triangles = []
+    for j in range(len(kept[0].triangles)):
+        triangles.append(triangle(np.vstack([system.triangles[j] for system in kept])))
+    return System(triangles, np.sum([system.counts for system in kept], axis=0))
+
+
+def largest_supported(errors: Sequence[Array], values: Sequence[float] | Array) -> float:
+    """
+    Return the largest value whose errors on left-out blocks are the smallest within noise.
+
+    The noise is the standard error of the difference to the best value, over the blocks.
+
+    Parameters
+    ----------
+    errors : sequence of (blocks, n) arrays
+        Of each value; all joints count alike.
+    values : sequence of float
+        Increasing.
+
+    """
+    levels = np.array([np.log(of_value).mean(axis=1) for of_value in errors])
+    best = int(np.argmin(levels.mean(axis=1)))
+    differences = levels - levels[best]
+    deviation = differences.std(axis=1, ddof=1) / np.sqrt(levels.shape[1])
+    supported = differences.mean(axis=1) <= deviation
+    return float(np.asarray(values)[supported][-1])
+
+
+def moving_rms(error: Array, moving: Flags) -> Array:
+    """Return the RMS of each joint's error over the rows in which it moves, (n,)."""
+    counts = moving.sum(axis=0)
+    squares = np.sum(np.where(moving, error, 0.0)**2, axis=0)
+    return np.where(counts > 0, np.sqrt(squares / np.maximum(counts, 1)), np.nan)
+
+
+def chosen_laws(errors: Sequence[Array]) -> tuple[FrictionLaw, ...]:
+    """
+    Return the law of each joint from the errors of all laws on left-out blocks.
+
+    Parameters
+    ----------
+    errors : sequence of (blocks, n) arrays
+        Of each of `LAWS`.
+
+    """
+    first = np.log(errors[0])
+    n = first.shape[1]
+    chosen = [COULOMB] * n
+    gains, doubts = [np.zeros(n)], [np.zeros(n)]
+    for of_law in errors[1:]:
+        gain, doubt = _of_alike_drives(np.log(of_law) - first)
+        gains.append(gain)
+        doubts.append(doubt)
+    for j in range(n):
+        best = int(np.argmin([gain[j] for gain in gains]))
+        # The simplest law whose gain is within the standard error of the best one's.
+        for law, gain in zip(LAWS, gains, strict=True):
+            if gain[j] <= gains[best][j] + doubts[best][j]:
+                chosen[j] = law
+                break
+    return tuple(chosen)
+
+
+def _of_alike_drives(ratios: Array) -> tuple[Array, Array]:
+    """
+    Return the mean of each joint's logarithm of a ratio of errors, and its standard error.
+
+    Both are those of the posterior with the mean of all joints as the prior, whose
+    variance is that of the joints' means beyond their errors.
+
+    Parameters
+    ----------
+    ratios : (blocks, n) array
+
+    """
+    blocks, n = ratios.shape
+    own = ratios.mean(axis=0)
+    variance = np.maximum(ratios.var(axis=0, ddof=1) / blocks, 1e-8)
+    common = float(own.mean())
+    of_common = float(ratios.mean(axis=1).var(ddof=1)) / blocks
+    between = 0.0
+    if n > 1:
+        between = max(float(own.var(ddof=1)) - float(variance.mean()), 1e-8)
+    weight = between / (between + variance)  # of the joint's own mean
+    mean = weight * own + (1.0 - weight) * common
+    return mean, np.sqrt(weight * variance + (1.0 - weight)**2 * of_common)

@@ -1,0 +1,306 @@
+"""
+Watch over a model: which of its parameters no longer fits the arm, and of which joint.
+
+The residual is the measured torque less that of the model. Each possible cause adds a
+known direction to it:
+
+    payload           the columns of mass and center of mass of an outermost body
+    friction          the friction of a joint
+    offset            a constant torque of a joint
+    torque constant   the torque of a joint
+    delay             the rate of the torque, of one joint or of all
+
+times a size, which is fitted by least squares, one cause at a time. The model's own
+errors have sizes too: those of a sound recording, the reference, are subtracted; or the
+residuals themselves, if the motion is the same, so that the errors of the model cancel.
+The standard error is that of the sizes of blocks of rows (jackknife), since residuals of
+neighboring rows are alike.
+
+A cause is an alarm if its size is beyond the quantile of Student's distribution for the
+stated rate of false alarms, divided among all causes (Bonferroni). Of several, the one
+whose torque is largest, relative to the residuals of the reference, is named first; the
+others are judged on what it leaves.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from kane_dynamics._util.checks import number
+from kane_dynamics._util.typing import Array
+from kane_dynamics.errors import InputError
+from kane_dynamics.identification.recordings.recording import check_recording, Recording
+from kane_dynamics.identification.regression import rms
+from kane_dynamics.identification.solvers import on_one_processor, scientific
+from kane_dynamics.model.model import Model, WORLD
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+BLOCKS = 16
+FALSE_ALARMS = 0.01  # of a sound recording
+FEWEST_ROWS = 10 * BLOCKS
+SAME_MOTION = 0.01  # RMS distance of positions, relative to the range of each joint
+MOST_ALARMS = 3  # that are named, one after the other
+ROUNDING = 1e-9  # of the torque: a smaller residual has no cause
+LEAST_SIZE = 1e-4  # relative, of a change of friction or of a torque constant
+ALL_JOINTS = 'all joints'
+
+
+class ModelChange(NamedTuple):
+    """
+    A change of the arm that its model does not have.
+
+    Attributes
+    ----------
+    joint : str
+        The joint, or 'all joints' for a delay of all; the body for a payload.
+    cause : str
+        'payload', 'friction', 'offset', 'torque constant' or 'delay'.
+    size, deviation : float
+        How large it is, and its standard deviation: kg; relative; N m or N; relative; s.
+    explained : float
+        Share of the squared residual that it explains, joints weighted by the residuals of
+        the reference.
+
+    """
+
+    joint: str
+    cause: str
+    size: float
+    deviation: float
+    explained: float
+
+    def __str__(self) -> str:
+        """Return the change in words."""
+        deviation = f'+- {self.deviation:.1g}'
+        if self.cause == 'payload':
+            return f"body '{self.joint}': {self.size:+.3g} kg ({deviation} kg) of payload"
+        of = self.joint if self.joint == ALL_JOINTS else f"joint '{self.joint}'"
+        if self.cause == 'offset':
+            return f'{of}: offset of the torque {self.size:+.3g} N m or N ({deviation})'
+        if self.cause == 'delay':
+            return f'{of}: torque {self.size:+.3g} s late ({deviation} s)'
+        percent = f'{100.0 * self.size:+.0f} % ({deviation})'
+        if self.cause == 'torque constant':
+            return f'{of}: torque constant {percent}'
+        return f'{of}: friction {"up" if self.size > 0.0 else "down"}, {percent}'
+
+
+@dataclass(frozen=True, eq=False)
+class WatchReport:
+    """
+    What a watch has found in a recording.
+
+    Attributes
+    ----------
+    joint_names : tuple of n str
+    residual, reference : (n,) arrays
+        RMS of the residuals of the recording and of the reference, N m or N.
+    alarms : tuple of ModelChange
+        Empty for a sound recording, but for the stated rate of false alarms.
+
+    """
+
+    joint_names: tuple[str, ...]
+    residual: Array
+    reference: Array
+    alarms: tuple[ModelChange, ...]
+
+
+class _Cause(NamedTuple):
+    """A possible change: name, joint, and its directions of the torque, (N, n, k)."""
+
+    name: str
+    joint: str
+    directions: Array
+
+
+class ModelWatch:
+    """
+    Compares recordings with a model and with a sound recording.
+
+    Parameters
+    ----------
+    model : Model
+        Of the arm, as identified.
+    reference : Recording
+        Of the sound arm; not that of another payload.
+    false_alarms : float
+        Rate of recordings of the sound arm with an alarm, at most.
+
+    Raises
+    ------
+    InputError
+        The recording has other joints or too few rows, or the rate is none.
+
+    """
+
+    def __init__(self, model: Model, reference: Recording, *,
+                 false_alarms: float = FALSE_ALARMS) -> None:
+        self._rate = number(false_alarms, 'false_alarms', 'a number above 0 and below 0.5',
+                            lambda x: 0.0 < x < 0.5)
+        _require_rows(model, reference)
+        self._robot = Robot(model)
+        self._reference = reference
+        self._residual = _residual(self._robot, reference)
+        scale = ROUNDING * rms(reference.tau)
+        self._sigma = np.maximum(rms(self._residual), np.maximum(scale, 1e-12))
+
+    @on_one_processor
+    def report(self, recording: Recording) -> WatchReport:
+        """
+        Return the residuals of a recording, and the causes of those that are too large.
+
+        Raises
+        ------
+        InputError
+            The recording has other joints or too few rows.
+
+        """
+        robot = self._robot
+        _require_rows(robot.model, recording)
+        residual = _residual(robot, recording)
+        paired = _same_motion(recording, self._reference)
+        causes = _causes(robot, recording)
+        sound: list[tuple[Array, Array]] | None = None
+        remaining = residual
+        if paired:
+            remaining = residual - self._residual
+        else:
+            of_reference = _causes(robot, self._reference)
+            sound = [self._sizes(cause.directions, self._residual)
+                     for cause in of_reference]
+        quantile = self._quantile(len(causes), paired)
+
+        # The largest cause is taken away, and the others are judged again.
+        alarms: list[ModelChange] = []
+        for _ in range(MOST_ALARMS):
+            change, torque = self._largest(causes, sound, remaining, quantile)
+            if change is None:
+                break
+            alarms.append(change)
+            remaining = remaining - torque
+        return WatchReport(robot.joint_names, rms(residual), rms(self._residual),
+                           tuple(alarms))
+
+    def _quantile(self, causes: int, paired: bool) -> float:
+        """Return the largest ratio of a size to its deviation that is no alarm."""
+        freedom = BLOCKS - 1 if paired else 2 * (BLOCKS - 1)
+        share = self._rate / (2.0 * causes)
+        return float(scientific('scipy.stats').t.ppf(1.0 - share, freedom))
+
+    def _largest(self, causes: Sequence[_Cause],
+                 sound: Sequence[tuple[Array, Array]] | None, residual: Array,
+                 quantile: float) -> tuple[ModelChange | None, Array]:
+        """Return the significant cause of the largest torque, and that torque."""
+        largest: ModelChange | None = None
+        torque = np.zeros_like(residual)
+        energy = 0.0
+        whole = max(float(np.sum((residual / self._sigma)**2)), 1e-300)
+        for k, cause in enumerate(causes):
+            change, jackknifed = self._sizes(cause.directions, residual)
+            deviation = _spread(jackknifed)
+            if sound is not None:
+                size_of_sound, jackknifed_sound = sound[k]
+                change = change - size_of_sound
+                deviation = np.hypot(deviation, _spread(jackknifed_sound))
+            least = max(quantile * float(deviation[0]), _floor(cause.name, self._sigma))
+            if abs(change[0]) <= least:
+                continue
+            of_cause = cause.directions @ change
+            of_this = float(np.sum((of_cause / self._sigma)**2))
+            if of_this > energy:
+                energy = of_this
+                torque = of_cause
+                largest = ModelChange(cause.joint, cause.name, float(change[0]),
+                                      float(deviation[0]), min(of_this / whole, 1.0))
+        return largest, torque
+
+    def _sizes(self, directions: Array, residual: Array) -> tuple[Array, Array]:
+        """Return the sizes of a cause (k,) and those without each block, (blocks, k)."""
+        weighted = directions / self._sigma[:, None]
+        target = residual / self._sigma
+        count = directions.shape[2]
+        information = np.zeros((BLOCKS, count, count))
+        products = np.zeros((BLOCKS, count))
+        for k, rows in enumerate(np.array_split(np.arange(len(residual)), BLOCKS)):
+            # All rows and joints of a block below each other.
+            A = weighted[rows].reshape(-1, count)
+            information[k] = A.T @ A
+            products[k] = A.T @ target[rows].ravel()
+        # Of all blocks, then of all but one.
+        without = information.sum(axis=0) - information, products.sum(axis=0) - products
+        sizes = _solutions(np.concatenate([[information.sum(axis=0)], without[0]]),
+                           np.concatenate([[products.sum(axis=0)], without[1]]))
+        return sizes[0], sizes[1:]
+
+
+def _require_rows(model: Model, recording: Recording) -> None:
+    """Raise InputError unless a recording is of the model and long enough."""
+    check_recording(model, recording, FEWEST_ROWS)
+    if model.flexible:
+        raise InputError('model: with beams; expected rigid bodies, whose torque is linear '
+                         'in their parameters')
+
+
+def _residual(robot: Robot, recording: Recording) -> Array:
+    """Return measured minus computed torques, (N, n), N m or N."""
+    computed = robot.inverse_dynamics(recording.q, recording.u, recording.udot)
+    return np.asarray(recording.tau - computed)
+
+
+def _same_motion(recording: Recording, other: Recording) -> bool:
+    """Return whether two recordings are of the same motion, row by row."""
+    if len(recording) != len(other):
+        return False
+    reach = np.maximum(np.ptp(other.q, axis=0), 1e-6)
+    distance = np.sqrt(np.mean((recording.q - other.q)**2, axis=0)) / reach
+    return bool((distance < SAME_MOTION).all())
+
+
+def _causes(robot: Robot, recording: Recording) -> list[_Cause]:
+    """Return the possible causes with their directions along a recording."""
+    q, u, udot = recording.q, recording.u, recording.udot
+    torque = robot.inverse_dynamics(q, u, udot)
+    offsets = np.array([joint.friction_offset for joint in robot.model.coordinate_joints])
+    friction = robot.torque_terms(q, u, udot)[:, 3] - offsets
+    rate = np.gradient(torque, recording.t, axis=0)
+    causes = []
+    Y = robot.regressor(q, u, udot)
+    parents = {body.parent for body in robot.model.bodies}
+    for k, body in enumerate(robot.model.bodies):
+        if k not in parents - {WORLD}:
+            # Mass, and mass times its center: the inertia of a payload is small.
+            causes.append(_Cause('payload', body.name, Y[:, :, 10 * k:10 * k + 4]))
+    causes.append(_Cause('delay', ALL_JOINTS, -rate[..., None]))
+    for j, name in enumerate(robot.joint_names):
+        of_joint = {'friction': friction[:, j], 'offset': np.ones(len(q)),
+                    'torque constant': torque[:, j], 'delay': -rate[:, j]}
+        for cause, column in of_joint.items():
+            directions = np.zeros((*torque.shape, 1))
+            directions[:, j, 0] = column
+            causes.append(_Cause(cause, name, directions))
+    return causes
+
+
+def _floor(cause: str, sigma: Array) -> float:
+    """Return the smallest size of a cause that is more than rounding."""
+    if cause == 'offset':
+        return LEAST_SIZE * float(sigma.min())
+    return LEAST_SIZE
+
+
+def _solutions(information: Array, products: Array) -> Array:
+    """Return least squares solutions, (m, k); zeros for directions that vanish."""
+    diagonal = np.diagonal(information, axis1=1, axis2=2)
+    scale = np.sqrt(np.maximum(diagonal, 1e-300))
+    scaled = information / (scale[:, :, None] * scale[:, None, :])
+    inverse = np.linalg.pinv(scaled, rcond=1e-8, hermitian=True)
+    return np.asarray((inverse @ (products / scale)[..., None])[..., 0] / scale)
+
+
+def _spread(jackknifed: Array) -> Array:
+    """Return the standard error from the sizes without each block, (k,)."""
+    count = len(jackknifed)
+    apart = jackknifed - jackknifed.mean(axis=0)
+    return np.asarray(np.sqrt((count - 1) / count * np.sum(apart**2, axis=0)))

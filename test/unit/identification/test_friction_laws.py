@@ -1,0 +1,116 @@
+"""Identification chooses the law of friction that an arm has, and the simplest within noise."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+from kane_dynamics import InputError, load_urdf, Robot
+from kane_dynamics.identification import identify, Recording
+from kane_dynamics.identification.friction_laws import LAW_NAMES, period, phases
+from kane_dynamics.identification.presliding import dahl_friction
+import numpy as np
+import pytest
+from recordings import exciting
+
+URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'two_link.urdf'
+LOSSES = {'damping': 1.5, 'friction': 2.0, 'friction_speed': 0.03, 'armature': 0.1}
+NOISE = 0.05  # N m
+TRAVEL = 0.004  # rad
+
+
+@cache
+def recording_of(law):
+    """Return a recording of an arm with a law of friction, and the arm."""
+    losses = dict(LOSSES)
+    if 'load' in law:
+        losses['load_friction'] = 0.15
+    if 'quadratic' in law:
+        losses['quadratic_damping'] = 1.2
+    model = load_urdf(URDF, supplement={'joints': {'joint1': losses, 'joint2': losses}})
+    t, q, u, udot = exciting(2, 3, duration=30.0, rate=100.0, harmonics=8)
+    tau = Robot(model).inverse_dynamics(q, u, udot)
+    if law == 'presliding':
+        slip = np.tanh(u / LOSSES['friction_speed'])
+        tau = tau + LOSSES['friction'] * (dahl_friction(q, [TRAVEL])[:, 0] - slip)
+    noise = NOISE * np.random.default_rng(1).normal(size=tau.shape)
+    return model, Recording(t, q, u, udot, tau + noise)
+
+
+SLOW = ('quadratic', 'load and quadratic')
+
+
+@pytest.mark.parametrize('law', [pytest.param(
+    name, marks=pytest.mark.slow if name in SLOW else ()) for name in LAW_NAMES])
+def test_the_law_of_the_arm_is_chosen_and_predicts_other_motion(law):
+    _, recording = recording_of(law)
+    found = identify(load_urdf(URDF), recording, diagnosed=True)
+    assert found.laws == (law, law)
+    assert (found.held_out < 1.25 * NOISE).all()
+    assert set(found.candidates) == set(LAW_NAMES)
+    chosen = found.candidates[law].every
+    for errors in found.candidates.values():
+        assert (chosen < 1.02 * errors.every).all()
+    np.testing.assert_allclose(found.losses[:, 1], 2.0, rtol=0.15)
+    if 'load' in law:
+        np.testing.assert_allclose(found.load_friction, 0.15, rtol=0.15)
+    if 'quadratic' in law:
+        np.testing.assert_allclose(found.quadratic_damping, 1.2, rtol=0.15)
+    if law == 'presliding':
+        np.testing.assert_allclose(found.presliding, TRAVEL, rtol=0.4)
+    else:
+        assert not found.presliding.any()
+        # The model has the law, and its torque is that of the fit.
+        tau = Robot(found.model).inverse_dynamics(recording.q, recording.u, recording.udot)
+        np.testing.assert_allclose(tau, found.torque(recording), atol=1e-9)
+
+
+def test_a_stated_law_is_that_of_all_joints_and_its_error_is_larger_where_it_is_wrong():
+    _, recording = recording_of('load')
+    stated = identify(load_urdf(URDF), recording, friction='coulomb', diagnosed=True)
+    assert stated.laws == ('coulomb', 'coulomb') and stated.candidates == {}
+    chosen = identify(load_urdf(URDF), recording, friction='load', diagnosed=True)
+    assert (stated.held_out > 1.5 * chosen.held_out).any()
+
+
+def test_masses_that_are_not_fitted_are_not_taken_for_friction_of_the_load():
+    model, recording = recording_of('load')
+    found = identify(model, recording, friction_only=True, diagnosed=True)
+    assert found.laws == ('coulomb', 'coulomb')
+
+
+def test_repeated_motion_is_no_test_of_a_fit():
+    t = np.arange(0.0, 20.0, 0.01)
+    w = 2.0 * np.pi / 5.0
+    q = np.column_stack([np.sin(w * t), np.cos(2.0 * w * t) + 0.3 * np.sin(w * t)])
+    u, udot = np.gradient(q, t, axis=0), np.zeros_like(q)
+    periodic = Recording(t, q, u, udot, np.zeros_like(q))
+    assert period(periodic) == pytest.approx(5.0, abs=0.015)
+    place = phases(periodic)
+    first = place < 0.5
+    # Both halves hold rows of all periods, and no position with its speed is in both.
+    assert first[:250].all() and not first[260:490].any() and first[510:740].all()
+    t, q, u, udot = exciting(2, 3, duration=9.0)
+    single = Recording(t, q, u, udot, np.zeros_like(q))
+    assert period(single) is None
+    assert (phases(single) < 0.5).sum() == len(t) // 2
+
+
+def test_an_identified_model_has_no_term_of_the_given_model_that_was_not_fitted():
+    _, recording = recording_of('coulomb')
+    given = load_urdf(URDF, supplement={'joints': {'joint1': {
+        'friction': 1.0, 'breakaway_friction': 3.0, 'stribeck_speed': 0.1,
+        'load_friction': 0.2, 'quadratic_damping': 0.5}}})
+    found = identify(given, recording, friction='coulomb', diagnosed=True)
+    assert (found.held_out < 1.25 * NOISE).all()
+    tau = Robot(found.model).inverse_dynamics(recording.q, recording.u, recording.udot)
+    np.testing.assert_allclose(tau, found.torque(recording), atol=1e-9)
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    ({'friction': 'glue'}, "friction: 'glue'; expected one of select, coulomb, quadratic"),
+    ({'friction': 'load', 'friction_only': True, 'bounded': False},
+     "friction: 'load' with bounded=False; expected 'coulomb'")])
+def test_unknown_laws_are_refused(arguments, words):
+    _, recording = recording_of('coulomb')
+    with pytest.raises(InputError, match=words):
+        identify(load_urdf(URDF), replace(recording), diagnosed=True, **arguments)

@@ -1,0 +1,127 @@
+"""A watch names what has changed, of the right joint, and is silent where nothing has."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+from kane_dynamics import InputError, load_urdf, Robot
+from kane_dynamics.identification import ModelWatch, read_recording
+import numpy as np
+import pytest
+from recordings import present, quiet, real, simulated
+
+URDF = Path(__file__).resolve().parents[3] / 'urdf' / 'ur10e.urdf'
+REAL = {'panda': ('panda_unisa.csv', 'fer_hand.urdf', 7),
+        'ur10': ('ur10_unisa.csv', 'ur10.urdf', 6)}
+LOSSES = {'damping': 8.0, 'friction': 6.0, 'armature': 0.2}
+
+
+def with_losses(model, factor=1.0):
+    """Return the model with friction in all joints."""
+    bodies = []
+    for body in model.bodies:
+        joint = replace(body.joint, **{name: factor * x for name, x in LOSSES.items()})
+        bodies.append(replace(body, joint=joint))
+    return replace(model, bodies=tuple(bodies))
+
+
+@cache
+def recorded(name):
+    """Return the model of an arm and a sound recording."""
+    if name == 'simulated':
+        model = with_losses(load_urdf(URDF))
+        return model, simulated(model, 1, 0.5, duration=12.0, rate=60.0)
+    if not present(*REAL[name][:2]):
+        pytest.skip('no recordings of real arms here')
+    path, urdf, joints = real(*REAL[name])
+    model = quiet(urdf, joints=joints)
+    # Friction of about the right size: the errors of this model are large.
+    size = {'panda': 0.05, 'ur10': 1.0}[name]
+    return with_losses(model, size), read_recording(str(path), joints)
+
+
+def spoilt(model, r):
+    """Yield cause, joint and recording of every fault."""
+    robot = Robot(model)
+    last = len(model.bodies) - 1
+    heavy = 0.02 * sum(body.inertial.mass for body in model.bodies)
+    Y = robot.regressor(r.q, r.u, r.udot)[:, :, 10 * last:10 * last + 4]
+    yield ('payload', model.bodies[last].name,
+           replace(r, tau=r.tau + Y @ [heavy, 0.0, 0.0, 0.05 * heavy]))
+    late = np.column_stack([np.interp(r.t - 0.01, r.t, x) for x in r.tau.T])
+    yield 'delay', 'all joints', replace(r, tau=late)
+    friction = robot.friction_force(r.u)
+    for j, name in enumerate(model.joint_names):
+        changes = {'friction': r.tau[:, j] + 0.5 * friction[:, j],
+                   'offset': r.tau[:, j] + 0.05 * np.abs(r.tau[:, j]).max(),
+                   'torque constant': 0.9 * r.tau[:, j], 'delay': late[:, j]}
+        for cause, column in changes.items():
+            tau = r.tau.copy()
+            tau[:, j] = column
+            yield cause, name, replace(r, tau=tau)
+
+
+@pytest.mark.parametrize('name', ['simulated', pytest.param('panda', marks=pytest.mark.slow),
+                                  pytest.param('ur10', marks=pytest.mark.slow)])
+def test_nine_of_ten_faults_are_named_with_their_joint_and_no_sound_recording_is(name):
+    model, sound = recorded(name)
+    watch = ModelWatch(model, sound)
+    assert watch.report(sound).alarms == ()
+    named, missed = 0, []
+    for cause, joint, recording in spoilt(model, sound):
+        alarms = watch.report(recording).alarms
+        if alarms and (alarms[0].cause, alarms[0].joint) == (cause, joint):
+            named += 1
+        else:
+            missed.append((cause, joint))
+    assert named >= 0.9 * (named + len(missed)), missed
+
+
+@pytest.mark.parametrize(('cause', 'size'), [
+    ('friction', 0.5), ('offset', 4.0), ('torque constant', -0.1), ('delay', 0.01)])
+def test_the_size_of_a_change_is_found_within_its_deviation(cause, size):
+    model, sound = recorded('simulated')
+    robot = Robot(model)
+    rate = np.gradient(sound.tau[:, 1], sound.t)
+    added = {'friction': size * robot.friction_force(sound.u)[:, 1], 'offset': size,
+             'torque constant': size * sound.tau[:, 1], 'delay': -size * rate}[cause]
+    tau = sound.tau.copy()
+    tau[:, 1] += added if cause != 'delay' else np.interp(
+        sound.t - size, sound.t, sound.tau[:, 1]) - sound.tau[:, 1]
+    alarm = ModelWatch(model, sound).report(replace(sound, tau=tau)).alarms[0]
+    assert (alarm.cause, alarm.joint) == (cause, model.joint_names[1])
+    assert alarm.size == pytest.approx(size, rel=0.15)
+    assert alarm.joint in str(alarm)
+
+
+@pytest.mark.slow
+def test_false_alarms_of_other_sound_recordings_are_at_most_the_stated_rate():
+    model = with_losses(load_urdf(URDF.with_name('two_link.urdf')))
+    reference = simulated(model, 0, 0.5, duration=8.0)
+    watch = ModelWatch(model, reference, false_alarms=0.05)
+    alarms = 0
+    for seed in range(1, 61):
+        noise = 0.5 * np.random.default_rng(seed).normal(size=reference.tau.shape)
+        again = replace(reference, tau=Robot(model).inverse_dynamics(
+            reference.q, reference.u, reference.udot) + noise)
+        alarms += bool(watch.report(again).alarms)
+    assert alarms <= 8  # 3 are expected at most; 9 or more have a probability of 0.3 %
+
+
+def test_other_motion_shows_a_large_change_and_no_false_one():
+    model, sound = recorded('simulated')
+    other = simulated(model, 5, 0.5, duration=12.0, rate=60.0)
+    watch = ModelWatch(model, sound)
+    assert watch.report(other).alarms == ()
+    tau = other.tau.copy()
+    tau[:, 2] *= 0.8
+    alarm = watch.report(replace(other, tau=tau)).alarms[0]
+    assert (alarm.cause, alarm.joint) == ('torque constant', model.joint_names[2])
+
+
+def test_invalid_arguments_of_a_watch_are_refused():
+    model, sound = recorded('simulated')
+    with pytest.raises(InputError, match=r'false_alarms: 0\.7; expected a number above 0'):
+        ModelWatch(model, sound, false_alarms=0.7)
+    with pytest.raises(InputError, match='recording: 20 rows; expected at least 160'):
+        ModelWatch(model, sound.rows(slice(0, 20)))
