@@ -77,7 +77,7 @@ class Identification:
         Standard deviations of damping, friction, armature and offset for independent
         residuals; those of a smooth recording are correlated, which makes the deviations
         too small. They include the bias of the prior, see `standard_deviations`, and
-        take what enters nonlinearly, and further terms of friction laws, as known.
+        take friction speeds and travels as known.
     inertial_deviations : (bodies, 10) array
         Standard deviations of single inertial parameters about the body's origin, in the
         order of `regressor.PARAMETERS`: those of the torques alone, or larger by the
@@ -280,13 +280,8 @@ def _chosen_fit(plain_fits: _PlainFits, stated: tuple[FrictionLaw, ...] | None,
     The weight is chosen with Coulomb friction. With it the laws are compared, then the
     weight is chosen with these laws; once more if both have changed.
 
-    Parameters
-    ----------
-    stated : tuple of FrictionLaw, optional
-        Of the joints, not to be chosen.
-    given : float, optional
-        Weight that is not to be chosen; infinite for given bodies.
-
+    Neither `stated` laws nor a `given` weight are chosen; the weight is infinite for given
+    bodies.
     """
     data, model = plain_fits.rows, plain_fits.model
     weight = given or FIRST_WEIGHT
@@ -350,13 +345,24 @@ def _unknowns(fit: LawFit) -> Array:
 
 
 def _plain_equations(triangles: list[Array], fit: LawFit) -> Array:
-    """Return the weighted equations without the torque and without further terms."""
+    """
+    Return the weighted equations of the unknowns of all laws, without the torque.
+
+    What further terms explain is taken from them, so that deviations include those of the
+    further terms (Schur complement).
+    """
     size, n = len(fit.inertial), len(fit.laws)
-    of_losses = np.arange(COLUMNS * n).reshape(n, COLUMNS)[:, :len(FRICTION)]
-    kept = np.concatenate([np.arange(size), size + of_losses.ravel()])
-    weighted = [R[:, kept] / deviation
-                for R, deviation in zip(triangles, fit.sigma, strict=True)]
-    return np.vstack(weighted)
+    of_losses = size + np.arange(COLUMNS * n).reshape(n, COLUMNS)
+    kept = np.concatenate([np.arange(size), of_losses[:, :len(FRICTION)].ravel()])
+    weighted = np.vstack([R[:, :-1] / deviation for R, deviation
+                          in zip(triangles, fit.sigma, strict=True)])
+    further = weighted[:, of_losses[:, len(FRICTION):].ravel()]
+    further = further[:, further.any(axis=0)]
+    A = weighted[:, kept]
+    if further.shape[1]:
+        basis = np.linalg.qr(further)[0]
+        A = A - basis @ (basis.T @ A)
+    return A
 
 
 def _smooth_speeds(first: LawRows, fit: LawFit) -> Array:

@@ -44,6 +44,7 @@ LOWEST_OF_ALL = np.concatenate([LOWEST, [0.0, 0.0]])
 BLOCKS = 6  # of rows that are left out in turn
 TURNS = 3  # alternating fits of bodies and of what enters nonlinearly
 REWEIGHTED = 2  # fits with weights of the joints by their residuals
+NEGLIGIBLE = 0.01  # relative difference of errors that justifies no further term
 FLOOR = 1e-3  # of the RMS of the torque: smaller errors are no difference
 ALIKE = 0.02  # RMS distance of a repeated motion, relative to the range of each joint
 LEAST_PERIODS = 1.8  # of a periodic recording
@@ -250,7 +251,7 @@ def _best_shapes(rows: LawRows, laws: Sequence[FrictionLaw], fit: LawFit, load: 
 
 def _bounded(R: Array) -> Array:
     """Return the losses within their bounds that solve R = [losses | torque] best, (6,)."""
-    present = R[:, :-1].any(axis=0)
+    present = np.asarray(R[:, :-1].any(axis=0))
     solution = scientific('scipy.optimize').lsq_linear(
         R[:, :-1][:, present], R[:, -1], bounds=(LOWEST_OF_ALL[present], np.inf),
         method='bvls')
@@ -419,8 +420,9 @@ def chosen_laws(errors: Sequence[Array]) -> tuple[FrictionLaw, ...]:
     for j in range(n):
         best = int(np.argmin([gain[j] for gain in gains]))
         # The simplest law whose gain is within the standard error of the best one's.
+        noise = max(float(doubts[best][j]), NEGLIGIBLE)
         for law, gain in zip(LAWS, gains, strict=True):
-            if gain[j] <= gains[best][j] + doubts[best][j]:
+            if gain[j] <= gains[best][j] + noise:
                 chosen[j] = law
                 break
     return tuple(chosen)
@@ -428,15 +430,11 @@ def chosen_laws(errors: Sequence[Array]) -> tuple[FrictionLaw, ...]:
 
 def _of_alike_drives(ratios: Array) -> tuple[Array, Array]:
     """
-    Return the mean of each joint's logarithm of a ratio of errors, and its standard error.
+    Return the mean of each joint's logarithm of a ratio, and its standard error, (n,) each.
 
     Both are those of the posterior with the mean of all joints as the prior, whose
-    variance is that of the joints' means beyond their errors.
-
-    Parameters
-    ----------
-    ratios : (blocks, n) array
-
+    variance is that of the joints' means beyond their errors. The ratios, (blocks, n), are
+    of errors.
     """
     blocks, n = ratios.shape
     own = ratios.mean(axis=0)
