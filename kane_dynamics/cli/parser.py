@@ -37,7 +37,7 @@ COMMANDS = {
                  'identify_command.identification'),
     'excite': ('A motion to record for identify', 'excite_command.excitation'),
     'replay': ('Computed and measured torques of a recording', 'replay_command.replay'),
-    'watch': ('What of an arm its model no longer describes', 'watch_command.watch'),
+    'watch': ('Changes of an arm that its model does not describe', 'watch_command.watch'),
     'collision-thresholds': ('Collision detection calibrated to a recording',
                              'collision_thresholds_command.collision_thresholds'),
     'feasible': ('Check of a motion against the limits of the joints',

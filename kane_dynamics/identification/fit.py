@@ -255,7 +255,7 @@ def _check_options(weight: float | None, bounded: bool, friction_only: bool,
 
 
 class _PlainFits(NamedTuple):
-    """What fits with Coulomb friction of all joints need: the rows and their blocks."""
+    """Fits with Coulomb friction of all joints: their model, rows, blocks and bounds."""
 
     model: Model
     rows: LawRows

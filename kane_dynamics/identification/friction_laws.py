@@ -206,7 +206,7 @@ class Prior(NamedTuple):
     weight: float  # infinite: the bodies are those of the model
 
 
-class System(NamedTuple):
+class JointEquations(NamedTuple):
     """Equations R of each joint, [bodies | losses | torque], and their number of rows."""
 
     triangles: list[Array]
@@ -261,7 +261,7 @@ def _bounded(R: Array) -> Array:
 
 
 def equations(rows: LawRows, laws: Sequence[FrictionLaw], shapes: Array, load: Array
-              ) -> System:
+              ) -> JointEquations:
     """Return the equations of all joints in their used rows."""
     n = len(laws)
     inertial = rows.data.Y.shape[2]
@@ -277,7 +277,7 @@ def equations(rows: LawRows, laws: Sequence[FrictionLaw], shapes: Array, load: A
         table[:, own_columns(inertial, j)] = columns[used]
         table[:, -1] = torque[used, j]
         triangles.append(triangle(table))
-    return System(triangles, counts)
+    return JointEquations(triangles, counts)
 
 
 def own_columns(inertial: int, joint: int) -> slice:
@@ -286,7 +286,7 @@ def own_columns(inertial: int, joint: int) -> slice:
     return slice(begin, begin + COLUMNS)
 
 
-def _solved(system: System, fit: LawFit, prior: Prior) -> LawFit:
+def _solved(system: JointEquations, fit: LawFit, prior: Prior) -> LawFit:
     """Return the minimum of the equations, joints weighted by the residuals of a fit."""
     inertial, losses = fit.inertial, fit.losses
     size = len(inertial)
@@ -361,13 +361,13 @@ class Blocks:
         return np.array(every), np.array(moving)
 
 
-def _without(systems: Sequence[System], left_out: int) -> System:
+def _without(systems: Sequence[JointEquations], left_out: int) -> JointEquations:
     """Return the equations of all systems but one."""
     kept = [system for k, system in enumerate(systems) if k != left_out]
     triangles = []
     for j in range(len(kept[0].triangles)):
         triangles.append(triangle(np.vstack([system.triangles[j] for system in kept])))
-    return System(triangles, np.sum([system.counts for system in kept], axis=0))
+    return JointEquations(triangles, np.sum([system.counts for system in kept], axis=0))
 
 
 def largest_supported(errors: Sequence[Array], values: Sequence[float] | Array) -> float:

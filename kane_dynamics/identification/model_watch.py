@@ -89,7 +89,7 @@ class ModelChange(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class WatchReport:
     """
-    What a watch has found in a recording.
+    Residuals of a recording, and the changes of the arm that they show.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The command `watch`: what of an arm its model no longer describes."""
+"""The command `watch`: changes of an arm that its model does not describe."""
 
 from argparse import Namespace
 from typing import Any

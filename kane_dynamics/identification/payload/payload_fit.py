@@ -12,8 +12,7 @@ from kane_dynamics.identification.physical_consistency import physical, prior_me
 from kane_dynamics.identification.recordings.recording import check_recording, Recording
 from kane_dynamics.identification.regression import rms
 from kane_dynamics.identification.solvers import on_one_processor
-from kane_dynamics.mechanics.recursive.regressor import pseudo_inertia_of
-from kane_dynamics.mechanics.recursive.regressor import ENTRIES
+from kane_dynamics.mechanics.recursive.regressor import ENTRIES, pseudo_inertia_of
 from kane_dynamics.model.model import Inertial, Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.recursive.regressor import pseudo_inertia_of
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.friction import coulomb
+from kane_dynamics.mechanics.recursive.regressor import pseudo_inertia_of
 from kane_dynamics.model.model import Joint, Model, WORLD
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.robot.derivative_kernels import Derivative
