@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from kane_dynamics._util.checks import number
+from kane_dynamics._util.checks import instance, number
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.computed_torque import require_rigid
 from kane_dynamics.errors import ConstraintError, InputError
@@ -98,6 +98,7 @@ def frame_task(robot: Robot, frame: str, axes: str,
         to the frame.
 
     """
+    instance(robot, Robot, 'robot')
     require_rigid(robot)
     model = robot.model
     controlled = model.frame(frame)
@@ -279,6 +280,7 @@ def symmetric_product(A: Matrix, B: Matrix) -> Matrix:
 
 def independent_directions(robot: Robot, frame: str, axes: str) -> tuple[str, ...]:
     """Return as many of the six directions as the frame can follow, in their order."""
+    instance(robot, Robot, 'robot')
     if robot.n >= 6:
         return DIRECTIONS
     task = frame_task(robot, frame, axes, DIRECTIONS)

@@ -17,7 +17,7 @@ import math
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import guarded
-from kane_dynamics._util.checks import finite_row, number, per_joint
+from kane_dynamics._util.checks import finite_row, instance, number, per_joint
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.computed_torque import require_rigid
@@ -94,6 +94,7 @@ class HandGuiding(RunTimeSettings):
                  plane_stiffness: float = STIFFNESS,
                  effort_limit: ArrayLike | None = None) -> None:
         """Check the settings and compile the kernel."""
+        instance(robot, Robot, 'robot')
         require_rigid(robot)
         self.robot = robot
         self._frame: Frame | None = None

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import guarded
-from kane_dynamics._util.checks import finite_row, per_joint
+from kane_dynamics._util.checks import finite_row, instance, per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.control.computed_torque import followed_joints, law_margin
 from kane_dynamics.control.terms import EVERY_TERM, Terms
@@ -63,6 +63,7 @@ class JointImpedance(RunTimeSettings):
                  compensate: Terms = EVERY_TERM,
                  followed: Sequence[str] | None = None) -> None:
         """Check the settings and compile the kernel."""
+        instance(robot, Robot, 'robot')
         require_angles(robot.model, 'JointImpedance')
         self.robot = robot
         self._places = followed_joints(robot, followed)

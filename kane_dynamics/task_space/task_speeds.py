@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from kane_dynamics._util.checks import finite_row, instance
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra import linear_solve
@@ -73,6 +74,7 @@ def in_task_speeds(robot: Robot, frame: str, *, axes: str = 'world',
         independently in the directions at the configuration.
 
     """
+    instance(robot, Robot, 'robot')
     require_angles(robot.model, 'in_task_speeds')
     if not robot.mechanism.speeds.key == 'joint_rates':
         raise InputError('robot: with chosen speeds; expected joint rates, in place of '
@@ -83,7 +85,7 @@ def in_task_speeds(robot: Robot, frame: str, *, axes: str = 'world',
     if configuration is None:
         q = ordinary_configuration(robot)
     else:
-        q = np.asarray(configuration, dtype=np.float64)
+        q = finite_row(configuration, 'configuration', robot.coordinate_names)
     speeds = _speeds(robot, task, q)
     options = {**robot.options, 'speeds': speeds,
                'independent': speeds.names[:robot.n]}

@@ -160,5 +160,10 @@ def test_wrong_tasks_are_refused(arguments, message):
 def test_task_speeds_at_a_singular_configuration_are_refused():
     with pytest.raises(InputError, match='does not move independently'):
         in_task_speeds(fr3(), TIP, configuration=np.zeros(7))
+    with pytest.raises(InputError, match='configuration'):
+        in_task_speeds(fr3(), TIP, configuration=np.zeros(3))
+    for function in (TaskSpace, in_task_speeds):
+        with pytest.raises(InputError, match='expected a Robot'):
+            function('fr3', TIP)
     with pytest.raises(InputError, match='singular_mass'):
         TaskSpace(fr3(), TIP, singular_mass=-1.0)
