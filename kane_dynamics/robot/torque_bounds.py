@@ -6,7 +6,9 @@ the armatures p: tau = tau_0 + Y (p - p_0). If each parameter lies within p_0 +-
 independently of the others, the torque of each actuator lies within tau_0 +- |Y| delta,
 and reaches both ends: the bounds are exact for the box.
 
-The friction speed enters nonlinearly and is taken as known.
+The friction speed enters nonlinearly and is taken as known; so is what breakaway friction
+exceeds Coulomb friction by. With load friction the torque is not linear in the inertial
+parameters, and there are no such bounds.
 """
 
 from __future__ import annotations
@@ -24,9 +26,9 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.mechanics.friction import friction_torque
+from kane_dynamics.mechanics.friction import friction_torque, refuse_load_friction
 from kane_dynamics.mechanics.recursive.regressor import parameters_of, pseudo_inertia_of
-from kane_dynamics.model.model import Inertial, Joint, Model, WORLD
+from kane_dynamics.model.model import FRICTION as LAW_FIELDS, Inertial, Joint, Model, WORLD
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.subroutine import Subroutines
 from kane_dynamics.robot.kernel_set import OUTLINED
@@ -233,6 +235,8 @@ def _entry(robot: Any, of_joints: bool) -> Callable[..., Any]:
         if robot.model.flexible:
             raise InputError('robot: with beams; expected a rigid one, as the torque of '
                              'beams is not linear in their parameters')
+        if robot.friction:
+            refuse_load_friction(robot.model, 'torque_bounds')
         kernel = _deviation_kernel(robot, of_joints)
         entry = robot._entries[place] = kernel.entry('', kernel)
     return entry
@@ -331,7 +335,8 @@ def _loss_columns(equations: Equations, q: Vector, u: Vector, udot: Vector,
 
 def _with_only(joint: Joint, name: str) -> Joint:
     """Return the joint with one kind of friction, of coefficient 1."""
-    friction: dict[str, Any] = dict.fromkeys(FRICTION, 0.0)
+    plain = Joint('plain', 'revolute', joint.axis)
+    friction: dict[str, Any] = {term: getattr(plain, term) for term in LAW_FIELDS}
     friction[name] = 1.0
     return replace(joint, **friction)
 

@@ -196,3 +196,20 @@ def test_boxes_of_other_robots_are_refused():
     bare = Robot(c.robot.model)
     with pytest.raises(InputError, match='without payload frame'):
         bare.torque_bounds(c.q, c.u, c.udot, Uncertainty.of(bare.model, payload_mass=1.0))
+
+
+def test_bounds_know_the_whole_law_of_friction_and_refuse_friction_of_the_load():
+    model = random_model(2, 3, branching=0.0)
+    body, *others = model.bodies
+    law = {'friction': 1.0, 'breakaway_friction': 1.5, 'stribeck_speed': 0.1}
+    sticky = replace(model, bodies=(replace(body, joint=replace(body.joint, **law)), *others))
+    u = np.array([0.3, 0.0, 0.0])
+    q = udot = np.zeros(3)
+    bounds = Robot(sticky).torque_bounds(q, u, udot, Uncertainty.of(sticky, friction=0.1))
+    joint = sticky.bodies[0].joint
+    width = 0.1 * (abs(joint.damping * 0.3) + np.tanh(0.3 / joint.friction_speed))
+    assert 0.5 * (bounds.upper - bounds.lower)[0] == pytest.approx(width, rel=1e-12)
+    loaded = replace(model, bodies=(replace(body, joint=replace(
+        body.joint, load_friction=0.1)), *others))
+    with pytest.raises(InputError, match=r'torque_bounds: joint .* has load friction'):
+        Robot(loaded).torque_bounds(q, u, udot, Uncertainty.of(loaded, mass=0.1))
