@@ -12,8 +12,8 @@ with the fields of `model.Joint`: ``damping`` d, ``quadratic_damping`` c,
 -1, Coulomb friction is ``friction`` for positive and ``friction_backward`` for negative
 rates: mu_c is their mean, h half their difference. Stribeck friction e is what
 ``breakaway_friction`` exceeds ``friction`` by, in both directions. Load friction is
-``load_friction`` times |L| where the motor drives the load, L v > 0, and
-``load_friction_backdriven`` times |L| where the load drives the motor: mu is the mean of
+``load_friction`` times abs(L) where the motor drives the load, L v > 0, and
+``load_friction_backdriven`` times abs(L) where the load drives the motor: mu is the mean of
 both, k half their difference.
 
 The load is the torque of the motor less friction, as it accelerates the bodies and the
@@ -239,7 +239,7 @@ def holding_friction(joint: Joint, torque: Scalar) -> tuple[Scalar, Scalar]:
     The motor has a torque, and friction carries what the load does not: the load is
     torque less friction less offset. Friction p resists motions forward up to
 
-        p = c + mu |L|,    L = x - p,    x = torque - offset
+        p = c + mu abs(L),    L = x - p,    x = torque - offset
 
     with breakaway friction c. For x > c the load that begins to move is driven, L > 0,
     else it drives the motor. A self-locking drive holds any such load: the bound is
