@@ -96,7 +96,7 @@ def test_the_interface_table_is_the_nodes():
     source = ''.join(path.read_text(encoding='utf-8')
                      for path in (ROOT / 'kane_dynamics' / 'ros').rglob('*.py'))
     text = (ROOT / 'docs' / 'node.md').read_text(encoding='utf-8')
-    table = text[text.index('| subscribes |'):text.index('`mode` selects')]
+    table = text[text.index('| subscribes |'):text.index('selects the control law')]
     names = re.findall(r'`([~/\w]+)`', table)
     assert len(names) > 8
     for name in names:

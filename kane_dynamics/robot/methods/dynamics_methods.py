@@ -14,7 +14,7 @@ from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS
 from kane_dynamics.native.tracing.program import size_of
 from kane_dynamics.robot.derivative_kernels import Derivative, require_known
 from kane_dynamics.robot.methods.dispatch import compiled, Dispatch
-from kane_dynamics.robot.torque_bounds import TorqueBounds, torque_deviation, Uncertainty
+from kane_dynamics.robot.torque_bounds import torque_deviation, TorqueBounds, Uncertainty
 from kane_dynamics.robot.torque_breakdown import SOURCES, TorqueBreakdown
 import numpy as np
 from numpy.typing import ArrayLike

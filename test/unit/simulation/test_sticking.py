@@ -172,6 +172,8 @@ def reference_of_two(model, level, torque, duration):
         x, t = part.y[:, -1], part.t[-1]
         x[2:] = np.where(np.abs(x[2:]) < 1e-10, 0.0, x[2:])
     return x[:2]
+
+
 @pytest.mark.slow
 def test_two_joints_under_ramps_move_as_an_event_driven_reference():
     level, duration = 2.0, 3.0
@@ -218,6 +220,8 @@ def test_random_trees_converge_at_fourth_order_through_all_transitions(seed, sto
     if stops:
         times = np.array([[event.t for event in run.stop_events] for run in runs[1:]])
         np.testing.assert_allclose(times[0], times[1], atol=1e-6)
+
+
 @pytest.mark.slow
 def test_the_sum_of_forces_on_every_joint_vanishes():
     robot = Robot(stiff_model(4))
@@ -234,6 +238,8 @@ def test_the_sum_of_forces_on_every_joint_vanishes():
     expected = np.sign(run.u) * levels
     moving = sliding & (run.u != 0.0)
     np.testing.assert_allclose(friction[moving], expected[moving], atol=1e-8)
+
+
 @pytest.mark.slow
 def test_many_simulations_are_the_single_ones():
     robot = two_links(friction=0.5)
@@ -249,6 +255,8 @@ def test_a_torque_function_sees_a_joint_that_sticks():
     run = exact(wheel(friction=2.0), [0.0], [1.0], 1.0, torque=lambda t, q, u: [1.5 * (u[0] == 0)])
     assert run.q[-1, 0] == pytest.approx(0.25, abs=1e-9)
     assert run.sticking[-1, 0] and run.tau[-1, 0] == 1.5
+
+
 @pytest.mark.slow
 def test_computed_torque_moves_a_joint_that_sticks():
     robot = wheel(friction=2.0, friction_speed=0.01)
@@ -275,6 +283,8 @@ def test_a_closed_loop_is_held_by_the_friction_of_all_its_joints(tau, sticks):
     if sticks:
         np.testing.assert_allclose(run.q[-1], q, atol=1e-12)
         assert abs(run.u[-1, 0]) < 1e-15 and abs(run.udot[-1, 0]) < 1e-9
+
+
 @pytest.mark.slow
 def test_a_closed_loop_stops_at_the_order_of_the_integrator_and_balances_forces():
     robot = Robot(rubbing(four_bar_model(turntable=True), friction=1.5), constraints=[PIN])
@@ -284,12 +294,16 @@ def test_a_closed_loop_stops_at_the_order_of_the_integrator_and_balances_forces(
     assert errors[1] < 1e-7 and errors[0] > 5.0 * errors[1]
     run = runs[2]
     assert run.sticking[-1].sum() == 3 and run.drift < 1e-10
+
+
 @pytest.mark.slow
 def test_a_sleigh_stops_on_its_slope():
     runner = sleigh().mechanism.constraints
     robot = Robot(rubbing(sleigh().model, friction=4.0), constraints=runner)
     run = exact(robot, [0.0, 0.0, 0.0], [0.5] * robot.n, 1.5)
     assert run.sticking[-1].all() and np.abs(run.u[-1]).max() < 1e-9
+
+
 @pytest.mark.slow
 def test_a_flexible_arm_sticks_while_its_beam_vibrates():
     builder = ModelBuilder('flexible', gravity=(0, 0, 0))
