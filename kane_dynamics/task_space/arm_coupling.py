@@ -86,7 +86,8 @@ class ArmCoupling:
         What the arm does without partner; free: only `FREE_DAMPING` of the damping acts
         beside the model.
     timeout : float
-        Age of a partner's state above which it is lost, s.
+        Age of a partner's state above which it is lost, s; also how far a state may be
+        ahead of the clock of this arm.
     ramp : float
         Time in which rates and torques of the partner fade in, s, and three times the
         time constant with which they fade out.
@@ -230,6 +231,8 @@ class ArmCoupling:
         position = q[self._places]
         elapsed = self._elapsed(t, position)
         if self.engaged:
+            if partner is not None:
+                instance(partner, PartnerState, 'partner')
             fault = self._fault(t, partner)
             if fault:
                 self.disengage(fault)
@@ -247,7 +250,10 @@ class ArmCoupling:
         last = self._t
         if last is None or not 0.0 <= t - last <= self._timeout:
             if last is not None:
-                self.disengage(f'this arm: no state for {t - last:.3f} s')
+                reason = f'no state for {t - last:.3f} s'
+                if t < last:
+                    reason = f'time went back by {last - t:.3f} s'
+                self.disengage(f'this arm: {reason}')
                 self._restart()
             if not self.engaged:
                 self._target = position.copy()
@@ -263,10 +269,14 @@ class ArmCoupling:
         age = t - partner.t
         if not age <= self._timeout:
             return f'partner: no state for {age:.3f} s'
-        n = len(self._names)
+        if age < -self._timeout:  # its age is not known: another clock
+            return (f'partner: a state {-age:.3f} s ahead; expected its time on the '
+                    'clock of this arm')
         for name, row in zip(partner._fields[1:], partner[1:]):
-            if np.shape(row) != (n,) or not np.isfinite(row).all():
-                return f'partner: {name} {list(row)}; expected {n} finite numbers'
+            try:
+                finite_row(row, f'partner: {name}', self._names)
+            except InputError as error:
+                return str(error)
         return ''
 
     def _follow(self, partner: PartnerState, elapsed: float) -> None:
@@ -278,15 +288,16 @@ class ArmCoupling:
         self._offset = self._offset - aligned
 
         # Within the speed and position limits of this arm
-        goal = self._scale * partner.q + self._offset
+        goal = self._scale * np.asarray(partner.q) + self._offset
         reach: Array = np.zeros(len(goal))
         if elapsed > 0.0:
             reach = self._speed * elapsed
         moved = self._target + np.clip(goal - self._target, -reach, reach)
         self._target = np.clip(moved, self._lower, self._upper)
-        rates = share * self._scale * partner.u
+        rates = share * self._scale * np.asarray(partner.u)
         self._rates = np.clip(rates, -self._speed, self._speed)
-        self._reflected = share * self._reflection * partner.external / self._scale
+        external = np.asarray(partner.external)
+        self._reflected = share * self._reflection * external / self._scale
 
     def _fade(self, elapsed: float) -> None:
         """Bring the target to rest, and let the partner's torque vanish."""
@@ -325,7 +336,8 @@ def _within(name: str, value: float, low: float, high: float) -> float:
 
 def _scales(scale: ArrayLike, names: Sequence[str]) -> Array:
     """Return the scales of the joints, (n,), none of them zero."""
-    scales = finite_row(np.broadcast_to(np.asarray(scale), len(names)), 'scale', names)
+    row = np.full(len(names), scale) if np.ndim(scale) == 0 else scale
+    scales = finite_row(row, 'scale', names)
     if not scales.all():
         joint = names[int(np.flatnonzero(scales == 0.0)[0])]
         raise InputError(f"scale of joint '{joint}': 0; expected another number")

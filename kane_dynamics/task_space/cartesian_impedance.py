@@ -36,6 +36,7 @@ from kane_dynamics.mechanics.constraints.mechanism import JointMotion
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.native.tracing.program import Shape
+from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.effort_limits import clamped, within_limits
 from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task,
@@ -191,11 +192,6 @@ class CartesianImpedance(RunTimeSettings):
         self._timed = robot.equations.timed
         super().__init__(Settings(self._layout()))
         self._zero = np.zeros(6)
-        if posture is None:
-            posture = np.zeros(robot.n_q)
-            if np.any(np.asarray(posture_stiffness)):
-                raise InputError(f'posture_stiffness: {posture_stiffness!r}, without a '
-                                 'posture; expected a posture, (n_q,)')
         self.update(stiffness=stiffness, damping_ratio=damping_ratio, damping=damping,
                     posture=posture, posture_stiffness=posture_stiffness,
                     null_damping=null_damping, limit_stiffness=limit_stiffness,
@@ -232,22 +228,29 @@ class CartesianImpedance(RunTimeSettings):
             ratio = 0.0
         elif ratio is None:
             ratio = RATIO
-        ratios = per_joint(ratio, 'damping_ratio', AXES)
+        ratios = per_joint(ratio, 'damping_ratio', DIRECTIONS)
 
         positive = 'a positive number'
         limits = {}
         for name in ('force_limit', 'moment_limit'):
             limits[name] = number(values[name], name, positive, lambda x: x > 0.0)
         wall_names = [robot.joint_names[r] for r in self._walls.joints]
+        posture = values['posture']
+        posture_stiffness = per_joint(values['posture_stiffness'], 'posture_stiffness',
+                                      wall_names)
+        if posture is None:
+            posture = np.zeros(robot.n_q)
+            if posture_stiffness.any():
+                raise InputError(f'posture_stiffness: {values["posture_stiffness"]!r}, '
+                                 'without a posture; expected a posture, (n_q,)')
         return {
             'stiffness': K, 'factor': factor(K), 'root': np.sqrt(2.0 * ratios),
             'damping': D,
             'bounds': stored_energy_limits(K, limits['force_limit'],
                                            limits['moment_limit']),
             'weights': compensation_weights(checked_terms(values['compensate'])),
-            'posture': finite_row(values['posture'], 'posture', robot.coordinate_names),
-            'posture_stiffness': per_joint(values['posture_stiffness'],
-                                           'posture_stiffness', wall_names),
+            'posture': finite_row(posture, 'posture', robot.coordinate_names),
+            'posture_stiffness': posture_stiffness,
             'null_damping': number(values['null_damping'], 'null_damping',
                                    'a finite number >= 0, 1/s',
                                    lambda x: 0.0 <= x < math.inf),
@@ -287,7 +290,7 @@ class CartesianImpedance(RunTimeSettings):
             The configuration is open or singular.
 
         """
-        if type(pose) is not np.ndarray:
+        if type(pose) is not np.ndarray or pose.shape != (4, 4):
             pose = flat_pose(pose)
         if twist is None:
             twist = self._zero
@@ -311,13 +314,13 @@ class CartesianImpedance(RunTimeSettings):
 
     def energy(self, q: ArrayLike, pose: ArrayLike) -> float:
         """Return the energy that the spring and the walls store, J."""
-        target = checked_pose(pose, 'pose')
-        measured = self.robot.frame_pose(self._task.frame.name, q)
+        positions = finite_row(q, 'q', self.robot.coordinate_names)
+        target = checked_pose(flat_pose(pose).reshape(4, 4), 'pose')
+        measured = self.robot.frame_pose(self._task.frame.name, positions)
         settings = self._shapes.unpacked(self._block)
         axes = self._task.in_world(target[:3, :3])
         spring = spring_energy(measured, target, axes, settings['stiffness'],
                                settings['bounds'])
-        positions = finite_row(q, 'q', self.robot.coordinate_names)
         return spring + float(self._walls.energy(positions, settings))
 
     def compile(self) -> None:  # noqa: A003
@@ -340,9 +343,6 @@ class CartesianImpedance(RunTimeSettings):
         size = STATE_SIZE if with_state else len(robot.joint_names)
         kernel = law_kernel(robot, law_of, identifier(name, task.words), inputs, (size,))
         return entry_with_pose(kernel)
-
-
-AXES = ('x', 'y', 'z', 'rx', 'ry', 'rz')
 
 
 def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,

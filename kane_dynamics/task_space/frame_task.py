@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from kane_dynamics._util.checks import instance, number
+from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.computed_torque import require_rigid
 from kane_dynamics.errors import ConstraintError, InputError
@@ -118,16 +119,21 @@ def frame_task(robot: Robot, frame: str, axes: str,
             raise InputError(f"axes: '{axes}', which moves relative to '{frame}'; "
                              "expected 'world', 'frame', or a frame that is fixed to the "
                              f"world or to the body of '{frame}'")
-    if isinstance(directions, str):
-        raise InputError(f"directions: the string '{directions}'; expected a sequence of "
-                         f'some of {", ".join(DIRECTIONS)}')
-    names = list(directions)
-    if not names or len(set(names)) < len(names) or not set(names) <= set(DIRECTIONS):
-        raise InputError(f'directions: {names}; expected some of '
-                         f'{", ".join(DIRECTIONS)}, each once')
-    rows = tuple(sorted(DIRECTIONS.index(name) for name in names))
+    rows = checked_directions(directions, 'directions')
     length = float(robot.mechanism.length)
     return FrameTask(controlled, axes, moving, rotation, rows, length)
+
+
+def checked_directions(directions: Sequence[str], what: str) -> tuple[int, ...]:
+    """Return the rows, 0 to 5, of directions in their order; InputError otherwise."""
+    names: list[str] = []
+    if isinstance(directions, Iterable) and not isinstance(directions, str):
+        names = list(directions)
+    known = [name for name in DIRECTIONS if name in names]
+    if not names or len(known) < len(names):
+        raise InputError(f'{what}: {SHORT.repr(directions)}; expected a sequence of some '
+                         f'of {", ".join(DIRECTIONS)}, each once')
+    return tuple(DIRECTIONS.index(name) for name in known)
 
 
 def singular_mass(robot: Robot, stated: float | None) -> float:
@@ -281,12 +287,11 @@ def symmetric_product(A: Matrix, B: Matrix) -> Matrix:
 def independent_directions(robot: Robot, frame: str, axes: str) -> tuple[str, ...]:
     """Return as many of the six directions as the frame can follow, in their order."""
     instance(robot, Robot, 'robot')
-    if robot.n >= 6:
-        return DIRECTIONS
     task = frame_task(robot, frame, axes, DIRECTIONS)
     q = ordinary_configuration(robot)
-    pose = robot.frame_pose(frame, q)
-    J = task.scaled(in_axes(task.in_world(pose[:3, :3]), robot.jacobian(frame, q)))
+    equations = robot.equations
+    in_world = task.in_world(equations.frame_pose(task.frame, q, 0.0)[:3, :3])
+    J = task.scaled(in_axes(in_world, equations.partial_velocities(task.frame, q, 0.0)))
     names: list[str] = []
     chosen = np.zeros((0, robot.n))
     for name, row in zip(DIRECTIONS, np.asarray(J, np.float64)):

@@ -20,7 +20,7 @@ import math
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import guarded
-from kane_dynamics._util.checks import number, per_joint
+from kane_dynamics._util.checks import finite_row, number, per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
@@ -31,12 +31,13 @@ from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.cartesian_impedance import (CartesianImpedance,
                                                           impedance_forces)
-from kane_dynamics.task_space.frame_task import FrameTask, in_axes
+from kane_dynamics.task_space.frame_task import checked_directions, FrameTask, in_axes
 from kane_dynamics.task_space.joint_walls import JointWalls
 from kane_dynamics.task_space.law_kernel import (entry_with_pose, identifier, LanesOf,
                                                  Law, law_kernel, Settings)
 from kane_dynamics.task_space.pose_checks import flat_pose, pose_margin
 from kane_dynamics.task_space.reference_motion import TargetMotion
+from kane_dynamics.task_space.stiffness import checked_matrix
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -83,12 +84,7 @@ class HybridForce(CartesianImpedance):
                  integral_gain: float = INTEGRAL_GAIN,
                  approach_speed: ArrayLike | None = None, **impedance: Any) -> None:
         """Check the settings and compile the kernel."""
-        names = list(force_directions)
-        if (isinstance(force_directions, str) or not names
-                or len(set(names)) < len(names) or not set(names) <= set(DIRECTIONS)):
-            raise InputError(f'force_directions: {force_directions!r}; expected a '
-                             f'sequence of some of {", ".join(DIRECTIONS)}, each once')
-        self._forced = tuple(sorted(DIRECTIONS.index(name) for name in names))
+        self._forced = checked_directions(force_directions, 'force_directions')
         self._further = {'force_gain': force_gain, 'integral_gain': integral_gain,
                          'approach_speed': approach_speed}
         self._step = np.zeros(1)
@@ -110,7 +106,7 @@ class HybridForce(CartesianImpedance):
         moved = dict(values)
         for name in ('stiffness', 'damping'):
             if values[name] is not None:
-                moved[name] = self._without_forced(values[name])
+                moved[name] = self._without_forced(values[name], name)
         checked = super()._checked(moved)
         approach = values['approach_speed']
         if approach is None:
@@ -125,18 +121,12 @@ class HybridForce(CartesianImpedance):
                                    lambda x: 0.0 <= x < math.inf)
         return {**checked, 'approach_speed': speeds}
 
-    def _without_forced(self, value: ArrayLike) -> Any:
-        """Return a stiffness or damping with zeros along the force directions."""
-        try:
-            matrix = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            return value  # refused by the checks of the impedance
-        if matrix.shape not in ((6,), (6, 6)):
-            return value
+    def _without_forced(self, value: ArrayLike, what: str) -> Array:
+        """Return a stiffness or damping, (6, 6), with zeros along the forces; checked."""
+        matrix = checked_matrix(value, what)
         forced = list(self._forced)
         matrix[forced] = 0.0
-        if matrix.ndim == 2:
-            matrix[:, forced] = 0.0
+        matrix[:, forced] = 0.0
         return matrix
 
     def torque(self, q: ArrayLike, u: ArrayLike, pose: ArrayLike,
@@ -172,11 +162,12 @@ class HybridForce(CartesianImpedance):
             raise InputError(f'elapsed: {elapsed}; expected a finite time in s, not '
                              'negative')
         desired = self._zero if wrench is None else wrench
-        exerted = -np.asarray(desired, np.float64) if measured is None else measured
+        if measured is None:  # as if the force were exactly the desired one
+            measured = -finite_row(desired, 'wrench', DIRECTIONS)
         self._step[0] = elapsed
         row = self._law(q, u, flat_pose(pose), self._zero if twist is None else twist,
                         self._zero if acceleration is None else acceleration, desired,
-                        exerted, self.integral, self._step, self._block,
+                        measured, self.integral, self._step, self._block,
                         *((t,) if self._timed else ()))
         self.integral = row[-6:]
         return row[:-6]

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
+from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.ltdl import solve
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion
@@ -31,7 +32,11 @@ def checked_speeds(robot: Robot, stated: ArrayLike | None) -> Array:
     """Return the speed limits of all joints, (n_j,): the stated ones, or the robot's."""
     if stated is None:
         return np.asarray(robot.limits.velocity, np.float64)
-    return per_joint(stated, 'speed_limit', robot.joint_names, finite=False)
+    speeds = per_joint(stated, 'speed_limit', robot.joint_names, finite=False)
+    if not speeds.all():
+        raise InputError(f'speed_limit: {speeds.tolist()}; expected positive numbers, '
+                         'rad/s or m/s')
+    return speeds
 
 
 def slowdown(rates: Vector, limits: Vector) -> Scalar:

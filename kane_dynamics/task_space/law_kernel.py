@@ -1,6 +1,8 @@
 """Laws as kernels of a robot: settings in one array, checks of the configuration."""
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+import hashlib
 from typing import Any
 
 from kane_dynamics._util.checks import per_joint
@@ -86,7 +88,8 @@ class RunTimeSettings:
         if unknown:
             raise InputError(f'update: {", ".join(unknown)}; expected some of '
                              f'{", ".join(self._changeable)}')
-        values = {**self._values, **settings}
+        # Copies, so that arrays of the caller may change without effect here.
+        values = {**self._values, **deepcopy(settings)}
         block = self._shapes.packed(self._checked(values))
         self._values = values
         self._block = block
@@ -196,6 +199,15 @@ def entry_with_pose(kernel: Kernel) -> Callable[..., Array]:
 
 
 def identifier(*words: str | Sequence[str]) -> str:
-    """Return a C identifier of these words."""
-    text = '_'.join(word if isinstance(word, str) else '_'.join(word) for word in words)
+    """
+    Return a C identifier of these words, which other words do not have.
+
+    Kernels of one robot are told apart by their names. Names of frames lose characters
+    in an identifier, so that a digest of all words follows them.
+    """
+    parts: list[str] = []
+    for word in words:
+        parts.extend([word] if isinstance(word, str) else word)
+    digest = hashlib.sha256(repr(parts).encode()).hexdigest()[:8]
+    text = '_'.join([*parts, digest])
     return ''.join(c if c.isalnum() and c.isascii() else '_' for c in text)

@@ -150,7 +150,7 @@ class OperationalSpace(RunTimeSettings):
             The configuration is open or singular.
 
         """
-        if type(pose) is not np.ndarray:
+        if type(pose) is not np.ndarray or pose.shape != (4, 4):
             pose = flat_pose(pose)
         if twist is None:
             twist = self._zero

@@ -101,9 +101,7 @@ class PoseFilter:
             raise InputError(f'pose: shape {start.shape}; expected (4, 4)')
         velocity = STILL
         if twist is not None:
-            velocity = np.array(twist, dtype=np.float64)
-            if velocity.shape != (6,) or not np.isfinite(velocity).all():
-                raise InputError(f'twist: {twist!r}; expected six finite numbers')
+            velocity = finite_row(twist, 'twist', DIRECTIONS)
         self._state = np.concatenate([start.ravel(), velocity, STILL])
 
     @property
@@ -167,7 +165,9 @@ LIMITS = ('linear_speed', 'angular_speed', 'linear_acceleration', 'angular_accel
 
 def _target(state: Array) -> TargetState:
     """Return the parts of a state."""
-    return TargetState(state[:16].reshape(4, 4), state[16:22], state[22:28])
+    # A copy, so that a caller who changes the target does not move the filter.
+    copied = state.copy()
+    return TargetState(copied[:16].reshape(4, 4), copied[16:22], copied[22:28])
 
 
 def _step(state: Vector, goal: Vector, twist: Vector, limits: Vector,

@@ -2,6 +2,7 @@
 
 from functools import cache
 import math
+import re
 
 from kane_dynamics import (ArmCoupling, InputError, JointImpedance, load_urdf, MomentumObserver,
                            PartnerState, Robot, Terms, with_tool)
@@ -279,15 +280,18 @@ def test_faulty_states_of_the_partner_disengage_and_settings_are_checked():
     coupling = ArmCoupling(fr3(), stiffness=STIFFNESS, damping=DAMPING)
     good = PartnerState(0.0, HOME, np.zeros(7), np.zeros(7))
     for bad, words in ((None, 'partner: no state'),
-                       (good._replace(u=np.full(7, math.nan)), 'partner: u .* 7 finite numbers'),
-                       (good._replace(q=HOME[:5]), 'partner: q .*; expected 7 finite numbers'),
-                       (good._replace(t=-1.0), r'partner: no state for 1\.0')):
+                       (good._replace(u=np.full(7, math.nan)), "partner: u of joint 'fr3_joint1': nan; expected"),
+                       (good._replace(q=HOME[:5]), r'partner: q: shape \(5,\); expected'),
+                       (good._replace(external=None), r'partner: external: shape \(\); expected'),
+                       (good._replace(t=-1.0), r'partner: no state for 1\.0'),
+                       (good._replace(t=1000.0), r'partner: a state 1000\.0.* s ahead; expected')):
         coupling.engage(HOME, good)
         coupling.torque(0.0, HOME, np.zeros(7), bad)
         assert not coupling.engaged
-        assert pytest.importorskip('re').search(words, coupling.lost)
+        assert re.search(words, coupling.lost)
     for settings, words in (({'stiffness': -1.0}, 'stiffness'), ({'reflection': 1.5}, 'at most 1'),
                             ({'scale': 0.0}, "scale of joint 'fr3_joint1': 0"),
+                            ({'scale': [1.0, 2.0]}, r'scale: shape \(2,\); expected'),
                             ({'alone': 'fall'}, "alone: 'fall'; expected hold or free"),
                             ({'timeout': 0.0}, 'timeout: 0.0; expected'),
                             ({'ramp': math.nan}, 'ramp: nan; expected')):
@@ -308,3 +312,14 @@ def test_an_arm_without_states_for_the_timeout_begins_alone_where_it_is():
     tau = coupling.torque(5.0, elsewhere, np.zeros(7), good._replace(t=5.0))
     assert coupling.lost == 'this arm: no state for 5.000 s'
     np.testing.assert_allclose(tau, fr3().gravity_force(elsewhere), atol=1e-9)
+    coupling.torque(4.0, elsewhere, np.zeros(7), good._replace(t=4.0))
+    assert coupling.lost == 'this arm: time went back by 1.000 s'
+
+
+def test_states_of_the_partner_may_be_lists():
+    coupling = ArmCoupling(fr3(), stiffness=STIFFNESS, damping=DAMPING)
+    rest = [0.0] * 7
+    coupling.engage(HOME, PartnerState(0.0, HOME.tolist(), rest, rest))
+    tau = coupling.torque(0.0, HOME, rest, PartnerState(0.0, HOME.tolist(), rest, rest))
+    assert coupling.engaged
+    np.testing.assert_allclose(tau, fr3().gravity_force(HOME), atol=1e-9)

@@ -215,7 +215,8 @@ def test_wrong_settings_change_nothing(wrong, message):
 @pytest.mark.parametrize('arguments, message', [
     ({'frame': 'nowhere'}, "no frame 'nowhere'"), ({'frame': 'fr3_link0'}, 'does not move'),
     ({'axes': 'fr3_link3'}, 'moves relative to'), ({'directions': 'xyz'}, 'directions'),
-    ({'directions': ['x', 'x']}, 'each once'), ({'posture_stiffness': 1.0}, 'without a posture')])
+    ({'directions': ['x', 'x']}, 'each once'), ({'directions': 3}, 'directions: 3; expected'),
+    ({'posture_stiffness': 1.0}, 'without a posture')])
 def test_wrong_tasks_are_refused(arguments, message):
     with pytest.raises(InputError) as error:
         CartesianImpedance(fr3(), **{'frame': TIP, 'stiffness': K, **arguments})
@@ -223,7 +224,8 @@ def test_wrong_tasks_are_refused(arguments, message):
 
 
 @pytest.mark.parametrize('pose, message', [
-    (np.eye(3), 'expected shape (4, 4)'), (2.0 * np.eye(4), 'rotation matrix'),
+    (np.eye(3), 'expected (4, 4)'), (np.eye(4).reshape(2, 8), 'expected (4, 4)'),
+    (2.0 * np.eye(4), 'rotation matrix'),
     (np.full((4, 4), np.nan), 'pose'), (np.diag([-1.0, 1, 1, 1]), 'rotation matrix'),
     (np.eye(4) + np.eye(4, k=-3), 'last row'), ('pose', 'pose')])
 def test_what_is_no_pose_is_refused(pose, message):
@@ -260,3 +262,32 @@ def test_the_energy_of_a_four_bar_falls_while_its_target_rests():
         energies.append(robot.kinetic_energy(q, u) + impedance.energy(q, target))
         q, u = stepped(robot, lambda q, u: impedance.torque(q, u, target), q, u, 1e-3)
     assert np.diff(energies).max() < 0.0 and energies[-1] < 0.5 * energies[0]
+
+
+def test_arrays_of_the_caller_may_change_without_effect():
+    """As a posture that is the array of the measured positions."""
+    stiffness, posture = K.copy(), ORDINARY + 0.1
+    impedance = law(stiffness=stiffness, posture=posture, posture_stiffness=20.0)
+    target = fr3().frame_pose(TIP, ORDINARY)
+    target[0, 3] += 0.01
+    before = impedance.torque(ORDINARY, np.zeros(7), target)
+    stiffness *= 2.0
+    posture += 1.0
+    impedance.update(null_damping=3.0)
+    np.testing.assert_array_equal(impedance.torque(ORDINARY, np.zeros(7), target), before)
+
+
+def test_a_posture_is_needed_for_its_stiffness_and_may_be_taken_back():
+    impedance = law()
+    with pytest.raises(InputError, match='posture_stiffness: 5.0, without a posture; expected'):
+        impedance.update(posture_stiffness=5.0)
+    impedance.update(posture=ORDINARY, posture_stiffness=5.0)
+    impedance.update(posture=None, posture_stiffness=0.0)
+
+
+@pytest.mark.parametrize(('q', 'pose', 'message'), [
+    (np.zeros((2, 7)), np.eye(4), r'q: shape \(2, 7\); expected \(7,\)'),
+    (ORDINARY, np.zeros((2, 4, 4)), r'pose: shape \(2, 4, 4\); expected \(4, 4\)')])
+def test_the_energy_is_that_of_one_state(q, pose, message):
+    with pytest.raises(InputError, match=message):
+        law().energy(q, pose)

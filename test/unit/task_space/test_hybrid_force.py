@@ -87,7 +87,10 @@ def test_an_unmodelled_force_is_removed_by_the_integral():
     ({'force_directions': 'z'}, 'force_directions'), ({'force_directions': []}, 'each once'),
     ({'force_directions': ['w']}, 'each once'), ({'force_gain': -1.0}, 'force_gain'),
     ({'approach_speed': 0.0}, 'approach_speed'), ({'integral_gain': np.inf}, 'integral_gain'),
-    ({'stiffness': 'x'}, 'stiffness'), ({'stiffness': [1.0]}, 'stiffness')])
+    ({'force_directions': 3}, 'force_directions: 3; expected'),
+    ({'stiffness': 'x'}, 'stiffness'), ({'stiffness': [1.0]}, 'stiffness'),
+    ({'stiffness': [1.0, 1.0, np.nan, 1.0, 1.0, 1.0]}, 'stiffness'),
+    ({'stiffness': [1.0, 1.0, -1.0, 1.0, 1.0, 1.0]}, 'eigenvalue')])
 def test_wrong_settings_are_refused(wrong, message):
     with pytest.raises(InputError) as error:
         HybridForce(ur10e(), TOOL, **{'force_directions': ['z'], 'stiffness': K, **wrong})
@@ -101,3 +104,5 @@ def test_wrong_calls_are_refused():
         law.torque(Q, rest, pose, elapsed=-1.0)
     with pytest.raises(InputError, match='measured'):
         law.torque(Q, rest, pose, measured=[0.0])
+    with pytest.raises(InputError, match="wrench: 'down'; expected 6 numbers"):
+        law.torque(Q, rest, pose, wrench='down')

@@ -100,6 +100,7 @@ def test_the_reference_motion_is_slowed_down_by_one_factor():
 
 @pytest.mark.parametrize(('stated', 'message'), [
     (-1.0, r"speed_limit of joint 'fr3_joint1': -1.0; expected a number >= 0"),
+    (0.0, r'speed_limit: .*; expected positive numbers'),
     ([1.0, 2.0], r'speed_limit: .*; expected one number, or 7'), ('fast', 'speed_limit: ')])
 def test_a_wrong_limit_is_named(stated, message):
     with pytest.raises(InputError, match=message):

@@ -104,3 +104,13 @@ def test_wrong_numbers_are_refused_and_change_nothing():
             target.reset(pose, twist)
     np.testing.assert_array_equal(target.state.pose, before.pose)
     assert target.step(np.eye(4), 0.0).pose is not None
+
+
+def test_a_changed_result_does_not_move_the_target():
+    smooth = PoseFilter(linear_speed=0.2, angular_speed=1.0, linear_acceleration=1.0,
+                        angular_acceleration=4.0)
+    smooth.reset(np.eye(4))
+    smooth.step(np.eye(4), 0.01).pose[0, 3] = 1.0
+    smooth.state.twist[0] = 1.0
+    np.testing.assert_array_equal(smooth.state.pose, np.eye(4))
+    np.testing.assert_array_equal(smooth.state.twist, np.zeros(6))

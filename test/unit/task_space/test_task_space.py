@@ -2,7 +2,8 @@
 
 from functools import cache
 
-from kane_dynamics import in_task_speeds, InputError, load_urdf, Robot, TaskSpace
+from kane_dynamics import (in_task_speeds, InputError, load_urdf, ModelBuilder, Robot, rod,
+                           TaskSpace)
 from kane_dynamics._util.resources import resource_path
 from linkages import five_bar, five_bar_at
 import numpy as np
@@ -144,6 +145,24 @@ def test_by_default_the_directions_are_those_that_the_frame_can_follow():
     assert TaskSpace(robot, 'flange').directions == ('x', 'y', 'z', 'rz')
     two_link = Robot(load_urdf(resource_path('urdf', 'two_link_planar.urdf')))
     assert len(TaskSpace(two_link, two_link.frame_names[-1]).directions) == 2
+
+
+def test_an_elbow_follows_as_many_directions_as_joints_move_it():
+    space = TaskSpace(fr3(), 'fr3_link4')
+    assert len(space.directions) == 4
+    assert space.at(Q).regularization == 0.0
+    assert in_task_speeds(fr3(), 'fr3_link4').speed_names[4] == 'fr3_link4/null_1'
+
+
+def test_frames_of_names_that_differ_in_a_sign_have_kernels_of_their_own():
+    builder = ModelBuilder('arm')
+    builder.body('arm', inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
+    builder.frame('tool-a', 'arm', (1.0, 0.0, 0.0))
+    builder.frame('tool_a', 'arm', (2.0, 0.0, 0.0))
+    robot = Robot(builder.model())
+    for frame in ('tool-a', 'tool_a'):
+        dynamics = TaskSpace(robot, frame, directions=['y']).at([0.0])
+        np.testing.assert_allclose(dynamics.jacobian, robot.jacobian(frame, [0.0])[1:2])
 
 
 @pytest.mark.parametrize('arguments, message', [
