@@ -207,7 +207,10 @@ def identifier(*words: str | Sequence[str]) -> str:
     """
     parts: list[str] = []
     for word in words:
-        parts.extend([word] if isinstance(word, str) else word)
+        if isinstance(word, str):
+            parts.append(word)
+        else:
+            parts.extend(word)
     digest = hashlib.sha256(repr(parts).encode()).hexdigest()[:8]
     text = '_'.join([*parts, digest])
     return ''.join(c if c.isalnum() and c.isascii() else '_' for c in text)

@@ -280,7 +280,8 @@ def test_faulty_states_of_the_partner_disengage_and_settings_are_checked():
     coupling = ArmCoupling(fr3(), stiffness=STIFFNESS, damping=DAMPING)
     good = PartnerState(0.0, HOME, np.zeros(7), np.zeros(7))
     for bad, words in ((None, 'partner: no state'),
-                       (good._replace(u=np.full(7, math.nan)), "partner: u of joint 'fr3_joint1': nan; expected"),
+                       (good._replace(u=np.full(7, math.nan)),
+                        "partner: u of joint 'fr3_joint1': nan; expected"),
                        (good._replace(q=HOME[:5]), r'partner: q: shape \(5,\); expected'),
                        (good._replace(external=None), r'partner: external: shape \(\); expected'),
                        (good._replace(t=-1.0), r'partner: no state for 1\.0'),

@@ -279,7 +279,7 @@ def test_arrays_of_the_caller_may_change_without_effect():
 
 def test_a_posture_is_needed_for_its_stiffness_and_may_be_taken_back():
     impedance = law()
-    with pytest.raises(InputError, match='posture_stiffness: 5.0, without a posture; expected'):
+    with pytest.raises(InputError, match=r'posture_stiffness: 5\.0, without a posture; expected'):
         impedance.update(posture_stiffness=5.0)
     impedance.update(posture=ORDINARY, posture_stiffness=5.0)
     impedance.update(posture=None, posture_stiffness=0.0)

@@ -157,8 +157,8 @@ def test_an_elbow_follows_as_many_directions_as_joints_move_it():
 def test_frames_of_names_that_differ_in_a_sign_have_kernels_of_their_own():
     builder = ModelBuilder('arm')
     builder.body('arm', inertial=rod(1.0, (0, 0, 0), (1, 0, 0)))
-    builder.frame('tool-a', 'arm', (1.0, 0.0, 0.0))
-    builder.frame('tool_a', 'arm', (2.0, 0.0, 0.0))
+    builder.frame('tool-a', 'arm', at=(1.0, 0.0, 0.0))
+    builder.frame('tool_a', 'arm', at=(2.0, 0.0, 0.0))
     robot = Robot(builder.model())
     for frame in ('tool-a', 'tool_a'):
         dynamics = TaskSpace(robot, frame, directions=['y']).at([0.0])
