@@ -33,7 +33,7 @@ from kane_dynamics.identification.recordings.recording import check_recording, R
 from kane_dynamics.identification.regression import rms
 from kane_dynamics.identification.solvers import on_one_processor, scientific
 from kane_dynamics.model.model import Model, WORLD
-from kane_dynamics.robot.robot import Robot
+from kane_dynamics.robot.robot import Robot, TORQUE_TERMS
 import numpy as np
 
 BLOCKS = 16
@@ -170,7 +170,7 @@ class ModelWatch:
             of_reference = _causes(robot, self._reference)
             sound = [self._sizes(cause.directions, self._residual)
                      for cause in of_reference]
-        quantile = self._quantile(len(causes), paired)
+        quantile = self._quantile(len(causes))
 
         # The largest cause is taken away, and the others are judged again.
         alarms: list[ModelChange] = []
@@ -183,9 +183,11 @@ class ModelWatch:
         return WatchReport(robot.joint_names, rms(residual), rms(self._residual),
                            tuple(alarms))
 
-    def _quantile(self, causes: int, paired: bool) -> float:
+    def _quantile(self, causes: int) -> float:
         """Return the largest ratio of a size to its deviation that is no alarm."""
-        freedom = BLOCKS - 1 if paired else 2 * (BLOCKS - 1)
+        # A difference of two sizes has between one and two times these degrees of
+        # freedom, because the deviations of both motions differ (Welch).
+        freedom = BLOCKS - 1
         share = self._rate / (2.0 * causes)
         return float(scientific('scipy.stats').t.ppf(1.0 - share, freedom))
 
@@ -263,7 +265,8 @@ def _causes(robot: Robot, recording: Recording) -> list[_Cause]:
     q, u, udot = recording.q, recording.u, recording.udot
     torque = robot.inverse_dynamics(q, u, udot)
     offsets = np.array([joint.friction_offset for joint in robot.model.coordinate_joints])
-    friction = robot.torque_terms(q, u, udot)[:, 3] - offsets
+    terms = robot.torque_terms(q, u, udot)
+    friction = terms[:, TORQUE_TERMS.index('friction')] - offsets
     rate = np.gradient(torque, recording.t, axis=0)
     causes = []
     Y = robot.regressor(q, u, udot)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 import hashlib
 import math
 from typing import Literal
@@ -217,8 +217,9 @@ class Joint:
         words = [f'{self.kind} {preposition} {self.axis.round(6).tolist()}']
         if self.limits != Limits():
             words.append(f'{self.limits.lower:.6g} to {self.limits.upper:.6g}')
+        defaults = {parameter.name: parameter.default for parameter in fields(self)}
         for name in (*FRICTION, 'armature', 'stiffness'):
-            if getattr(self, name):
+            if getattr(self, name) != defaults[name]:
                 words.append(f'{name} {getattr(self, name):.6g}')
         return f"<Joint '{self.name}': {', '.join(words)}>"
 

@@ -6,9 +6,9 @@ the armatures p: tau = tau_0 + Y (p - p_0). If each parameter lies within p_0 +-
 independently of the others, the torque of each actuator lies within tau_0 +- |Y| delta,
 and reaches both ends: the bounds are exact for the box.
 
-The friction speed enters nonlinearly and is taken as known; so is what breakaway friction
-exceeds Coulomb friction by. With load friction the torque is not linear in the inertial
-parameters, and there are no such bounds.
+The friction speed enters nonlinearly and is taken as known; so are quadratic damping and
+what breakaway friction exceeds Coulomb friction by. With load friction the torque is not
+linear in the inertial parameters, and there are no such bounds.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.constraints.conditioning import guarded
 from kane_dynamics.mechanics.equations import Equations
-from kane_dynamics.mechanics.friction import friction_torque, refuse_load_friction
+from kane_dynamics.mechanics.friction import (coulomb_levels, friction_torque,
+                                              refuse_load_friction)
 from kane_dynamics.mechanics.recursive.regressor import parameters_of, pseudo_inertia_of
 from kane_dynamics.model.model import FRICTION as LAW_FIELDS, Inertial, Joint, Model, WORLD
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -52,7 +53,8 @@ class Uncertainty:
     """
     Box of uncertain parameters: each lies within plus or minus a number of its value.
 
-    `Uncertainty.of` makes one from relative errors.
+    `Uncertainty.of` makes one from relative errors. Quadratic damping, the friction speeds
+    and what breakaway friction exceeds Coulomb friction by are taken as known.
 
     Attributes
     ----------
@@ -120,7 +122,8 @@ class Uncertainty:
             Its values are the center of the box.
         mass, inertia, friction : float
             Relative errors of masses; of inertias about the centers of mass, relative to
-            the largest moment; of damping, Coulomb friction and armature. 0.1 is 10 %.
+            the largest moment; of damping, Coulomb friction (the larger one of both
+            directions) and armature. 0.1 is 10 %.
         com : float
             Error of each coordinate of the centers of mass, m.
         offset : float
@@ -149,6 +152,8 @@ class Uncertainty:
         relative = {}
         for name in ('damping', 'friction', 'armature'):
             values = [getattr(joint, name) for joint in joints]
+            if name == 'friction':  # the box has the same width in both directions
+                values = [max(coulomb_levels(joint)) for joint in joints]
             relative[name] = friction * np.abs(np.array(values, dtype=np.float64))
         payload = _payload_box(payload_mass, payload_com)
         return cls(np.array(inertial).reshape(-1, 10), friction_offset=np.full(

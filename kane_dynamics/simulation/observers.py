@@ -38,7 +38,8 @@ class Impact(NamedTuple):
     """
     Energy that stops take at the end of one of several steps, or arrays of several steps.
 
-    The uncertainty is that of the work of the step, J.
+    The uncertainty is that of the work of the step, J. A step in which a joint sticks or
+    breaks away has an uncertainty alone.
     """
 
     step: Any

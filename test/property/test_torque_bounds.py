@@ -213,3 +213,20 @@ def test_bounds_know_the_whole_law_of_friction_and_refuse_friction_of_the_load()
         body.joint, load_friction=0.1)), *others))
     with pytest.raises(InputError, match=r'torque_bounds: joint .* has load friction'):
         Robot(loaded).torque_bounds(q, u, udot, Uncertainty.of(loaded, mass=0.1))
+
+
+@pytest.mark.parametrize('rate', [-0.8, 0.8])
+def test_bounds_of_relative_errors_hold_for_the_friction_of_both_directions(rate):
+    model = random_model(2, 3, branching=0.0)
+    body, *others = model.bodies
+
+    def scaled(size):
+        joint = replace(body.joint, damping=0.0, friction=size, friction_backward=3.0 * size)
+        return replace(model, bodies=(replace(body, joint=joint), *others))
+    box = Uncertainty.of(scaled(1.0), friction=0.2)
+    q = udot = np.zeros(3)
+    u = np.array([rate, 0.0, 0.0])
+    bounds = Robot(scaled(1.0)).torque_bounds(q, u, udot, box)
+    for size in (0.8, 1.2):
+        torque = Robot(scaled(size)).inverse_dynamics(q, u, udot)
+        assert bounds.lower[0] - 1e-9 <= torque[0] <= bounds.upper[0] + 1e-9

@@ -150,9 +150,9 @@ class DynamicsMethods(Dispatch):
         """
         Return the least and the largest torques with which motors hold the robot at rest.
 
-        Friction of a joint at rest is any torque up to breakaway friction. Within the
-        interval the torque is not determined by the rest; outside, the joint moves. A
-        self-locking drive holds its load also without torque.
+        Friction of a joint at rest is any torque up to breakaway friction, so that every
+        torque between the two holds the joint, and others move it. A self-locking drive
+        holds its load also without torque.
 
         Parameters
         ----------

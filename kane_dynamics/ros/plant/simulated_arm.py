@@ -288,7 +288,7 @@ class SimulatedArm:
         self._state[:] = self._next
         at_stop = self._friction.sides_at(self._q) != 0.0
         self.stop_contacts += int(at_stop.any())
-        if self._sticking.hit:  # the impact takes energy
+        if self._sticking.changed:  # an impact takes energy, friction has a kink
             self.energy.close()
             self.energy.restart(self._state)
         else:

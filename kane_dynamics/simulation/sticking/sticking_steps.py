@@ -66,8 +66,9 @@ class Sticking:
 
     Attributes
     ----------
-    hit : bool
-        Whether joints hit stops in the last step of `step_end`.
+    changed : bool
+        Whether joints began or ended to slide, or hit stops, in the last step of
+        `step_end`.
 
     """
 
@@ -75,7 +76,7 @@ class Sticking:
         """Begin without transitions."""
         self._robot, self._step, self._start = robot, step, start
         self.stops = stops
-        self.hit = False
+        self.changed = False
         self._states: dict[int, FrictionState] = {}
         self._kernels: dict[int, dict[bool, Kernel]] = {}  # by robot
         self._impacts: dict[int, dict[int, list[tuple[float, float]]]] = {}
@@ -142,7 +143,7 @@ class Sticking:
         buffer = np.stack([state, state])
         self._forget(0, 0)
         self._follow(source, 0, buffer, 0)
-        self.hit = bool(self.settle(0))
+        self.changed = bool(self.settle(0))
         end: Array = buffer[1]
         return end
 
@@ -189,9 +190,15 @@ class Sticking:
         """Return the state after a step with transitions, and the modes there."""
         passed = 0.0  # of the step, s
         left = self._step
+        power = path.friction_power(state, step, passed, modes)
         for _ in range(MOST):
             end = path.part(state, step, passed, left, modes)
             if not path.happens(end, step, passed + left, modes):
+                # The power of friction has a kink at each transition, which the energy
+                # balance does not see between the ends of the step.
+                power = power + path.friction_power(end, step, self._step, modes)
+                self._record(path, i, step, self._step,
+                             _Hit([], 0.0, 0.5 * self._step * power))
                 return end, modes
             time, which = path.first(state, step, passed, left, modes)
             state = path.part(state, step, passed, time, modes)
@@ -201,6 +208,8 @@ class Sticking:
                 self._record(path, i, step, passed, loss)
             left = self._step - passed
             if left <= SHORT * self._step:
+                self._record(path, i, step, self._step,
+                             _Hit([], 0.0, 0.5 * self._step * power))
                 return state, modes
         raise InputError(
             f'sticking: more than {MOST} transitions of joints between sticking and sliding '
@@ -209,7 +218,7 @@ class Sticking:
 
     def _record(self, path: '_Path', i: int, step: int, passed: float,
                 hit: '_Hit') -> None:
-        """Record an impact on stops within a step."""
+        """Record an impact on stops within a step, or the kinks of the power there."""
         impacts = self._impacts.setdefault(i, {})
         impacts.setdefault(step + 1, []).append((hit.loss, hit.unresolved))
         events = self._hits.setdefault(i, [])
@@ -282,6 +291,14 @@ class _Path:
         """Return the torque at a state, and the time, s."""
         t = self._start + step * self._step + passed
         return self.source.torque_within(state, step, passed), t
+
+    def friction_power(self, state: Array, step: int, passed: float,
+                       modes: FrictionModes) -> float:
+        """Return the power of the friction of the joints that slide, W."""
+        tau, t = self._torque(state, step, passed)
+        forces = self.contact.forces(state, tau, modes.directions, t)
+        of_joints = forces.friction[self.contact.joints] * forces.v
+        return float(np.abs(of_joints[~modes.held]).sum())
 
     # Transitions.
 

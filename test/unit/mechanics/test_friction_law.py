@@ -237,6 +237,12 @@ def test_a_bad_parameter_of_the_law_is_refused_by_name(field, value):
         Joint('j', 'revolute', AXIS, friction=1.0, **{field: value})
 
 
+def test_a_joint_without_friction_backward_says_so():
+    joint = Joint('j', 'revolute', (0, 0, 1), friction=1.0, friction_backward=0.0)
+    assert repr(joint).endswith('friction 1, friction_backward 0>')
+    assert repr(replace(joint, friction_backward=None)).endswith('friction 1>')
+
+
 def test_the_other_direction_is_as_the_first_by_default():
     joint = Joint('j', 'revolute', AXIS, friction=1.0, load_friction=0.1)
     assert friction.coulomb_levels(replace(joint, friction=2.0)) == (2.0, 2.0)

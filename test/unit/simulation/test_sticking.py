@@ -57,6 +57,15 @@ def test_a_wheel_breaks_away_when_the_torque_exceeds_breakaway_friction(backward
     assert run.u[-1, 0] == pytest.approx(sign * impulse, abs=1e-10)
 
 
+def test_a_torque_that_alternates_reverses_a_wheel_in_every_step_without_a_warning():
+    # A step begins at -w, the wheel slows down with 5 + 2, and speeds up with 5 - 2: in
+    # the limit w = 3 (h - w / 7). The power of friction is the same at all steps' ends.
+    torque = np.where(np.arange(200) % 2, 5.0, -5.0)[:, None]
+    run = exact(wheel(friction=2.0, breakaway_friction=2.5), [0.0], [0.0], 0.2,
+                torque=torque)
+    assert run.u[-1, 0] == pytest.approx(3.0 * STEP / (1.0 + 3.0 / 7.0), abs=1e-12)
+
+
 def test_a_joint_at_rest_does_not_creep_in_an_hour():
     run = exact(wheel(friction=2.0), [0.3], [0.0], 3600.0, step=0.01, torque=[1.99])
     assert (run.q == 0.3).all() and (run.u == 0.0).all() and run.sticking.all()
