@@ -29,9 +29,11 @@ def constant(value: ArrayLike, shape: tuple[int, ...], what: str,
 
 
 def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
-              finite: bool = True) -> Array:
+              finite: bool = True, part: str = 'joint') -> Array:
     """
     Return one number, or one per joint, as a read-only (n,) array of numbers >= 0.
+
+    Messages call an entry that of a `part`.
 
     Raises
     ------
@@ -46,7 +48,7 @@ def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
         array = numbers.astype(np.float64)
     except (TypeError, ValueError):
         raise InputError(f'{what}: {value!r}; expected one number, or one per '
-                         'joint') from None
+                         f'{part}') from None
     if array.shape not in ((), (len(names),)):
         raise InputError(f'{what}: {value!r}; expected one number, or {len(names)} '
                          f'({", ".join(names)})')
@@ -54,14 +56,15 @@ def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
     expected = 'a finite number >= 0' if finite else 'a number >= 0'
     for name, number in zip(names, array.tolist(), strict=True):
         if not number >= 0.0 or (finite and math.isinf(number)):
-            raise InputError(f"{what} of joint '{name}': {number}; expected {expected}")
+            raise InputError(f"{what} of {part} '{name}': {number}; expected {expected}")
     array.flags.writeable = False
     return array
 
 
-def finite_row(values: ArrayLike, what: str, names: Sequence[str]) -> Array:
+def finite_row(values: ArrayLike, what: str, names: Sequence[str], *,
+               part: str = 'joint') -> Array:
     """
-    Return one finite number per joint, (n,).
+    Return one finite number per joint, or per another `part`, (n,).
 
     Raises
     ------
@@ -81,7 +84,7 @@ def finite_row(values: ArrayLike, what: str, names: Sequence[str]) -> Array:
     if not all(map(math.isfinite, array.tolist())):  # short rows: faster than numpy
         for name, value in zip(names, array.tolist(), strict=True):
             if not math.isfinite(value):
-                raise InputError(f"{what} of joint '{name}': {value}; expected a finite "
+                raise InputError(f"{what} of {part} '{name}': {value}; expected a finite "
                                  'number')
     return array
 

@@ -28,7 +28,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.motion.controller_points import Segments
 from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 import numpy as np
@@ -115,7 +115,7 @@ def allowed(steps: int, rows: Matrix, following: Matrix, *middles_and_most: Matr
         slopes.append(1.0 + drift)
     reciprocals = []
     for slope in slopes:
-        reciprocals.append(1.0 / select(_absolute(slope) < TINY, TINY, slope))
+        reciprocals.append(1.0 / select(magnitude(slope) < TINY, TINY, slope))
     largest_error = select(low_error < error, error, low_error)
     return np.array([low, high, largest_error, *upper_values, *lower_values, *slopes,
                      *reciprocals])
@@ -143,11 +143,7 @@ def _in_interval(rows: Matrix, following: Matrix) -> list[Vector]:
 
 def _ratio(row: Vector) -> Scalar:
     """Return the ratio of the coefficients of v and x."""
-    return _absolute(row[0]) / (_absolute(row[1]) + TINY)
-
-
-def _absolute(x: Scalar) -> Scalar:
-    return select(x < 0.0, -x, x)
+    return magnitude(row[0]) / (magnitude(row[1]) + TINY)
 
 
 def steady(rows: Matrix, most: Scalar) -> Scalar:
@@ -173,8 +169,8 @@ def _bounds(limits: Sequence[Vector]) -> tuple[Lines, Lines]:
     """Return the upper and lower bounds of v as lines over x, with equal slopes."""
     upper, lower = [], []
     for alpha, beta, gamma, width in limits:
-        size = _absolute(alpha)
-        tiny = SMALLEST * _absolute(beta) + 1e-100
+        size = magnitude(alpha)
+        tiny = SMALLEST * magnitude(beta) + 1e-100
         reciprocal = 1.0 / select(size < tiny, tiny, size)
         signed = select(alpha < 0.0, -reciprocal, reciprocal)
         room = width * reciprocal
@@ -202,7 +198,7 @@ def _root(upper: Lines, lower: Lines, x: Scalar, sign: float, steps: int
         towards = select(sign * slope < 0.0, slope, -sign * 1e-300)
         error = select(room < 0.0, room / towards, 0.0)
         x = x - error
-    return x, _absolute(error)
+    return x, magnitude(error)
 
 
 def _lines_at(lines: Lines, x: Scalar) -> Lines:

@@ -36,7 +36,7 @@ from typing import Any
 
 from kane_dynamics._util.typing import Array, Scalar
 from kane_dynamics.errors import ConstraintError, InputError
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.model.model import Joint, Model
 import numpy as np
 
@@ -48,11 +48,6 @@ SETS = 2**12  # of held joints that are tried at most
 def coulomb(rate: Scalar, onset: Scalar) -> Scalar:
     """Return smoothed Coulomb friction of coefficient 1: tanh(rate / onset), -1 to 1."""
     return np.tanh(rate * (1.0 / onset))
-
-
-def magnitude(x: Scalar) -> Scalar:
-    """Return the magnitude of a scalar."""
-    return select(x < 0.0, -x, x)
 
 
 def slides(joint: Joint) -> bool:

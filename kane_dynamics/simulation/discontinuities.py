@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import ConstraintError
-from kane_dynamics.mechanics.algebra.dual import moving, rates, select, values
+from kane_dynamics.mechanics.algebra.dual import magnitude, moving, rates, values
 from kane_dynamics.mechanics.constraints.mechanism import Mechanism
 from kane_dynamics.native.runtime.kernel import Kernel
 from kane_dynamics.native.tracing.program import Program, Shape
@@ -217,18 +217,13 @@ def _difference(begin: Scalar, end: Scalar, parts: Sequence[_Parts]) -> Vector:
     total = total / SMALL
     # Changes that Simpson's rule does not confirm, relative to the rounding of f and of
     # t.
-    late = _size(begin) + _size(end)
+    late = magnitude(begin) + magnitude(end)
     for a, r_a, r_m, b, r_b in zip(f_0, r_0, r_1, f_2, r_2):
         error = b - a - (end - begin) * (r_a + 4.0 * r_m + r_b) * (1.0 / 6.0)
-        allowed = SMALL + ROUNDING * (_size(a) + _size(b) + late * (
-            _size(r_a) + _size(r_m) + _size(r_b)))
+        allowed = SMALL + ROUNDING * (magnitude(a) + magnitude(b) + late * (
+            magnitude(r_a) + magnitude(r_m) + magnitude(r_b)))
         total = total + error * error / (allowed * allowed)
     return np.array([total, *f_0], dtype=object)
-
-
-def _size(x: Scalar) -> Scalar:
-    """Return the magnitude of a number."""
-    return select(x < 0.0, -x, x)
 
 
 def _run(kernel: Kernel, arguments: list[Array]) -> Array:

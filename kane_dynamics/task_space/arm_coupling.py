@@ -210,7 +210,8 @@ class ArmCoupling:
         Parameters
         ----------
         t : float
-            Time of the measured state, s. After an interruption of `timeout`, or a step
+            Time of the measured state, s, also that of speeds or constraints which depend
+            on it. After an interruption of `timeout`, or a step
             back, the arm begins alone where it is.
         q, u : (n_q,), (n,) array_like
             The measured state, rad or m, s.
@@ -240,8 +241,8 @@ class ArmCoupling:
             self._follow(partner, elapsed)
         else:
             self._fade(elapsed)
-        force = self._force(position, self._joint_rates(q, u))
-        return self._law.torque(q, u, position + force, self._rates)
+        force = self._force(position, self._joint_rates(q, u, t))
+        return self._law.torque(q, u, position + force, self._rates, t=t)
 
     # The parts of `torque`.
 
@@ -320,11 +321,11 @@ class ArmCoupling:
             force = force * (self._force_limit[size > 0.0] / size[size > 0.0]).min()
         return force
 
-    def _joint_rates(self, q: Array, u: Array) -> Array:
+    def _joint_rates(self, q: Array, u: Array, t: float) -> Array:
         """Return the rates of the coupled joints, (n,)."""
         if self.robot.equations.in_joint_rates:
             return u
-        return self.robot.joint_rates(q, u)[self._places]
+        return self.robot.joint_rates(q, u, t=t)[self._places]
 
 
 def _within(name: str, value: float, low: float, high: float) -> float:

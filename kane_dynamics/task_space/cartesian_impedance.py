@@ -228,7 +228,7 @@ class CartesianImpedance(RunTimeSettings):
             ratio = 0.0
         elif ratio is None:
             ratio = RATIO
-        ratios = per_joint(ratio, 'damping_ratio', DIRECTIONS)
+        ratios = per_joint(ratio, 'damping_ratio', DIRECTIONS, part='direction')
 
         positive = 'a positive number'
         limits = {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from kane_dynamics._util.typing import Scalar, Vector
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.dual import magnitude, select
 import numpy as np
 
 TINY = 1e-300
@@ -45,7 +45,7 @@ def clamped(held: Vector, added: Vector, limits: Vector) -> Vector:
     """
     result = []
     for torque, change, limit in zip(held, added, limits):
-        size = select(torque < 0.0, -torque, torque)
+        size = magnitude(torque)
         bound = select(size < limit, limit, size)
         total = torque + change
         total = select(total < -bound, -bound, total)

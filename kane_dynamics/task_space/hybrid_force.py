@@ -23,7 +23,7 @@ from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import finite_row, number, per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
 from kane_dynamics.native.tracing.program import Shape
@@ -111,7 +111,7 @@ class HybridForce(CartesianImpedance):
         approach = values['approach_speed']
         if approach is None:
             approach = 3 * [LINEAR_APPROACH] + 3 * [ANGULAR_APPROACH]
-        speeds = per_joint(approach, 'approach_speed', DIRECTIONS)
+        speeds = per_joint(approach, 'approach_speed', DIRECTIONS, part='direction')
         if not speeds.all():
             raise InputError(f'approach_speed: {speeds.tolist()}; expected positive '
                              'numbers, m/s and rad/s')
@@ -158,13 +158,13 @@ class HybridForce(CartesianImpedance):
             The configuration is open or singular.
 
         """
-        if not 0.0 <= elapsed < math.inf:
-            raise InputError(f'elapsed: {elapsed}; expected a finite time in s, not '
-                             'negative')
+        if type(elapsed) is not float or not 0.0 <= elapsed < math.inf:
+            elapsed = number(elapsed, 'elapsed', 'a finite time in s, not negative',
+                             lambda x: 0.0 <= x < math.inf)
+        self._step[0] = elapsed
         desired = self._zero if wrench is None else wrench
         if measured is None:  # as if the force were exactly the desired one
-            measured = -finite_row(desired, 'wrench', DIRECTIONS)
-        self._step[0] = elapsed
+            measured = -finite_row(desired, 'wrench', DIRECTIONS, part='direction')
         row = self._law(q, u, flat_pose(pose), self._zero if twist is None else twist,
                         self._zero if acceleration is None else acceleration, desired,
                         measured, self.integral, self._step, self._block,
@@ -226,8 +226,8 @@ def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls
                                         wanted[i], elapsed[0] * values['integral_gain'])
             pushed = wanted[i] + values['force_gain'] * error + integrated[i]
             mobility = forces.mobility.W[i, i] + 1.0 / values['singular_mass']
-            damping = (select(pushed < 0.0, -pushed, pushed)
-                       / values['approach_speed'][i] + DRAG / mobility)
+            damping = (magnitude(pushed) / values['approach_speed'][i]
+                       + DRAG / mobility)
             command[i] = pushed - damping * forces.velocity[i]
         tau, _, _ = forces.torques(equations, forces.mobility.J.T @ command,
                                    values['effort'])
@@ -244,6 +244,6 @@ def _integrated(integral: Scalar, error: Scalar, contact: Scalar, wanted: Scalar
                 gain: Scalar) -> Scalar:
     """Return the integral after a step: in contact alone, within a part of the force."""
     moved = integral + select(contact > 0.0, gain * error, 0.0)
-    bound = INTEGRAL_LIMIT * select(wanted < 0.0, -wanted, wanted)
+    bound = INTEGRAL_LIMIT * magnitude(wanted)
     moved = select(bound < moved, bound, moved)
     return select(moved < -bound, -bound, moved)

@@ -13,8 +13,9 @@ from __future__ import annotations
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.mechanics.algebra.ltdl import solve
+from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.robot.robot import Robot
@@ -43,7 +44,7 @@ def slowdown(rates: Vector, limits: Vector) -> Scalar:
     """Return the factor, at most 1, at which no rate exceeds `FREE` of its limit."""
     factor: Scalar = 1.0
     for rate, limit in zip(rates, limits):
-        size = _size(rate)
+        size = magnitude(rate)
         share = FREE * limit / select(size < TINY, TINY, size)
         factor = select(share < factor, share, factor)
     return factor
@@ -81,7 +82,12 @@ def brake_torques(equations: Equations, q: Vector, u: Vector, motion: JointMotio
     signs = [select(rate < 0.0, -1.0, 1.0) for rate in motion.qdot]
     gained = np.array(signs) * (motion.qddot + T @ udot)
     responses = [T @ solve(factors, order, row) for row in T]
-    inertias = [1.0 / response[k] for k, response in enumerate(responses)]
+    inertias: list[Scalar] = []
+    for k, response in enumerate(responses):
+        if is_zero(response[k]):  # its motion is prescribed: no torque brakes it
+            inertias.append(0.0)
+        else:
+            inertias.append(1.0 / response[k])
 
     shares = []
     excesses = []
@@ -103,8 +109,3 @@ def brake_torques(equations: Equations, q: Vector, u: Vector, motion: JointMotio
             for j, sign in enumerate(signs):
                 excesses[j] = excesses[j] - sign * response[j] * change
     return -np.array(signs) * np.array(braking)
-
-
-def _size(value: Scalar) -> Scalar:
-    """Return the absolute value over any scalar."""
-    return select(value < 0.0, -value, value)

@@ -8,7 +8,7 @@ from typing import Any
 from kane_dynamics._util.checks import per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.mechanics.algebra.dual import select
+from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -69,9 +69,8 @@ class JointWalls:
         force = np.zeros(len(joint_rates)).astype(object)
         for k, (r, place) in enumerate(zip(self.joints, self.places)):
             depth = self._depth(k, q[place], settings)
-            size = select(depth < 0.0, -depth, depth)
             # The damping, s, is DAMPING from the joint limit on.
-            growing = settings['wall_damping'][k] * size
+            growing = settings['wall_damping'][k] * magnitude(depth)
             damping = select(growing > DAMPING, DAMPING, growing)
             force[r] = -settings['wall_stiffness'][k] * (depth + damping * joint_rates[r])
         return force

@@ -35,7 +35,7 @@ from kane_dynamics.task_space.joint_walls import JointWalls
 from kane_dynamics.task_space.law_kernel import (checked_effort, entry_with_pose,
                                                  identifier, LanesOf, Law, law_kernel,
                                                  RunTimeSettings, Settings)
-from kane_dynamics.task_space.orientation_error import orientation_error
+from kane_dynamics.task_space.orientation_error import pose_difference
 from kane_dynamics.task_space.pose_checks import flat_pose, pose_margin
 from kane_dynamics.task_space.reference_dynamics import rated_friction
 import numpy as np
@@ -127,8 +127,8 @@ class OperationalSpace(RunTimeSettings):
         elif posture_kp is None:
             posture_kp = KP
         return {
-            'kp': per_joint(values['kp'], 'kp', DIRECTIONS),
-            'kd': per_joint(values['kd'], 'kd', DIRECTIONS),
+            'kp': per_joint(values['kp'], 'kp', DIRECTIONS, part='direction'),
+            'kd': per_joint(values['kd'], 'kd', DIRECTIONS, part='direction'),
             'posture': finite_row(posture, 'posture', robot.coordinate_names),
             'posture_kp': per_joint(posture_kp, 'posture_kp', names),
             'posture_kd': per_joint(values['posture_kd'], 'posture_kd', names),
@@ -199,9 +199,8 @@ def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings) -> 
 
         # The acceleration of the frame, in the axes.
         measured = equations.frame_pose(frame, q, t)
-        displacement = axes.T @ (measured[:3, 3] - target[:3, 3])
-        turn = axes.T @ measured[:3, :3] @ target[:3, :3].T @ axes
-        error = np.concatenate([displacement, orientation_error(turn).vector])
+        displacement, orientation = pose_difference(measured, target, axes)
+        error = np.concatenate([displacement, orientation.vector])
         lag = in_axes(axes, twist - equations.frame_velocity(frame, q, u, t))
         drift = equations.frame_acceleration(frame, q, u, equations.zeros, t)
         corrected = (in_axes(axes, acceleration - drift) + values['kd'] * lag

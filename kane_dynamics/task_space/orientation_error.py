@@ -93,6 +93,14 @@ def half_turn_quaternion(R: Matrix) -> tuple[Vector, Scalar]:
     return sign * p[:3], sign * p[3]
 
 
+def pose_difference(pose: Matrix, target: Matrix, axes: Matrix
+                    ) -> tuple[Vector, OrientationError]:
+    """Return displacement, m, and orientation error of a pose from a target, in axes."""
+    displacement = axes.T @ (pose[:3, 3] - target[:3, 3])
+    turn = axes.T @ pose[:3, :3] @ target[:3, :3].T @ axes
+    return displacement, orientation_error(turn)
+
+
 def orientation_error(R: Matrix) -> OrientationError:
     """Return the orientation error of a rotation (3, 3), over any scalar."""
     unit, cosine = half_turn_quaternion(R)

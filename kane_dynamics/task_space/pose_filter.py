@@ -101,7 +101,7 @@ class PoseFilter:
             raise InputError(f'pose: shape {start.shape}; expected (4, 4)')
         velocity = STILL
         if twist is not None:
-            velocity = finite_row(twist, 'twist', DIRECTIONS)
+            velocity = finite_row(twist, 'twist', DIRECTIONS, part='direction')
         self._state = np.concatenate([start.ravel(), velocity, STILL])
 
     @property
@@ -133,9 +133,9 @@ class PoseFilter:
         if self._state is None:
             raise InputError('step: called before reset; expected reset(pose) with the '
                              'measured pose first')
-        if not 0.0 <= elapsed < math.inf:
-            raise InputError(f'elapsed: {elapsed}; expected a finite time in s, not '
-                             'negative')
+        if type(elapsed) is not float or not 0.0 <= elapsed < math.inf:
+            elapsed = number(elapsed, 'elapsed', 'a finite time in s, not negative',
+                             lambda x: 0.0 <= x < math.inf)
         if elapsed == 0.0:
             return _target(self._state)
         self._elapsed[0] = elapsed
@@ -148,7 +148,7 @@ class PoseFilter:
                    elapsed: Array) -> Array:
         """Return the next state, or raise the InputError that explains why not."""
         checked_pose(goal.reshape(4, 4), 'goal')
-        velocity = finite_row(twist, 'twist', DIRECTIONS)
+        velocity = finite_row(twist, 'twist', DIRECTIONS, part='direction')
         result: Array = self._kernel(state, goal, velocity, limits, elapsed)
         return result
 

@@ -10,8 +10,7 @@ from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array, Matrix, Scalar
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.task_space.orientation_error import (orientation_error,
-                                                        OrientationError)
+from kane_dynamics.task_space.orientation_error import pose_difference
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -121,18 +120,16 @@ class Spring:
 
     def __init__(self, pose: Matrix, target: Matrix, axes: Matrix,
                  settings: Mapping[str, Any]) -> None:
-        displacement = axes.T @ (pose[:3, 3] - target[:3, 3])
-        turn = axes.T @ pose[:3, :3] @ target[:3, :3].T @ axes
-        self.orientation: OrientationError = orientation_error(turn)
-        self.error = np.concatenate([displacement, self.orientation.vector])
+        displacement, orientation = pose_difference(pose, target, axes)
+        self.error = np.concatenate([displacement, orientation.vector])
         pull = settings['stiffness'] @ self.error
 
         # Twice the energies of translation and rotation decide on the saturation.
         force_scale = _saturation(0.5 * (displacement @ pull[:3]), settings['bounds'][0])
-        moment_scale = _saturation(0.5 * (self.orientation.vector @ pull[3:]),
+        moment_scale = _saturation(0.5 * (orientation.vector @ pull[3:]),
                                    settings['bounds'][1])
         self.saturation = np.array([force_scale, moment_scale])
-        moment = self.orientation.moment(pull[3:])
+        moment = orientation.moment(pull[3:])
         self.wrench = -np.concatenate([force_scale * pull[:3], moment_scale * moment])
 
 
@@ -145,10 +142,8 @@ def _saturation(energy: Scalar, bound: Scalar) -> Scalar:
 def spring_energy(pose: Array, target: Array, axes: Array, K: Array,
                   bounds: Array) -> float:
     """Return the energy of a `Spring`, J, of numbers."""
-    displacement = axes.T @ (pose[:3, 3] - target[:3, 3])
-    turn = axes.T @ pose[:3, :3] @ target[:3, :3].T @ axes
-    phi = np.array(orientation_error(turn).vector, dtype=np.float64)
-    e = np.concatenate([displacement, phi])
+    displacement, orientation = pose_difference(pose, target, axes)
+    e = np.concatenate([displacement, np.array(orientation.vector, dtype=np.float64)])
     if np.isinf(bounds).all():
         return float(0.5 * e @ K @ e)
     energy = 0.0

@@ -135,6 +135,11 @@ def select(condition: Scalar, x: Scalar, y: Scalar) -> Scalar:
     return condition.select(x, y)
 
 
+def magnitude(x: Scalar) -> Scalar:
+    """Return the magnitude of a number, over any scalar."""
+    return select(x < 0.0, -x, x)
+
+
 def _power(x: Scalar, exponent: Any) -> Scalar:
     """Return a power; NaN for a negative base with a non-integer exponent."""
     if isinstance(x, float | int):

@@ -4,8 +4,9 @@ from functools import cache
 import math
 import re
 
-from kane_dynamics import (ArmCoupling, InputError, JointImpedance, load_urdf, MomentumObserver,
-                           PartnerState, Robot, Terms, with_tool)
+from kane_dynamics import (ArmCoupling, InputError, JointImpedance, load_urdf, ModelBuilder,
+                           MomentumObserver, PartnerState, Prescribed, Robot, rod, Terms,
+                           with_tool)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.model.model import Inertial
 from linkages import five_bar, five_bar_at
@@ -324,3 +325,18 @@ def test_states_of_the_partner_may_be_lists():
     tau = coupling.torque(0.0, HOME, rest, PartnerState(0.0, HOME.tolist(), rest, rest))
     assert coupling.engaged
     np.testing.assert_allclose(tau, fr3().gravity_force(HOME), atol=1e-9)
+
+
+def test_constraints_that_depend_on_time_have_the_time_of_the_state():
+    builder = ModelBuilder('arm on a turning table')
+    beam = rod(1.0, (0, 0, 0), (0.3, 0, 0))
+    builder.body('table', axis=(0, 0, 1), inertial=beam)
+    builder.body('arm', 'table', axis=(0, 1, 0), at=(0.3, 0, 0), inertial=beam)
+    robot = Robot(builder.model(), constraints=[Prescribed('table', lambda t: 0.1 * np.sin(t))])
+    t = 0.5
+    q, rest = np.array([0.1 * np.sin(t), 0.2]), np.zeros(1)
+    coupling = ArmCoupling(robot, stiffness=10.0, damping=1.0)
+    expected = JointImpedance(robot, stiffness=10.0, damping=1.0,
+                              compensate=Terms(coriolis=False, inertia=False))
+    np.testing.assert_allclose(coupling.torque(t, q, rest),
+                               expected.torque(q, rest, q[1:], t=t), atol=1e-12)

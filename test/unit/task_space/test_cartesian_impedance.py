@@ -197,7 +197,8 @@ def test_settings_change_without_compiling():
 @pytest.mark.parametrize('wrong, message', [
     ({'stiffness': [1.0, 2.0]}, 'expected (6,) or (6, 6)'), ({'stiffness': -K}, 'eigenvalue'),
     ({'stiffness': np.arange(36.0).reshape(6, 6)}, 'symmetric'), ({'stiffness': 'x'}, 'stiffness'),
-    ({'damping_ratio': -1.0}, 'damping_ratio'), ({'null_damping': np.inf}, 'null_damping'),
+    ({'damping_ratio': -1.0}, "damping_ratio of direction 'x'"),
+    ({'null_damping': np.inf}, 'null_damping'),
     ({'damping': np.ones(6), 'damping_ratio': 0.5}, 'both given'),
     ({'force_limit': 0.0}, 'force_limit'), ({'posture': [0.0]}, 'posture'),
     ({'limit_margin': 9.0}, 'half of the range'), ({'effort_limit': -1.0}, 'effort_limit'),

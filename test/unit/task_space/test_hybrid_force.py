@@ -100,8 +100,9 @@ def test_wrong_settings_are_refused(wrong, message):
 def test_wrong_calls_are_refused():
     law = HybridForce(ur10e(), TOOL, force_directions=['z'], stiffness=K)
     pose, rest = ur10e().frame_pose(TOOL, Q), np.zeros(6)
-    with pytest.raises(InputError, match='elapsed'):
-        law.torque(Q, rest, pose, elapsed=-1.0)
+    for elapsed in (-1.0, np.nan, None, 'soon'):
+        with pytest.raises(InputError, match='elapsed'):
+            law.torque(Q, rest, pose, elapsed=elapsed)
     with pytest.raises(InputError, match='measured'):
         law.torque(Q, rest, pose, measured=[0.0])
     with pytest.raises(InputError, match="wrench: 'down'; expected 6 numbers"):

@@ -3,7 +3,8 @@
 from dataclasses import replace
 from functools import cache
 
-from kane_dynamics import CartesianImpedance, InputError, load_urdf, Robot
+from kane_dynamics import (CartesianImpedance, InputError, load_urdf, ModelBuilder, Prescribed,
+                           Robot, rod)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.task_space.joint_speed_limits import FREE, HORIZON, slowdown
 import numpy as np
@@ -105,3 +106,14 @@ def test_the_reference_motion_is_slowed_down_by_one_factor():
 def test_a_wrong_limit_is_named(stated, message):
     with pytest.raises(InputError, match=message):
         law(speed_limit=stated)
+
+
+def test_a_joint_whose_motion_is_prescribed_is_not_braked():
+    builder = ModelBuilder('arm on a turning table')
+    beam = rod(1.0, (0, 0, 0), (0.3, 0, 0))
+    builder.body('table', axis=(0, 0, 1), inertial=beam)
+    builder.body('arm', 'table', axis=(0, 1, 0), at=(0.3, 0, 0), inertial=beam)
+    robot = Robot(builder.model(), constraints=[Prescribed('table', lambda t: 0.1 * np.sin(t))])
+    q, rest = np.array([0.0, 0.2]), np.zeros(1)
+    impedance = CartesianImpedance(robot, 'arm', stiffness=np.ones(6), speed_limit=[0.05, 9.0])
+    assert impedance.state(q, rest, robot.frame_pose('arm', q)).braking == 0.0

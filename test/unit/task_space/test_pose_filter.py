@@ -89,6 +89,7 @@ def test_wrong_numbers_are_refused_and_change_nothing():
     before = target.state
     for goal, elapsed, twist in ((2.0 * np.eye(4), 1e-3, None), (np.eye(3), 1e-3, None),
                                  (np.eye(4), -1.0, None), (np.eye(4), np.nan, None),
+                                 (np.eye(4), 'soon', None), (np.eye(4), None, None),
                                  (np.eye(4), 1e-3, [np.nan] * 6), (np.eye(4), 1e-3, [0.0]),
                                  (np.full((4, 4), np.nan), 1e-3, None)):
         with pytest.raises(InputError, match='expected'):
