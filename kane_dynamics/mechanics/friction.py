@@ -280,6 +280,7 @@ def held_forces(a: Array, A: Array, least: Array, largest: Array) -> Array:
     """
     k = len(a)
     held = np.ones(k, dtype=bool)
+    at_largest = np.zeros(k, dtype=bool)  # of the others; both bounds may be zero
     f = np.zeros(k)
     size = np.abs(a).max(initial=0.0)
     for _ in range(min(3**(k + 2), SETS)):
@@ -291,14 +292,14 @@ def held_forces(a: Array, A: Array, least: Array, largest: Array) -> Array:
         rounding = ROUNDING * np.maximum(size, np.abs(A) @ np.abs(f))
         beyond = held & ((f > largest + ROUNDING * np.abs(largest))
                          | (f < least - ROUNDING * np.abs(least)))
-        at_largest = ~held & (f == largest)
         returns = ~held & np.where(at_largest, v > rounding, v < -rounding)
         wrong = beyond | returns
         if not wrong.any():
             return f
         first = int(np.argmax(wrong))
         if held[first]:
-            f[first] = largest[first] if f[first] > largest[first] else least[first]
+            at_largest[first] = f[first] > largest[first]
+            f[first] = largest[first] if at_largest[first] else least[first]
         held[first] = not held[first]
     raise ConstraintError(f'friction: the forces of {k} joints at rest are not determined '
                           'to rounding; expected joints that the constraints do not couple')

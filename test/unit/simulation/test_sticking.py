@@ -4,7 +4,7 @@ from dataclasses import replace
 import itertools
 import json
 
-from kane_dynamics import (ComputedTorque, FlexibleLink, ModelBuilder, Motion, point_mass,
+from kane_dynamics import (ComputedTorque, FlexibleLink, Limits, ModelBuilder, Motion, point_mass,
                            PointVelocity, Robot, rod, simulate, Trajectory)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.cli import main
@@ -366,6 +366,24 @@ def test_nothing_sticks_without_friction():
     assert not free.sticking.any() and free.q[-1, 0] == pytest.approx(1.0)
     with pytest.raises(InputError, match="sticking: 'yes'; expected True or False"):
         simulate(wheel(), [0.0], [1.0], 1.0, sticking='yes')
+
+
+@pytest.mark.parametrize('needed', [2.0, -2.0])
+def test_a_joint_without_friction_is_not_held(needed):
+    none = np.zeros(1)
+    np.testing.assert_array_equal(held_forces(np.array([needed]), np.eye(1), none, none), none)
+
+
+def test_joints_without_friction_move_between_their_stops():
+    builder = ModelBuilder('arm')
+    builder.body('link', axis=(0, -1, 0), inertial=rod(2.0, (0, 0, 0), (0.8, 0, 0)),
+                 limits=Limits(-2.0, 2.0))
+    robot = Robot(builder.model())
+    for q in (0.3, np.pi - 1.3):  # falls, from both sides of the lowest position
+        run = exact(robot, [q], [0.0], 0.2, stops=True)
+        free = simulate(robot, [q], [0.0], 0.2, step=STEP)
+        np.testing.assert_allclose(run.q, free.q, atol=1e-12)
+        assert not run.sticking.any()
 
 
 def test_the_command_line_has_exact_friction(capsys, tmp_path):
