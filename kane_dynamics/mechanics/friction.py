@@ -22,10 +22,9 @@ rotor and holds gravity, springs and external wrenches:
     tau = L + friction(v, L)
 
 Inverse dynamics knows L. Forward dynamics knows tau, and `load_of_drive` solves this
-equation for L, joint by joint. The solution is unique, because `model.Joint` accepts
-only coefficients with which the right side grows with L, or, of a self-locking drive
-(``load_friction_backdriven`` of 1 or more), `require_solvable` refuses forward dynamics
-with this smooth law.
+equation for L, joint by joint. The solution is unique where the right side grows with L
+at all rates. Of other drives, such as self-locking ones (``load_friction_backdriven`` of
+1 or more), `require_solvable` refuses forward dynamics with this smooth law.
 
 All formulations of the dynamics, the integrators and identification use the functions
 below; to change or to extend the law, edit them and the fields of `model.Joint`. They
@@ -333,8 +332,9 @@ def require_solvable(model: Model) -> None:
             raise InputError(
                 f"joint '{body.joint.name}': load_friction {driving:g} and "
                 f'load_friction_backdriven {backdriven:g}; expected a drive that is not '
-                'self-locking (load_friction_backdriven below 1): of others the motion '
-                'does not follow from the torque with the smooth law of friction')
+                'self-locking (load_friction_backdriven below 1, and load_friction at '
+                'most 3): of others the motion does not follow from the torque with the '
+                'smooth law of friction')
 
 
 def least_load_slope(driving: float, backdriven: float) -> float:

@@ -250,6 +250,12 @@ def test_the_other_direction_is_as_the_first_by_default():
     assert friction.holding_interval(joint, -5.0) == pytest.approx((-1.5, 1.5))
 
 
+def test_drives_that_the_refusal_of_others_asks_for_are_solvable():
+    for driving in np.linspace(0.0, 3.0, 31):
+        for backdriven in np.linspace(0.0, 0.999, 31):
+            assert friction.least_load_slope(driving, backdriven) > 0.0
+
+
 @pytest.mark.parametrize('fractions', [(0.2, 0.3), (0.3, 1.4), (0.0, None)])
 def test_torques_that_hold_are_those_with_which_nothing_moves(fractions):
     law = {'friction': 1.0, 'friction_backward': 0.6, 'breakaway_friction': 1.3,
