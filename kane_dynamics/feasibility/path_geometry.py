@@ -30,6 +30,7 @@ from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 import numpy as np
 from numpy.typing import ArrayLike
 
+SHORTEST = 1e-8  # rad or m, of a path: of shorter ones little but rounding is left
 CLOSE = 1e-6  # distance of waypoints that count as one, of the length of the path
 # Intervals on which the parameter is computed: of a section, more per segment, and more
 # where the speed varies within a segment. q_ss would jump between too long ones.
@@ -92,6 +93,7 @@ def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
         if path.joint_names != tuple(names):
             raise InputError(f'path: joints {list(path.joint_names)}; expected '
                              f'{list(names)}')
+        _require_long(_lengths(path.positions))
         return path
     q = _waypoints(path, names)
     steps = _lengths(q)
@@ -101,9 +103,18 @@ def path_of(path: Motion | ArrayLike, names: Sequence[str]) -> Motion:
         steps = _lengths(q)
     if len(q) < 2:
         raise InputError(f'path: {len(q)} different waypoints; expected at least 2')
+    _require_long(steps)
     times = np.concatenate([[0.0], np.cumsum(steps)])
     coefficients = segment_coefficients(times, q, free_velocities(times, q), None)
     return Motion(tuple(names), times, q, coefficients)
+
+
+def _require_long(steps: Array) -> None:
+    """Raise InputError for steps, rad or m, whose sum is so short that rounding prevails."""
+    length = float(steps.sum())
+    if length < SHORTEST:
+        raise InputError(f'path: {length:.3g} rad or m long; expected at least '
+                         f'{SHORTEST:g}')
 
 
 def _waypoints(path: ArrayLike, names: Sequence[str]) -> Array:

@@ -306,7 +306,12 @@ def evaluated_torque(robot: Robot, torque: TorqueFunction, t: float, q: Array,
     name = f'torque at {t:.6g} s'
     if value is None:
         raise InputError(f'{name}: None; expected {len(u)} numbers')
-    array = checked(Argument(name, (robot.n,), robot.speed_names), value)
-    if array.ndim != 1:
-        raise InputError(f'{name}: shape {array.shape}; expected ({robot.n},)')
-    return array
+    argument = Argument(name, (robot.n,), robot.speed_names)
+    try:
+        shape = np.shape(value)
+    except ValueError:  # rows of several lengths
+        return checked(argument, value)
+    if shape != (robot.n,):
+        raise InputError(f'{name}: shape {shape} of the value of the function; expected '
+                         f'({robot.n},)')
+    return checked(argument, value)
