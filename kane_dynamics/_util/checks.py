@@ -11,6 +11,7 @@ from kane_dynamics.errors import InputError, KaneError, ModelError, ModelWarning
 import numpy as np
 from numpy.typing import ArrayLike
 
+LEAST_LIMIT, LARGEST_LIMIT = 1e-9, 1e12  # of joints, SI units
 FULL_TURN = 2.0 * math.pi + 1e-3  # rad; of decimal angles too
 
 
@@ -19,13 +20,20 @@ def constant(value: ArrayLike, shape: tuple[int, ...], what: str,
     """Return `value` as a finite, read-only float array of `shape`, or raise `error`."""
     expected = f'finite numbers of shape {shape}' if shape else 'a finite number'
     try:
-        array = np.array(value, dtype=np.float64)
+        array = np.array(real_numbers(value))
     except (TypeError, ValueError):
         raise error(f'{what}: {value!r}; expected {expected}') from None
     if array.shape != shape or not np.isfinite(array).all():
         raise error(f'{what}: {value!r}; expected {expected}')
     array.flags.writeable = False
     return array
+
+
+def real_numbers(value: Any) -> Array:
+    """Return `value` as an array of floats; raise TypeError or ValueError if it is none."""
+    if isinstance(value, np.ndarray) and value.dtype.kind == 'c':
+        raise TypeError('complex numbers')  # NumPy would drop their imaginary parts
+    return np.asarray(value, dtype=np.float64)
 
 
 def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
@@ -61,6 +69,40 @@ def per_joint(value: ArrayLike, what: str, names: Sequence[str], *,
     return array
 
 
+def limit_per_joint(value: ArrayLike, what: str, names: Sequence[str]) -> Array:
+    """
+    Return a limit per joint, (n,): 0, infinite, or of a size that computations resolve.
+
+    Raises
+    ------
+    InputError
+        If a limit is invalid, or no machine has it; the message names the joint.
+
+    """
+    limits = per_joint(value, what, names, finite=False)
+    for name, limit in zip(names, limits.tolist(), strict=True):
+        if limit and not (LEAST_LIMIT <= limit <= LARGEST_LIMIT or math.isinf(limit)):
+            raise InputError(f"{what} of joint '{name}': {limit:g}; expected from "
+                             f'{LEAST_LIMIT:g} to {LARGEST_LIMIT:g}, or inf without one')
+    return limits
+
+
+def finite_times(value: ArrayLike) -> Array:
+    """Return one time or times, s; raise InputError unless they are finite numbers."""
+    try:
+        return constant(value, np.shape(value), 't', InputError)
+    except ValueError:  # rows of several lengths
+        raise InputError(f't: {SHORT.repr(value)}; expected finite numbers') from None
+
+
+def names_of_joints(value: Any, what: str = 'joint_names') -> tuple[str, ...]:
+    """Return names of joints as a tuple; raise InputError for anything else."""
+    is_sequence = isinstance(value, Sequence) and not isinstance(value, (str, bytes))
+    if not is_sequence or not all(isinstance(name, str) for name in value):
+        raise InputError(f'{what}: {SHORT.repr(value)}; expected a sequence of names')
+    return tuple(value)
+
+
 def finite_row(values: ArrayLike, what: str, names: Sequence[str], *,
                part: str = 'joint') -> Array:
     """
@@ -74,7 +116,7 @@ def finite_row(values: ArrayLike, what: str, names: Sequence[str], *,
 
     """
     try:
-        array = np.asarray(values, dtype=np.float64)
+        array = real_numbers(values)
     except (TypeError, ValueError):
         raise InputError(f'{what}: {values!r}; expected {len(names)} numbers '
                          f'({", ".join(names)})') from None
@@ -159,7 +201,10 @@ def increasing(t: ArrayLike, count: int, what: str) -> Array:
         one; the message names the row.
 
     """
-    times = np.asarray(t, dtype=np.float64)
+    try:
+        times = real_numbers(t)
+    except (TypeError, ValueError):
+        raise InputError(f'{what}: {SHORT.repr(t)}; expected ({count},) times, s') from None
     if times.shape != (count,):
         raise InputError(f'{what}: shape {times.shape}; expected ({count},), one time '
                          'per row')

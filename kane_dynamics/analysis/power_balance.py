@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.checks import instance
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import joint_speeds, moved
@@ -67,6 +68,7 @@ def power_balance(robot: Robot, q: Array, u: Array, udot: Array, *,
         not finite.
 
     """
+    instance(robot, Robot, 'robot')
     tau = robot.inverse_dynamics(q, u, udot, wrench=wrench, t=t)
     with np.errstate(over='ignore', invalid='ignore'):  # an error below
         energy_rate = _energy_rate(robot, q, u, udot, t)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import hinting
-from kane_dynamics._util.checks import finite_row
+from kane_dynamics._util.checks import finite_row, instance
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.hyperdual import lifted, seeded
@@ -82,6 +82,7 @@ def natural_vibration(robot: Robot, q: Any, held: Sequence[str] = ()) -> Vibrati
         The configuration is not closed.
 
     """
+    instance(robot, Robot, 'robot')
     names = robot.joint_names
     if robot.equations.timed:
         raise InputError('vibrations: speeds or constraints that may depend on time; '

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.checks import instance
 from kane_dynamics.closed_forms.polynomials import shortened
 from kane_dynamics.closed_forms.symbolic import (
     exact_model, Parameter, parametrised, symbols, unwrapped)
@@ -80,6 +81,7 @@ def closed_form(model: Model, *, numbers: bool = False, friction: bool = True,
         If the model has more than `MOST` coordinates, or expressions of too many terms.
 
     """
+    instance(model, Model, 'model')
     require_angles(model, 'closed form')
     if friction:
         refuse_load_friction(model, f"closed form of '{model.name}'")

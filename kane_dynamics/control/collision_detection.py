@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+import math
 from typing import NamedTuple
 import warnings
 
 from kane_dynamics._util.attribute_hints import guarded, hinting
-from kane_dynamics._util.checks import per_joint
+from kane_dynamics._util.checks import constant, names_of_joints, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelWarning
 import numpy as np
@@ -56,7 +58,7 @@ class CollisionDetector:
     def __init__(self, joint_names: tuple[str, ...], threshold: ArrayLike, *,
                  confirm: float = 0.005, release: float = 0.8,
                  clear: float = 0.2) -> None:
-        self._names = tuple(joint_names)
+        self._names = names_of_joints(joint_names)
         self.reset()
         self.tune(threshold, confirm=confirm, release=release, clear=clear)
 
@@ -69,16 +71,14 @@ class CollisionDetector:
             if value == 0.0:
                 raise InputError(f"threshold of joint '{name}': 0; expected a positive "
                                  'number')
+        times = []
         for what, time in (('confirm', confirm), ('clear', clear)):
-            if not time >= 0.0:
-                raise InputError(f'{what}: {time}; expected a nonnegative time in s')
-        if not 0.0 < release <= 1.0:
-            raise InputError(f'release: {release}; expected a fraction above 0, at most '
-                             '1')
+            times.append(number(time, what, 'a nonnegative time in s', lambda x: x >= 0.0))
+        release = number(release, 'release', 'a fraction above 0, at most 1',
+                         lambda x: 0.0 < x <= 1.0)
         self._thresholds = thresholds
         self._release = release
-        self._confirm = confirm
-        self._clear = clear
+        self._confirm, self._clear = times
 
     def reset(self) -> None:
         """Clear the flag and the timers."""
@@ -211,8 +211,16 @@ def frame_wrench(partial_velocities: Array, torque: Array, *, length: float = 0.
 
     """
     smallest = DAMPING if damping is None else damping
-    if not smallest > 0.0:
-        raise InputError(f'damping: {smallest}; expected a positive number, m')
+    smallest = number(smallest, 'damping', 'a positive number, m', lambda x: x > 0.0)
+    length = number(length, 'length', 'a positive, finite number, m',
+                    lambda x: 0.0 < x < math.inf)
+    shape: tuple[int, ...] = ()
+    with suppress(ValueError):  # rows of several lengths, which are refused below
+        shape = np.shape(partial_velocities)
+    columns_of_joints = shape[1] if len(shape) == 2 else 0
+    partial_velocities = constant(partial_velocities, (6, columns_of_joints),
+                                  'partial_velocities', InputError)
+    torque = constant(torque, (columns_of_joints,), 'torque', InputError)
     # (n, 6): torques of unit forces and of moments of 1 N times the length.
     scale = np.array([1.0, 1.0, 1.0, length, length, length])
     columns = partial_velocities.T * scale

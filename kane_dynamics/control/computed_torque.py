@@ -25,7 +25,7 @@ from typing import Any
 import warnings
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import per_joint
+from kane_dynamics._util.checks import instance, names_of_joints, per_joint
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
@@ -73,7 +73,7 @@ def followed_joints(robot: Robot,
     n = robot.n
     if followed is None:
         followed = _default_joints(robot)
-    distinct = set(followed)
+    distinct = set(names_of_joints(followed, 'followed'))
     if not len(followed) == len(distinct) == n or not distinct <= set(names):
         raise InputError(f'followed: {list(followed)}; expected {n} of the joints '
                          f'{list(names)}, as many as there are independent speeds')
@@ -104,6 +104,7 @@ def joints_that_follow(robot: Robot) -> tuple[int, ...]:
 
 def require_rigid(robot: Robot) -> None:
     """Raise InputError if a robot has beams, which feedforward would bend at will."""
+    instance(robot, Robot, 'robot')
     if robot.model.modal_coordinates:
         raise InputError('robot: with beams; expected the rigid model, such as '
                          'stiffened(model), because no actuator moves the coordinates '

@@ -8,7 +8,7 @@ import math
 from typing import Any, Protocol
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import constant, finite_row, per_joint
+from kane_dynamics._util.checks import constant, finite_row, instance, number, per_joint
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import (corrected_acceleration, KD, KP,
@@ -120,6 +120,7 @@ class Controller:
                  bending: QuasiStatic | None = None,
                  followed: Sequence[str] | None = None,
                  preload: ArrayLike | None = None) -> None:
+        instance(robot, Robot, 'robot')
         require_rigid(robot)
         self.robot = robot
         self.laws = dict(laws or {})
@@ -312,9 +313,7 @@ class Controller:
             joints. The controller does not change then.
 
         """
-        t = float(t)
-        if not math.isfinite(t):
-            raise InputError(f't: {t}; expected a finite time in s')
+        t = number(t, 't', 'a finite time in s', math.isfinite)
         q = finite_row(q, 'the measured position', self._names)
         if u is not None:
             u = finite_row(u, 'the measured speed', self._speeds)

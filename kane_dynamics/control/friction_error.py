@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from kane_dynamics._util.attribute_hints import guarded
-from kane_dynamics._util.checks import finite_row, number, per_joint
+from kane_dynamics._util.checks import finite_row, names_of_joints, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.friction import coulomb as coulomb_shape
@@ -63,10 +63,7 @@ class FrictionError:
                  damping: ArrayLike = 0.0, offset: ArrayLike = 0.0,
                  friction_speed: ArrayLike = FRICTION_SPEED, memory: float = np.inf,
                  largest: ArrayLike = np.inf) -> None:
-        if isinstance(joint_names, str):
-            raise InputError(f"joint_names: the string '{joint_names}'; expected a "
-                             'sequence of names')
-        names = tuple(joint_names)
+        names = names_of_joints(joint_names)
         self.joint_names = names
         self.coulomb = _signed(coulomb, 'coulomb', names)
         self.damping = _signed(damping, 'damping', names)

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 
 from kane_dynamics._util.attribute_hints import guarded
-from kane_dynamics._util.checks import finite_row, instance, per_joint
+from kane_dynamics._util.checks import finite_row, instance, number, per_joint
 from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.friction_error import FrictionError
@@ -84,6 +84,7 @@ class MomentumObserver:
                  held: bool = False,
                  friction_error: FrictionError | None = None) -> None:
         """Compile the kernels; the estimate starts at zero with the first sample."""
+        instance(robot, Robot, 'robot')
         if friction_error is not None:
             instance(friction_error, FrictionError, 'friction_error')
             if friction_error.joint_names != robot.speed_names:
@@ -114,8 +115,7 @@ class MomentumObserver:
             joint = self.robot.speed_names[int(np.flatnonzero(gains == 0.0)[0])]
             raise InputError(f"gain of joint '{joint}': 0; expected a positive number, "
                              '1/s')
-        if not max_gap > 0.0:
-            raise InputError(f'max_gap: {max_gap}; expected a positive time in s')
+        max_gap = number(max_gap, 'max_gap', 'a positive time in s', lambda x: x > 0.0)
         self._gain = gains
         self._max_gap = max_gap
 
@@ -157,9 +157,11 @@ class MomentumObserver:
             observer is then reset.
 
         """
-        if not math.isfinite(t):
+        try:
+            t = number(t, 't', 'a finite time in s', math.isfinite)
+        except InputError:
             self.reset()
-            raise InputError(f't: {t}; expected a finite time in s')
+            raise
         # The time since the last sample; None for the first, also after a long pause.
         elapsed = None if self._t is None else t - self._t
         if elapsed == 0.0:

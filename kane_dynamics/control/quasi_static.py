@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import fixed
+from kane_dynamics._util.checks import instance, real_numbers
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.loop_tracker import LoopTracker
@@ -52,6 +54,7 @@ class QuasiStatic:
     """
 
     def __init__(self, robot: Robot) -> None:
+        instance(robot, Robot, 'robot')
         _check(robot)
         self.robot = robot
         model = robot.model
@@ -121,7 +124,7 @@ class QuasiStatic:
 
     def configuration(self, q: Any) -> Array:
         """Return all coordinates at rest, (..., n + m); errors as `modes`."""
-        rest = np.zeros((*np.shape(q)[:-1], len(self.speed_names)))
+        rest = self._zero_speeds(q)
         return self._state(q, rest, rest)[0]
 
     def inverse_dynamics(self, q: Any, u: Any, udot: Any) -> Array:
@@ -136,7 +139,7 @@ class QuasiStatic:
 
     def gravity_force(self, q: Any) -> Array:
         """Return the torques that balance gravity with deflected beams, (..., n)."""
-        rest = np.zeros((*np.shape(q)[:-1], len(self.speed_names)))
+        rest = self._zero_speeds(q)
         tau: Array = self.robot.gravity_force(self._state(q, rest, rest)[0])
         return tau[..., self._speeds]
 
@@ -201,11 +204,22 @@ class QuasiStatic:
         tracker.update(target, rest)  # to rounding, which the iteration needs
         Q[:] = tracker.q
 
+    def _zero_speeds(self, q: Any) -> Array:
+        """Return zero speeds for one configuration or for several."""
+        batch: tuple[int, ...] = ()
+        with suppress(ValueError):  # rows of several lengths, which `_whole` refuses
+            batch = np.shape(q)[:-1]
+        return np.zeros((*batch, len(self.speed_names)))
+
     @staticmethod
     def _whole(name: str, values: Any, names: tuple[str, ...], places: slice | list[int],
                count: int) -> Array:
         """Return an array of all coordinates or speeds, with zeros for the modes."""
-        x = np.asarray(values, dtype=np.float64)
+        try:
+            x = real_numbers(values)
+        except (TypeError, ValueError):
+            raise InputError(f'{name}: {values!r}; expected (..., {len(names)}) numbers '
+                             f'for {", ".join(names)}') from None
         if x.shape[-1:] != (len(names),):
             raise InputError(f'{name}: shape {x.shape}; expected (..., {len(names)}) '
                              f'for {", ".join(names)}')

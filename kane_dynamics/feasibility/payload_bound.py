@@ -16,6 +16,7 @@ from kane_dynamics.feasibility.torque_demand import Demand, demand, demand_at, t
 from kane_dynamics.mechanics.algebra.fixed_point import upper_fixed_point
 from kane_dynamics.mechanics.friction import refuse_load_friction
 from kane_dynamics.model.inertial import check_moments, Inertial
+from kane_dynamics.model.placement import point
 from kane_dynamics.motion.motion import Motion
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -87,12 +88,14 @@ def largest_payload(robot: Robot, motion: Motion, *, com: ArrayLike = (0.0, 0.0,
         If the center of mass or the inertia is invalid.
 
     """
+    instance(robot, Robot, 'robot')
+    instance(motion, Motion, 'motion')
     if robot.friction:
         refuse_load_friction(robot.model, 'largest_payload')
     moments = np.zeros((3, 3))
     if inertia is not None:
         moments = constant(inertia, (3, 3), 'inertia')
-    per_mass = Inertial(1.0, constant(com, (3,), 'center of mass'), moments)
+    per_mass = Inertial(1.0, point(com, 'center of mass'), moments)
     check_moments('payload', per_mass)
     if bending is not None:
         instance(bending, QuasiStatic, 'bending')

@@ -2,6 +2,7 @@
 
 import math
 
+from kane_dynamics._util.checks import positive_time
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.ball_joints import require_angles
@@ -44,8 +45,7 @@ def sampled(robot: Robot, motion: Motion, step: float, additional: Array = NONE
     if motion.joint_names != robot.joint_names and robot.equations.in_joint_rates:
         raise InputError(f'motion: joints {list(motion.joint_names)}; expected '
                          f'{list(robot.joint_names)}')
-    if not 0.0 < step < math.inf:
-        raise InputError(f'step: {step} s; expected a positive, finite number')
+    step = positive_time(step, 'step')
     starts, h = motion.times[:-1], np.diff(motion.times)
     intervals = np.ceil(h / step)
     if intervals.sum() > MOST_SAMPLES:

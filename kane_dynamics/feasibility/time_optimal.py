@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import math
 
 from kane_dynamics._util.attribute_hints import hinting
-from kane_dynamics._util.checks import instance, integer, number, per_joint
+from kane_dynamics._util.checks import (instance, integer, limit_per_joint,
+                                        number)
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.feasibility.jerk_limited.rate_peaks import rate_uses_at_points
@@ -114,10 +115,10 @@ def time_optimal(robot: Robot, path: Motion | ArrayLike, *, power: ArrayLike = m
         refuse_load_friction(robot.model, 'time_optimal')
     names = robot.joint_names
     bounds = Bounds(robot.limits.effort, robot.limits.velocity,
-                    per_joint(power, 'power', names, finite=False),
-                    per_joint(acceleration, 'acceleration', names, finite=False))
-    rates = RateBounds(per_joint(jerk, 'jerk', names, finite=False),
-                       per_joint(torque_rate, 'torque_rate', names, finite=False))
+                    limit_per_joint(power, 'power', names),
+                    limit_per_joint(acceleration, 'acceleration', names))
+    rates = RateBounds(limit_per_joint(jerk, 'jerk', names),
+                       limit_per_joint(torque_rate, 'torque_rate', names))
     speeds = _speed(start_speed, 'start_speed'), _speed(end_speed, 'end_speed')
     points = integer(points, 'points', 10, MOST_SAMPLES)
     if rest is not None and not robot.constraint_names:

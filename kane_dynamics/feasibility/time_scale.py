@@ -27,7 +27,7 @@ from functools import partial
 import math
 
 from kane_dynamics._util.attribute_hints import hinting
-from kane_dynamics._util.checks import per_joint
+from kane_dynamics._util.checks import instance, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
@@ -114,8 +114,9 @@ def fastest(robot: Robot, motion: Motion, *, most: float = math.inf, step: float
         If the robot, the motion or a number is invalid; the message names it.
 
     """
-    if not most > 0.0:
-        raise InputError(f'most: {most}; expected a positive number')
+    instance(robot, Robot, 'robot')
+    instance(motion, Motion, 'motion')
+    most = number(most, 'most', 'a positive number', lambda x: x > 0.0)
 
     def added_torques(additional: Array, speed: float) -> Array:
         """Return what the deflections at a speed add to the torques."""

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from kane_dynamics._util.attribute_hints import hinting
-from kane_dynamics._util.checks import instance, per_joint
+from kane_dynamics._util.checks import instance, number, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.quasi_static import QuasiStatic
 from kane_dynamics.errors import InputError
@@ -21,6 +21,7 @@ from kane_dynamics.robot.torque_bounds import torque_deviation, Uncertainty
 import numpy as np
 from numpy.typing import ArrayLike
 
+FASTEST = 1e6  # largest factor of the speed of a motion
 QUANTITIES = {'effort': 'torque', 'velocity': 'speed', 'power': 'power',
               'lower': 'position', 'upper': 'position'}
 
@@ -187,6 +188,8 @@ def demand(robot: Robot, motion: Motion, *, speed: float = 1.0, step: float = ST
         `bending`, if the load exceeds the stiffness of the beams.
 
     """
+    instance(robot, Robot, 'robot')
+    instance(motion, Motion, 'motion')
     additional = NONE
     for _ in range(ROUNDS):
         result = demand_at(robot, motion, speed, step, power, additional, bending,
@@ -203,8 +206,8 @@ def demand_at(robot: Robot, motion: Motion, speed: float, step: float, power: Ar
               uncertainty: Uncertainty | None = None) -> Demand:
     """Return the demand of a motion at its samples and at additional times."""
     t, q, u, udot = sampled(robot, motion, step, additional)
-    if not 0.0 < speed < math.inf:
-        raise InputError(f'speed: {speed}; expected a positive, finite number')
+    speed = number(speed, 'speed', f'a number from {1.0 / FASTEST:g} to {FASTEST:g}',
+                   lambda x: 1.0 / FASTEST <= x <= FASTEST)
     t, u, udot = t / speed, speed * u, speed**2 * udot
     if bending is not None:
         _require_rigid_model(robot, bending)
@@ -288,7 +291,7 @@ def at_actuators(robot: Robot, q: Array, forces: Array) -> Array:
 
 def torque_of(power: Array, u: Array) -> Array:
     """Return the torque for a power at given speeds, (N, n); infinite at rest."""
-    with np.errstate(divide='ignore', invalid='ignore'):
+    with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
         return np.asarray(np.where(u == 0.0, math.inf, power / np.abs(u)))
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.checks import instance, integer, per_joint
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.recordings.recording import Recording
@@ -17,6 +18,7 @@ from kane_dynamics.mechanics.recursive.regressor import inertial_parameters, PAR
 from kane_dynamics.model.model import Model
 import numpy as np
 
+MOST_STATES = 100_000
 RANK = 1e-9  # smallest pivot of independent columns, relative to the largest
 ROUNDS = 8  # of reweighting, which converges in three or four
 USUAL = 0.05  # rad/s or m/s, initial friction speed of the search
@@ -110,12 +112,17 @@ def base_parameters(model: Model, speeds: Sequence[float] | Array, *, states: in
         Number of random states.
 
     """
+    instance(model, Model, 'model')
     require_angles(model, 'base parameters')
+    states = integer(states, 'states', 1, MOST_STATES)
+    friction_speeds = per_joint(speeds, 'speeds', model.joint_names)
+    if not friction_speeds.all():
+        raise InputError(f'speeds: {friction_speeds.tolist()}; expected positive numbers, '
+                         'rad/s or m/s')
     rng = np.random.default_rng(0)
     q, u, udot = rng.uniform(-2.0, 2.0, (3, states, model.n))
     sample = Recording(np.arange(float(states)), q, u, udot, np.zeros((states, model.n)))
-    X = full_regressor(rows(without_losses(model), sample),
-                       np.asarray(speeds, dtype=float))
+    X = full_regressor(rows(without_losses(model), sample), friction_speeds)
     X = X.reshape(-1, X.shape[2])
     # Without scaling, pivots prefer columns of bodies late in the tree.
     _, R, order = scientific('scipy.linalg').qr(X, mode='economic', pivoting=True)
@@ -166,6 +173,9 @@ def fit_base(data: RegressionRows, model: Model, speeds: Array, *,
         If the motion does not excite all base parameters; the message names one.
 
     """
+    instance(data, RegressionRows, 'data')
+    instance(model, Model, 'model')
+    speeds = per_joint(speeds, 'speeds', model.joint_names)
     base = base_parameters(model, speeds)
     equations, floor, counts = compressed(data, speeds)
     equations = [(R[:, base.columns], z) for R, z in equations]
@@ -210,6 +220,8 @@ def base_speeds(data: RegressionRows, model: Model) -> Array:
         If the motion does not excite all base parameters; the message names one.
 
     """
+    instance(data, RegressionRows, 'data')
+    instance(model, Model, 'model')
     bodies = 10 * len(model.bodies)
 
     def rigid(speeds: Array) -> Array:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import hinting
-from kane_dynamics._util.checks import per_joint
+from kane_dynamics._util.checks import finite_row, instance, per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.analysis.known_arms import EffortKind
 from kane_dynamics.errors import InputError
@@ -12,7 +12,7 @@ from kane_dynamics.identification.payload.recorded_motion import (recorded_joint
                                                                   recorded_states)
 from kane_dynamics.identification.recordings.recording import Recording
 from kane_dynamics.mechanics.friction import refuse_load_friction
-from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.native.runtime.kernel import Argument, checked, Kernel
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
@@ -119,13 +119,11 @@ class Efforts:
             mechanism in every direction.
 
         """
-        tau = np.array(effort, dtype=np.float64)
-        if self.plain:
-            return tau
+        instance(robot, Robot, 'robot')
         names = actuated_joints(robot)
-        if tau.shape[-1:] != (len(names),):
-            raise InputError(f'effort: shape {tau.shape}; expected a last axis of '
-                             f'{len(names)} ({", ".join(names)})')
+        tau = checked(Argument('effort', (len(names),), names), effort)
+        if self.plain:
+            return tau.copy()
         if self.constants is not None:
             constants = per_joint(self.constants, 'constants', names)
             if not constants.all():
@@ -143,7 +141,8 @@ class Efforts:
             if robot.friction:
                 refuse_load_friction(robot.model, f'efforts: {self}')
             # Between the motor and the sensor: friction, and the inertia of the rotor.
-            rates = np.zeros_like(np.asarray(u)) if udot is None else udot
+            u = checked(Argument('u', (robot.n,), robot.speed_names), u)
+            rates = np.zeros_like(u) if udot is None else udot
             arguments = (q, u, rates, t) if robot.equations.timed else (q, u, rates)
             friction, rotor = np.moveaxis(_losses_kernel(robot)(*arguments), -2, 0)
             tau = tau + friction
@@ -155,6 +154,7 @@ class Efforts:
 
     def compile(self, robot: Robot) -> None:  # noqa: A003
         """Compile what `torque` and `contradiction` use, so that no later call does."""
+        instance(robot, Robot, 'robot')
         quantities = ['gravity_force', 'inverse_dynamics']
         if not robot.equations.in_joint_rates:
             quantities.append('joint_torques')
@@ -168,6 +168,8 @@ class Efforts:
 
         With constraints it is one of the actuators, as for `identify_payload`.
         """
+        instance(robot, Robot, 'robot')
+        instance(recording, Recording, 'recording')
         if self.plain:
             return recording
         r = recording
@@ -216,10 +218,11 @@ class Efforts:
     def share_of_weight(self, robot: Robot, q: ArrayLike,
                         effort: ArrayLike) -> float | None:
         """Return the share of the weight that efforts at rest hold; None where nothing weighs."""
-        weight = robot.gravity_force(q)
+        instance(robot, Robot, 'robot')
+        weight = robot.gravity_force(finite_row(q, 'q', robot.coordinate_names))
         if np.abs(weight).max(initial=0.0) < WEIGHTLESS:
             return None
-        held = np.asarray(effort, dtype=np.float64)
+        held = finite_row(effort, 'effort', actuated_joints(robot))
         if self.constants is not None:
             held = held * per_joint(self.constants, 'constants', actuated_joints(robot))
         if not robot.equations.in_joint_rates:

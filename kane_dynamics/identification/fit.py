@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import warnings
 
 from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.checks import number
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError, ModelWarning
@@ -214,6 +215,7 @@ def identify(model: Model, recording: Recording, *, friction_only: bool = False,
         range.
 
     """
+    standstill = number(standstill, 'standstill', 'a number >= 0', lambda x: x >= 0.0)
     _check_options(weight, bounded, friction_only, standstill, friction)
     check_recording(model, recording)
     if not diagnosed:

@@ -19,6 +19,7 @@ from itertools import pairwise
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.checks import instance, number, real_numbers
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
@@ -31,6 +32,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 FRICTION = ('damping', 'friction', 'armature', 'friction_offset')
+FAR_ABOVE = 1e12  # N m or N, of coefficients of friction
 LOWEST = np.array([0.0, 0.0, 0.0, -np.inf])  # lower bounds of FRICTION
 UNBOUNDED = np.full(4, -np.inf)
 STANDSTILL = 0.02  # rad/s or m/s
@@ -127,6 +129,8 @@ def rows(model: Model, recording: Recording,
          standstill: float = STANDSTILL) -> RegressionRows:
     """Return the regression data of a recording; raise InputError for other joints."""
     check_recording(model, recording)
+    standstill = number(standstill, 'standstill', 'a nonnegative speed, rad/s or m/s',
+                        lambda x: x >= 0.0)
     robot = Robot(without_losses(model))
     state = recording.q, recording.u, recording.udot
     Y = robot.regressor(*state)
@@ -188,6 +192,14 @@ def friction_speeds(data: RegressionRows, lowest: Array = LOWEST) -> Array:
 
     It is searched among `SPEEDS`, then between the neighbors of the best one.
     """
+    instance(data, RegressionRows, 'data')
+    try:
+        lowest = real_numbers(lowest)
+    except (TypeError, ValueError):
+        lowest = np.empty(0)
+    if lowest.shape != (4,) or not (lowest < FAR_ABOVE).all():
+        raise InputError('lowest: no four numbers, or one too large; expected the lowest '
+                         'value of each coefficient, N m, or -inf')
     return np.array([_friction_speed(data, joint,
                                      lowest) for joint in range(data.rigid.shape[1])])
 

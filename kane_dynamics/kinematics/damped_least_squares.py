@@ -15,7 +15,8 @@ from typing import NamedTuple
 import warnings
 
 from kane_dynamics._util.attribute_hints import hinting
-from kane_dynamics._util.checks import finite_row, instance, integer, number
+from kane_dynamics._util.checks import (finite_row, instance, integer,
+                                        number, real_numbers)
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import ConstraintError, InputError, ModelWarning
@@ -136,7 +137,7 @@ def _warn_of_millimeters(robot: Robot, frame: str, goal: Array, q: Array) -> Non
 def _checked_target(target: ArrayLike) -> Array:
     """Return a pose (4, 4) or a position (3,); InputError for anything else."""
     try:
-        numbers = np.array(target, dtype=np.float64)
+        numbers = real_numbers(target)
     except (TypeError, ValueError):
         numbers = np.empty(0)
     if numbers.shape == (3,):

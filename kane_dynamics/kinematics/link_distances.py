@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from kane_dynamics._util.attribute_hints import hinting
-from kane_dynamics._util.checks import instance
+from kane_dynamics._util.checks import instance, real_numbers
 from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -132,7 +132,8 @@ class LinkDistances:
 
     def smallest(self, q: ArrayLike) -> Array:
         """Return the smallest of all distances, () or (N,), m; infinite if there is no pair."""
-        return np.asarray(self(q).min(axis=-1, initial=np.inf))
+        distances = self(q)
+        return np.asarray(distances.min(axis=-1, initial=np.inf))
 
     def nearest(self, q: ArrayLike) -> NearestLinks:
         """
@@ -212,7 +213,10 @@ class LinkDistances:
 
     def _states(self, q: ArrayLike) -> tuple[Array, bool]:
         """Return q as (N, n_q), and whether it was one state; frames check the numbers."""
-        states = np.asarray(q, dtype=np.float64)
+        try:
+            states = real_numbers(q)
+        except (TypeError, ValueError):
+            raise InputError(f'q: {q!r}; expected (n_q,) or (N, n_q) numbers') from None
         return np.atleast_2d(states), states.ndim == 1
 
     def _shape_distances(self, q: Array) -> tuple[Array, Array, Array]:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 ORDERS = ('speed', 'acceleration', 'jerk')
 # Of a motion in a stated duration, whose shape has the least jerk: none but that of jerk.
+BRIEFEST = 1e-6  # s, of a motion
 SHAPE = np.array([np.inf, np.inf, 1.0])
 
 
@@ -115,8 +116,8 @@ class PoseMotion:
             linear = np.array(limits.linear)
             angular = np.array(limits.angular or (np.inf, np.inf, np.inf))
         else:
-            duration = number(duration, 'duration', 'a positive, finite time, s',
-                              lambda x: 0.0 < x < np.inf)
+            duration = number(duration, 'duration', f'a finite time of at least {BRIEFEST:g} '
+                              's', lambda x: BRIEFEST <= x < np.inf)
             linear, angular = SHAPE, SHAPE / RADIUS
         profile = fastest_profile(path.section_limits(linear, angular), path.stops)
         if duration is not None:

@@ -10,13 +10,13 @@ jerk become limits on s(t).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import constant, number
+from kane_dynamics._util.checks import finite_row, number, real_numbers
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.poses import checked_pose, pose_error, rotation_exp
@@ -25,6 +25,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 RADIUS = 0.3  # m/rad: a turn of 1 rad counts as much as this distance in s
+FARTHEST = 1e12  # m
+MOST_TURNS = 1e6  # rad, of an arc
 SHORTEST = 1e-9  # of a piece, m or RADIUS rad
 JOINED = 1e-9  # m or rad between the end of a piece and the start of the next
 SMOOTH = 1e-9  # relative difference of derivatives at a joint that needs no blend
@@ -340,7 +342,7 @@ class PosePath:
 
         """
         ends, oriented = _stated([start, end])
-        middle = constant(via, (3,), 'via', InputError)
+        middle = _point(via, 'via')
         first, last = ends[0, :3, 3], ends[1, :3, 3]
         # The center of the circle is in the plane of both chords.
         to_via, to_end = middle - first, last - first
@@ -391,14 +393,14 @@ class PosePath:
 
         """
         poses, oriented = _stated([start])
-        point = constant(center, (3,), 'center', InputError)
-        direction = constant(axis, (3,), 'axis', InputError)
+        point = _point(center, 'center')
+        direction = _point(axis, 'axis')
         size = float(np.linalg.norm(direction))
         if not size > 0.0:
             raise InputError(f'axis: {direction.tolist()}; expected a direction')
         direction = direction / size
-        angle = number(angle, 'angle', 'a finite angle other than 0, rad',
-                       lambda x: 0.0 < abs(x) < np.inf)
+        angle = number(angle, 'angle', f'other than 0, at most {MOST_TURNS:g} rad',
+                       lambda x: 0.0 < abs(x) <= MOST_TURNS)
         offset = poses[0, :3, 3] - point
         point = point + (offset @ direction) * direction
         turn = angle * direction if turning and oriented else np.zeros(3)
@@ -424,7 +426,7 @@ class PosePath:
             An argument is invalid, or two paths do not join.
 
         """
-        paths = list(paths)
+        paths = list(paths) if isinstance(paths, Iterable) else []
         if not paths or not all(isinstance(path, PosePath) for path in paths):
             raise InputError(f'paths: {paths!r}; expected one or more of PosePath')
         if len({path.oriented for path in paths}) > 1:
@@ -505,13 +507,24 @@ class PosePath:
         return parameters - self._starts[inside], inside
 
 
+def _point(value: ArrayLike, what: str) -> Array:
+    """Return three numbers; raise InputError unless they are finite and not too large."""
+    numbers = finite_row(value, what, ('x', 'y', 'z'))
+    if (np.abs(numbers) > FARTHEST).any():
+        raise InputError(f'{what}: {numbers.tolist()}; expected at most {FARTHEST:g}')
+    return numbers
+
+
 def _stated(poses: ArrayLike | Sequence[ArrayLike]) -> tuple[Array, bool]:
     """Return (K, 4, 4) poses, and whether they are poses; positions have no rotation."""
     try:
-        numbers = np.asarray(poses, dtype=np.float64)
+        numbers = real_numbers(np.asarray(poses))
     except (TypeError, ValueError):
         raise InputError('poses: of several shapes, or not of numbers; expected poses '
                          '(4, 4), or positions (3,)') from None
+    if not (np.abs(numbers[np.isfinite(numbers)]) <= FARTHEST).all():
+        raise InputError(f'poses: {np.abs(numbers).max():g} m; expected at most '
+                         f'{FARTHEST:g} m')
     if numbers.ndim == 2 and numbers.shape[1] == 3 and len(numbers):
         for k, row in enumerate(numbers):
             constant(row, (3,), f'position {k}', InputError)

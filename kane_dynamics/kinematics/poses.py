@@ -12,6 +12,7 @@ from __future__ import annotations
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.checks import real_numbers
 from kane_dynamics._util.orientation import skew, stated_rotation
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -351,7 +352,7 @@ def _rotation(R: Array, what: str) -> Array:
 def _numbers(value: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
     """Return finite numbers whose last axes have a shape, or raise InputError."""
     try:
-        array = np.asarray(value, dtype=np.float64)
+        array = real_numbers(value)
     except (TypeError, ValueError):
         raise InputError(f'{what}: {value!r}; expected numbers of shape {shape}'
                          ) from None

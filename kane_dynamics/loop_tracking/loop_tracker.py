@@ -22,11 +22,13 @@ the kernels and their arrays, and `LoopTracker`, which decides what is accepted.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 import math
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import hinting
-from kane_dynamics._util.checks import constant, finite_row
+from kane_dynamics._util.checks import (constant, finite_row, instance,
+                                        names_of_joints, number)
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.loop_tracking.loop_error import (BRANCH, CONTRADICTION, LoopError,
@@ -361,18 +363,18 @@ class LoopStep:
     def check(self, measured: Array, rates: Array, others: Sequence[int],
               values: Array | None, t: float) -> None:
         """Raise InputError for arguments of another shape, or that are not finite."""
-        x = np.asarray(measured)
-        v = np.asarray(rates)
-        y = np.asarray(() if values is None else values)
+        further = () if values is None else values
         n = len(self.target)
-        if x.shape == v.shape == (n,) and y.shape == (len(others),):
-            # One sum of all numbers, because this runs in every cycle.
-            total = sum(x.tolist()) + sum(v.tolist()) + sum(y.tolist()) + t
-            if math.isfinite(total):
-                return
-        finite_row(x, 'measured', self._measured)
-        finite_row(v, 'rates', self._measured)
-        finite_row(y, 'values', [self._names[k] for k in others])
+        with suppress(TypeError, ValueError):  # no numbers: named below
+            x, v, y = np.asarray(measured), np.asarray(rates), np.asarray(further)
+            if x.shape == v.shape == (n,) and y.shape == (len(others),):
+                # One sum of all numbers, because this runs in every cycle.
+                total = sum(x.tolist()) + sum(v.tolist()) + sum(y.tolist()) + t
+                if math.isfinite(total):
+                    return
+        finite_row(measured, 'measured', self._measured)
+        finite_row(rates, 'rates', self._measured)
+        finite_row(further, 'values', [self._names[k] for k in others])
         constant(t, (), 't', InputError)
 
     def compare(self, others: Sequence[int], values: Array | None) -> None:
@@ -486,6 +488,7 @@ class LoopTracker:
 
     def __init__(self, robot: Robot, measured: Sequence[str], *, tolerance: float = 0.02,
                  max_figure: float = 200.0) -> None:
+        instance(robot, Robot, 'robot')
         require_angles(robot.model, 'LoopTracker')
         equations = robot.equations
         names = robot.coordinate_names
@@ -493,7 +496,7 @@ class LoopTracker:
             raise InputError('robot: without constraints; expected closed loops')
         mechanism = equations.mechanism
         self.path_rows = _velocity_rows(mechanism, mechanism.kept)
-        distinct = set(measured)
+        distinct = set(names_of_joints(measured, 'measured'))
         if not len(measured) == len(distinct) == robot.n or not distinct <= set(names):
             raise InputError(f'measured: {list(measured)}; expected {robot.n} of the '
                              f'joints {list(names)}, as many as degrees of freedom')
@@ -524,8 +527,8 @@ class LoopTracker:
 
     @tolerance.setter
     def tolerance(self, value: float) -> None:
-        self._tolerance = value
-        self._step.limits[1] = _square(value)
+        self._tolerance = _positive(value, 'tolerance')
+        self._step.limits[1] = _square(self._tolerance)
 
     @property
     def max_figure(self) -> float:
@@ -534,8 +537,8 @@ class LoopTracker:
 
     @max_figure.setter
     def max_figure(self, value: float) -> None:
-        self._max_figure = value
-        self._step.limits[2] = _square(value)
+        self._max_figure = _positive(value, 'max_figure')
+        self._step.limits[2] = _square(self._max_figure)
 
     @property
     def residual(self) -> float:
@@ -734,6 +737,11 @@ def _velocity_rows(mechanism: Mechanism, rows: Iterable[int]) -> tuple[str, ...]
     """Return those of some rows whose constraints have no residual of positions."""
     at_zero = mechanism.rows(mechanism.state(np.zeros(len(mechanism.units))))
     return tuple(mechanism.labels[k] for k in rows if at_zero.residual[k] is None)
+
+
+def _positive(value: float, what: str) -> float:
+    """Return a positive number, or infinity; raise InputError for anything else."""
+    return number(value, what, 'a positive number', lambda x: x > 0.0)
 
 
 def _square(x: float) -> float:

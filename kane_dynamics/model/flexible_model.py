@@ -6,6 +6,7 @@ from collections.abc import Collection
 from dataclasses import replace
 
 from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.checks import instance
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
 from kane_dynamics.model.ball_coordinates import quaternion_names
@@ -47,6 +48,8 @@ def with_beam(model: Model, link: str, beam: FlexibleLink,
         invalid.
 
     """
+    instance(model, Model, 'model')
+    instance(beam, FlexibleLink, 'beam')
     names = [body.name for body in model.bodies]
     if link not in names:
         raise ModelError(f"no moving link '{link}' to bend; expected one of "
@@ -109,6 +112,7 @@ def _on_sections(model: Model, bent: int,
 @hinting
 def stiffened(model: Model) -> Model:
     """Return the model with rigid links for beams, without modal coordinates."""
+    instance(model, Model, 'model')
     if not model.flexible:
         return model
     # Outward, as in `with_locked`: sections merge into their beam, all others stay.

@@ -101,7 +101,7 @@ class Inertial:
     def from_pseudo_inertia(cls, pseudo: ArrayLike) -> Inertial:
         """Return the inertial with this pseudo-inertia about the origin, (4, 4)."""
         # Inverse of `pseudo_inertia`, with the parallel axis theorem for second moments.
-        P = np.asarray(pseudo, dtype=np.float64)
+        P = constant(pseudo, (4, 4), 'pseudo-inertia')
         mass = P[3, 3]
         com = P[:3, 3] / mass if mass > 0.0 else np.zeros(3)
         central = P[:3, :3] - mass * np.outer(com, com)
@@ -109,8 +109,10 @@ class Inertial:
 
     def moved(self, rotation: ArrayLike, translation: ArrayLike) -> Inertial:
         """Return the inertial in the axes of a frame in which this one is at (R, p)."""
-        R = np.asarray(rotation)
-        p = np.asarray(translation)
+        R = constant(rotation, (3, 3), 'rotation')
+        p = constant(translation, (3,), 'translation')
+        if (np.abs(R) > 1.0 + 1e-6).any():
+            raise ModelError(f'rotation: {R.tolist()}; expected a rotation matrix')
         return Inertial(self.mass, R @ self.com + p, R @ self.inertia @ R.T)
 
     def __add__(self, other: Inertial) -> Inertial:

@@ -16,6 +16,15 @@ EYE = np.eye(3)
 EYE.flags.writeable = False
 ORIGIN = (0.0, 0.0, 0.0)
 SNAP = 1e-14
+FARTHEST = 1e12  # m: squares of longer lengths would not tell a mechanism from rounding
+
+
+def point(value: ArrayLike, what: str) -> Array:
+    """Return a point, (3,) m; raise ModelError unless it is finite and not too far."""
+    place = constant(value, (3,), what)
+    if (np.abs(place) > FARTHEST).any():
+        raise ModelError(f'{what}: {place.tolist()} m; expected at most {FARTHEST:g} m')
+    return place
 
 
 def snapped(values: ArrayLike) -> Array:
@@ -93,7 +102,7 @@ def stated_pose(at: ArrayLike, rpy: ArrayLike, what: str,
         unit one.
 
     """
-    translation = constant(at, (3,), f'{what}: at')
+    translation = point(at, f'{what}: at')
     angles: Array | None = constant(rpy, (3,), f'{what}: rpy')
     parts: Array | None = None
     if quaternion is not None:

@@ -7,7 +7,7 @@ from kane_dynamics._util.checks import constant
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
 from kane_dynamics.model.inertial import Inertial
-from kane_dynamics.model.placement import ORIGIN
+from kane_dynamics.model.placement import FARTHEST, ORIGIN, point
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -15,15 +15,16 @@ from numpy.typing import ArrayLike
 def _size(value: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
     """Return lengths, m; raise ModelError if one is negative or not finite."""
     lengths = constant(value, shape, what)
-    if (lengths < 0.0).any():
-        raise ModelError(f'{what}: {lengths.tolist()} m; expected nonnegative lengths')
+    if (lengths < 0.0).any() or (lengths > FARTHEST).any():
+        raise ModelError(f'{what}: {lengths.tolist()} m; expected nonnegative lengths of '
+                         f'at most {FARTHEST:g}')
     return lengths
 
 
 @hinting
 def point_mass(mass: float, at: ArrayLike = ORIGIN) -> Inertial:
     """Return the inertial of a particle of `mass`, kg, at a point, m."""
-    return Inertial(mass, constant(at, (3,), 'place of a point mass'))
+    return Inertial(mass, point(at, 'place of a point mass'))
 
 
 @hinting
@@ -44,8 +45,8 @@ def rod(mass: float, start: ArrayLike, end: ArrayLike) -> Inertial:
         If the ends are one point.
 
     """
-    a = constant(start, (3,), 'start of a rod')
-    b = constant(end, (3,), 'end of a rod')
+    a = point(start, 'start of a rod')
+    b = point(end, 'end of a rod')
     length = b - a
     if not length.any():
         raise ModelError(f'rod: both ends at {a.tolist()} m; expected two points, or '
@@ -81,13 +82,14 @@ def disc(mass: float, radius: float, axis: ArrayLike = (0.0, 0.0, 1.0), *,
     n = constant(axis, (3,), 'axis of a disc')
     if not n.any():
         raise ModelError(f'axis of a disc: {n.tolist()}; expected a nonzero vector')
+    n = n / np.abs(n).max()  # its square would overflow or vanish otherwise
     along = np.outer(n, n) / (n @ n)
     m = float(constant(mass, (), 'mass'))
     r = float(_size(radius, (), 'radius of a disc'))
     h = float(_size(thickness, (), 'thickness of a disc'))
     across = m * (r * r / 4.0 + h * h / 12.0)
     inertia = 0.5 * m * r * r * along + across * (np.eye(3) - along)
-    return Inertial(mass, constant(at, (3,), 'center of a disc'), inertia)
+    return Inertial(mass, point(at, 'center of a disc'), inertia)
 
 
 @hinting
@@ -95,8 +97,8 @@ def ball(mass: float, radius: float, at: ArrayLike = ORIGIN) -> Inertial:
     """Return the inertial of a solid ball: 2/5 m r^2 about every diameter; kg and m."""
     size = float(_size(radius, (), 'radius of a ball'))
     m = float(constant(mass, (), 'mass'))
-    return Inertial(mass, constant(at, (3,), 'center of a '
-                                             'ball'), 0.4 * m * size**2 * np.eye(3))
+    inertia = 0.4 * m * size**2 * np.eye(3)
+    return Inertial(mass, point(at, 'center of a ball'), inertia)
 
 
 @hinting
@@ -105,4 +107,4 @@ def box(mass: float, size: ArrayLike, at: ArrayLike = ORIGIN) -> Inertial:
     squares: Array = _size(size, (3,), 'size of a box')**2
     m = float(constant(mass, (), 'mass'))
     inertia = m / 12.0 * np.diag(squares.sum() - squares)
-    return Inertial(mass, constant(at, (3,), 'center of a box'), inertia)
+    return Inertial(mass, point(at, 'center of a box'), inertia)

@@ -15,6 +15,7 @@ from functools import cached_property
 import math
 
 from kane_dynamics._util.attribute_hints import fixed
+from kane_dynamics._util.checks import number
 from kane_dynamics._util.notebook import html_table
 from kane_dynamics._util.text import short
 from kane_dynamics._util.typing import Array
@@ -218,6 +219,8 @@ class Motion:
             time.
 
         """
+        speed = number(speed, 'speed', 'a positive, finite number',
+                       lambda x: 0.0 < x < math.inf)
         if not 0.0 < speed < math.inf:
             raise InputError(f'speed: {speed}; expected a positive, finite number')
         times = point_times(self.times / speed)

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 import math
 
-from kane_dynamics._util.checks import finite_row
+from kane_dynamics._util.checks import finite_row, real_numbers
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
@@ -61,7 +61,7 @@ def checked_joint_names(names: Sequence[str], what: str) -> tuple[str, ...]:
 def point_times(times: ArrayLike) -> Array:
     """Return the times of the points as a (K,) array; raise InputError if invalid."""
     try:
-        t = np.array(times, dtype=np.float64)
+        t = np.array(real_numbers(times))
     except (TypeError, ValueError):
         raise InputError(f'times: {times!r}; expected one number per point, in '
                          's') from None
@@ -89,8 +89,7 @@ def _rows(values: Rows | None, what: str, count: int,
             and values.shape == (count, len(names)) and np.isfinite(values).all()):
         return values.copy()  # thousands of rows would take milliseconds one by one
     try:
-        rows = [np.array(row,
-                         dtype=np.float64) for row in values]  # type: ignore[union-attr]
+        rows = [real_numbers(row) for row in values]  # type: ignore[union-attr]
     except (TypeError, ValueError):
         raise InputError(f'{what}: {values!r}; expected one row of {len(names)} numbers '
                          f'per point ({", ".join(names)})') from None

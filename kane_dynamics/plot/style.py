@@ -52,6 +52,8 @@ _UNITS = {'Position': ('rad', 'm'), 'Speed': ('rad/s', 'm/s'), 'Torque': ('N m',
 @hinting
 def check_path(path: Path) -> None:
     """Raise InputError if the suffix of a picture's path is no supported format."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise InputError(f'picture: a {type(path).__name__}; expected the path of a file')
     suffix = os.path.splitext(path)[1]
     valid = [f'.{name}' for name in sorted(FigureCanvasBase.filetypes)]
     if suffix.lower() not in valid:

@@ -125,7 +125,8 @@ class Robot(FrameworkMethods, Configurations, metaclass=HintingClass):
             if not isinstance(value, bool | np.bool_):
                 raise InputError(f'{name}: {value!r}; expected True or False')
         self._options: dict[str, Any] = {
-            'wrench_frames': tuple(wrench_frames), 'payload_frame': payload_frame,
+            'wrench_frames': checked_names(wrench_frames, 'wrench_frames') or (),
+            'payload_frame': payload_frame,
             'friction': bool(friction), 'frame_reduction': bool(frame_reduction)}
         self._choices: dict[str, Any] = {
             'speeds': speeds, 'constraints': checked_constraints(constraints),

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 from kane_dynamics._util.attribute_hints import hinting
-from kane_dynamics._util.checks import constant
+from kane_dynamics._util.checks import constant, instance
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.friction import slides
@@ -72,6 +72,7 @@ def longest_step(robot: Robot, q: Any, u: Any = None, *, t: float = 0.0) -> Long
         q or u is not an array of finite numbers; or as `Robot.forward_dynamics`.
 
     """
+    instance(robot, Robot, 'robot')
     q, n = constant(q, (robot.n_q,), 'q', InputError), robot.n
     u = np.zeros(n) if u is None else constant(u, (n,), 'u', InputError)
     if not (n and _may_limit_step(robot.model, robot.friction)):

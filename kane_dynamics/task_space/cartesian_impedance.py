@@ -26,7 +26,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from kane_dynamics._util.attribute_hints import guarded
-from kane_dynamics._util.checks import finite_row, number, per_joint
+from kane_dynamics._util.checks import finite_row, instance, number, per_joint
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.terms import EVERY_TERM, Terms
 from kane_dynamics.errors import InputError
@@ -184,6 +184,7 @@ class CartesianImpedance(RunTimeSettings):
                  speed_limit: ArrayLike | None = None, compensate: Terms = EVERY_TERM,
                  singular_mass: float | None = None) -> None:
         """Check the settings; kernels compile on first use."""
+        instance(robot, Robot, 'robot')
         self.robot = robot
         if directions is None:
             directions = independent_directions(robot, frame, axes)

@@ -174,7 +174,8 @@ class HandGuiding(RunTimeSettings):
         """Return the energy that the walls of joints and planes store, J."""
         positions = finite_row(q, 'q', self.robot.coordinate_names)
         values = self._shapes.unpacked(self._block)
-        total = float(self._walls.energy(positions, values))
+        with np.errstate(over='ignore'):  # infinite far beyond every mechanism
+            total = float(self._walls.energy(positions, values))
         if self._frame is not None:
             p = self.robot.frame_pose(self._frame.name, positions)[:3, 3]
             for plane in values['planes']:

@@ -122,7 +122,8 @@ class JointImpedance(RunTimeSettings):
         measured = finite_row(q, 'q', self.robot.coordinate_names)[list(self._places)]
         stretch = measured - finite_row(q_d, 'q_d', self.followed)
         stiffness = self._shapes.unpacked(self._block)['stiffness']
-        return float(0.5 * stiffness @ stretch**2)
+        with np.errstate(over='ignore'):  # infinite far beyond every mechanism
+            return float(0.5 * stiffness @ stretch**2)
 
     def _compiled(self) -> Callable[..., Array]:
         """Return the entry point of the law."""

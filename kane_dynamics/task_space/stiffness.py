@@ -87,7 +87,7 @@ def stored_energy_limits(K: Array, force_limit: float, moment_limit: float) -> A
         equal = np.abs(part - stiffest * np.eye(3)).max() <= ROUNDING * stiffest
         if k == 1 and not equal:
             limit = limit / AMPLIFIED
-        limits[k] = limit**2 / (2.0 * stiffest)
+        limits[k] = limit * (limit / (2.0 * stiffest))
     return limits
 
 

@@ -18,7 +18,7 @@ states are linear in the coefficients.
 from collections.abc import Sequence
 import math
 
-from kane_dynamics._util.checks import per_joint
+from kane_dynamics._util.checks import limit_per_joint
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.base_regressor import base_parameters
@@ -71,9 +71,9 @@ class DesignCriterion:
         self.rigid = Robot(without_losses(model))
         names = model.joint_names
         limits = self.robot.limits
-        stated = per_joint(velocity, 'velocity', names, finite=False)
+        stated = limit_per_joint(velocity, 'velocity', names)
         self.velocity = np.minimum(limits.velocity, stated)
-        self.acceleration = per_joint(acceleration, 'acceleration', names, finite=False)
+        self.acceleration = limit_per_joint(acceleration, 'acceleration', names)
         for name, speed, acceleration_limit in zip(names, self.velocity,
                                                    self.acceleration, strict=True):
             if not 0.0 < speed < math.inf or acceleration_limit == 0.0:

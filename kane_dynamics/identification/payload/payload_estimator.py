@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from kane_dynamics._util.attribute_hints import hinting
-from kane_dynamics._util.checks import constant, number
+from kane_dynamics._util.checks import constant, number, real_numbers
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.identification.payload.payload_equations import PayloadEquations
@@ -15,6 +15,7 @@ from kane_dynamics.robot.robot import Robot
 import numpy as np
 from numpy.typing import ArrayLike
 
+SMALLEST = 1e-12  # standard deviation of a torque, N m or N
 DOUBT = 10.0  # of friction and offset that the model does not know, in deviations of torque
 LARGEST = 1e100  # whose products over blocks do not overflow
 
@@ -58,13 +59,13 @@ class PayloadEstimator:
         self._rows = PayloadRows(model, frame)
         robot, n, count = self._rows.robot, self._rows.robot.n, len(self._rows.names)
         try:
-            self._sigma = np.array(sigma, dtype=np.float64)
+            self._sigma = np.array(real_numbers(sigma))
         except (TypeError, ValueError):
             self._sigma = np.empty(0)
         if self._sigma.shape != (count,) or not (
-                (self._sigma > 0.0) & (self._sigma < np.inf)).all():
-            raise InputError(f'sigma: {sigma!r}; expected {count} positive numbers, of '
-                             f'{", ".join(self._rows.names)}')
+                (self._sigma >= SMALLEST) & (self._sigma < np.inf)).all():
+            raise InputError(f'sigma: {sigma!r}; expected {count} numbers of at least '
+                             f'{SMALLEST:g}, of {", ".join(self._rows.names)}')
         self._arguments = [Argument('q', (robot.n_q,), robot.coordinate_names), *(
             Argument(name, (n,), robot.speed_names) for name in ('u', 'udot', 'tau'))]
         memory = number(memory, 'memory', 'more than 1 sample', lambda x: x > 1.0)

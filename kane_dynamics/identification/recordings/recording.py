@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import increasing, instance
+from kane_dynamics._util.checks import increasing, instance, number
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array, Flags
 from kane_dynamics.errors import InputError
@@ -16,6 +16,7 @@ import numpy as np
 
 NAMES = ('q', 'u', 'udot', 'tau')
 EVEN = 0.02  # relative deviation of time steps that are regarded as equal
+LOWEST_CUTOFF = 1e-4  # of the sampling rate: filters below it are singular to rounding
 ORDER = 4  # of the Butterworth filter, which is applied forward and backward
 
 
@@ -136,9 +137,9 @@ class Recording:
         if self.uneven:
             return self.resampled().filtered(cutoff)
         mean = float(np.diff(self.t).mean())
-        if not 0.0 < cutoff < 0.5 / mean:
-            raise InputError(f'cutoff: {cutoff:g} Hz; expected above 0, below half the '
-                             f'sampling rate, {0.5 / mean:g} Hz')
+        lowest, highest = LOWEST_CUTOFF / mean, 0.5 / mean
+        cutoff = number(cutoff, 'cutoff', f'above {lowest:g} Hz, and below half the '
+                        f'sampling rate, {highest:g} Hz', lambda x: lowest < x < highest)
         signal = scientific('scipy.signal')
         sections = signal.butter(ORDER, cutoff, output='sos', fs=1.0 / mean)
         if len(self) <= 6 * ORDER:

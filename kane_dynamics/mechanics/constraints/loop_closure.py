@@ -8,6 +8,7 @@ linearised constraints: J dq = -residual.
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+from kane_dynamics._util.checks import real_numbers
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.ball_joints import (balls, difference, moved as moved_by,
@@ -119,7 +120,7 @@ def _checked(mechanism: Mechanism, q: Any, t: Any) -> Array:
     """Return a copy of q, (n_q,); InputError unless it and the time are finite."""
     names = mechanism.model.coordinate_names
     try:
-        configuration = np.array(q, dtype=np.float64)
+        configuration = np.array(real_numbers(q))
         time = float(t)
     except (TypeError, ValueError):
         raise InputError(f'q: {q!r}, t: {t!r}; expected {len(names)} numbers and a time '

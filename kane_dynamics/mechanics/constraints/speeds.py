@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.checks import instance
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.errors import ConstraintError, InputError
 from kane_dynamics.mechanics.algebra.user_functions import evaluated
@@ -99,6 +100,7 @@ def absolute_rates(model: Model) -> Speeds:
     these are the rates of absolute angles, in which the equations of motion couple
     bodies through angle differences only.
     """
+    instance(model, Model, 'model')
     body_of_joint = {}
     for k, body in enumerate(model.bodies):
         if body.joint.kind == 'revolute':
@@ -172,6 +174,7 @@ def body_angular_velocity(frame: str) -> Callable[[Model], Speeds]:
 @hinting
 def momenta(model: Model) -> Speeds:
     """Return u = M(q) q', the momenta conjugate to the coordinates, N m s or N s."""
+    instance(model, Model, 'model')
     links = regrouped(denavit_hartenberg(linkage(model)))
     rotors = np.zeros(model.n)
     for body in model.bodies:

@@ -7,7 +7,7 @@ from typing import Any
 import warnings
 
 from kane_dynamics._util.attribute_hints import hinting_method
-from kane_dynamics._util.checks import constant, finite_row, integer
+from kane_dynamics._util.checks import constant, finite_row, finite_times, integer
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.text import SHORT
 from kane_dynamics._util.typing import Array
@@ -501,6 +501,7 @@ class Configurations(Dispatch):
         """
         model, dt = self.equations.model, float(constant(dt, (), 'dt (s)', InputError))
         start = self._configuration('q', q)
+        t = finite_times(t)
         rates = joint_speeds(model, start, self.joint_rates(start, u, t=t))
         end = moved(model, start, dt * rates)
         return self._closed_all(end, np.asarray(t) + dt)

@@ -132,8 +132,10 @@ class Dispatch:
             return result
         frames = len(self.equations.wrench_frames)
         if frames:
-            given = (*arguments, _of_one_frame(wrench, np.shape(arguments[0])[:-1],
-                                               frames))
+            batch: tuple[int, ...] = ()
+            with suppress(ValueError):  # rows of several lengths, which the kernel refuses
+                batch = np.shape(arguments[0])[:-1]
+            given = (*arguments, _of_one_frame(wrench, batch, frames))
         elif wrench is None:
             given = arguments
         else:

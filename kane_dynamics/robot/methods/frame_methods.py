@@ -19,7 +19,7 @@ SINGULAR = 1e12  # condition number of J M^-1 J^T at which a direction counts as
 
 def _listed(frames: Sequence[str]) -> list[str]:
     """Return several frames; InputError for a single name or none."""
-    if isinstance(frames, str) or not len(frames):
+    if isinstance(frames, str) or not isinstance(frames, Sequence) or not frames:
         raise InputError(f'frames: {frames!r}; expected a sequence of at least one '
                          'frame name')
     return list(frames)

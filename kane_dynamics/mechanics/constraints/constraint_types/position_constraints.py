@@ -44,6 +44,8 @@ class Coupling:
         """Set the default name, and check the numbers."""
         freeze(self, 'name', self.name or f'coupling of {self.joint}')
         what = f"constraint '{self.name}'"
+        if not isinstance(self.joint, str):
+            raise ConstraintError(f'{what}: joint: {self.joint!r}; expected a name')
         if not isinstance(self.ratios, Mapping) or self.joint in self.ratios:
             raise ConstraintError(f'{what}: ratios: {self.ratios!r}; expected a mapping '
                                   'of other joints to their ratios')

@@ -120,7 +120,7 @@ class DependentSpeeds:
 
     def __post_init__(self) -> None:
         """Name the rows."""
-        if isinstance(self.dependent, str):
+        if isinstance(self.dependent, str) or not isinstance(self.dependent, Sequence):
             raise ConstraintError(
                 f"constraint '{self.name}': dependent: {self.dependent!r}; expected a "
                 'list of speeds')

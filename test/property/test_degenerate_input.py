@@ -1,0 +1,84 @@
+"""
+Every public call with degenerate, extreme and invalid arguments, found by introspection.
+
+Each of them gives numbers, or an error that says what is expected: nothing crashes, waits or
+warns of NumPy. Equal numbers in other forms (lists, float64 scalars, arrays that are read-only,
+in Fortran order or not contiguous) give the same result.
+"""
+
+from collections import Counter
+import time
+
+from degenerate_input import attempted, differs, fault, other, same, SLOW, UNCHECKED, valid_calls
+from kane_dynamics.errors import KaneError
+import numpy as np
+import pytest
+
+CALLS, UNKNOWN = valid_calls()
+QUICK = [call for call in CALLS if call.name not in SLOW]
+# In the quick run: one of the extreme values for each argument, another one in each run.
+STRIDE = 6
+
+
+def cases(calls, chosen):
+    """Yield calls with the name of an argument and of what replaces it, and the value."""
+    number = 0
+    for call in calls:
+        for parameter in call.signature:
+            if parameter.name not in call.arguments:
+                continue
+            for name, value in other(call.arguments[parameter.name]).items():
+                if value is None and parameter.default is None:
+                    continue
+                number += 1
+                if chosen(number):
+                    yield call, parameter.name, name, value
+
+
+def faults_of(calls, chosen, capsys):
+    """Return what is wrong with calls, and print the number of cases and the time."""
+    begin, count, found = time.process_time(), Counter(), []
+    for call, argument, name, value in cases(calls, chosen):
+        count[call.name] += 1
+        words = fault(call, **{argument: value})
+        if words:
+            found.append(f'{call.name}, {argument}: {name}: {words}')
+    with capsys.disabled():
+        print(f'\ndegenerate input: {count.total()} cases of {len(count)} calls in '
+              f'{time.process_time() - begin:.1f} s of processor time', flush=True)
+    return found
+
+
+def test_there_are_valid_arguments_for_every_public_call():
+    assert not UNKNOWN, 'give the helper degenerate_input valid values of these'
+    refused = [f'{call.name}: {result}' for call in QUICK
+               if isinstance(result := attempted(call), KaneError)]
+    assert not refused
+
+
+def test_one_in_six_degenerate_arguments_gives_numbers_or_is_refused_by_its_cause(capsys):
+    offset = int(np.random.default_rng().integers(STRIDE))
+    assert not faults_of(QUICK, lambda k: k % STRIDE == offset, capsys)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_every_degenerate_argument_gives_numbers_or_is_refused_by_its_cause(capsys):
+    assert not faults_of(CALLS, lambda k: True, capsys)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_equal_numbers_in_other_forms_give_the_same_result():
+    wrong = []
+    for call in QUICK:
+        if call.name in UNCHECKED:  # as they are given
+            continue
+        expected = attempted(call)
+        for argument, value in call.arguments.items():
+            for form, changed in same(value).items():
+                result = attempted(call, **{argument: changed})
+                again = attempted(call)  # of a call that changes with every call
+                if differs(result, expected) and not differs(again, expected):
+                    wrong.append(f'{call.name}, {argument}: {form}')
+    assert not wrong
