@@ -178,9 +178,9 @@ class Controller:
         # All checks come before the first change.
         if mode is not None and mode not in self.modes:
             raise InputError(f'mode: {mode!r}; expected one of {", ".join(self.modes)}')
-        if blend_time is not None and not 0.0 <= blend_time < math.inf:
-            raise InputError(f'blend_time: {blend_time}; expected a finite time in s, '
-                             'not negative')
+        if blend_time is not None:
+            blend_time = number(blend_time, 'blend_time', 'a finite time in s, not negative',
+                                lambda x: 0.0 <= x < math.inf)
         names = self._names
         new_kp = self._kp if kp is None else per_joint(kp, 'kp', self._follow)
         new_kd = self._kd if kd is None else per_joint(kd, 'kd', self._follow)

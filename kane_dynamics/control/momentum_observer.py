@@ -17,7 +17,8 @@ from __future__ import annotations
 import math
 
 from kane_dynamics._util.attribute_hints import guarded
-from kane_dynamics._util.checks import finite_row, instance, number, per_joint
+from kane_dynamics._util.checks import (finite_row, instance, number,
+                                        per_joint, real_numbers)
 from kane_dynamics._util.text import listing
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.friction_error import FrictionError
@@ -228,7 +229,10 @@ class MomentumObserver:
 
 def _row(values: ArrayLike, name: str, count: int) -> Array:
     """Return a copy of `count` numbers; InputError for another shape."""
-    array = np.array(values, dtype=np.float64)
+    try:
+        array = np.array(real_numbers(values))
+    except (TypeError, ValueError):
+        raise InputError(f'{name}: {values!r}; expected ({count},) numbers') from None
     if array.shape != (count,):
         raise InputError(f'{name}: shape {array.shape}; expected ({count},)')
     return array

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from kane_dynamics._util.attribute_hints import fixed, hinting
-from kane_dynamics._util.checks import instance, number
+from kane_dynamics._util.checks import instance, number, real_numbers
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.pose_path import PosePath, RADIUS
@@ -46,7 +46,7 @@ class PoseLimits:
             if values is None and name == 'angular':
                 continue
             try:
-                stated = tuple(float(value) for value in values)
+                stated = tuple(real_numbers(values).tolist())
             except (TypeError, ValueError):
                 stated = ()
             valid = len(stated) == 3 and all(0.0 < value < np.inf for value in stated)

@@ -13,10 +13,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import finite_row, number, real_numbers
+from kane_dynamics._util.checks import constant, finite_row, number, real_numbers
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
 from kane_dynamics.kinematics.poses import checked_pose, pose_error, rotation_exp

@@ -221,8 +221,6 @@ class Motion:
         """
         speed = number(speed, 'speed', 'a positive, finite number',
                        lambda x: 0.0 < x < math.inf)
-        if not 0.0 < speed < math.inf:
-            raise InputError(f'speed: {speed}; expected a positive, finite number')
         times = point_times(self.times / speed)
         return Motion(self.joint_names, times, self.positions,
                       self._table[..., :self._n].copy())

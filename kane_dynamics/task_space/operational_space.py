@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from kane_dynamics._util.attribute_hints import guarded
-from kane_dynamics._util.checks import finite_row, per_joint
+from kane_dynamics._util.checks import finite_row, instance, per_joint
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.control.computed_torque import KD, KP
 from kane_dynamics.errors import InputError
@@ -92,6 +92,7 @@ class OperationalSpace(RunTimeSettings):
                  effort_limit: ArrayLike | None = None,
                  singular_mass: float | None = None) -> None:
         """Check the settings and compile the kernel."""
+        instance(robot, Robot, 'robot')
         self.robot = robot
         if directions is None:
             directions = independent_directions(robot, frame, axes)

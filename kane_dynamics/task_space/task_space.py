@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from kane_dynamics._util.attribute_hints import fixed
+from kane_dynamics._util.checks import instance
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.native.runtime.kernel import Kernel
@@ -111,6 +112,7 @@ class TaskSpace:
                  directions: Sequence[str] | None = None,
                  singular_mass: float | None = None) -> None:
         """Check the task; the kernel compiles on first use."""
+        instance(robot, Robot, 'robot')
         self.robot = robot
         if directions is None:
             directions = independent_directions(robot, frame, axes)

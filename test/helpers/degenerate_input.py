@@ -200,6 +200,7 @@ def stated():
             'coefficients': motion().coefficients},
         'JointImpedance': {'damping': 4.0, 'followed': None},
         'CartesianImpedance': {'stiffness': [100.0] * 6, 'damping': None},
+        'HybridForce': {'force_directions': ('x',), 'stiffness': [100.0] * 6},
         'cartesian_motion': {'robot': robot, 'path': path(), 'duration': 2.0, 'q': (0.3, 1.0)},
         'PoseFilter': {'linear_speed': 1.0, 'angular_speed': 1.0, 'linear_acceleration': 2.0,
                        'angular_acceleration': 2.0},

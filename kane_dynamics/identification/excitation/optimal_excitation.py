@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 PENALTIES = (1e1, 1e2, 1e3, 1e4)  # of squared excesses, one after the other
 ITERATIONS = 60  # with each of them
 SHRINK = 0.98
+SHORTEST = 1e-3  # s, of a motion
 LONGEST, MOST_HARMONICS = 1e5, 1000  # s; beyond them memory may not suffice
 CENTERS = 50  # of which the search starts from the first that is clear
 SMALLEST = 0.05  # amplitude, relative, that is still worth a recording
@@ -150,8 +151,8 @@ def excite(model: Model, *, duration: float = 10.0, harmonics: int = 5, periods:
 
     """
     instance(model, Model, 'model')
-    duration = number(duration, 'duration', f'a positive time up to {LONGEST:g} s',
-                      lambda x: 0.0 < x <= LONGEST)
+    duration = number(duration, 'duration', f'from {SHORTEST:g} to {LONGEST:g} s',
+                      lambda x: SHORTEST <= x <= LONGEST)
     harmonics = integer(harmonics, 'harmonics', 2, MOST_HARMONICS)
     periods, starts = integer(periods, 'periods', 1), integer(starts, 'starts', 1)
     share = number(share, 'share', 'a number above 0, up to 1', lambda x: 0.0 < x <= 1.0)
