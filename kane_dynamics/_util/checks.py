@@ -158,6 +158,12 @@ def instance(value: object, kind: type, what: str) -> None:
         raise InputError(f'{what}: a {type(value).__name__}; expected a {kind.__name__}')
 
 
+def robot_like(value: object) -> None:
+    """Raise InputError unless a value is a Robot, or has its methods."""
+    if isinstance(value, type) or not hasattr(value, 'inverse_dynamics'):
+        raise InputError(f'robot: a {type(value).__name__}; expected a Robot')
+
+
 def warn_of_turns(angles: Array, what: str, stacklevel: int) -> None:
     """Warn of an angle of an orientation, rad, beyond a full turn, as degrees are."""
     largest = float(np.abs(angles).max(initial=0.0))

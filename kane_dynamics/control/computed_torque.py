@@ -25,7 +25,7 @@ from typing import Any
 import warnings
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import instance, names_of_joints, per_joint
+from kane_dynamics._util.checks import names_of_joints, per_joint, robot_like
 from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array, Scalar, Vector
 from kane_dynamics.errors import InputError
@@ -104,7 +104,7 @@ def joints_that_follow(robot: Robot) -> tuple[int, ...]:
 
 def require_rigid(robot: Robot) -> None:
     """Raise InputError if a robot has beams, which feedforward would bend at will."""
-    instance(robot, Robot, 'robot')
+    robot_like(robot)
     if robot.model.modal_coordinates:
         raise InputError('robot: with beams; expected the rigid model, such as '
                          'stiffened(model), because no actuator moves the coordinates '

@@ -8,7 +8,8 @@ import math
 from typing import Any, Protocol
 
 from kane_dynamics._util.attribute_hints import fixed
-from kane_dynamics._util.checks import constant, finite_row, instance, number, per_joint
+from kane_dynamics._util.checks import (constant, finite_row, number,
+                                        per_joint, robot_like)
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array
 from kane_dynamics.control.computed_torque import (corrected_acceleration, KD, KP,
@@ -120,7 +121,7 @@ class Controller:
                  bending: QuasiStatic | None = None,
                  followed: Sequence[str] | None = None,
                  preload: ArrayLike | None = None) -> None:
-        instance(robot, Robot, 'robot')
+        robot_like(robot)
         require_rigid(robot)
         self.robot = robot
         self.laws = dict(laws or {})

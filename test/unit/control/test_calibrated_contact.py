@@ -224,7 +224,7 @@ def test_invalid_friction_is_refused_by_name(arguments, words):
 def test_friction_of_other_joints_is_refused():
     with pytest.raises(InputError, match='friction_error: of b, a; expected '):
         MomentumObserver(Arm('fr3', 1.0, seed=1).model, friction_error=FrictionError(('b', 'a')))
-    with pytest.raises(InputError, match="joint_names: the string 'ab'"):
+    with pytest.raises(InputError, match="joint_names: 'ab'; expected a sequence of names"):
         FrictionError('ab')
 
 

@@ -30,7 +30,8 @@ class ClosedForm:
         self.model = SimpleNamespace(coordinate_names=NAMES, sliding=NAMES[1:],
                                      modal_coordinates=())
         self.equations = SimpleNamespace(model=self.model, in_joint_rates=True, timed=False,
-                                         n=self.n, mechanism=None, tree=None, actuated=None)
+                                         n=self.n, mechanism=None, tree=None, actuated=None,
+                                         carries_loads=False)
         law = SimpleNamespace(entry=lambda doc, fallback: self.computed_torque)
         self.kernels = SimpleNamespace(compiled=lambda *_: law, no_wrench=())
         self.parameters = SimpleNamespace(block=None)
