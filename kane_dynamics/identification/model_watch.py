@@ -24,6 +24,7 @@ others are judged on what it leaves.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from kane_dynamics._util.attribute_hints import hinting
 from typing import NamedTuple
 
 from kane_dynamics._util.checks import number
@@ -86,6 +87,7 @@ class ModelChange(NamedTuple):
         return f'{of}: friction {"up" if self.size > 0.0 else "down"}, {percent}'
 
 
+@hinting
 @dataclass(frozen=True, eq=False)
 class WatchReport:
     """
@@ -115,6 +117,7 @@ class _Cause(NamedTuple):
     directions: Array
 
 
+@hinting
 class ModelWatch:
     """
     Compares recordings with a model and with a sound recording.

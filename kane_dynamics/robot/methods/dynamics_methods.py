@@ -11,6 +11,7 @@ from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.friction import holding_interval
 from kane_dynamics.mechanics.recursive.regressor import inertial_parameters
 from kane_dynamics.mechanics.recursive.tree_equations import TORQUE_TERMS
+from kane_dynamics.native.runtime.kernel import Argument, converted
 from kane_dynamics.native.tracing.program import size_of
 from kane_dynamics.robot.derivative_kernels import Derivative, require_known
 from kane_dynamics.robot.methods.dispatch import compiled, Dispatch
@@ -145,6 +146,7 @@ class DynamicsMethods(Dispatch):
                              'depends')
         return self._call('friction_force', (u, q), out, t)
 
+    @hinting_method
     def holding_torques(self, q: ArrayLike, *,
                         wrench: ArrayLike | None = None) -> tuple[Array, Array]:
         """
@@ -177,7 +179,7 @@ class DynamicsMethods(Dispatch):
             raise InputError('holding_torques: of a robot with chosen speeds, constraints '
                              'or ball joints; expected a tree in joint rates, since '
                              'joints share what holds others')
-        u = np.zeros_like(np.asarray(q, dtype=np.float64))
+        u = np.zeros_like(converted(Argument('q', (self.n_q,), self.coordinate_names), q))
         terms = self.torque_terms(q, u, u)
         load = terms.sum(axis=-2) - terms[..., FRICTION_TERM, :]
         if wrench is not None:
