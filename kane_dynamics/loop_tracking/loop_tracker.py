@@ -527,7 +527,7 @@ class LoopTracker:
 
     @tolerance.setter
     def tolerance(self, value: float) -> None:
-        self._tolerance = _positive(value, 'tolerance')
+        self._tolerance = _limit(value, 'tolerance')
         self._step.limits[1] = _square(self._tolerance)
 
     @property
@@ -537,7 +537,7 @@ class LoopTracker:
 
     @max_figure.setter
     def max_figure(self, value: float) -> None:
-        self._max_figure = _positive(value, 'max_figure')
+        self._max_figure = _limit(value, 'max_figure')
         self._step.limits[2] = _square(self._max_figure)
 
     @property
@@ -739,9 +739,9 @@ def _velocity_rows(mechanism: Mechanism, rows: Iterable[int]) -> tuple[str, ...]
     return tuple(mechanism.labels[k] for k in rows if at_zero.residual[k] is None)
 
 
-def _positive(value: float, what: str) -> float:
-    """Return a positive number, or infinity; raise InputError for anything else."""
-    return number(value, what, 'a positive number', lambda x: x > 0.0)
+def _limit(value: float, what: str) -> float:
+    """Return a limit, a negative one of which refuses everything; InputError for no number."""
+    return number(value, what, 'a number', lambda x: not math.isnan(x))
 
 
 def _square(x: float) -> float:
