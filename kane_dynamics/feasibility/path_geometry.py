@@ -113,8 +113,8 @@ def _require_long(steps: Array) -> None:
     """Raise InputError for steps, rad or m, whose sum is so short that rounding prevails."""
     length = float(steps.sum())
     if length < SHORTEST:
-        raise InputError(f'path: {length:.3g} rad or m long; expected at least '
-                         f'{SHORTEST:g}')
+        raise InputError(f'path: {length:.3g} rad or m long; expected a path that '
+                         f'moves by at least {SHORTEST:g}')
 
 
 def _waypoints(path: ArrayLike, names: Sequence[str]) -> Array:

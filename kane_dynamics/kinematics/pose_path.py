@@ -509,7 +509,7 @@ class PosePath:
 
 def _point(value: ArrayLike, what: str) -> Array:
     """Return three numbers; raise InputError unless they are finite and not too large."""
-    numbers = finite_row(value, what, ('x', 'y', 'z'))
+    numbers = finite_row(value, what, ('x', 'y', 'z'), part='coordinate')
     if (np.abs(numbers) > FARTHEST).any():
         raise InputError(f'{what}: {numbers.tolist()}; expected at most {FARTHEST:g}')
     return numbers

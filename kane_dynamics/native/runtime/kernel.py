@@ -85,6 +85,8 @@ def converted(argument: Argument, value: Any) -> Array:
         raise InputError(f'{name}: dtype {array.dtype}; expected numbers of shape '
                          f'{expected}')
     if array.shape != shape and array.shape[1:] != shape:
+        if argument.labels:
+            expected += f', of {", ".join(argument.labels)}'
         raise InputError(f'{name}: shape {array.shape}; expected {expected}')
     return np.asarray(array, dtype=np.float64, order='C')
 

@@ -225,7 +225,7 @@ def test_demand_includes_friction_unless_the_robot_has_none():
 
 
 @pytest.mark.parametrize(('change', 'words'), [
-    ({'step': 0.0}, 'step: 0.0 s; expected'), ({'step': 1e-9}, 'samples of a motion'),
+    ({'step': 0.0}, 'step: 0 s; expected'), ({'step': 1e-9}, 'samples of a motion'),
     ({'speed': -1.0}, 'speed: -1.0; expected'),
     ({'power': -1.0}, "power of joint 'joint0': -1.0")])
 def test_invalid_feasibility_arguments_are_rejected(change, words):

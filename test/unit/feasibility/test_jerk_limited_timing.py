@@ -93,7 +93,8 @@ def excesses(robot, motion, payload, limits, resolution=100):
 @pytest.mark.parametrize(('seed', 'payload', 'limits'), [
     pytest.param(2, 0.0, {'jerk': 500.0}, marks=pytest.mark.slow),
     pytest.param(3, 0.0, {'jerk': 5000.0, 'torque_rate': 1000.0}, marks=pytest.mark.slow),
-    (5, 2.0, {'jerk': 300.0, 'torque_rate': 300.0, 'acceleration': 8.0, 'power': 40.0}),
+    pytest.param(5, 2.0, {'jerk': 300.0, 'torque_rate': 300.0, 'acceleration': 8.0,
+                          'power': 40.0}, marks=pytest.mark.slow),
     (7, 3.0, {'torque_rate': 150.0})])
 def test_no_limit_is_exceeded_by_a_thousandth_between_points(seed, payload, limits):
     robot = arm()

@@ -81,7 +81,8 @@ def excess(robot, motion, power=math.inf, payload=0.0, resolution=10):
 
 
 @pytest.mark.parametrize(('seed', 'effort', 'velocity', 'power', 'friction', 'resolution'), [
-    (2, 0.7, 100.0, math.inf, False, 10), (3, 0.7, 2.0, 60.0, True, 10),
+    (2, 0.7, 100.0, math.inf, False, 10),
+    pytest.param(3, 0.7, 2.0, 60.0, True, 10, marks=pytest.mark.slow),
     (4, 1.0, 1.0, math.inf, True, 20),
     pytest.param(4, 1.0, 1.0, math.inf, True, 100, marks=pytest.mark.slow)])
 def test_no_limit_is_exceeded_by_a_thousandth_between_points(seed, effort, velocity, power,

@@ -195,8 +195,8 @@ def places_between(times, resolution):
     return (times[:-1, None] + fraction * np.diff(times)[:, None]).ravel()
 
 
-@pytest.mark.parametrize(('payload', 'power', 'resolution'), [(None, math.inf, 20),
-                                                              (80.0, 6000.0, 20)])
+@pytest.mark.parametrize(('payload', 'power', 'resolution'), [
+    (None, math.inf, 20), pytest.param(80.0, 6000.0, 20, marks=pytest.mark.slow)])
 def test_no_limit_of_the_palletizer_is_exceeded_by_a_thousandth_between_points(payload, power,
                                                                                resolution):
     """Friction included; torques by Pinocchio and virtual work, closure by parallelograms."""

@@ -164,8 +164,8 @@ def test_efforts_of_a_tree_with_chosen_speeds_are_those_of_its_joints():
 def test_efforts_and_constants_fit_the_actuators():
     robot, _, motion, *_ = states_of(lossy_palletizer)
     q, u = motion.q[0], motion.u[0]
-    with pytest.raises(InputError, match=r'effort: shape \(10,\); expected a last axis of 4 '
-                       r'\(swivel, shoulder, turn, lever_drive\)'):
+    with pytest.raises(InputError, match=r'effort: shape \(10,\); expected \(4,\) or \(N, 4\), '
+                       r'of swivel, shoulder, turn, lever_drive'):
         Efforts('joint_torque').torque(robot, q, u, np.zeros(10))
     with pytest.raises(InputError, match=r'constants: .*expected one number, or 4'):
         Efforts('motor_current', constants=[1.0, 2.0]).torque(robot, q, u, np.zeros(4))

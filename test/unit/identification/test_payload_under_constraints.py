@@ -124,7 +124,8 @@ def test_a_payload_that_cannot_be_estimated_is_refused_by_name():
     model, options, _ = rocking()
     shared = Robot(model, **{**options, 'actuated': ['crank', 'rocker']})
     zero = np.zeros((30, 1))
-    with pytest.raises(InputError, match=r'sigma: .*; expected 2 positive numbers, of crank, roc'):
+    with pytest.raises(InputError, match=r'sigma: .*; expected 2 numbers of at least 1e-12, of '
+                       'crank, roc'):
         PayloadEstimator(shared, 'tool', [1.0])
     with pytest.raises(InputError, match=r'sigma: \[1\.0\]; expected 4 positive numbers, of swiv'):
         PayloadEstimator(robot, 'tool', [1.0])
