@@ -122,7 +122,8 @@ def test_recording_that_does_not_tell_the_mass_is_refused():
 
 @pytest.mark.parametrize(('change', 'words'), [
     ({'frame': 'base_link'}, 'fixed in the world'), ({'frame': 'none'}, 'no frame'),
-    ({'sigma': [1.0]}, 'expected 6 numbers of at least 1e-12'), ({'memory': 0.5}, 'more than 1 sample'),
+    ({'sigma': [1.0]}, 'expected 6 numbers of at least 1e-12'),
+    ({'memory': 0.5}, 'more than 1 sample'),
     ({'sigma': 'a'}, "sigma: 'a'; expected 6 numbers"),
     ({'memory': 'a'}, "memory: 'a'; expected")])
 def test_invalid_arguments_of_the_payload_estimator_are_refused(change, words):

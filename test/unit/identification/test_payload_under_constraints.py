@@ -127,9 +127,11 @@ def test_a_payload_that_cannot_be_estimated_is_refused_by_name():
     with pytest.raises(InputError, match=r'sigma: .*; expected 2 numbers of at least 1e-12, of '
                        'crank, roc'):
         PayloadEstimator(shared, 'tool', [1.0])
-    with pytest.raises(InputError, match=r'sigma: \[1\.0\]; expected 4 positive numbers, of swiv'):
+    with pytest.raises(InputError, match=r'sigma: \[1\.0\]; expected 4 numbers of at least '
+                       '1e-12, of swiv'):
         PayloadEstimator(robot, 'tool', [1.0])
-    with pytest.raises(InputError, match=r'sigma: .*inf.*; expected 4 positive numbers, of swiv'):
+    with pytest.raises(InputError, match=r'sigma: .*inf.*; expected 4 numbers of at least '
+                       '1e-12, of swiv'):
         PayloadEstimator(robot, 'tool', [1.0, np.inf, 1.0, 1.0])
     with pytest.raises(InputError, match="constraint 'runner' is one of velocities"):
         identify_payload(rolling, Recording(np.arange(30.0), *[zero] * 4), 'tool')
