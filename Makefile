@@ -121,8 +121,8 @@ demo:
 	$(ROS_ENV) $(BIN)/kane-dynamics demo --robot '$(ROBOT)' --mode '$(MODE)'
 
 # What runs nodes in real time or judges processor time has the processors to itself; all else shares
-# them. Faults, starts, whole graphs, plant_node and rarer arms are minutes of waiting: colcon-test
-# alone tries them.
+# them. Faults, starts, whole graphs, plant_node, rarer arms and long commands are minutes of waiting:
+# colcon-test alone tries them.
 REAL_TIME = $(wildcard test/e2e/test_node*.py) test/e2e/test_demo.py
 BY_COLCON = $(addprefix test/e2e/test_,demo.py node_activation.py node_arm_compensates.py \
   node_closed_loops.py node_constraints.py node_contact.py node_doctor.py node_false_states.py \
@@ -131,6 +131,8 @@ BY_COLCON = $(addprefix test/e2e/test_,demo.py node_activation.py node_arm_compe
   node_lifecycle.py node_loads.py node_loads_at_start.py node_plant.py \
   node_predictive_control.py node_redundant_actuators.py node_second_guard.py node_sim_time.py \
   node_two_arms.py)
+LONG_COMMANDS = $(addprefix test/e2e/test_cli_,beams.py constraints.py feasible.py identify.py \
+  replay.py sweep.py view.py)
 TIMED = $(shell grep -rl --include='test_*.py' 'pytest.mark.timed' test)
 
 # A machine that stalls for tens of milliseconds fails a test of time, whatever the code does; a
@@ -138,7 +140,7 @@ TIMED = $(shell grep -rl --include='test_*.py' 'pytest.mark.timed' test)
 PYTEST = $(ROS_ENV) $(BIN)/python -m pytest
 REPEATED = echo '== what failed is repeated once, by itself';
 FAILED_ONES = --last-failed --last-failed-no-failures=none
-LIBRARY = $(REAL_TIME:%=--ignore=%) --ignore=test/docs --ignore=test/installation -m 'not slow and not timed' $(PYTEST_ARGS)
+LIBRARY = $(patsubst %,--ignore=%,$(REAL_TIME) $(LONG_COMMANDS)) --ignore=test/docs --ignore=test/installation -m 'not slow and not timed' $(PYTEST_ARGS)
 ALONE = $(filter-out $(BY_COLCON), $(REAL_TIME)) $(TIMED) -m 'timed and not slow' $(PYTEST_ARGS)
 
 test: install $(VENV)/.torch
