@@ -100,6 +100,14 @@ def check_call(name, kind, request='{}', *_):
     filled(getattr(interface, 'Request', None) or interface.Goal, yaml.safe_load(request))
 
 
+def check_publication(*arguments):
+    """Raise AssertionError unless the topic is ours, and the message has that type and fields."""
+    name, kind, values = (word for word in arguments if not word.startswith('--'))
+    check_topic(name)
+    package, folder, cls = kind.split('/')
+    filled(getattr(importlib.import_module(f'{package}.{folder}'), cls), yaml.safe_load(values))
+
+
 def filled(kind, values):
     """Return a message of a type with the values given by field; KeyError for one it lacks."""
     message = kind()
@@ -113,6 +121,7 @@ def filled(kind, values):
 
 CHECKS = {'launch kane_dynamics': check_launch, 'run kane_dynamics': check_arguments,
           'param set': check_set, 'topic echo': check_topic, 'topic hz': check_topic,
+          'topic pub': check_publication,
           'service call': check_call, 'action send_goal': check_call,
           'lifecycle set': lambda node, transition: None}
 
