@@ -65,6 +65,6 @@ def test_interface_files_are_installed_with_their_comments():
     installed = Path(get_package_share_directory('kane_dynamics_interfaces'))
     sources = Path(__file__).parents[1]
     files = [file for folder in ('action', 'msg', 'srv') for file in (sources / folder).iterdir()]
-    assert len(files) == 11
+    assert len(files) == 12
     for file in files:
         assert (installed / file.relative_to(sources)).read_text() == file.read_text()
