@@ -135,7 +135,7 @@ def test_every_shipped_configuration_starts_a_node(start, name, words):
     node = start('--params-file', str(resource_path('config', name)), robot_description='""')
     node.wait_for('active, mode ')
     assert words in node.log
-    warnings = [line for line in node.log.splitlines() if 'expected' in line]
+    warnings = [line for line in node.log.splitlines() if '[WARN]' in line]
     assert len(warnings) <= 1 and all('active without torque_guard' in line for line in warnings)
     assert 'unknown and ignored' not in node.log
     assert node.end()[0] == 0

@@ -1,6 +1,7 @@
 """Build a ROS package at test time, with the tools that build our interfaces."""
 
 import hashlib
+import os
 from pathlib import Path
 import re
 import shutil
@@ -59,9 +60,16 @@ def _build(folder, package, sources):
     text = re.sub(r'(?:  "(?:action|msg|srv)/\w+\.\w+"\n)+', listed, text)
     (source / 'CMakeLists.txt').write_text(
         text.replace('kane_dynamics_interfaces', package))
-    subprocess.run([Path(sys.executable).parent / 'uv', 'build', '--python', sys.executable,
+    subprocess.run([_uv(), 'build', '--python', sys.executable,
                     '--quiet', '--wheel', '--out-dir', str(source), str(source)], check=True,
                    timeout=900)
     wheel, = source.glob('*.whl')
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(folder)
+
+
+def _uv():
+    """Return the path of uv: colcon's environment has none, but that of `make install` has."""
+    folders = [str(Path(sys.executable).parent), str(REPOSITORY / '.venv' / 'bin'),
+               os.environ['PATH']]
+    return shutil.which('uv', path=os.pathsep.join(folders))
