@@ -24,9 +24,9 @@ others are judged on what it leaves.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from kane_dynamics._util.attribute_hints import hinting
 from typing import NamedTuple
 
+from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import number
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
