@@ -271,12 +271,15 @@ def equations(rows: LawRows, laws: Sequence[FrictionLaw], shapes: Array, load: A
     for j, law in enumerate(laws):
         used = rows.used(j, law)
         counts[j] = max(int(used.sum()), 1)
-        table = np.zeros((int(used.sum()), inertial + COLUMNS * n + 1))
-        table[:, :inertial] = rows.data.Y[used, j]
         columns = rows.columns(j, law, float(shapes[j]), load[:, j])
-        table[:, own_columns(inertial, j)] = columns[used]
-        table[:, -1] = torque[used, j]
-        triangles.append(triangle(table))
+        # The columns of the other joints' losses are zero, and added to R afterwards.
+        R = triangle(np.column_stack([rows.data.Y[used, j], columns[used],
+                                      torque[used, j]]))
+        padded = np.zeros((len(R), inertial + COLUMNS * n + 1))
+        padded[:, :inertial] = R[:, :inertial]
+        padded[:, own_columns(inertial, j)] = R[:, inertial:-1]
+        padded[:, -1] = R[:, -1]
+        triangles.append(padded)
     return JointEquations(triangles, counts)
 
 

@@ -327,13 +327,12 @@ def test_noise_of_accelerations_is_measured():
 
 
 @pytest.mark.timed
-@pytest.mark.parametrize(('friction', 'allowed'), [('coulomb', 10.0), ('select', 20.0)])
-def test_identification_of_many_rows_takes_seconds_of_processor_time(friction, allowed):
-    """Of 21,000 rows: below 10 s with one law of friction; a choice fits several."""
+def test_identification_of_many_rows_takes_seconds_of_processor_time():
+    """Of 21,000 rows: below 10 s."""
     given = simulated(arm(), 0, 0.5, duration=21.0, rate=1000.0)
     begun = time.process_time()
-    found = identify(inaccurate_arm(), given, friction=friction)
-    assert time.process_time() - begun < allowed
+    found = identify(inaccurate_arm(), given)
+    assert time.process_time() - begun < 10.0
     assert (found.held_out < 0.55).all()
 
 
