@@ -16,7 +16,8 @@ HIDDEN = '_'  # first letter of the names of hidden nodes, as of the ros2 comman
 RECORDERS = ('rosbag2_recorder', 'foxglove_bridge')  # nodes that move nothing
 GUARD_STATE = 'guard_state'  # a topic that only torque_guard publishes
 SIMULATED_ROBOT = 'simulated_robot'  # a topic that simulated robots publish
-IDENTIFICATION = 0.2  # s for which a new subscriber may be unknown: its name comes later
+IDENTIFICATION = 0.2  # s for which the topics of a new subscriber may be unknown
+NAMING = 1.0  # s for which its name may be unknown; it comes late on a busy machine
 
 
 def commanders(node: Node, topic: str) -> list[str]:
@@ -140,7 +141,8 @@ class SubscriberWatch:
         # Name and topics of a new node arrive after its subscription.
         self._count = -1
         self._unidentified_since = self._unidentified_since or now
-        return real_robot if now - self._unidentified_since > IDENTIFICATION else ''
+        allowed = NAMING if UNKNOWN in real_robot else IDENTIFICATION
+        return real_robot if now - self._unidentified_since > allowed else ''
 
 
 def full_name(name: str, namespace: str) -> str:

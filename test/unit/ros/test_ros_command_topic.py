@@ -2,7 +2,9 @@
 
 from types import SimpleNamespace
 
-from kane_dynamics.ros.common.command_topic import CommanderCount, not_simulated
+from kane_dynamics.ros.common import command_topic
+from kane_dynamics.ros.common.command_topic import (
+    CommanderCount, not_simulated, SubscriberWatch)
 import pytest
 
 
@@ -55,3 +57,20 @@ def test_one_commander_is_asked_for_once_with_and_without_its_guard(names):
     (('_NODE_NAME_UNKNOWN_', 'plant'), '/_NODE_NAME_UNKNOWN_ subscribes to /commands')])
 def test_only_a_topic_whose_subscribers_are_all_simulated_robots_is_simulated(names, reason):
     assert not_simulated(Graph(*names), 'commands') == reason
+
+
+@pytest.mark.parametrize(('name', 'allowed'), [('controller', 0.2), ('_NODE_NAME_UNKNOWN_', 1.0)])
+def test_a_new_subscriber_has_a_short_time_to_show_that_it_is_a_simulated_robot(
+        name, allowed, monkeypatch):
+    now = 100.0
+    monkeypatch.setattr(command_topic.time, 'monotonic', lambda: now)
+    graph = Graph('plant')
+    graph.count_subscribers = graph.count_publishers
+    watch = SubscriberWatch(graph, 'commands')
+    assert watch.real_subscriber() == ''
+    graph.names.append(name)
+    assert watch.real_subscriber() == ''
+    now += 0.9 * allowed
+    assert watch.real_subscriber() == ''
+    now += 0.2 * allowed
+    assert watch.real_subscriber() == f'/{name}'
