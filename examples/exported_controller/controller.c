@@ -10,6 +10,7 @@
 #define PUSH 2.0         /* N m at the first joint, from PUSHED on */
 #define PUSHED 2.0       /* s */
 #define OBSERVER 50.0    /* 1/s */
+#define THRESHOLD 1.0    /* N m, an external torque that counts as a collision */
 #define RATE 5000.0      /* N m/s, the largest rate of the torques */
 #define GOAL 0.8         /* rad */
 
@@ -30,6 +31,9 @@ int main(void)
     double q[ARM_N] = {0}, u[ARM_N] = {0}, tau[ARM_N] = {0}, applied[ARM_N], udot[ARM_N];
     double q_d[ARM_N], u_d[ARM_N], udot_d[ARM_N], gains[2 * ARM_N];
     double memory[3 * ARM_N] = {0}, forgotten[ARM_N], change[ARM_N], elapsed = 0.0;
+    double threshold[ARM_N], collision[ARM_N + 3] = {0};
+    const double settings[3] = {0.005, 0.8, 0.2}; /* confirm, s; release; clear, s */
+    double collision_time = -1.0;
     int j, k;
 
     if (arm_self_test() != 0) {
@@ -41,6 +45,7 @@ int main(void)
         gains[ARM_N + j] = 40.0;  /* kd, 1/s */
         forgotten[j] = exp(-OBSERVER * STEP);
         change[j] = RATE * STEP;
+        threshold[j] = THRESHOLD;
     }
     for (k = 0; k * STEP < DURATION; ++k) {
         const int wrong = arm_check_state(q, u);
@@ -50,6 +55,8 @@ int main(void)
         }
         /* The torque of the last step has acted until now. */
         arm_momentum_observer(q, u, tau, memory, &elapsed, forgotten, NULL, memory);
+        arm_collision_detector(memory, threshold, settings, collision, &elapsed, NULL, collision);
+        if (collision[0] > 0.5 && collision_time < 0.0) collision_time = k * STEP;
         elapsed = STEP;
         desired(k * STEP, q_d, u_d, udot_d);
         memcpy(applied, tau, sizeof tau);
@@ -67,6 +74,7 @@ int main(void)
     }
     for (j = 0; j < ARM_N; ++j)
         printf("%s %.9f %.9f %.9f\n", arm_joint_names[j], q[j], memory[j], arm_effort_limits[j]);
+    printf("collision at %.3f s\n", collision_time);
     q[0] = 1e15;
     printf("refused %d", arm_check_state(q, u));
     q[0] = 0.0;

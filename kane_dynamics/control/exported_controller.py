@@ -1,63 +1,97 @@
 """The parts of a controller as kernels, for `Robot.export_c`."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import instance
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
-from kane_dynamics.control.computed_torque import law_kernel
+from kane_dynamics.control.collision_detection import detector_step
+from kane_dynamics.control.computed_torque import followed_joints, law_kernel
 from kane_dynamics.control.momentum_observer import residual_step
 from kane_dynamics.control.torque_limiter import clipped, within_rate
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import select
-from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.mechanics.ball_joints import require_angles
+from kane_dynamics.mechanics.constraints.conditioning import guarded
+from kane_dynamics.native.runtime.kernel import Argument, Kernel
+from kane_dynamics.native.tracing.program import Shape
 from kane_dynamics.robot.robot import Robot
 import numpy as np
 
 
 @hinting
-def controller_kernels(robot: Robot) -> tuple[Kernel, Kernel, Kernel]:
+def controller_kernels(robot: Robot, *, followed: Sequence[str] | None = None
+                       ) -> tuple[Kernel, Kernel, Kernel, Kernel]:
     """
-    Return kernels of computed torque, torque limits and observer, for `export_c`.
+    Return kernels of computed torque, limits, observer and detector, for `export_c`.
 
-    They are traced from the functions that `Controller`, `TorqueLimiter` and
-    `MomentumObserver` use. In C, after the name of the file:
+    They are traced from the functions that `Controller`, `TorqueLimiter`,
+    `MomentumObserver` and `CollisionDetector` use. In C, after the name of the file:
 
-    - ``computed_torque(q, u, q_d, u_d, udot_d, gains, ...)``: gains are kp, then kd.
+    - ``computed_torque(q, u, q_d, u_d, udot_d, gains, ...)``: joint torques, (n_q,);
+      gains are kp, then kd. Desired values and gains are of the joints that follow.
     - ``limited_torque(tau, last, effort, change)``: the torque clamped to the effort,
       then to a change from the last command; change is the limit of the rate times the
       time since.
     - ``momentum_observer(q, u, tau, memory, elapsed, forgotten, ...)``: the memory is
       the estimate of the external torques, the momenta and the torques beta, (3, n), of
-      the sample before; the result is that of this sample. tau is the mean torque since,
-      and `forgotten` exp(-K elapsed) of each joint. Begin with an elapsed time of 0,
-      which sets the estimate to 0.
+      the sample before; the result is that of this sample. tau are the mean joint
+      torques since, (n_q,), and `forgotten` exp(-K elapsed) of each speed. Begin with an
+      elapsed time of 0, which sets the estimate to 0.
+    - ``collision_detector(torque, threshold, settings, memory, elapsed)``: the memory,
+      (n + 3,), is the flag (1: collision), 1 + the index of the speed that set it, the
+      time for which all torques have been below their release, and the times for which
+      each torque has been beyond its threshold, s; times are -1 where that does not
+      hold. The settings are `confirm`, `release` and `clear` of `CollisionDetector`.
+      Begin with an elapsed time of 0, which clears the flag.
+
+    With constraints the first number of computed torque and of the observer is NaN where
+    the library raises an error: the loops are open, or the configuration is singular.
+    After NaN the observer begins again with an elapsed time of 0.
 
     Parameters
     ----------
     robot : Robot
-        In joint rates, without constraints.
+        Of any kind that `Controller` accepts.
+    followed : sequence of str, optional
+        With chosen speeds or constraints: the joints that follow the motion, as for
+        `Controller`.
 
     Raises
     ------
     InputError
-        The robot has chosen speeds or constraints.
+        The robot has beams, or chosen speeds or constraints together with ball joints;
+        `followed` is not a choice of as many joints as there are independent speeds.
 
     """
     instance(robot, Robot, 'robot')
-    if not robot.equations.in_joint_rates:
-        raise InputError('controller_kernels: a robot with chosen speeds or '
-                         'constraints; expected one in joint rates without constraints')
-    return law_kernel(robot), _limiter(robot), _observer(robot)
+    if robot.equations.in_joint_rates:
+        if followed is not None:
+            raise InputError(f'followed: {list(followed)}; expected None, because all '
+                             'joints of this robot follow the motion')
+        law = law_kernel(robot)
+    else:
+        require_angles(robot.model, 'controller_kernels')
+        law = law_kernel(robot, followed_joints(robot, followed), commanded=True)
+    return law, _limiter(robot), _observer(robot), _detector(robot)
+
+
+def _torque_count(robot: Robot) -> int:
+    """Return the number of joint torques: three of a ball joint."""
+    return robot.n if robot.equations.in_joint_rates else robot.n_q
 
 
 def _limiter(robot: Robot) -> Kernel:
-    """Return the kernel of the torque limits."""
+    """Return the kernel of the torque limits of all joints."""
     def limits(tau: Vector, last: Vector, effort: Vector, change: Vector) -> Vector:
         limited = []
         for x, last_x, largest, largest_change in zip(tau, last, effort, change):
             clamped = clipped(x, -largest, largest)
             limited.append(within_rate(clamped, last_x, largest_change))
         return np.array(limited)
-    row = (robot.n,)
+    row = (_torque_count(robot),)
     return robot.compiled(limits, name='limited_torque', tau=row, last=row, effort=row,
                           change=row, shape=row)
 
@@ -67,19 +101,39 @@ def _observer(robot: Robot) -> Kernel:
     equations = robot.equations
 
     def step(q: Vector, u: Vector, tau: Vector, memory: Matrix, elapsed: Scalar,
-             forgotten: Vector, parameters: Vector) -> Matrix:
+             forgotten: Vector, t: Scalar, parameters: Vector, limits: Vector) -> Matrix:
         residual, last_momentum, last_beta = memory
-        momentum, beta = equations.momentum_terms(q, u, parameters)
+        momentum, beta = equations.momentum_terms(q, u, parameters, t)
+        if not equations.in_joint_rates:
+            tau = equations.generalized_force(q, tau, t)
         if equations.carries_loads:
-            tau = tau - equations.load_friction(q, u, tau)
+            tau = tau - equations.load_friction(q, u, tau, t)
         # The first sample has no time since the last: the estimate is 0.
         has_begun = elapsed > 0.0
         safe_elapsed = select(has_begun, elapsed, 1.0)
         estimate = residual_step(residual, last_momentum, momentum, tau,
                                  0.5 * (last_beta + beta), safe_elapsed, forgotten)
         estimate = [select(has_begun, x, 0.0) for x in estimate]
-        return np.array([estimate, momentum, beta])
+        result = np.array([estimate, momentum, beta])
+        if not equations.watched:  # a tree has no singular or open configuration
+            return result
+        return guarded(result, equations.margin(q, t, limits))
     row = (robot.n,)
     memory = (3, robot.n)
-    return robot.compiled(step, name='momentum_observer', q=row, u=row, tau=row,
-                          memory=memory, elapsed=(), forgotten=row, shape=memory)
+    inputs: dict[str, Shape | Argument] = {
+        'q': (robot.n_q,), 'u': row, 'tau': (_torque_count(robot),), 'memory': memory,
+        'elapsed': (), 'forgotten': row}
+    return robot.kernels.compiled(step, 'momentum_observer', inputs, memory)
+
+
+def _detector(robot: Robot) -> Kernel:
+    """Return the kernel of a step of the collision detector."""
+    names = robot.speed_names
+
+    def step(torque: Vector, threshold: Vector, settings: Vector, memory: Vector,
+             elapsed: Scalar) -> Vector:
+        return detector_step(names, torque, threshold, settings, memory, elapsed)
+    row = (robot.n,)
+    memory = (robot.n + 3,)
+    return robot.compiled(step, name='collision_detector', torque=row, threshold=row,
+                          settings=(3,), memory=memory, elapsed=(), shape=memory)

@@ -1,14 +1,17 @@
 """The parts of a controller as kernels and in C are those of the library."""
 
+import ctypes
 from pathlib import Path
 import shutil
 import subprocess
 
-from kane_dynamics import controller_kernels, InputError, load_urdf, MomentumObserver, Robot
+from kane_dynamics import (CollisionDetector, Controller, controller_kernels, InputError,
+                           load_urdf, Mode, MomentumObserver, Motion, Robot)
 from kane_dynamics._util.resources import resource_path
 from kane_dynamics.control.torque_limiter import TorqueLimiter
 from linkages import four_bar
 import numpy as np
+from palletizer import palletizer, positions
 import pytest
 
 EXAMPLE = Path(__file__).resolve().parents[3] / 'examples' / 'exported_controller'
@@ -24,7 +27,7 @@ def arm():
 
 def test_the_limiter_is_that_of_the_library():
     robot = arm()
-    _, limited, _ = controller_kernels(robot)
+    _, limited, _, _ = controller_kernels(robot)
     limiter, rng = TorqueLimiter(robot.joint_names), np.random.default_rng(0)
     effort, rate, step = np.array([5.0, 3.0]), np.array([400.0, np.inf]), 0.004
     limiter.set_effort(effort)
@@ -42,7 +45,7 @@ def test_the_limiter_is_that_of_the_library():
 @pytest.mark.parametrize('held', [True, False])
 def test_the_observer_is_that_of_the_library(held):
     robot, gain = arm(), np.array([30.0, 60.0])
-    _, _, step = controller_kernels(robot)
+    _, _, step, _ = controller_kernels(robot)
     observer, rng = MomentumObserver(robot, gain=gain, held=held), np.random.default_rng(0)
     memory, last_tau, last_t = np.zeros((3, 2)), np.zeros(2), 0.0
     q, u = rng.uniform(-1.0, 1.0, (2, 2))
@@ -57,11 +60,110 @@ def test_the_observer_is_that_of_the_library(held):
     assert np.abs(expected).max() > 1.0
 
 
-def test_a_robot_with_constraints_is_refused():
-    with pytest.raises(InputError, match='chosen speeds or constraints'):
-        controller_kernels(four_bar('crank'))
+def test_the_detector_is_that_of_the_library():
+    robot, rng = arm(), np.random.default_rng(0)
+    *_, step = controller_kernels(robot)
+    threshold, settings = np.array([1.0, 1.0]), np.array([0.0045, 0.7, 0.0295])
+    detector = CollisionDetector(robot.joint_names, threshold, confirm=settings[0],
+                                 release=settings[1], clear=settings[2])
+    memory, torque, changes = np.zeros(5), np.zeros(2), []
+    for k in range(3000):
+        torque = 0.9 * torque + rng.normal(0.0, 0.2, 2)
+        if 50 <= k % 500 < 60:  # both with one ratio
+            torque[:] = 2.5
+        memory = step(torque, threshold, settings, memory, 0.001 if k else 0.0)
+        if detector.update(0.001 * k, torque):
+            changes.append(detector.joint)
+        flag, joint = memory[:2]
+        assert flag == detector.collision, k
+        assert (robot.joint_names[int(joint) - 1] if joint else None) == detector.joint, k
+        beyond = memory[3:] >= 0.0
+        assert tuple(np.array(robot.joint_names)[beyond]) == detector.beyond
+    assert {*robot.joint_names, None} == set(changes)
+    memory = step(np.full(2, 9.0), threshold, settings, memory, 0.0)
+    assert memory.tolist() == [0.0, 0.0, -1.0, 0.0, 0.0], 'an elapsed time of 0 begins again'
+
+
+def test_what_no_controller_of_the_library_follows_is_refused():
+    with pytest.raises(InputError, match=r'followed: .*expected None, because all joints'):
+        controller_kernels(arm(), followed=arm().joint_names)
+    with pytest.raises(InputError, match=r'followed: .*expected 1 of the joints'):
+        controller_kernels(four_bar('crank'), followed=('crank', 'coupler'))
     with pytest.raises(InputError, match='robot: a Model; expected a Robot'):
         controller_kernels(arm().model)
+
+
+def in_c(robot, kernels, folder):
+    """Return functions of exported C that return arrays, by name."""
+    source, _ = robot.export_c(folder / 'arm.c', kernels)
+    library = folder / 'arm.so'
+    subprocess.run(['gcc', '-O1', '-Wall', '-Wextra', '-Werror', '-shared', '-fPIC', '-o', library,
+                    source, '-lm'], check=True)
+    code = ctypes.CDLL(str(library))
+    assert code.arm_self_test() == 0
+
+    def function(kernel):
+        shape = kernel.traced().shape
+
+        def call(*arguments):
+            result = np.zeros(shape)
+            arrays = [np.asarray(x, dtype=np.float64) for x in arguments]
+            address = [array.ctypes.data_as(ctypes.c_void_p) for array in arrays]
+            getattr(code, f'arm_{kernel.name}')(*address, None,
+                                                result.ctypes.data_as(ctypes.c_void_p))
+            return result
+        return call
+    return [function(kernel) for kernel in kernels]
+
+
+def test_a_controller_in_c_of_the_palletizer_is_that_of_the_library(tmp_path):
+    robot, step = palletizer(), 0.002
+    kernels = controller_kernels(robot)
+    law, limited, observe, detect = in_c(robot, kernels, tmp_path)
+    gains = np.repeat([100.0, 20.0], robot.n)
+    controller = Controller(robot, mode=Mode.COMPUTED_TORQUE, kp=100.0, kd=20.0, rate_limit=2e4)
+    observer = MomentumObserver(robot, gain=50.0, held=True)
+    detector = CollisionDetector(robot.speed_names, 50.0)
+    motion = Motion.from_points([0.0, 1.0], [[0.0, 0.1, -0.2, 0.0], [0.5, 0.4, 0.1, -0.3]],
+                                joint_names=robot.speed_names)
+
+    driven, u = np.array([0.05, 0.12, -0.2, 0.1]), np.array([0.3, -0.2, 0.4, 0.1])
+    memory, flags = np.zeros((3, robot.n)), np.zeros(robot.n + 3)
+    last = np.zeros(robot.n_q)
+    pushed = []
+    for k in range(200):
+        t, q = step * k, positions(robot, *driven)
+        elapsed = step if k else 0.0
+        force = robot.generalized_force(last, q)
+        memory = observe(q, u, last, memory, elapsed, np.exp(-50.0 * elapsed * np.ones(robot.n)))
+        flags = detect(memory[0], np.full(robot.n, 50.0), [0.005, 0.8, 0.2], flags, elapsed)
+        observer.hold(force)
+        detector.update(t, observer.update(t, q, u, force))
+        desired = [row[0] for row in motion.sample(np.array([t]))]
+        wanted = law(q, u, *desired, gains)
+        change = np.full(robot.n_q, 2e4 * elapsed)
+        last = limited(wanted, last, robot.limits.effort, change)
+        command = controller.command(t, q, u, motion)
+
+        # The command, the estimate of the external torques and the flag are the same.
+        np.testing.assert_allclose(last, command.tau, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(memory[0], observer.torque, rtol=1e-7, atol=1e-6)
+        assert flags[0] == detector.collision
+        pushed.append(detector.joint)
+
+        # The arm moves, pushed at its shoulder for a while.
+        push = np.array([0.0, 200.0 if 80 < k < 120 else 0.0, 0.0, 0.0])
+        udot = robot.forward_dynamics(q, u, robot.generalized_force(command.tau, q) + push)
+        u = u + step * udot
+        driven = driven + step * u
+    assert 'shoulder' in pushed
+    assert pushed[60] is None
+
+    # Open loops and false numbers end in NaN, which a controller refuses.
+    opened = q + 0.1 * np.eye(robot.n_q)[robot.joint_names.index('elbow')]
+    assert np.isnan(law(opened, u, *desired, gains)[0])
+    assert np.isnan(observe(opened, u, last, memory, step, np.ones(robot.n))[0, 0])
+    assert np.isfinite(observe(q, u, last, memory * np.nan, 0.0, np.ones(robot.n))).all()
 
 
 def test_controllers_of_another_robot_are_not_exported(tmp_path):
@@ -95,4 +197,6 @@ def test_the_example_controller_is_built_moves_the_arm_and_refuses_bad_states(tm
     yielded = robot.inverse_mass_matrix(q) @ torque / 400.0
     np.testing.assert_allclose(q, 0.8 + yielded, atol=1e-6)
     np.testing.assert_allclose(external, torque, atol=1e-5)
-    assert shown[2] == 'refused 1 4', 'the first position, and the second speed'
+    # At half of the external torque, after ln 2 / 50 s, and 5 ms to confirm.
+    assert shown[2] == 'collision at 2.019 s'
+    assert shown[3] == 'refused 1 4', 'the first position, and the second speed'
