@@ -18,22 +18,31 @@ IEEE Trans. Robotics and Automation 9(5), 1993.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 import math
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import finite_row, instance, number, per_joint
-from kane_dynamics._util.typing import Array
+from kane_dynamics._util.typing import Array, Scalar, Vector
+from kane_dynamics.control.computed_torque import followed_joints
 from kane_dynamics.control.terms import EVERY_TERM, Terms
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.dual import magnitude, select
+from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.robot.robot import Robot
-from kane_dynamics.task_space.joint_impedance import JointImpedance
+from kane_dynamics.task_space.joint_impedance import compensated_torques
+from kane_dynamics.task_space.law_kernel import (identifier, LanesOf, Law, law_kernel,
+                                                 Settings)
+from kane_dynamics.task_space.reference_dynamics import compensation_weights, WEIGHTS
 import numpy as np
 from numpy.typing import ArrayLike
 
 FREE_DAMPING = 0.1  # of the damping, that an arm keeps which is alone and free
+# The last entries of the memory: the part of the spring that acts, the part of the
+# ramp that is done, and whether the force limit acts.
+GRIP, RAMPED, SATURATED = -3, -2, -1
 
 
 class PartnerState(NamedTuple):
@@ -125,47 +134,52 @@ class ArmCoupling:
                  compensate: Terms = EVERY_TERM,
                  followed: Sequence[str] | None = None) -> None:
         """Check the settings and compile the law."""
-        # Coriolis forces do no work. Compensated at the partner's rates they would.
+        instance(robot, Robot, 'robot')
         instance(compensate, Terms, 'compensate')
-        terms = replace(compensate, coriolis=False, inertia=False)
-        # Its spring of 1 N m/rad turns a force into a torque beside the compensation.
-        self._law = JointImpedance(robot, stiffness=1.0, damping=0.0, compensate=terms,
-                                   followed=followed)
+        require_angles(robot.model, 'ArmCoupling')
         self.robot = robot
-        names = self._names = self._law.followed
-        self._places = [robot.coordinate_names.index(name) for name in names]
-        self._stiffness = per_joint(stiffness, 'stiffness', names)
-        self._damping = per_joint(damping, 'damping', names)
-        self._reflection = _within('reflection', reflection, 0.0, 1.0)
-        self._scale = _scales(scale, names)
-        self._force_limit = per_joint(force_limit, 'force_limit', names, finite=False)
-        limits = robot.limits
-        self._lower = np.asarray(limits.lower, dtype=np.float64)[self._places]
-        self._upper = np.asarray(limits.upper, dtype=np.float64)[self._places]
-        self._speed = np.asarray(limits.velocity, dtype=np.float64)[self._places]
-        if speed_limit is not None:
-            self._speed = per_joint(speed_limit, 'speed_limit', names, finite=False)
+        self._places = list(followed_joints(robot, followed))
+        self._names = [robot.coordinate_names[k] for k in self._places]
         if alone not in ('hold', 'free'):
             raise InputError(f'alone: {alone!r}; expected hold or free')
-        self._alone = alone
         self._timeout = _within('timeout', timeout, 1e-6, math.inf)
-        self._ramp = _within('ramp', ramp, 1e-6, math.inf)
-        self._align_speed = _within('align_speed', align_speed, 0.0, math.inf)
+
+        names = self._names
+        limits = robot.limits
+        speed = np.asarray(limits.velocity, dtype=np.float64)[self._places]
+        if speed_limit is not None:
+            speed = per_joint(speed_limit, 'speed_limit', names, finite=False)
+        # Coriolis forces do no work. Compensated at the partner's rates they would.
+        terms = replace(compensate, coriolis=False, inertia=False)
+        self._scale = _scales(scale, names)
+        n = robot.n
+        of_joints = ('stiffness', 'damping', 'scale', 'force_limit', 'speed', 'lower',
+                     'upper')
+        shapes = dict.fromkeys(of_joints, (n,))
+        self._shapes = Settings({**shapes, 'reflection': (), 'ramp': (), 'align_speed': (),
+                                 'is_freed': (), 'weights': (len(WEIGHTS),)})
+        self._settings = self._shapes.packed({
+            'stiffness': per_joint(stiffness, 'stiffness', names),
+            'damping': per_joint(damping, 'damping', names), 'scale': self._scale,
+            'force_limit': per_joint(force_limit, 'force_limit', names, finite=False),
+            'speed': speed, 'lower': np.asarray(limits.lower)[self._places],
+            'upper': np.asarray(limits.upper)[self._places],
+            'reflection': _within('reflection', reflection, 0.0, 1.0),
+            'ramp': _within('ramp', ramp, 1e-6, math.inf),
+            'align_speed': _within('align_speed', align_speed, 0.0, math.inf),
+            'is_freed': float(alone == 'free'), 'weights': compensation_weights(terms)})
         self.engaged = False
         self.lost = ''
-        self.saturated = False
-        self._restart()
+        self._memory = _Memory(n)
+        self._none = np.zeros(n)  # of a partner that is not there
+        self._clock = np.zeros(2)
+        self._timed = robot.equations.timed
+        self._law = self._compiled()
 
-    def _restart(self) -> None:
-        """Begin again with the next state."""
-        n = len(self._names)
-        self._t: float | None = None
-        self._target = np.zeros(n)
-        self._rates = np.zeros(n)      # that the arm is to have
-        self._reflected = np.zeros(n)  # torque of the partner
-        self._offset = np.zeros(n)
-        self._grip = 1.0  # part of the spring that acts
-        self._ramped = 0.0  # part of the ramp that is done
+    @property
+    def saturated(self) -> bool:
+        """Return whether `force_limit` acted at the last call."""
+        return bool(self._memory.row[SATURATED])
 
     def engage(self, q: ArrayLike, partner: PartnerState) -> None:
         """
@@ -187,13 +201,16 @@ class ArmCoupling:
         position = finite_row(q, 'q', self.robot.coordinate_names)[self._places]
         instance(partner, PartnerState, 'partner')
         theirs = finite_row(partner.q, 'q of the partner', self._names)
-        if self._t is None:
-            self._target = position.copy()
+        memory = self._memory
+        target, _, _, offset = memory.rows
+        if memory.t is None:
+            target[:] = position
         # The spring is stretched as far as its present force asks for.
-        self._target = position + self._grip * (self._target - position)
-        self._grip = 1.0
-        self._offset = self._target - self._scale * theirs
-        self._ramped = 0.0
+        grip = memory.row[GRIP]
+        target[:] = position + grip * (target - position)
+        offset[:] = target - self._scale * theirs
+        memory.row[GRIP] = 1.0
+        memory.row[RAMPED] = 0.0
         self.engaged = True
         self.lost = ''
 
@@ -226,45 +243,50 @@ class ArmCoupling:
             The configuration is open or singular.
 
         """
-        t = number(t, 't', 'a finite time in s', math.isfinite)
-        q = finite_row(q, 'q', self.robot.coordinate_names)
-        u = finite_row(u, 'u', self.robot.speed_names)
-        position = q[self._places]
-        elapsed = self._elapsed(t, position)
+        if type(t) is not float or not math.isfinite(t):
+            t = number(t, 't', 'a finite time in s', math.isfinite)
+        elapsed = self._elapsed(t, q)
         if self.engaged:
-            if partner is not None:
+            if type(partner) is not PartnerState and partner is not None:
                 instance(partner, PartnerState, 'partner')
-            fault = self._fault(t, partner)
+            fault = self._lateness(t, partner)
             if fault:
                 self.disengage(fault)
+        clock = self._clock
+        clock[0] = elapsed
+        clock[1] = 1.0
         if self.engaged and partner is not None:
-            self._follow(partner, elapsed)
-        else:
-            self._fade(elapsed)
-        force = self._force(position, self._joint_rates(q, u, t))
-        return self._law.torque(q, u, position + force, self._rates, t=t)
+            try:
+                return self._step(t, q, u, partner.q, partner.u, partner.external)
+            except _PartnerFault as error:
+                self.disengage(str(error))
+        clock[1] = 0.0
+        none = self._none
+        return self._step(t, q, u, none, none, none)
 
     # The parts of `torque`.
 
-    def _elapsed(self, t: float, position: Array) -> float:
+    def _elapsed(self, t: float, q: ArrayLike) -> float:
         """Return the time since the last call, s; begin again after an interruption."""
-        last = self._t
-        if last is None or not 0.0 <= t - last <= self._timeout:
-            if last is not None:
-                reason = f'no state for {t - last:.3f} s'
-                if t < last:
-                    reason = f'time went back by {last - t:.3f} s'
-                self.disengage(f'this arm: {reason}')
-                self._restart()
-            if not self.engaged:
-                self._target = position.copy()
-            self._t = t
-            return 0.0
-        self._t = t
-        return t - last
+        memory = self._memory
+        last = memory.t
+        if last is not None and 0.0 <= t - last <= self._timeout:
+            memory.t = t
+            return t - last
+        position = finite_row(q, 'q', self.robot.coordinate_names)[self._places]
+        if last is not None:
+            reason = f'no state for {t - last:.3f} s'
+            if t < last:
+                reason = f'time went back by {last - t:.3f} s'
+            self.disengage(f'this arm: {reason}')
+            memory.restart()
+        if not self.engaged:
+            memory.rows[0] = position
+        memory.t = t
+        return 0.0
 
-    def _fault(self, t: float, partner: PartnerState | None) -> str:
-        """Return why the partner is lost; empty if it is not."""
+    def _lateness(self, t: float, partner: PartnerState | None) -> str:
+        """Return why the partner's state is of no use by its time; empty if it is."""
         if partner is None:
             return 'partner: no state'
         age = t - partner.t
@@ -273,59 +295,162 @@ class ArmCoupling:
         if age < -self._timeout:  # its age is not known: another clock
             return (f'partner: a state {-age:.3f} s ahead; expected its time on the '
                     'clock of this arm')
-        for name, row in zip(partner._fields[1:], partner[1:]):
-            try:
-                finite_row(row, f'partner: {name}', self._names)
-            except InputError as error:
-                return str(error)
         return ''
 
-    def _follow(self, partner: PartnerState, elapsed: float) -> None:
-        """Move the target with the partner, and the offset towards zero."""
-        self._ramped = min(1.0, self._ramped + elapsed / self._ramp)
-        share = self._ramped**2 * (3.0 - 2.0 * self._ramped)
-        step = self._align_speed * elapsed
-        aligned = np.clip(self._offset, -step, step)
-        self._offset = self._offset - aligned
+    def _step(self, t: float, q: ArrayLike, u: ArrayLike, q_p: ArrayLike,
+              u_p: ArrayLike, external: ArrayLike) -> Array:
+        """Return the torques, and remember what the next call needs."""
+        memory = self._memory
+        if self._timed:
+            row = self._law(q, u, q_p, u_p, external, memory.row, self._clock,
+                            self._settings, t)
+        else:
+            row = self._law(q, u, q_p, u_p, external, memory.row, self._clock,
+                            self._settings)
+        count = len(row) - len(memory.row)
+        memory.row = row[count:]
+        return row[:count]
 
-        # Within the speed and position limits of this arm
-        goal = self._scale * np.asarray(partner.q) + self._offset
-        reach: Array = np.zeros(len(goal))
-        if elapsed > 0.0:
-            reach = self._speed * elapsed
-        moved = self._target + np.clip(goal - self._target, -reach, reach)
-        self._target = np.clip(moved, self._lower, self._upper)
-        rates = share * self._scale * np.asarray(partner.u)
-        self._rates = np.clip(rates, -self._speed, self._speed)
-        external = np.asarray(partner.external)
-        self._reflected = share * self._reflection * external / self._scale
+    def _compiled(self) -> Callable[..., Array]:
+        """Return the entry point of the law."""
+        robot = self.robot
+        shapes = self._shapes
+        places = self._places
+        n = robot.n
+        size = len(self._memory.row)
 
-    def _fade(self, elapsed: float) -> None:
-        """Bring the target to rest, and let the partner's torque vanish."""
-        kept = math.exp(-3.0 * elapsed / self._ramp)
-        moved = self._target + self._rates * elapsed
-        self._target = np.clip(moved, self._lower, self._upper)
-        self._rates = kept * self._rates
-        self._reflected = kept * self._reflected
-        if self._alone == 'free':
-            self._grip *= kept
+        def law_of(choice: Robot, _: LanesOf) -> Law:
+            return _law(choice, places, shapes)
+        inputs = {'q': (robot.n_q,), 'u': (n,), 'q_p': (n,), 'u_p': (n,),
+                  'external': (n,), 'memory': (size,), 'clock': (2,),
+                  'settings': (shapes.size,)}
+        name = identifier('arm_coupling', *map(str, places))
+        kernel = law_kernel(robot, law_of, name, inputs, (robot.n_q + size,), places)
 
-    def _force(self, position: Array, rates: Array) -> Array:
-        """Return the force of the coupling on its joints, (n,), within its limit."""
-        damping = max(self._grip, FREE_DAMPING) * self._damping
-        force = (self._grip * self._stiffness * (self._target - position)
-                 + damping * (self._rates - rates) + self._reflected)
-        size = np.abs(force)
-        self.saturated = bool((size > self._force_limit).any())
-        if self.saturated:
-            force = force * (self._force_limit[size > 0.0] / size[size > 0.0]).min()
-        return force
+        def explained(q: Any, u: Any, *others: Any) -> Array:
+            for what, row in zip(PartnerState._fields[1:], others):
+                try:
+                    finite_row(row, f'partner: {what}', self._names)
+                except InputError as error:
+                    raise _PartnerFault(str(error)) from None
+            result: Array = kernel(q, u, *others)
+            return result
+        return kernel.entry('', explained)
 
-    def _joint_rates(self, q: Array, u: Array, t: float) -> Array:
-        """Return the rates of the coupled joints, (n,)."""
-        if self.robot.equations.in_joint_rates:
-            return u
-        return self.robot.joint_rates(q, u, t=t)[self._places]
+
+class _PartnerFault(Exception):
+    """A row of the partner's state is not usable; says why."""
+
+
+class _Memory:
+    """
+    Numbers of a coupling from one call to the next.
+
+    Attributes
+    ----------
+    t : float or None
+        Time of the last call, s; None before the first one.
+    row : (4 n + 3,) array
+        Of the law's last result, which it reads again: target of the spring, rates that
+        the arm is to have, torque of the partner, and distance that is left from
+        engagement; then the entries `GRIP`, `RAMPED` and `SATURATED`.
+
+    """
+
+    def __init__(self, n: int) -> None:
+        self._n = n
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin again with the next state."""
+        self.t: float | None = None
+        self.row = np.zeros(4 * self._n + 3)
+        self.row[GRIP] = 1.0
+
+    @property
+    def rows(self) -> Array:
+        """Return target, rates, reflected and offset, (4, n), a view."""
+        return self.row[:GRIP].reshape(4, self._n)
+
+
+def _law(robot: Robot, followed: Sequence[int], shapes: Settings) -> Law:
+    """Return the law as a function over any scalar: torques, then the memory."""
+    equations = robot.equations
+    places = list(followed)
+    n = robot.n
+
+    def law(q: Vector, u: Vector, q_p: Vector, u_p: Vector, external: Vector,
+            memory: Vector, clock: Vector, settings: Vector, *, t: Scalar,
+            parameters: Vector) -> Vector:
+        values = shapes.unpacked(settings)
+        motion = equations.joint_motion(q, u, equations.zeros, t)
+        elapsed, engaged = clock
+        is_engaged = engaged > 0.5
+        following = _following(memory, (q_p, u_p, external), elapsed, values)
+        fading = _fading(memory, elapsed, values)
+        state = np.array([select(is_engaged, x, y) for x, y in zip(following, fading)])
+
+        # The force on the joints, within its limit.
+        target, rates, reflected, _ = state[:-2].reshape(4, n)
+        grip = state[-2]
+        resisting = select(grip < FREE_DAMPING, FREE_DAMPING, grip) * values['damping']
+        force = (grip * values['stiffness'] * (target - q[places])
+                 + resisting * (rates - motion.qdot[places]) + reflected)
+        share: Scalar = 1.0
+        for component, limit in zip(force, values['force_limit']):
+            size = magnitude(component)
+            exceeds = limit < size
+            reduced = select(exceeds, limit / select(exceeds, size, 1.0), 1.0)
+            share = select(reduced < share, reduced, share)
+        saturated = select(share < 1.0, 1.0, 0.0)
+
+        tau = compensated_torques(robot, places, (q, u, t, parameters), motion,
+                                  (rates, 0.0 * rates), share * force, values['weights'])
+        return np.concatenate([tau, state, [saturated]])
+    return law
+
+
+def _following(memory: Vector, partner: tuple[Vector, Vector, Vector], elapsed: Scalar,
+               values: Mapping[str, Any]) -> Vector:
+    """Return the memory after a step with the partner: the offset goes to zero."""
+    scale = values['scale']
+    n = len(scale)
+    target, _, _, offset = memory[:GRIP].reshape(4, n)
+    q_p, u_p, external = partner
+    ramped = memory[RAMPED] + elapsed / values['ramp']
+    ramped = select(ramped < 1.0, ramped, 1.0)
+    share = ramped * ramped * (3.0 - 2.0 * ramped)
+    step = values['align_speed'] * elapsed
+    left = offset - _bounded(offset, [-step] * n, [step] * n)
+
+    # Within the speed and position limits of this arm
+    reach = values['speed'] * elapsed
+    moved = target + _bounded(scale * q_p + left - target, -reach, reach)
+    bounded = _bounded(moved, values['lower'], values['upper'])
+    rates = _bounded(share * scale * u_p, -values['speed'], values['speed'])
+    reflected = share * values['reflection'] * external / scale
+    # Since `engage` the spring acts as a whole.
+    return np.concatenate([bounded, rates, reflected, left, [memory[GRIP], ramped]])
+
+
+def _fading(memory: Vector, elapsed: Scalar, values: Mapping[str, Any]) -> Vector:
+    """Return the memory after a step alone: the target rests, the torque vanishes."""
+    n = len(values['scale'])
+    target, rates, reflected, offset = memory[:GRIP].reshape(4, n)
+    kept = np.exp(-3.0 * elapsed / values['ramp'])
+    moved = _bounded(target + rates * elapsed, values['lower'], values['upper'])
+    loosened = select(values['is_freed'] > 0.5, kept, 1.0)
+    numbers = [loosened * memory[GRIP], memory[RAMPED]]
+    return np.concatenate([moved, kept * rates, kept * reflected, offset, numbers])
+
+
+def _bounded(x: Vector, lower: Sequence[Scalar], upper: Sequence[Scalar]) -> Vector:
+    """Return numbers within bounds, over any scalar."""
+    result = []
+    for value, low, high in zip(x, lower, upper):
+        value = select(value < low, low, value)
+        result.append(select(high < value, high, value))
+    return np.array(result)
 
 
 def _within(name: str, value: float, low: float, high: float) -> float:

@@ -30,7 +30,6 @@ from kane_dynamics._util.checks import finite_row, instance, number, per_joint
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.terms import EVERY_TERM, Terms
 from kane_dynamics.errors import InputError
-from kane_dynamics.kinematics.poses import checked_pose
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.mechanics.constraints.mechanism import JointMotion
 from kane_dynamics.mechanics.constraints.transmission import transmission_margin
@@ -48,11 +47,10 @@ from kane_dynamics.task_space.joint_speed_limits import (brake_torques, checked_
                                                          slowdown)
 from kane_dynamics.task_space.joint_walls import JointWalls
 from kane_dynamics.task_space.law_kernel import (checked_effort, checked_terms,
-                                                 entry_with_pose, identifier, LanesOf,
-                                                 Law, law_kernel, RunTimeSettings,
-                                                 Settings)
+                                                 identifier, LanesOf, Law, law_kernel,
+                                                 RunTimeSettings, Settings, StateAt)
 from kane_dynamics.task_space.modal_damping import inverse_root_times
-from kane_dynamics.task_space.pose_checks import flat_pose, pose_margin
+from kane_dynamics.task_space.pose_checks import pose_margin, require_pose
 from kane_dynamics.task_space.posture import null_damping, posture_force
 from kane_dynamics.task_space.reference_dynamics import (compensation_weights,
                                                          reference_dynamics, WEIGHTS)
@@ -291,8 +289,6 @@ class CartesianImpedance(RunTimeSettings):
             The configuration is open or singular.
 
         """
-        if type(pose) is not np.ndarray or pose.shape != (4, 4):
-            pose = flat_pose(pose)
         if twist is None:
             twist = self._zero
         if acceleration is None:
@@ -300,23 +296,22 @@ class CartesianImpedance(RunTimeSettings):
         if wrench is None:
             wrench = self._zero
         if self._timed:
-            return self._law(q, u, pose.ravel(), twist, acceleration, wrench,
-                             self._block, t)
-        return self._law(q, u, pose.ravel(), twist, acceleration, wrench, self._block)
+            return self._law(q, u, pose, twist, acceleration, wrench, self._block, t)
+        return self._law(q, u, pose, twist, acceleration, wrench, self._block)
 
     def state(self, q: ArrayLike, u: ArrayLike, pose: ArrayLike,
               twist: ArrayLike | None = None, t: float = 0.0) -> ImpedanceState:
         """Return errors, wrench and saturation at a state; arguments as `torque`."""
         kernel = self._compiled(True)
         time = (t,) if self._timed else ()
-        row = kernel(q, u, flat_pose(pose), self._zero if twist is None else twist,
+        row = kernel(q, u, pose, self._zero if twist is None else twist,
                      self._zero, self._zero, self._block, *time)
         return ImpedanceState(row[:6], row[6:12], row[12:14], *map(float, row[14:]))
 
     def energy(self, q: ArrayLike, pose: ArrayLike) -> float:
         """Return the energy that the spring and the walls store, J."""
         positions = finite_row(q, 'q', self.robot.coordinate_names)
-        target = checked_pose(flat_pose(pose).reshape(4, 4), 'pose')
+        target = require_pose(pose)
         measured = self.robot.frame_pose(self._task.frame.name, positions)
         settings = self._shapes.unpacked(self._block)
         axes = self._task.in_world(target[:3, :3])
@@ -338,12 +333,12 @@ class CartesianImpedance(RunTimeSettings):
         def law_of(choice: Robot, lanes_of: LanesOf) -> Law:
             return _law(choice, task, walls, shapes, with_state, lanes_of)
         name = 'impedance_state' if with_state else 'cartesian_impedance'
-        inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'pose': (16,), 'twist': (6,),
+        inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'pose': (4, 4), 'twist': (6,),
                   'acceleration': (6,), 'desired_wrench': (6,),
                   'settings': (shapes.size,)}
         size = STATE_SIZE if with_state else len(robot.joint_names)
         kernel = law_kernel(robot, law_of, identifier(name, task.words), inputs, (size,))
-        return entry_with_pose(kernel)
+        return kernel.entry('', kernel)
 
 
 def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,
@@ -351,11 +346,10 @@ def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,
     """Return the law as a function over any scalar; see the module."""
     equations = robot.equations
 
-    def law(q: Vector, u: Vector, pose: Vector, twist: Vector, acceleration: Vector,
+    def law(q: Vector, u: Vector, target: Matrix, twist: Vector, acceleration: Vector,
             wrench: Vector, settings: Vector, *, t: Scalar, parameters: Vector
             ) -> Vector:
         values = shapes.unpacked(settings)
-        target = pose.reshape(4, 4)
         desired = TargetMotion(task.in_world(target[:3, :3]), twist, acceleration)
         forces = impedance_forces(robot, task, walls, (q, u, t, parameters), target,
                                   desired, values, lanes_of(q[0]))
@@ -373,9 +367,6 @@ def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings,
                                                       equations.actuated))
         return nan_unless(tau, pose_margin(target))
     return law
-
-
-StateAt = tuple[Vector, Vector, Scalar, Vector]  # q, u, t, and the robot's parameters
 
 
 class ImpedanceForces(NamedTuple):

@@ -21,7 +21,7 @@ from typing import Any
 
 from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import finite_row, number, per_joint
-from kane_dynamics._util.typing import Array, Scalar, Vector
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.algebra.dual import magnitude, select
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
@@ -33,9 +33,9 @@ from kane_dynamics.task_space.cartesian_impedance import (CartesianImpedance,
                                                           impedance_forces)
 from kane_dynamics.task_space.frame_task import checked_directions, FrameTask, in_axes
 from kane_dynamics.task_space.joint_walls import JointWalls
-from kane_dynamics.task_space.law_kernel import (entry_with_pose, identifier, LanesOf,
-                                                 Law, law_kernel, Settings)
-from kane_dynamics.task_space.pose_checks import flat_pose, pose_margin
+from kane_dynamics.task_space.law_kernel import (identifier, LanesOf, Law, law_kernel,
+                                                 Settings)
+from kane_dynamics.task_space.pose_checks import pose_margin
 from kane_dynamics.task_space.reference_motion import TargetMotion
 from kane_dynamics.task_space.stiffness import checked_matrix
 import numpy as np
@@ -88,12 +88,17 @@ class HybridForce(CartesianImpedance):
         self._further = {'force_gain': force_gain, 'integral_gain': integral_gain,
                          'approach_speed': approach_speed}
         self._step = np.zeros(1)
-        self.integral = np.zeros(6)
         super().__init__(robot, frame, stiffness=stiffness, **impedance)
+        self._integral = [np.zeros(6)]  # replaced by each call
+
+    @property
+    def integral(self) -> Array:
+        """Return the integral of the force's error."""
+        return self._integral[0].copy()
 
     def reset(self) -> None:
         """Set the integral of the force's error to zero."""
-        self.integral = np.zeros(6)
+        self._integral[0] = np.zeros(6)
 
     def _layout(self) -> dict[str, Shape]:
         """Return the names and shapes of the kernel's settings."""
@@ -162,14 +167,21 @@ class HybridForce(CartesianImpedance):
             elapsed = number(elapsed, 'elapsed', 'a finite time in s, not negative',
                              lambda x: 0.0 <= x < math.inf)
         self._step[0] = elapsed
+        if twist is None:
+            twist = self._zero
+        if acceleration is None:
+            acceleration = self._zero
         desired = self._zero if wrench is None else wrench
         if measured is None:  # as if the force were exactly the desired one
             measured = -finite_row(desired, 'wrench', DIRECTIONS, part='direction')
-        row = self._law(q, u, flat_pose(pose), self._zero if twist is None else twist,
-                        self._zero if acceleration is None else acceleration, desired,
-                        measured, self.integral, self._step, self._block,
-                        *((t,) if self._timed else ()))
-        self.integral = row[-6:]
+        integral = self._integral
+        if self._timed:
+            row = self._law(q, u, pose, twist, acceleration, desired, measured,
+                            integral[0], self._step, self._block, t)
+        else:
+            row = self._law(q, u, pose, twist, acceleration, desired, measured,
+                            integral[0], self._step, self._block)
+        integral[0] = row[-6:]
         return row[:-6]
 
     def _compiled(self, with_state: bool) -> Callable[..., Array]:
@@ -184,12 +196,13 @@ class HybridForce(CartesianImpedance):
 
         def law_of(choice: Robot, lanes_of: LanesOf) -> Law:
             return _law(choice, task, forced, walls, shapes, lanes_of)
-        inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'pose': (16,), 'twist': (6,),
+        size = len(robot.joint_names) + 6
+        inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'pose': (4, 4), 'twist': (6,),
                   'acceleration': (6,), 'desired_wrench': (6,), 'measured': (6,),
                   'integral': (6,), 'elapsed': (1,), 'settings': (shapes.size,)}
         name = identifier('hybrid_force', task.words, *map(str, forced))
-        kernel = law_kernel(robot, law_of, name, inputs, (len(robot.joint_names) + 6,))
-        return entry_with_pose(kernel)
+        kernel = law_kernel(robot, law_of, name, inputs, (size,))
+        return kernel.entry('', kernel)
 
 
 def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls,
@@ -199,11 +212,10 @@ def _law(robot: Robot, task: FrameTask, forced: Sequence[int], walls: JointWalls
     moving = np.ones(6)
     moving[list(forced)] = 0.0
 
-    def law(q: Vector, u: Vector, pose: Vector, twist: Vector, acceleration: Vector,
+    def law(q: Vector, u: Vector, target: Matrix, twist: Vector, acceleration: Vector,
             wrench: Vector, measured: Vector, integral: Vector, elapsed: Vector,
             settings: Vector, *, t: Scalar, parameters: Vector) -> Vector:
         values = shapes.unpacked(settings)
-        target = pose.reshape(4, 4)
         axes = task.in_world(target[:3, :3])
 
         # The motion of the target without its part along the force directions.

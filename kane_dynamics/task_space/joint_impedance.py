@@ -22,9 +22,11 @@ from kane_dynamics.control.computed_torque import followed_joints, law_margin
 from kane_dynamics.control.terms import EVERY_TERM, Terms
 from kane_dynamics.mechanics.ball_joints import require_angles
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
+from kane_dynamics.mechanics.constraints.mechanism import JointMotion
 from kane_dynamics.robot.robot import Robot
 from kane_dynamics.task_space.law_kernel import (checked_terms, identifier, LanesOf, Law,
-                                                 law_kernel, RunTimeSettings, Settings)
+                                                 law_kernel, RunTimeSettings, Settings,
+                                                 StateAt)
 from kane_dynamics.task_space.reference_dynamics import (compensation_weights,
                                                          reference_dynamics, WEIGHTS)
 import numpy as np
@@ -144,27 +146,57 @@ class JointImpedance(RunTimeSettings):
 def _law(robot: Robot, followed: Sequence[int], shapes: Settings) -> Law:
     """Return the law as a function over any scalar; see the module."""
     equations = robot.equations
-    mechanism = equations.mechanism
     places = list(followed)
 
     def law(q: Vector, u: Vector, q_d: Vector, u_d: Vector, udot_d: Vector,
             settings: Vector, *, t: Scalar, parameters: Vector) -> Vector:
         values = shapes.unpacked(settings)
         motion = equations.joint_motion(q, u, equations.zeros, t)
-        T_c = motion.T[places]
-
-        # The reference motion, of which the joints that follow have the desired rates
-        # and accelerations: T_c u_r + X_c = q'_d, T_c u_r' + T_c' u_r + X_c' = q''_d.
-        difference = mechanism.solved(T_c, u_d - motion.qdot[places])
-        drift = motion.qddot[places] + motion.T_rate[places] @ difference
-        udot_r = mechanism.solved(T_c, udot_d - drift)
-        compensation = reference_dynamics(equations, q, u, u + difference, udot_r,
-                                          values['weights'], parameters, t)
-
         force = (values['stiffness'] * (q_d - q[places])
                  + values['damping'] * (u_d - motion.qdot[places]))
-        tau = equations.shared_torques(q, compensation + T_c.T @ force, t)
-        if not equations.in_joint_rates:
-            tau = nan_unless(tau, law_margin(robot, followed, q, t))
-        return tau
+        return compensated_torques(robot, places, (q, u, t, parameters), motion,
+                                   (u_d, udot_d), force, values['weights'])
     return law
+
+
+def compensated_torques(robot: Robot, followed: list[int], at: StateAt,
+                        motion: JointMotion, desired: tuple[Vector, Vector],
+                        force: Vector, weights: Vector) -> Vector:
+    """
+    Return the torques of a force beside the compensation, (n_q,), over any scalar.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its speeds are those of u.
+    followed : list of int
+        The coordinates of the joints on which the force acts.
+    at : tuple
+        q, u, t and the robot's parameters.
+    motion : JointMotion
+        At q and u.
+    desired : pair of (n,) arrays
+        Rates and accelerations of these joints, rad/s, rad/s^2.
+    force : (n,) array
+        N m or N.
+    weights : (4,) array
+        Of the terms that are compensated.
+
+    """
+    equations = robot.equations
+    mechanism = equations.mechanism
+    q, u, t, parameters = at
+    u_d, udot_d = desired
+    T_c = motion.T[followed]
+
+    # The reference motion, of which the joints that follow have the desired rates and
+    # accelerations: T_c u_r + X_c = q'_d, T_c u_r' + T_c' u_r + X_c' = q''_d.
+    difference = mechanism.solved(T_c, u_d - motion.qdot[followed])
+    drift = motion.qddot[followed] + motion.T_rate[followed] @ difference
+    udot_r = mechanism.solved(T_c, udot_d - drift)
+    compensation = reference_dynamics(equations, q, u, u + difference, udot_r, weights,
+                                      parameters, t)
+    tau = equations.shared_torques(q, compensation + T_c.T @ force, t)
+    if not equations.in_joint_rates:
+        tau = nan_unless(tau, law_margin(robot, followed, q, t))
+    return tau

@@ -116,6 +116,7 @@ def checked_effort(robot: Robot, stated: ArrayLike | None) -> Array:
 
 
 LanesOf = Callable[[Scalar], Any]
+StateAt = tuple[Vector, Vector, Scalar, Vector]  # q, u, t, and the robot's parameters
 Law = Callable[..., Vector]  # of the inputs; wrench, t, parameters and limits by name
 
 
@@ -182,20 +183,6 @@ def _in_lanes(scalar: Scalar) -> Any:
 def _in_scalars(scalar: Scalar) -> Any:
     """Return the functions of lanes for any scalar."""
     return Lanes
-
-
-def entry_with_pose(kernel: Kernel) -> Callable[..., Array]:
-    """
-    Return the native entry point of a law whose third argument is a pose, flat.
-
-    Its fallback names the shape of the pose, which the kernel cannot.
-    """
-    def explained(q: Any, u: Any, pose: Any, *others: Any) -> Array:
-        if np.size(pose) != 16:
-            raise InputError(f'pose: {np.size(pose)} numbers; expected shape (4, 4)')
-        result: Array = kernel(q, u, pose, *others)
-        return result
-    return kernel.entry('', explained)
 
 
 def identifier(*words: str | Sequence[str]) -> str:

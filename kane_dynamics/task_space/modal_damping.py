@@ -129,10 +129,21 @@ def _tridiagonal(B: Matrix, y: Vector) -> tuple[Vector, Vector, _Reflections]:
         # H A H with p = weight A v and r = p - weight / 2 (p . v) v.
         p = weight * (A @ v)
         r = p - (0.5 * weight * (p @ v)) * v
-        A = A - np.outer(v, r) - np.outer(r, v)
+        A = _less_symmetric(A, v, r)
     diagonal = np.array([A[k, k] for k in range(n)])
     beside = np.array([A[k + 1, k] for k in range(n - 1)])
     return diagonal, beside, reflections
+
+
+def _less_symmetric(A: Matrix, v: Vector, r: Vector) -> Matrix:
+    """Return A - v r^T - r v^T of a symmetric A, each entry computed once."""
+    result = A.copy()
+    for i in range(len(A)):
+        for j in range(i + 1):
+            entry = A[i, j] - v[i] * r[j] - r[i] * v[j]
+            result[i, j] = entry
+            result[j, i] = entry
+    return result
 
 
 def _shifted_solution(diagonal: Vector, beside: Vector, shifts: Any, y: Vector,

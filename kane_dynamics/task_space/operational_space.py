@@ -19,7 +19,7 @@ from typing import Any
 
 from kane_dynamics._util.attribute_hints import guarded
 from kane_dynamics._util.checks import finite_row, instance, per_joint
-from kane_dynamics._util.typing import Array, Scalar, Vector
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.control.computed_torque import KD, KP
 from kane_dynamics.errors import InputError
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
@@ -32,11 +32,10 @@ from kane_dynamics.task_space.frame_task import (frame_mobility, frame_task, Fra
                                                  singular_mass as checked_mass,
                                                  TaskInertia)
 from kane_dynamics.task_space.joint_walls import JointWalls
-from kane_dynamics.task_space.law_kernel import (checked_effort, entry_with_pose,
-                                                 identifier, LanesOf, Law, law_kernel,
-                                                 RunTimeSettings, Settings)
+from kane_dynamics.task_space.law_kernel import (checked_effort, identifier, LanesOf, Law,
+                                                 law_kernel, RunTimeSettings, Settings)
 from kane_dynamics.task_space.orientation_error import pose_difference
-from kane_dynamics.task_space.pose_checks import flat_pose, pose_margin
+from kane_dynamics.task_space.pose_checks import pose_margin
 from kane_dynamics.task_space.reference_dynamics import rated_friction
 import numpy as np
 from numpy.typing import ArrayLike
@@ -151,8 +150,6 @@ class OperationalSpace(RunTimeSettings):
             The configuration is open or singular.
 
         """
-        if type(pose) is not np.ndarray or pose.shape != (4, 4):
-            pose = flat_pose(pose)
         if twist is None:
             twist = self._zero
         if acceleration is None:
@@ -160,9 +157,8 @@ class OperationalSpace(RunTimeSettings):
         if wrench is None:
             wrench = self._zero
         if self._timed:
-            return self._law(q, u, pose.ravel(), twist, acceleration, wrench,
-                             self._block, t)
-        return self._law(q, u, pose.ravel(), twist, acceleration, wrench, self._block)
+            return self._law(q, u, pose, twist, acceleration, wrench, self._block, t)
+        return self._law(q, u, pose, twist, acceleration, wrench, self._block)
 
     def _compiled(self) -> Callable[..., Array]:
         """Return the entry point of the law."""
@@ -173,12 +169,12 @@ class OperationalSpace(RunTimeSettings):
 
         def law_of(choice: Robot, _: LanesOf) -> Law:
             return _law(choice, task, walls, shapes)
-        inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'pose': (16,), 'twist': (6,),
+        inputs = {'q': (robot.n_q,), 'u': (robot.n,), 'pose': (4, 4), 'twist': (6,),
                   'acceleration': (6,), 'desired_wrench': (6,),
                   'settings': (shapes.size,)}
         name = identifier('operational_space', task.words)
         kernel = law_kernel(robot, law_of, name, inputs, (len(robot.joint_names),))
-        return entry_with_pose(kernel)
+        return kernel.entry('', kernel)
 
 
 def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings) -> Law:
@@ -187,11 +183,10 @@ def _law(robot: Robot, task: FrameTask, walls: JointWalls, shapes: Settings) -> 
     tree = equations.tree
     frame = task.frame
 
-    def law(q: Vector, u: Vector, pose: Vector, twist: Vector, acceleration: Vector,
+    def law(q: Vector, u: Vector, target: Matrix, twist: Vector, acceleration: Vector,
             wrench: Vector, settings: Vector, *, t: Scalar, parameters: Vector
             ) -> Vector:
         values = shapes.unpacked(settings)
-        target = pose.reshape(4, 4)
         axes = task.in_world(target[:3, :3])
         motion = equations.joint_motion(q, u, equations.zeros, t)
         J = in_axes(axes, equations.partial_velocities(frame, q, t))

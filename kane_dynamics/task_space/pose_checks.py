@@ -26,19 +26,9 @@ def pose_margin(pose: Matrix) -> Scalar:
     return select(determinant < 0.0, -1.0, total)
 
 
-def flat_pose(pose: ArrayLike, what: str = 'pose') -> Array:
-    """Return a pose as 16 numbers; InputError for another shape."""
-    if type(pose) is np.ndarray and pose.shape == (4, 4):  # of a control loop
-        return pose.ravel()
-    try:
-        array = np.asarray(pose, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f'{what}: {pose!r}; expected numbers of shape (4, 4)') from None
-    if array.shape != (4, 4):
-        raise InputError(f'{what}: shape {array.shape}; expected (4, 4)')
-    return array.ravel()
-
-
-def require_pose(numbers: Array) -> None:
-    """Raise InputError unless 16 numbers are a pose."""
-    checked_pose(numbers.reshape(4, 4), 'pose')
+def require_pose(numbers: ArrayLike, what: str = 'pose') -> Array:
+    """Return one pose, (4, 4); InputError for anything else."""
+    shape = np.shape(numbers)
+    if len(shape) == 3:  # poses
+        raise InputError(f'{what}: shape {shape}; expected (4, 4)')
+    return checked_pose(numbers, what)

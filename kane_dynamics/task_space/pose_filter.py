@@ -18,14 +18,13 @@ from kane_dynamics._util.checks import finite_row, number
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.errors import InputError
-from kane_dynamics.kinematics.poses import checked_pose
 from kane_dynamics.mechanics.algebra.dual import select
 from kane_dynamics.mechanics.algebra.vector import skew
 from kane_dynamics.mechanics.constraints.conditioning import guarded as nan_unless
 from kane_dynamics.native.runtime.kernel import batch_kernel, Kernel
 from kane_dynamics.robot.methods.frame_methods import DIRECTIONS
 from kane_dynamics.task_space.orientation_error import half_turn_quaternion
-from kane_dynamics.task_space.pose_checks import flat_pose, pose_margin
+from kane_dynamics.task_space.pose_checks import pose_margin, require_pose
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -96,9 +95,7 @@ class PoseFilter:
 
     def reset(self, pose: ArrayLike, twist: ArrayLike | None = None) -> None:
         """Start from a pose, such as the measured one, at rest or with a twist."""
-        start = checked_pose(pose, 'pose')
-        if start.shape != (4, 4):
-            raise InputError(f'pose: shape {start.shape}; expected (4, 4)')
+        start = require_pose(pose)
         velocity = STILL
         if twist is not None:
             velocity = finite_row(twist, 'twist', DIRECTIONS, part='direction')
@@ -140,22 +137,22 @@ class PoseFilter:
             return _target(self._state)
         self._elapsed[0] = elapsed
         velocity = STILL if twist is None else twist
-        self._state = self._next(self._state, flat_pose(goal, 'goal'), velocity,
-                                 self._limits, self._elapsed)
+        self._state = self._next(self._state, goal, velocity, self._limits,
+                                 self._elapsed)
         return _target(self._state)
 
-    def _explained(self, state: Array, goal: Array, twist: Any, limits: Array,
+    def _explained(self, state: Array, goal: ArrayLike, twist: Any, limits: Array,
                    elapsed: Array) -> Array:
         """Return the next state, or raise the InputError that explains why not."""
-        checked_pose(goal.reshape(4, 4), 'goal')
+        pose = require_pose(goal, 'goal')
         velocity = finite_row(twist, 'twist', DIRECTIONS, part='direction')
-        result: Array = self._kernel(state, goal, velocity, limits, elapsed)
+        result: Array = self._kernel(state, pose, velocity, limits, elapsed)
         return result
 
     @lazy_property
     def _kernel(self) -> Kernel:
         """Return the compiled step."""
-        inputs = [('state', (28,)), ('goal', (16,)), ('twist', (6,)), ('limits', (4,)),
+        inputs = [('state', (28,)), ('goal', (4, 4)), ('twist', (6,)), ('limits', (4,)),
                   ('elapsed', (1,))]
         return batch_kernel('target_filter', _step, inputs, (28,))
 
@@ -170,13 +167,12 @@ def _target(state: Array) -> TargetState:
     return TargetState(copied[:16].reshape(4, 4), copied[16:22], copied[22:28])
 
 
-def _step(state: Vector, goal: Vector, twist: Vector, limits: Vector,
+def _step(state: Vector, target: Matrix, twist: Vector, limits: Vector,
           elapsed: Vector) -> Vector:
     """Return the state after a sample interval, over any scalar; see the module."""
     h = elapsed[0]
     pose = state[:16].reshape(4, 4)
     R = pose[:3, :3]
-    target = goal.reshape(4, 4)
     displacement = target[:3, 3] - pose[:3, 3]
     turn = _rotation_vector(target[:3, :3] @ R.T)
     v = _approaching(displacement, state[16:19], twist[:3], limits[0], limits[2], h)

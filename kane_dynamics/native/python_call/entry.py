@@ -3,7 +3,7 @@ Native entry points of kernels: built-in functions and methods, with a Python fa
 
 A function created here is a CPython built-in whose machine code is part of the kernel's
 module (`entry_code`). It accepts contiguous, finite float64 ndarrays of the declared
-lengths, which a control loop passes. For any other argument it calls the Python
+shapes, which a control loop passes. For any other argument it calls the Python
 fallback, which converts it or raises an error. The machine code reads ndarray fields at
 their public offsets (numpy's ABI) and the object header of CPython builds with a GIL. A
 self-test verifies this on the running interpreter; if it fails, the fallback serves
@@ -264,7 +264,7 @@ def _self_test(probe: np.ndarray) -> bool:
                       '  %a = load <3 x double>, ptr %x, align 8',
                       '  %b = fadd <3 x double> %a, %a',
                       '  store <3 x double> %b, ptr %y, align 8', '  ret void', '}',
-                      entry_code('twice', [3], [math.inf], 0, (3,)),
+                      entry_code('twice', [(3,)], [math.inf], 0, (3,)),
                       bound_code('twice', [3], [math.inf], 0, (3,))])
     code = assembled('self-test', text)
     twice = _entry('twice', '', code, [], (3,), lambda *args,
@@ -296,7 +296,7 @@ def _self_test(probe: np.ndarray) -> bool:
             and twice(np.full(3, 1e308))[0][0].shape == (3,) and bound(1) == (1,))
 
 
-def entry(name: str, doc: str, code: llvm.Code, lengths: Sequence[int],
+def entry(name: str, doc: str, code: llvm.Code, shapes: Sequence[Shape],
           defaults: Sequence[np.ndarray], shape: Shape,
           fallback: Callable[..., Any]) -> Callable[..., Any]:
     """
@@ -308,8 +308,8 @@ def entry(name: str, doc: str, code: llvm.Code, lengths: Sequence[int],
         Name and docstring of the function.
     code : Code
         Machine code that includes the result of `entry_points`.
-    lengths : sequence of int
-        Length of each positional argument, all one-dimensional.
+    shapes : sequence of tuple of int
+        Of the positional arguments, at least one axis each.
     defaults : sequence of array
         Arrays passed after the arguments; read at each call.
     shape : tuple of int
@@ -318,7 +318,7 @@ def entry(name: str, doc: str, code: llvm.Code, lengths: Sequence[int],
         Called with the same arguments when they do not match exactly.
 
     """
-    if not lengths or 0 in (*lengths, *shape) or not supported():
+    if not shapes or _is_empty(*shapes, shape) or not supported():
         return fallback
     return _entry(name, doc, code, defaults, shape, fallback)
 
@@ -387,7 +387,7 @@ def methods(cls: type[NativeMethods], docs: Mapping[str, str],
     return tables
 
 
-def entry_points(symbol: str, lengths: Sequence[int], default_sizes: Sequence[int],
+def entry_points(symbol: str, shapes: Sequence[Shape], default_sizes: Sequence[int],
                  limits: Sequence[float], shape: Shape) -> str:
     """
     Return the LLVM IR of `entry` and `bound`, to be added to a kernel's module.
@@ -396,17 +396,24 @@ def entry_points(symbol: str, lengths: Sequence[int], default_sizes: Sequence[in
     ----------
     symbol : str
         Name of the kernel function.
-    lengths, default_sizes : sequence of int
-        Numbers of entries of the arguments of a call and of the default arguments; one
-        block of parameters follows.
+    shapes : sequence of tuple of int
+        Of the arguments of a call.
+    default_sizes : sequence of int
+        Numbers of entries of the default arguments; one block of parameters follows.
     limits : sequence of float
         Largest absolute value allowed in each argument.
     shape : tuple of int
         Shape of the result.
 
     """
-    if not lengths or 0 in (*lengths, *default_sizes, *shape):
+    if not shapes or _is_empty(*shapes, default_sizes, shape):
         return ''
-    code = '\n'.join([entry_code(symbol, lengths, limits, len(default_sizes) + 1, shape),
-                      bound_code(symbol, [*lengths, *default_sizes], limits, 1, shape)])
+    sizes = [math.prod(lengths) for lengths in shapes]
+    code = '\n'.join([entry_code(symbol, shapes, limits, len(default_sizes) + 1, shape),
+                      bound_code(symbol, [*sizes, *default_sizes], limits, 1, shape)])
     return '\n'.join([ALL_FINITE, code]) if '@all_finite' in code else code
+
+
+def _is_empty(*shapes: Sequence[int]) -> bool:
+    """Return whether one of the shapes has a length of 0."""
+    return any(0 in lengths for lengths in shapes)

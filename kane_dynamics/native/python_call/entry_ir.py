@@ -217,7 +217,7 @@ def _return_float(a: Assembly, number_at: str) -> None:
     a.put(f'  ret ptr {result}')
 
 
-def entry_code(symbol: str, lengths: Sequence[int], limits: Sequence[float],
+def entry_code(symbol: str, shapes: Sequence[Shape], limits: Sequence[float],
                n_defaults: int, shape: Shape) -> str:
     """
     Return the LLVM IR of `entry`.
@@ -227,8 +227,8 @@ def entry_code(symbol: str, lengths: Sequence[int], limits: Sequence[float],
     symbol : str
         The kernel function, ``void symbol(double **pointers)``: arguments, defaults,
         result.
-    lengths : sequence of int
-        Length of each positional argument, all one-dimensional; none may be 0.
+    shapes : sequence of tuple of int
+        Of the positional arguments, at least one axis each; no length may be 0.
     limits : sequence of float
         Largest absolute value allowed in each argument.
     n_defaults : int
@@ -238,16 +238,17 @@ def entry_code(symbol: str, lengths: Sequence[int], limits: Sequence[float],
 
     """
     a = Assembly()
-    slots = len(lengths) + n_defaults + 1
+    count = len(shapes)
+    slots = count + n_defaults + 1
     a.put('define ptr @entry(ptr %self, ptr %args, i64 %nargs, ptr %kwnames) {',
           f'  %pointers = alloca [{slots} x ptr]', '  %scalar = alloca double',
           *TABLE_OF_SELF)
     a.branch([a.equal('ptr', '%kwnames', 'null'),
-              a.equal('i64', '%nargs', len(lengths))],
+              a.equal('i64', '%nargs', count)],
              'types', 'slow')
     a.put('types:')
     arrays = []
-    for k in range(len(lengths)):
+    for k in range(count):
         arrays.append(a.load('ptr', '%args', 8 * k))
     ndarray = a.word('NDARRAY')
     float64 = a.word('FLOAT64')
@@ -258,23 +259,26 @@ def entry_code(symbol: str, lengths: Sequence[int], limits: Sequence[float],
     a.branch(conditions, 'layout', 'slow')
     a.put('layout:')
     conditions = []
-    for array in arrays:
-        conditions += [a.equal('i32', a.load('i32', array, NDIM), 1),
+    for array, lengths in zip(arrays, shapes):
+        conditions += [a.equal('i32', a.load('i32', array, NDIM), len(lengths)),
                        a.equal('ptr', a.load('ptr', array, DTYPE), float64),
                        a.flags(array, READABLE)]
     a.branch(conditions, 'lengths', 'slow')
-    # Only an array of one axis has a length.
+    # Only an array with as many axes has these lengths.
     a.put('lengths:')
     conditions = []
-    for array, length in zip(arrays, lengths):
-        actual = a.load('i64', a.load('ptr', array, SHAPE))
-        conditions.append(a.equal('i64', actual, length))
+    for array, lengths in zip(arrays, shapes):
+        actual_lengths = a.load('ptr', array, SHAPE)
+        for axis, length in enumerate(lengths):
+            actual = a.load('i64', actual_lengths, 8 * axis)
+            conditions.append(a.equal('i64', actual, length))
     a.branch(conditions, 'values', 'slow')
     a.put('values:')
     data = []
     for array in arrays:
         data.append(a.load('ptr', array, DATA))
-    a.branch(a.finite(list(zip(data, lengths, limits))), 'ready', 'slow')
+    sizes = [math.prod(lengths) for lengths in shapes]
+    a.branch(a.finite(list(zip(data, sizes, limits))), 'ready', 'slow')
     a.put('ready:')
     for k in range(n_defaults):
         data.append(a.load('ptr', '%table', 8 * (len(TABLE) + k)))

@@ -167,14 +167,15 @@ class Kernel:
         self._reason = reason
         self._program = program
         self.defaults: list[Array] = []
-        self._lengths = []  # of the arguments that every call must have
+        # Of the arguments that every call must have; a scalar is an array of one number.
+        self._shapes: list[Shape] = []
         self._ranks = []  # axes of the arguments, the parameters and one state's result
         signature = []
         default_sizes = []
         limits = []
         for argument in self.arguments:
             if argument.default is None:
-                self._lengths.append(size_of(argument.shape))
+                self._shapes.append(argument.shape or (1,))
             else:
                 self.defaults.append(argument.default)
                 default_sizes.append(argument.default.size)
@@ -192,7 +193,7 @@ class Kernel:
 
         def text_of_single() -> str:
             text = module_text((single or program)(), SYMBOL)
-            entries = entry.entry_points(SYMBOL, self._lengths, default_sizes, limits,
+            entries = entry.entry_points(SYMBOL, self._shapes, default_sizes, limits,
                                          shape)
             return f'{text}\n{entries}'
         self.code = self._compiled('', text_of_single, in_order)
@@ -253,7 +254,7 @@ class Kernel:
 
     def entry(self, doc: str, fallback: Callable[..., Any]) -> Callable[..., Any]:
         """Return a native entry point, or the fallback without support for it."""
-        return entry.entry(self.name, doc, self.code, self._lengths,
+        return entry.entry(self.name, doc, self.code, self._shapes,
                            [*self.defaults, self.parameters], self.shape, fallback)
 
     def bind(self, arguments: Sequence[Array], result: Array, doc: str) -> Callable[[],

@@ -274,6 +274,24 @@ def test_discarded_result_has_correct_reference_counts(robot):
     assert np.array_equal(robot.inverse_dynamics(*STATE), many[0])
 
 
+def test_native_entry_takes_matrices_as_they_are():
+    def fallback(*values):
+        raise InputError('not native')
+    kernel = Kernel('product', lambda: trace_program(
+        'product', lambda A, x, _: A @ x, [('A', (2, 3)), ('x', (3,)), ('parameters', (0,))]),
+        None, [Argument('A', (2, 3)), Argument('x', (3,))], np.zeros(0), (2,))
+    native = kernel.entry('', fallback)
+    A, x = np.arange(6.0).reshape(2, 3), np.array([1.0, 10.0, 100.0])
+    np.testing.assert_array_equal(native(A, x), A @ x)
+    for wrong in (A.ravel(), A.T, A.reshape(3, 2), A[None], A.astype(np.float32),
+                  np.asfortranarray(A), np.where(A == 2.0, np.nan, A), A.tolist()):
+        with pytest.raises(InputError, match='not native'):
+            native(wrong, x)
+        if np.shape(wrong) != (2, 3):
+            with pytest.raises(InputError, match=r'A: shape|states or all batches'):
+                kernel(wrong, x)
+
+
 def test_results_are_freed_with_their_entry():
     robot = Robot(MODEL)
     ghosts = [weakref.ref(tau) for tau in [robot.inverse_dynamics(*STATE) for _ in range(4)]]

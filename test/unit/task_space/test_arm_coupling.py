@@ -48,7 +48,9 @@ class Side:
         return PartnerState(t, self.q.copy(), self.u.copy(), self.observer.torque.copy())
 
     def step(self, t, partner):
-        self.tau = self.coupling.torque(t, self.q, self.u, partner)
+        torques = self.coupling.torque(t, self.q, self.u, partner)
+        self.tau = torques.copy()
+        torques[:] = np.nan  # are the caller's; the law remembers nothing in them
         measured = self.tau
         if self.resolution:  # torque constant times a current of some resolution
             measured = self.resolution * np.round(self.tau / self.resolution)
