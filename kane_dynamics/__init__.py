@@ -35,6 +35,8 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.mjcf import load_mjcf
     from kane_dynamics.model.builder import ModelBuilder
     from kane_dynamics.model.editing import with_locked, with_model, with_names, with_tool
+    from kane_dynamics.model.drive import Drive, StiffnessCurve
+    from kane_dynamics.model.elastic_model import with_drives, with_rigid_joints
     from kane_dynamics.model.flexible_link import FlexibleLink
     from kane_dynamics.model.flexible_model import stiffened, with_beam
     from kane_dynamics.model.link_shapes import LinkShape
@@ -61,7 +63,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
 
 __all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMotion', 'Closure',
            'CollisionDetector', 'CompileError', 'ComputedTorque', 'ConstraintError',
-           'Controller', 'controller_kernels', 'Coupling', 'DependentSpeeds',
+           'Controller', 'controller_kernels', 'Coupling', 'DependentSpeeds', 'Drive',
            'DeviceError', 'FilledTrajectory', 'FlexibleLink', 'Frame', 'FrictionError',
            'HandGuiding', 'HybridForce', 'Inertial', 'InputError',
            'InverseKinematics', 'Joint', 'JointImpedance', 'KaneError', 'Limits',
@@ -71,7 +73,7 @@ __all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMot
            'PoseFilter',
            'PoseLimits', 'PoseMotion', 'PosePath',
            'Prescribed', 'QuasiStatic', 'Robot',
-           'Rolling', 'Speeds', 'SweepError', 'TaskSpace',
+           'Rolling', 'Speeds', 'StiffnessCurve', 'SweepError', 'TaskSpace',
            'Terms', 'Torsion', 'TorqueBounds', 'Trajectory',
            'Uncertainty', 'UrdfError',
            'absolute_rates', 'ball', 'body_angular_velocity', 'box', 'cartesian_motion', 'disc',
@@ -81,8 +83,8 @@ __all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMot
            'momenta', 'natural_vibration', 'point_mass', 'pose_error', 'pose_exp', 'pose_from',
            'pose_log', 'power_balance', 'rod', 'rotation_exp', 'rotation_log',
            'rotation_quaternion', 'rotation_rpy', 'simulate', 'stiffened',
-           'with_beam',
-           'with_locked', 'with_model', 'with_names', 'with_tool']
+           'with_beam', 'with_drives',
+           'with_locked', 'with_model', 'with_names', 'with_rigid_joints', 'with_tool']
 
 _NAMES_BY_MODULE = {
     'analysis.power_balance': 'power_balance',
@@ -115,6 +117,8 @@ _NAMES_BY_MODULE = {
     'mjcf': 'load_mjcf',
     'model.builder': 'ModelBuilder',
     'model.editing': 'with_locked with_model with_names with_tool',
+    'model.drive': 'Drive StiffnessCurve',
+    'model.elastic_model': 'with_drives with_rigid_joints',
     'model.flexible_link': 'FlexibleLink',
     'model.flexible_model': 'stiffened with_beam',
     'model.link_shapes': 'LinkShape',

@@ -10,6 +10,7 @@ from kane_dynamics._util.frozen import freeze
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
 from kane_dynamics.mechanics.friction import slides
+from kane_dynamics.model.drive import ElasticJoint, StiffnessCurve
 from kane_dynamics.model.model import Body, Joint, Model
 import numpy as np
 import sympy as sp
@@ -198,12 +199,13 @@ def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
     parameters : list of Parameter
         m mass, r center of mass, I moment of inertia, l place of the joint, k stiffness,
         s rest position, d damping, c quadratic damping, f friction and w its speed, J
-        armature and others, with the body's number.
+        armature, ke and de stiffness and damping of a drive, and others, with the body's
+        number.
 
     Raises
     ------
     ModelError
-        If a body is flexible.
+        If a body is flexible, or a drive has a stiffness curve.
 
     """
     if model.flexible:
@@ -216,7 +218,8 @@ def parametrised(model: Model) -> tuple[Any, list[Parameter]]:
                                       joint=_joint(table, number, body.joint)))
     gravity = table.vector('g', model.gravity, 'm/s^2', 'gravity')
     view = SimpleNamespace(n=model.n, bodies=bodies, gravity=gravity, name=model.name,
-                           coordinate_names=model.coordinate_names, balls=())
+                           coordinate_names=model.coordinate_names, balls=(),
+                           drives=_drives(table, model))
     return view, list(table.parameters.values())
 
 
@@ -238,6 +241,9 @@ def exact_model(model: Model) -> Any:
         for part in (body.inertial, body.joint):
             fields = vars(part)
             fields.update({name: numbers_of(value) for name, value in fields.items()})
+    for elastic in view.drives:
+        fields = vars(elastic.drive)
+        fields.update({name: numbers_of(value) for name, value in fields.items()})
     view.gravity = numbers_of(view.gravity)
     return view
 
@@ -291,6 +297,29 @@ def _joint(table: ParameterSymbols, number: int, joint: Joint) -> Any:
     place = table.vector(f'l{number}', joint.translation, 'm',
                          f'position of {joint.name}')
     return _unchecked_copy(joint, translation=place, friction_speed=speed, **properties)
+
+
+def _drives(table: ParameterSymbols, model: Model) -> tuple[ElasticJoint, ...]:
+    """Return the elastic joints, with symbols for stiffness and damping."""
+    numbers = {body.joint.name: number for number, body in enumerate(model.bodies, 1)}
+    elastic_joints = []
+    for elastic in model.drives:
+        drive = elastic.drive
+        joint = f'of the drive at {elastic.name}'
+        if isinstance(drive.stiffness, StiffnessCurve):
+            raise ModelError(f"closed form of '{model.name}': a stiffness curve {joint}; "
+                             'expected a constant stiffness')
+        number = numbers[elastic.name]
+        length, force = 'rad', 'N m'
+        if elastic.name in model.sliding:
+            length, force = 'm', 'N'
+        stiffness = table.scalar(f'ke{number}', drive.stiffness, f'{force}/{length}',
+                                 f'stiffness {joint}')
+        damping = table.scalar(f'de{number}', drive.damping, f'{force} s/{length}',
+                               f'damping {joint}')
+        symbolic = _unchecked_copy(drive, stiffness=stiffness, damping=damping)
+        elastic_joints.append(elastic._replace(drive=symbolic))
+    return tuple(elastic_joints)
 
 
 def _unchecked_copy(record: Any, **symbols: Any) -> Any:

@@ -16,6 +16,8 @@ from kane_dynamics.errors import ModelError, ModelWarning
 from kane_dynamics.model.ball_coordinates import (check_ball_property, is_ball_part,
                                                   quaternion_names)
 from kane_dynamics.model.beam import renumbered
+from kane_dynamics.model.drive import Drive
+from kane_dynamics.model.elastic_model import with_drives
 from kane_dynamics.model.flexible_link import AssumedModes, FlexibleLink
 from kane_dynamics.model.inertial import check_moments, Inertial
 from kane_dynamics.model.joint_expansion import expand_joint, StatedJoint
@@ -29,7 +31,7 @@ KINDS = ('revolute',
          'prismatic', 'universal', 'spherical', 'ball', 'planar', 'floating', 'free',
          'fixed')
 PROPERTIES = ('limits',
-              *FRICTION, 'friction_speed', 'armature', 'stiffness', 'rest')
+              *FRICTION, 'friction_speed', 'armature', 'stiffness', 'rest', 'drive')
 MASSLESS = Inertial()
 ALONG = 0.01  # of a beam's length: what is nearer to its root may be a hub
 Z = (0.0, 0.0, 1.0)
@@ -153,10 +155,10 @@ class ModelBuilder:
             Of a joint that mimics another; offset in rad or m.
         **properties
             Properties of a joint of one degree of freedom: limits, armature, stiffness,
-            rest, and its friction law as of `Joint`: damping, quadratic_damping,
-            friction, friction_backward, breakaway_friction, stribeck_speed,
-            load_friction, load_friction_backdriven, friction_speed, friction_offset. For
-            other joints, see `joint`.
+            rest, drive (of an elastic joint), and its friction law as of `Joint`:
+            damping, quadratic_damping, friction, friction_backward, breakaway_friction,
+            stribeck_speed, load_friction, load_friction_backdriven, friction_speed,
+            friction_offset. For other joints, see `joint`.
 
         Raises
         ------
@@ -292,6 +294,10 @@ class ModelBuilder:
         index = names.index(name)
         if is_ball_part(index, self._balls):
             check_ball_property(name, properties)
+        drive = self._bodies[index].joint.drive
+        if 'drive' in properties and drive is not None and drive.motor:
+            raise ModelError(f"joint '{name}': drive: the joint has the motor "
+                             f"'{drive.motor}'; expected a joint without one")
         # Bodies are immutable records: the changed one takes the place.
         body = self._bodies[index]
         self._bodies[index] = replace(body, joint=replace(body.joint, **properties))
@@ -422,9 +428,18 @@ class ModelBuilder:
         frames = [Frame(name, placement.body, placement.rotation, placement.translation)
                   for name, placement in self._placements.items()]
         coordinates = quaternion_names(self._coordinates, self._bodies, self._balls)
-        return Model(self.name, self._bodies_with_common_limits(), coordinates,
-                     tuple(frames), self.gravity, self._base_name,
-                     self._base_inertial, tuple(self._balls))
+        # Drives come last: their motors have coordinates behind all others.
+        drives = {}
+        bodies = []
+        for body in self._bodies_with_common_limits():
+            joint = body.joint
+            if joint.drive is not None and not joint.drive.motor:
+                drives[joint.name] = joint.drive
+                body = replace(body, joint=replace(joint, drive=None))
+            bodies.append(body)
+        model = Model(self.name, tuple(bodies), coordinates, tuple(frames), self.gravity,
+                      self._base_name, self._base_inertial, tuple(self._balls))
+        return with_drives(model, drives)
 
     def _add_joints(self, singles: Sequence[StatedJoint], placement: Placement,
                     fields: dict[str, Any]) -> Placement:
@@ -564,6 +579,9 @@ def _check_properties(joint: str, properties: dict[str, Any],
     if limits is not None and not isinstance(limits, Limits):
         raise ModelError(f"joint '{joint}': limits: {limits!r}; expected Limits(lower, "
                          'upper, velocity, effort)')
+    drive = properties.get('drive')
+    if isinstance(drive, Drive):  # without the motor that it has in another model
+        properties['drive'] = replace(drive, motor='')
 
 
 def _check_inertial(on: str, inertial: Inertial) -> None:

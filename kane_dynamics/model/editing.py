@@ -20,6 +20,7 @@ from kane_dynamics.errors import InputError, ModelWarning
 from kane_dynamics.model.ball_coordinates import quaternion_names
 from kane_dynamics.model.beam import renumbered
 from kane_dynamics.model.builder import ModelBuilder
+from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.model.inertial import Inertial
 from kane_dynamics.model.model import Body, Frame, Joint, Model, ROUNDING, WORLD
 from kane_dynamics.model.placement import EYE, ORIGIN, Placement, rotation_about, snapped
@@ -170,7 +171,8 @@ def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
     Return a model in which some joints, and those that mimic them, are locked.
 
     Their bodies become parts of the bodies that carry them, with their mass. A beam on a
-    locked joint is clamped there, and keeps its modes.
+    locked joint is clamped there, and keeps its modes. Where the link or the motor of an
+    elastic joint is locked, the spring and damper of its drive act on the other one.
 
     Parameters
     ----------
@@ -188,8 +190,9 @@ def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
     ------
     InputError
         `positions` is no mapping; a joint is unknown, a part of a ball joint or a mode
-        of a beam, or mimics another; a position is not finite; or no joint would be
-        left.
+        of a beam, or mimics another; a position is not finite; no joint would be left;
+        or the link or motor alone of a drive is locked that has a stiffness curve or
+        whose other joint has a spring.
 
     """
     instance(model, Model, 'model')
@@ -199,7 +202,7 @@ def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
         raise InputError(f'positions: all joints, {listing(positions)}; expected at '
                          'least one joint that moves')
     merger = _Merger(model.base_inertial, free)
-    for body in model.bodies:
+    for body in _without_locked_drives(model, held):
         joint = body.joint
         if joint.coordinate in held and joint.deflection is None:
             position = joint.multiplier * held[joint.coordinate] + joint.offset
@@ -213,6 +216,31 @@ def with_locked(model: Model, positions: Mapping[str, float]) -> Model:
                    coordinate_names=quaternion_names(names, merger.bodies, balls),
                    frames=tuple(map(merger.frame, model.frames)),
                    base_inertial=merger.base_inertial, balls=balls)
+
+
+def _without_locked_drives(model: Model, held: Mapping[int, float]) -> list[Body]:
+    """Return the bodies with joint springs for the drives of which one side is held."""
+    bodies = {body.joint.name: body for body in model.bodies}
+    for name, drive, link, motor in model.drives:
+        if link not in held and motor not in held:
+            continue
+        joint = replace(bodies[name].joint, drive=None)
+        bodies[name] = replace(bodies[name], joint=joint)
+        if link in held and motor in held:
+            continue
+        moving = drive.motor if link in held else name
+        rest = held[link] if link in held else held[motor]
+        joint = bodies[moving].joint
+        if isinstance(drive.stiffness, StiffnessCurve) or joint.stiffness:
+            raise InputError(f"positions: of link and motor of joint '{name}' one alone, "
+                             'with a stiffness curve or a spring at the other; expected '
+                             'both or none')
+        # The joint's position is its multiplier times the coordinate.
+        r = joint.multiplier
+        joint = replace(joint, stiffness=drive.stiffness / (r * r), rest=r * rest,
+                        damping=joint.damping + drive.damping / (r * r))
+        bodies[moving] = replace(bodies[moving], joint=joint)
+    return list(bodies.values())
 
 
 class _Merger:

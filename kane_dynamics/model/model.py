@@ -21,11 +21,12 @@ from kane_dynamics._util.checks import constant
 from kane_dynamics._util.fork_safety import lazy_property
 from kane_dynamics._util.frozen import freeze, plain
 from kane_dynamics._util.notebook import html_table
-from kane_dynamics._util.text import short
+from kane_dynamics._util.text import SHORT, short
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.model.ball_coordinates import check_balls, places
 from kane_dynamics.model.beam import Beam, Deflection
+from kane_dynamics.model.drive import Drive, ElasticJoint
 from kane_dynamics.model.inertial import Inertial
 import numpy as np
 
@@ -140,6 +141,8 @@ class Joint:
     deflection : Deflection, optional
         For a section of a bending beam: the joint's position is `offset` plus this
         function of the modal coordinates.
+    drive : Drive, optional
+        Of an elastic joint, between this joint and that of its motor: `with_drives`.
 
     Raises
     ------
@@ -171,6 +174,7 @@ class Joint:
     stiffness: float = 0.0
     rest: float = 0.0
     deflection: Deflection | None = None
+    drive: Drive | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers and make them read-only."""
@@ -206,6 +210,8 @@ class Joint:
             if name == 'friction_speed' and value == 0.0:
                 raise ModelError(f'{what}: {name} 0; expected a positive number')
             freeze(self, name, value)
+        if self.drive is not None and not isinstance(self.drive, Drive):
+            raise ModelError(f'{what}: drive: {SHORT.repr(self.drive)}; expected a Drive')
         breakaway = self.breakaway_friction
         if breakaway is not None and breakaway < self.friction:
             raise ModelError(f'{what}: breakaway_friction {breakaway}; expected at least '
@@ -221,6 +227,8 @@ class Joint:
         for name in (*FRICTION, 'armature', 'stiffness'):
             if getattr(self, name) != defaults[name]:
                 words.append(f'{name} {getattr(self, name):.6g}')
+        if self.drive is not None:
+            words.append(f"driven by '{self.drive.motor}'")
         return f"<Joint '{self.name}': {', '.join(words)}>"
 
 
@@ -324,13 +332,24 @@ class Model:
             if k not in used:
                 raise ModelError(f"coordinate '{name}': moves no joint; expected at "
                                  'least one')
-        self._check_drives()
+        self._check_load_friction()
+        self._check_motors()
         _check_unique('body', [body.name for body in self.bodies])
         _check_unique('joint', [body.joint.name for body in self.bodies])
         _check_unique('coordinate', self.coordinate_names)
         _check_unique('frame', [frame.name for frame in self.frames])
 
-    def _check_drives(self) -> None:
+    def _check_motors(self) -> None:
+        """Raise ModelError for a drive without the joint of its motor."""
+        names = set(self.joint_names)
+        for body in self.bodies:
+            joint = body.joint
+            if joint.drive is not None and joint.drive.motor not in names:
+                raise ModelError(f"joint '{joint.name}': a drive with the motor joint "
+                                 f"'{joint.drive.motor}', which the model lacks; "
+                                 'expected with_drives to add drive and motor')
+
+    def _check_load_friction(self) -> None:
         """Raise ModelError for load friction of a joint that has no drive of its own."""
         names = set(self.joint_names)
         for body in self.bodies:
@@ -378,6 +397,19 @@ class Model:
                 mode = Joint(names[k], 'prismatic', body.beam.direction, coordinate=k)
                 by_name[names[k]] = mode
         return tuple(by_name[name] for name in names)
+
+    @lazy_property
+    def drives(self) -> tuple[ElasticJoint, ...]:
+        """Elastic joints with their drives, and the indices of link and motor in u."""
+        coordinates = {body.joint.name: body.joint.coordinate for body in self.bodies}
+        elastic = []
+        for body in self.bodies:
+            joint = body.joint
+            if joint.drive is not None:
+                motor = coordinates[joint.drive.motor]
+                elastic.append(ElasticJoint(joint.name, joint.drive, joint.coordinate,
+                                            motor))
+        return tuple(elastic)
 
     @lazy_property
     def modal_coordinates(self) -> tuple[int, ...]:
@@ -457,6 +489,9 @@ class Model:
         bodies = []
         for body in self.bodies:
             joint = replace(body.joint, name=new_name(body.joint.name))
+            if joint.drive is not None:
+                drive = replace(joint.drive, motor=new_name(joint.drive.motor))
+                joint = replace(joint, drive=drive)
             bodies.append(replace(body, name=new_name(body.name), joint=joint))
         frames = [replace(frame, name=new_name(frame.name)) for frame in self.frames]
         return replace(self, bodies=tuple(bodies), frames=tuple(frames),

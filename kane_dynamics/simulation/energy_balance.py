@@ -114,7 +114,7 @@ class EnergyBalance(Observer):
         self._driven = driven_kernel(robot)
         self._loaded = load_friction_kernel(robot, exact)
         # An implicit step damps high frequencies by design.
-        vibrates = any(body.beam is not None or body.joint.stiffness
+        vibrates = any(body.beam is not None or body.joint.stiffness or body.joint.drive
                        for body in robot.model.bodies)
         self._damped = integrator_of(integrator).damps and vibrates
         self._tree = robot.equations.in_joint_rates

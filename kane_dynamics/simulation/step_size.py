@@ -180,7 +180,7 @@ def _may_limit_step(model: Model, friction: bool) -> bool:
     """Return whether friction, springs or beams may limit the step."""
     for body in model.bodies:
         joint = body.joint
-        if body.beam is not None or joint.stiffness:
+        if body.beam is not None or joint.stiffness or joint.drive:
             return True
         if friction and (joint.damping or joint.quadratic_damping or slides(joint)):
             return True

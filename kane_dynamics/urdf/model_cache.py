@@ -18,12 +18,14 @@ from typing import Any
 from kane_dynamics._util import disk_cache
 from kane_dynamics.errors import ModelError
 from kane_dynamics.model.beam import Beam, Deflection
+from kane_dynamics.model.drive import Drive, StiffnessCurve
 from kane_dynamics.model.model import Body, Frame, Inertial, Joint, Limits, Model
 import numpy as np
 
 RECORDS: dict[str, Callable[..., Any]] = {
     record.__name__: record
-    for record in (Beam, Body, Deflection, Frame, Inertial, Joint, Limits, Model)}
+    for record in (Beam, Body, Deflection, Drive, Frame, Inertial, Joint, Limits, Model,
+                   StiffnessCurve)}
 
 
 def key(text: str, supplement: Any, options: Mapping[str, Any]) -> str | None:
@@ -112,8 +114,11 @@ def _plain(value: Any) -> dict[str, Any]:
 
 
 def _record(data: dict[str, Any]) -> Any:
-    """Convert JSON data from `_plain` back to a record or an array."""
-    (name, content), = data.items()
+    """Convert JSON data from `_plain` back to a record, an array or a mapping."""
+    name = next(iter(data), '')
+    if name != 'array' and name not in RECORDS:
+        return data  # the parameters of a friction law, by name
+    content = data[name]
     if name == 'array':
         shape, numbers = content
         array = np.array(numbers, dtype=np.float64).reshape(shape)

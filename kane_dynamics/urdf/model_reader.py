@@ -8,6 +8,7 @@ from typing import Any
 from kane_dynamics._util.deferred_import import import_deferring
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError, UrdfError
+from kane_dynamics.model.elastic_model import with_drives
 from kane_dynamics.model.flexible_model import with_beam
 from kane_dynamics.model.joint_expansion import Mimic, StatedJoint, StatedLimits
 from kane_dynamics.model.model import Inertial, Model
@@ -52,11 +53,14 @@ def read_model(text: str, supplement: Any, *, base: str | None, tip: str | None,
     singles = selection.singles.values()
     check_joints(extra, [single.name for single in singles if single.kind != 'fixed'])
     model = assemble_model(tree, selection, extra, gravity, notices, strict=strict)
-    # Beams come last: they replace bodies that exist, and add coordinates behind all.
+    # Beams and drives come last: they change bodies that exist, and add coordinates
+    # behind all.
     for link, beam in extra.beams.items():
         model = with_beam(model, link, beam,
                           _riders(model, link, tree, selection, extra))
-    return model, notices.messages()
+    moving = {name: drive for name, drive in extra.drives.items()
+              if name in selection.free or name in selection.followers}
+    return with_drives(model, moving), notices.messages()
 
 
 def _with_quaternions(tree: UrdfTree) -> UrdfTree:

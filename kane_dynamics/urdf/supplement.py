@@ -39,6 +39,17 @@ Schema; every key is optional unless noted::
           inertia: 1e-3         # required: rho I_p, kg m: moment of inertia per length
           modes: 1
           tip_inertia: 0.0      # assumed by the mode shapes, kg m^2
+    drives:
+      <joint>:                  # of an elastic joint; see Drive
+        side: joint             # or motor: the side of the gear of all numbers below
+        ratio: 100.0            # motor revolutions per joint revolution; default 1
+        stiffness: 1e4          # required: N m/rad or N/m, > 0; or a curve:
+          # {deflection: [1e-3, 3e-3], torque: [5.0, 30.0], rounding: 1e-4}
+        damping: 5.0            # of the spring, N m s/rad or N s/m; default 0
+        rotor_inertia: 0.5      # kg m^2 or kg, > 0; default: armature of the joint
+        friction: {damping: 1.0, friction: 2.0}  # of the motor, with the keys above
+        torque_sensor: false
+        full_coupling: false    # the rotor also moves with the link that carries it
 
 Entries for joints that are locked or not part of the model have no effect.
 """
@@ -53,12 +64,16 @@ from typing import Any
 from kane_dynamics._util.text import listing, SHORT
 from kane_dynamics._util.yaml_io import mapping, read_yaml
 from kane_dynamics.errors import ModelError, UrdfError
+from kane_dynamics.model.drive import Drive, StiffnessCurve
 from kane_dynamics.model.flexible_link import FlexibleLink
 from kane_dynamics.model.inertial import Inertial, principal_moments
 from kane_dynamics.model.mode_shapes import Bending, Torsion
 from kane_dynamics.model.model import FRICTION
 import numpy as np
 
+DRIVE_KEYS = ('side', 'ratio', 'stiffness', 'damping', 'rotor_inertia', 'friction',
+              'torque_sensor', 'full_coupling')
+CURVE_KEYS = ('deflection', 'torque', 'rounding')
 JOINT_KEYS = ('armature', 'stiffness', 'rest', *FRICTION, 'friction_speed')
 SIGNED_KEYS = ('rest', 'friction_offset')
 BEAM_KEYS = ('length',
@@ -71,11 +86,12 @@ INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 
 @dataclass(frozen=True)
 class Supplement:
-    """Values by joint name and key; the payload's link and inertial; beams by link."""
+    """Values and drives by joint; the payload's link and inertial; beams by link."""
 
     joints: dict[str, dict[str, float]] = field(default_factory=dict)
     payload: tuple[str, Inertial] | None = None
     beams: dict[str, FlexibleLink] = field(default_factory=dict)
+    drives: dict[str, Drive] = field(default_factory=dict)
 
 
 def read_supplement(
@@ -94,7 +110,7 @@ def read_supplement(
     if source is None:
         return Supplement()
     data = source if isinstance(source, Mapping) else read_yaml(source, 'supplement')
-    top = mapping(data, 'supplement', ('joints', 'payload', 'beams'))
+    top = mapping(data, 'supplement', ('joints', 'payload', 'beams', 'drives'))
     joints = {}
     for name, entry in mapping(top.get('joints', {}), 'supplement: joints').items():
         joints[name] = _joint(name, entry)
@@ -104,15 +120,19 @@ def read_supplement(
     beams = {}
     for name, entry in mapping(top.get('beams', {}), 'supplement: beams').items():
         beams[name] = _beam(name, entry)
-    return Supplement(joints, payload, beams)
+    drives = {}
+    for name, entry in mapping(top.get('drives', {}), 'supplement: drives').items():
+        drives[name] = _drive(name, entry)
+    return Supplement(joints, payload, beams, drives)
 
 
 def check_joints(supplement: Supplement, valid: Collection[str]) -> None:
     """Raise UrdfError if the supplement names a joint that is not in `valid`."""
-    for name in supplement.joints:
-        if name not in valid:
-            raise UrdfError(f"supplement: joints: '{name}' is no joint that can move; "
-                            f'expected some of {listing(valid)}')
+    for key, names in (('joints', supplement.joints), ('drives', supplement.drives)):
+        for name in names:
+            if name not in valid:
+                raise UrdfError(f"supplement: {key}: '{name}' is no joint that can "
+                                f'move; expected some of {listing(valid)}')
 
 
 def _number(value: Any, what: str, *, signed: bool = False,
@@ -145,6 +165,55 @@ def _joint(name: str, data: Any) -> dict[str, float]:
         properties[key] = _number(value, f'{what}: {key}', signed=key in SIGNED_KEYS,
                                   positive=key == 'friction_speed')
     return properties
+
+
+def _drive(name: str, data: Any) -> Drive:
+    """Return the drive of a joint, with joint-side numbers."""
+    what = f"supplement: drive of joint '{name}'"
+    entry = mapping(data, what, DRIVE_KEYS)
+    if 'stiffness' not in entry:
+        raise UrdfError(f"{what}: no 'stiffness'; expected it, and optionally "
+                        f'{", ".join(key for key in DRIVE_KEYS if key != "stiffness")}')
+    side = entry.get('side', 'joint')
+    if side not in ('joint', 'motor'):
+        raise UrdfError(f'{what}: side {SHORT.repr(side)}; expected joint or motor')
+    if side == 'motor' and 'ratio' not in entry:
+        raise UrdfError(f"{what}: side motor without 'ratio'; expected the motor's "
+                        'revolutions per revolution of the joint')
+    numbers: dict[str, Any] = {'stiffness': _stiffness(entry['stiffness'], what)}
+    for key in ('damping', 'rotor_inertia', 'ratio'):
+        if key in entry:
+            numbers[key] = _number(entry[key], f'{what}: {key}', signed=key == 'ratio')
+    law = mapping(entry.get('friction', {}), f'{what}: friction',
+                  (*FRICTION, 'friction_speed'))
+    numbers['friction'] = {}
+    for key, value in law.items():
+        numbers['friction'][key] = _number(value, f'{what}: friction: {key}',
+                                           signed=key in SIGNED_KEYS)
+    for key in ('torque_sensor', 'full_coupling'):
+        if key in entry:
+            numbers[key] = entry[key]
+    try:
+        if side == 'motor':
+            return Drive.from_motor_side(**numbers)
+        return Drive(**numbers)
+    except ModelError as error:
+        raise UrdfError(f'{what}: {str(error).removeprefix("drive: ")}') from None
+
+
+def _stiffness(value: Any, what: str) -> float | StiffnessCurve:
+    """Return the stiffness of a drive, a number or a curve."""
+    if not isinstance(value, Mapping):
+        return _number(value, f'{what}: stiffness', positive=True)
+    entry = mapping(value, f'{what}: stiffness', CURVE_KEYS)
+    for key in ('deflection', 'torque'):
+        if key not in entry:
+            raise UrdfError(f"{what}: stiffness: no '{key}'; expected deflection and "
+                            'torque, and optionally rounding')
+    try:
+        return StiffnessCurve(**entry)
+    except ModelError as error:
+        raise UrdfError(f'{what}: {error}') from None
 
 
 def _beam(name: str, data: Any) -> FlexibleLink:

@@ -27,6 +27,8 @@ from kane_dynamics.mechanics.definition import beams
 from kane_dynamics.mechanics.definition.kinematics import (Configuration, configurations,
                                                            frame_partial_velocities,
                                                            motions, position, rate)
+from kane_dynamics.mechanics.elastic_joints import (damping_torque, drive_forces,
+                                                    spring_torque)
 from kane_dynamics.mechanics.friction import (carries_load, friction_torque,
                                               load_of_drive)
 from kane_dynamics.model.model import Body, Joint, Model
@@ -118,7 +120,7 @@ def generalized_active_force(model: Model, q: Vector, u: Vector, *,
     for body, configuration in zip(model.bodies, configurations(model, q)):
         joint = body.joint
         force = force + configuration.partial_velocity @ (body.inertial.mass * g)
-        force = force - on_coordinate(model, joint, spring_torque(joint, x))
+        force = force - on_coordinate(model, joint, joint_spring_torque(joint, x))
         if friction:
             load = 0.0 if loads is None else loads[joint.coordinate]
             torque = friction_torque(joint, rate(joint, u), load)
@@ -126,6 +128,10 @@ def generalized_active_force(model: Model, q: Vector, u: Vector, *,
         if body.beam is not None:
             force = force + beams.weight(body.beam, configuration, x, g)
             force = force + beams.modal_force(body.beam, x, u, friction)
+    if model.drives:
+        force = force - drive_forces(model, x, spring_torque)
+        if friction:
+            force = force - drive_forces(model, u, damping_torque)
     # A force counts by the partial velocity of its point, a moment by the partial
     # angular velocity of its body.
     if wrenches is not None:
@@ -229,7 +235,7 @@ def rotor_torque(joint: Joint, udot: Vector) -> Scalar:
     return joint.armature * rate(joint, udot)
 
 
-def spring_torque(joint: Joint, q: Vector) -> Scalar:
+def joint_spring_torque(joint: Joint, q: Vector) -> Scalar:
     """Return the torque that balances the joint's spring, N m or N."""
     return joint.stiffness * (position(joint, q) - joint.rest)
 

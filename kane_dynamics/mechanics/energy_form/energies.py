@@ -16,6 +16,7 @@ this formulation is an independent reference.
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra.hyperdual import lifted, seeded
 from kane_dynamics.mechanics.ball_joints import balls, joint_positions, require_angles
+from kane_dynamics.mechanics.elastic_joints import spring_energy
 from kane_dynamics.mechanics.friction import friction_torque
 from kane_dynamics.model.beam import Beam
 from kane_dynamics.model.model import Joint, Model, WORLD
@@ -193,6 +194,8 @@ def potential_energy(model: Model, q: Vector, *,
         total = total + 0.5 * joint.stiffness * (stretch * stretch)
         if body.beam is not None:
             total = total + _beam_energy(body.beam, T, q, g)
+    for _, drive, link, motor in model.drives:
+        total = total + spring_energy(drive, q[motor] - q[link])
     return total
 
 
@@ -240,6 +243,10 @@ def friction_force(model: Model, u: Array, loads: Array | None = None) -> Array:
         if body.beam is not None:
             modes = list(body.beam.coordinates)
             force[modes] -= body.beam.damping @ u[modes]
+    for _, drive, link, motor in model.drives:
+        torque = drive.damping * (u[motor] - u[link])
+        force[motor] -= torque
+        force[link] += torque
     return force
 
 

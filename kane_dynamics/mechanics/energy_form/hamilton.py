@@ -16,6 +16,7 @@ from collections.abc import Sequence
 
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import ModelError
+from kane_dynamics.mechanics.elastic_joints import spring_torque as drive_spring
 from kane_dynamics.mechanics.energy_form import variation_rules
 from kane_dynamics.mechanics.energy_form.admissible_motion import AdmissibleMotion
 from kane_dynamics.mechanics.energy_form.finite_kinematics import PossibleMotion
@@ -88,6 +89,11 @@ class HamiltonByVariations:
                              * joint.multiplier)
             force = force + com.displacement @ (body.inertial.mass * model.gravity)
             force = force - spring_torque * variations[joint.coordinate]
+        for _, drive, link, motor in model.drives:
+            # The virtual work of a spring is minus its torque times its extension.
+            extension = motion.q[motor] - motion.q[link]
+            possible_extension = variations[motor] - variations[link]
+            force = force - drive_spring(drive, extension) * possible_extension
         return force
 
 

@@ -21,6 +21,7 @@ from kane_dynamics.mechanics.algebra.ltdl import factorize, solve
 from kane_dynamics.mechanics.ball_joints import (coordinate_rates, neutral,
                                                  on_unit_quaternions)
 from kane_dynamics.mechanics.constraints.mechanism import congruent
+from kane_dynamics.mechanics.elastic_joints import linear_drives
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.integrators.implicit_friction import (
     Resistance, resisted_speed, slides)
@@ -82,6 +83,10 @@ class MechanismStep:
                 self._K[block] = beam.stiffness
                 if equations.tree.friction:
                     self._C[block] = beam.damping
+        stiffness, damping = linear_drives(model)
+        self._K += stiffness
+        if equations.tree.friction:
+            self._C += damping
 
     def step(self, q: Vector, u: Vector, torques: Vector, t: Scalar, h: Scalar,
              parameters: Vector) -> tuple[Vector, Vector, Vector]:

@@ -18,6 +18,7 @@ import math
 from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
 from kane_dynamics.mechanics.ball_joints import coordinate_rates
 from kane_dynamics.mechanics.constraints.mechanism import congruent
+from kane_dynamics.mechanics.elastic_joints import linear_drives
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.friction import friction_over_rate, viscous_over_rate
 from kane_dynamics.mechanics.integrators.held_joints import (
@@ -56,6 +57,10 @@ class ImplicitStep:
                 self._K[block] += body.beam.stiffness
                 if self._tree.friction:
                     self._C[block] += body.beam.damping
+        stiffness, damping = linear_drives(equations.model)
+        self._K += stiffness
+        if self._tree.friction:
+            self._C += damping
 
         # Joints whose rates are implicit. Those of a loop remain compatible: all, or
         # none.

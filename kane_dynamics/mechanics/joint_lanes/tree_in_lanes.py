@@ -7,6 +7,7 @@ from typing import Any
 from kane_dynamics._util.typing import Matrix, Scalar, Vector
 from kane_dynamics.mechanics.algebra import ltdl
 from kane_dynamics.mechanics.algebra.lanes import LANES, Lanes
+from kane_dynamics.mechanics.algebra.vector import is_zero
 from kane_dynamics.mechanics.joint_lanes.derivatives import inverse_dynamics_derivatives
 from kane_dynamics.mechanics.joint_lanes.inverse import factorize, inverse_mass_matrix
 from kane_dynamics.mechanics.joint_lanes.regressor import regressor
@@ -115,11 +116,14 @@ class TreeInLanes:
         lanes = self._lanes(q[0])
         links = self.equations.base_links(parameters)
         rows = inverse_dynamics_derivatives(links, q, u, udot, parameters[:3], lanes)
-        for m, diagonal in enumerate(self.equations.joint_slopes(u)):
-            for r, slope in enumerate(diagonal):
-                block: list[Scalar] = [0.0] * LANES
-                block[r % LANES] = slope
-                rows[m, r, r // LANES] = rows[m, r, r // LANES] + lanes.pack(block)
+        for m, slopes in enumerate(self.equations.joint_slopes(q, u)):
+            for r, row in enumerate(slopes):
+                for block in range(rows.shape[2]):
+                    entries = list(row[block * LANES:(block + 1) * LANES])
+                    if all(map(is_zero, entries)):
+                        continue
+                    entries += [0.0] * (LANES - len(entries))
+                    rows[m, r, block] = rows[m, r, block] + lanes.pack(entries)
         return rows
 
     def regressor(self, q: Vector, u: Vector, udot: Vector,

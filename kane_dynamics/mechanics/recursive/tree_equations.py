@@ -21,6 +21,10 @@ from kane_dynamics.mechanics.algebra.dual import moving, rates
 from kane_dynamics.mechanics.algebra.ltdl import factorize, inverse, solve
 from kane_dynamics.mechanics.ball_joints import (axis_acceleration, axis_rates, Ball,
                                                  free_bodies, joint_positions, rotations)
+from kane_dynamics.mechanics.elastic_joints import (damping_slope,
+                                                    damping_torque, drive_forces,
+                                                    drive_matrix, spring_energy,
+                                                    spring_slope, spring_torque)
 from kane_dynamics.mechanics.friction import (carries_load, carries_loads,
                                               friction_slope, friction_torque,
                                               load_of_drive, load_slope,
@@ -416,20 +420,30 @@ class TreeEquations:
         rigid = inverse_dynamics_derivatives(self.base_links(parameters), q, u, udot,
                                              parameters[:3], share)
         if not self.carries_loads:
-            return rigid + np.stack([np.diag(x) for x in self.joint_slopes(u)])
+            return rigid + np.stack(self.joint_slopes(q, u))
         # tau = L + friction(u, L): dtau = (1 + dfriction/dL) dL + dfriction/du du
         load = self.rigid_dynamics(q, u, udot, None, parameters)
-        stiffness, _, armature = self.joint_slopes(u)
-        of_load = rigid + np.stack([np.diag(stiffness), np.diag(self.zeros),
-                                    np.diag(armature)])
+        stiffness, friction, armature = self.joint_slopes(q, u, load)
+        of_load = rigid + np.stack([stiffness, np.diag(self.zeros), armature])
         by_load = 1.0 + self.load_slope(u, load)
         by_q, by_u, by_udot = by_load[:, None] * of_load
-        return np.stack([by_q, by_u + np.diag(self.friction_slope(u, load)), by_udot])
+        return np.stack([by_q, by_u + friction, by_udot])
 
-    def joint_slopes(self, u: Vector) -> tuple[Vector, Vector, Vector]:
-        """Return what springs, friction, armature add to derivatives' diagonals."""
-        return (self._by_coordinate(lambda joint: joint.multiplier**2 * joint.stiffness),
-                self.friction_slope(u), self.armature(np.ones(self.n)))
+    def joint_slopes(self, q: Vector, u: Vector,
+                     load: Vector | None = None) -> tuple[Matrix, Matrix, Matrix]:
+        """
+        Return what springs, friction and armature add to the derivatives, (n, n) each.
+
+        Diagonal, but for the springs and dampers of drives.
+        """
+        stiffness = np.diag(self._by_coordinate(
+            lambda joint: joint.multiplier**2 * joint.stiffness))
+        friction = np.diag(self.friction_slope(u, load))
+        if self.model.drives:
+            stiffness = stiffness + drive_matrix(self.model, spring_slope, q)
+            if self.friction:
+                friction = friction + drive_matrix(self.model, damping_slope)
+        return stiffness, friction, np.diag(self.armature(np.ones(self.n)))
 
     def forward_dynamics_derivatives(self, q: Vector, u: Vector, tau: Vector,
                                      parameters: Vector) -> Matrix:
@@ -467,7 +481,10 @@ class TreeEquations:
             torque = friction_torque(joint, rate, _entry(load, joint),
                                      _direction(directions, joint))
             return joint.multiplier * torque
-        return self._with_beams(self._by_coordinate(force),
+        friction = self._by_coordinate(force)
+        if self.model.drives:
+            friction = friction + drive_forces(self.model, u, damping_torque)
+        return self._with_beams(friction,
                                 lambda beam: beam.damping @ u[list(beam.coordinates)])
 
     def friction_slope(self, u: Vector, load: Vector | None = None) -> Vector:
@@ -513,10 +530,13 @@ class TreeEquations:
         return loads
 
     def spring_force(self, x: Vector) -> Vector:
-        """Return the torque of springs k (position - rest) and beams K eta, (n,)."""
+        """Return the torque of springs, of drives and of beams K eta, (n,)."""
         def force(joint: Joint) -> Scalar:
             return joint.multiplier * joint.stiffness * (position(joint, x) - joint.rest)
-        return self._with_beams(self._by_coordinate(force),
+        springs = self._by_coordinate(force)
+        if self.model.drives:
+            springs = springs + drive_forces(self.model, x, spring_torque)
+        return self._with_beams(springs,
                                 lambda beam: beam.stiffness @ x[list(beam.coordinates)])
 
     def elastic_force(self, beam: Beam, x: Vector, u: Vector) -> Vector:
@@ -560,6 +580,8 @@ class TreeEquations:
             if body.beam is not None:
                 eta = x[list(body.beam.coordinates)]
                 springs = springs + 0.5 * (eta @ (body.beam.stiffness @ eta))
+        for _, drive, link, motor in self.model.drives:
+            springs = springs + spring_energy(drive, x[motor] - x[link])
         links, _ = self._at(q, self.links(parameters))
         return inverse_dynamics.potential_energy(links, x, parameters[:3]) + springs
 

@@ -12,6 +12,7 @@ from kane_dynamics._util.attribute_hints import hinting_method
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError, ModelError
 from kane_dynamics.mechanics.equations import Equations
+from kane_dynamics.model.drive import ElasticJoint
 from kane_dynamics.native.runtime.kernel import Argument, converted, Kernel
 from kane_dynamics.native.runtime.threads import run_concurrently
 from kane_dynamics.native.tracing.program import OperationCount
@@ -219,6 +220,11 @@ class Dispatch:
     def joint_names(self) -> tuple[str, ...]:
         """Names of the moving joints, in the order of q but for quaternions."""
         return self.equations.model.joint_names
+
+    @property
+    def drives(self) -> tuple[ElasticJoint, ...]:
+        """Elastic joints: name, `Drive`, and indices of link and motor in u and tau."""
+        return self.equations.model.drives
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:

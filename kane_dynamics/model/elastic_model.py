@@ -1,0 +1,180 @@
+"""Make joints of a model elastic, and elastic joints rigid."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.checks import instance
+from kane_dynamics._util.text import listing, SHORT
+from kane_dynamics.errors import ModelError
+from kane_dynamics.model.ball_coordinates import is_ball_part, quaternion_names
+from kane_dynamics.model.beam import renumbered
+from kane_dynamics.model.drive import Drive, friction_seen_through
+from kane_dynamics.model.inertial import Inertial, principal_moments
+from kane_dynamics.model.model import Body, Joint, Limits, Model, WORLD
+import numpy as np
+
+SUFFIX = '_motor'  # of the name of a motor's joint and body
+
+
+@hinting
+def with_drives(model: Model, drives: Mapping[str, Drive]) -> Model:
+    """
+    Return the model with elastic joints: a drive's motor and spring at each.
+
+    The motor of joint 'a' is the joint 'a_motor'. Its coordinate, the motor's position
+    divided by the ratio, comes behind all others in q and u, in the order of `drives`.
+    Its torque in tau is the motor's times the ratio; the entries of tau of the links are
+    torques beside those of the gears. `Model.drives` has the indices of both.
+
+    The armature of an elastic joint becomes the rotor inertia of its drive, unless the
+    drive states one, which then replaces it. The friction of the joint is that of the
+    link's side. The motor has the joint's limits of velocity and effort.
+
+    Parameters
+    ----------
+    model : Model
+        The mechanism with rigid joints, or with drives of other joints.
+    drives : mapping of str to Drive
+        Drives by the names of joints of one degree of freedom.
+
+    Raises
+    ------
+    ModelError
+        `drives` is no mapping, a joint is unknown, mimics another, has a drive already
+        or no position of its own; a rotor has no inertia, or more of it than the link
+        that carries it (`full_coupling`).
+
+    """
+    instance(model, Model, 'model')
+    if not isinstance(drives, Mapping):
+        raise ModelError(f'drives: {SHORT.repr(drives)}; expected a mapping of joint '
+                         'names to Drive')
+    bodies = list(model.bodies)
+    names = list(model.joint_names)
+    for name, drive in drives.items():
+        index = _driven_body(model, name, drive)
+        motor = _motor(bodies[index], drive, len(names))
+        if drive.full_coupling:
+            _take_from_carrier(bodies, motor)
+        joint = replace(bodies[index].joint, armature=0.0,
+                        drive=replace(drive, motor=motor.name,
+                                      rotor_inertia=_rotor_inertia(bodies[index].joint,
+                                                                   drive)))
+        bodies[index] = replace(bodies[index], joint=joint)
+        bodies.append(motor)
+        names.append(motor.name)
+    return replace(model, bodies=tuple(bodies),
+                   coordinate_names=quaternion_names(names, bodies, model.balls))
+
+
+@hinting
+def with_rigid_joints(model: Model) -> Model:
+    """
+    Return the model with rigid joints for elastic ones: the motors follow the links.
+
+    The motor of a joint becomes a joint that mimics it, so that inertia and friction of
+    the motor's side stay, and its coordinate is gone.
+
+    Raises
+    ------
+    ModelError
+        A motor has load friction, which a joint that mimics another cannot have.
+
+    """
+    instance(model, Model, 'model')
+    links = {elastic.drive.motor: elastic.link for elastic in model.drives}
+    kept = [k for k, name in enumerate(model.joint_names) if name not in links]
+    bodies = []
+    for body in model.bodies:
+        joint = body.joint
+        coordinate = links.get(joint.name, joint.coordinate)
+        joint = replace(joint, drive=None, coordinate=kept.index(coordinate),
+                        deflection=renumbered(joint.deflection, kept.index))
+        bodies.append(replace(body, joint=joint,
+                              beam=renumbered(body.beam, kept.index)))
+    names = [model.joint_names[k] for k in kept]
+    return replace(model, bodies=tuple(bodies),
+                   coordinate_names=quaternion_names(names, bodies, model.balls))
+
+
+def _driven_body(model: Model, name: str, drive: Drive) -> int:
+    """Return the index of the body whose joint gets a drive."""
+    valid = []
+    for index, body in enumerate(model.bodies):
+        joint = body.joint
+        is_own = joint.name in model.joint_names and joint.deflection is None
+        if is_own and joint.drive is None and not is_ball_part(index, model.balls):
+            valid.append(joint.name)
+        elif joint.name == name and joint.drive is not None:
+            raise ModelError(f"drives: joint '{name}' has a drive; expected joints "
+                             'without one')
+    motors = {elastic.drive.motor for elastic in model.drives}
+    valid = [joint for joint in valid if joint not in motors]
+    if name not in valid:
+        raise ModelError(f'drives: {name!r} is no joint of one degree of freedom with a '
+                         f'position of its own; expected some of {listing(valid)}')
+    if not isinstance(drive, Drive):
+        raise ModelError(f"drives: joint '{name}': {SHORT.repr(drive)}; expected a "
+                         'Drive')
+    names = [body.joint.name for body in model.bodies]
+    return names.index(name)
+
+
+def _rotor_inertia(joint: Joint, drive: Drive) -> float:
+    """Return the rotor's inertia on the joint's side, kg m^2 or kg."""
+    inertia = drive.rotor_inertia
+    if inertia is None:
+        inertia = joint.armature
+    if not inertia:
+        raise ModelError(f"drives: joint '{joint.name}': a drive without rotor_inertia "
+                         'at a joint without armature; expected one of them')
+    return inertia
+
+
+def _motor(body: Body, drive: Drive, coordinate: int) -> Body:
+    """Return the body of a drive's rotor."""
+    joint = body.joint
+    name = joint.name + SUFFIX
+    inertia = _rotor_inertia(joint, drive)
+    limits = Limits(velocity=joint.limits.velocity, effort=joint.limits.effort)
+    if not drive.full_coupling:
+        # Spong's reduced model: the rotor turns in the world, with its own energy alone.
+        law: dict[str, Any] = dict(drive.friction)
+        motor = Joint(name, joint.kind, joint.axis, coordinate=coordinate,
+                      limits=limits, armature=inertia, **law)
+        return Body(name, WORLD, motor)
+    if joint.kind != 'revolute':
+        raise ModelError(f"drives: joint '{joint.name}': full_coupling of a "
+                         f'{joint.kind} joint; expected a revolute one, whose motor '
+                         'turns about the same axis')
+    # The rotor turns by the motor's angle relative to its carrier, so that its friction
+    # is that of the motor's side. Its mass is part of the carrier's.
+    r = drive.ratio
+    law = dict(friction_seen_through(drive.friction, 1.0 / r))
+    spin = np.outer(joint.axis, joint.axis) * (inertia / (r * r))
+    motor = Joint(name, 'revolute', joint.axis, joint.rotation, joint.translation,
+                  coordinate, multiplier=r, limits=limits, **law)
+    return Body(name, body.parent, motor, Inertial(0.0, np.zeros(3), spin))
+
+
+def _take_from_carrier(bodies: list[Body], motor: Body) -> None:
+    """Subtract the rotor's inertia about its axis from that of the link carrying it."""
+    if motor.parent == WORLD:
+        return
+    carrier = bodies[motor.parent]
+    R = motor.joint.rotation
+    inertia = carrier.inertial.inertia - R @ motor.inertial.inertia @ R.T
+    moments = principal_moments(inertia, mass=carrier.inertial.mass)
+    if moments.indefinite:
+        axis = motor.joint.axis
+        spin = float(axis @ motor.inertial.inertia @ axis)
+        raise ModelError(f"drives: joint '{motor.joint.name.removesuffix(SUFFIX)}': "
+                         f"rotor with {spin:.4g} kg m^2 in link '{carrier.name}', whose "
+                         f'principal moments would be {moments}; expected a link whose '
+                         "inertia includes the rotor's, or full_coupling=False")
+    inertial = replace(carrier.inertial, inertia=inertia)
+    bodies[motor.parent] = replace(carrier, inertial=inertial)

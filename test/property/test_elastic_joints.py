@@ -1,0 +1,81 @@
+"""Elastic joints: all formulations agree, and the derivatives are those of the torque."""
+
+from dataclasses import replace
+
+from kane_dynamics import Drive, Robot, StiffnessCurve, with_drives
+from kane_dynamics.mechanics.algebra.dual import moving, rates
+from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.mechanics.energy_form import energies
+from kane_dynamics.mechanics.joint_lanes.tree_in_lanes import TreeInLanes
+from mechanisms import random_model
+import numpy as np
+from numpy.testing import assert_allclose
+import pytest
+
+LAW = {'damping': 0.4, 'friction': 1.5, 'friction_offset': 0.2}
+
+
+def elastic_model(seed):
+    """Return a random tree with drives of all kinds, and a state with small deflections."""
+    rng = np.random.default_rng(seed)
+    model = random_model(seed, 5)
+    kinds = (Drive(900.0, damping=2.0, rotor_inertia=0.3, friction=LAW),
+             Drive(StiffnessCurve([0.01, 0.03], [5.0, 30.0]), damping=1.0, rotor_inertia=0.2,
+                   friction=LAW),
+             Drive(StiffnessCurve([0.01, 0.03], [0.0, 30.0]), rotor_inertia=0.1),
+             Drive(700.0, ratio=-50.0, damping=1.5, rotor_inertia=1e-3, friction=LAW,
+                   full_coupling=True))
+    drives = {}
+    for k, joint in enumerate(model.coordinate_joints):
+        drive = kinds[(seed + k) % 4]
+        if drive.full_coupling and joint.kind == 'prismatic':
+            drive = replace(drive, full_coupling=False)
+        drives[joint.name] = drive
+    model = with_drives(model, drives)
+    q, u, udot, tau = rng.normal(size=(4, model.n))
+    for _, _, link, motor in model.drives:
+        q[motor] = q[link] + 0.02 * q[motor]
+    return model, q, u, udot, tau
+
+
+@pytest.mark.parametrize('seed', range(2))
+def test_formulations_of_elastic_joints_agree(seed):
+    model, q, u, udot, tau = elastic_model(seed)
+    robot = Robot(model)
+    expected = kane.inverse_dynamics(model, q, u, udot)
+    size = 1e-11 * np.abs(robot.torque_terms(q, u, udot)).max()
+    assert_allclose(robot.inverse_dynamics(q, u, udot), expected, rtol=0, atol=size)
+    assert_allclose(robot.torque_terms(q, u, udot).sum(axis=0), expected, rtol=0, atol=size)
+    by_energy = (energies.generalized_inertia_force(model, q, u, udot)
+                 + energies.conservative_force(model, q) + energies.friction_force(model, u))
+    assert_allclose(-by_energy, expected, rtol=0, atol=size)
+    assert_allclose(robot.potential_energy(q), energies.potential_energy(model, q), rtol=1e-12,
+                    atol=1e-12)
+    acceleration = robot.forward_dynamics(q, u, tau)
+    assert_allclose(robot.inverse_dynamics(q, u, acceleration), tau, rtol=0,
+                    atol=1e-9 * (1.0 + np.abs(acceleration).max()))
+
+
+@pytest.mark.parametrize('seed', range(2))
+def test_derivatives_of_elastic_joints_are_exact(seed):
+    model, q, u, udot, _ = elastic_model(seed)
+    robot = Robot(model)
+    equations, parameters = robot.equations.tree, robot.parameters.block
+
+    def columns(k):
+        """Return the derivative of the torque by argument k, by dual numbers."""
+        arguments = [q, u, udot]
+        result = []
+        for unit in np.eye(model.n):
+            seeded = list(arguments)
+            seeded[k] = moving(arguments[k], unit)
+            result.append(rates(equations.inverse_dynamics(*seeded, None, parameters)))
+        return np.stack(result, axis=1)
+
+    expected = np.stack([columns(k) for k in range(3)]).astype(float)
+    size = 1e-11 * np.abs(expected).max()
+    analytic = robot.inverse_dynamics_derivatives(q, u, udot)
+    assert_allclose(analytic, expected, rtol=0, atol=size)
+    if TreeInLanes.suits(equations):
+        in_lanes = TreeInLanes(equations).inverse_dynamics_derivatives(q, u, udot, parameters)
+        assert_allclose(in_lanes.astype(float), expected, rtol=0, atol=size)
