@@ -49,6 +49,14 @@ def spring_slope(drive: Drive, deflection: Scalar) -> Scalar:
     return slope
 
 
+def steepest_slope(drive: Drive) -> float:
+    """Return the largest `spring_slope` of a drive, N m/rad or N/m."""
+    curve = drive.stiffness
+    if isinstance(curve, StiffnessCurve):
+        return max(curve.slopes)
+    return curve
+
+
 def spring_energy(drive: Drive, deflection: Scalar) -> Scalar:
     """Return the integral of `spring_torque` from 0, J."""
     curve = drive.stiffness

@@ -12,8 +12,10 @@ from kane_dynamics._util.attribute_hints import hinting
 from kane_dynamics._util.checks import constant, instance
 from kane_dynamics._util.typing import Array
 from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.elastic_joints import steepest_slope
 from kane_dynamics.mechanics.friction import slides
 from kane_dynamics.mechanics.integrators import integrator_of
+from kane_dynamics.model.drive import StiffnessCurve
 from kane_dynamics.model.model import Model
 from kane_dynamics.robot.robot import Robot
 import numpy as np
@@ -50,6 +52,8 @@ def longest_step(robot: Robot, q: Any, u: Any = None, *, t: float = 0.0) -> Long
     Differential Equations II, section IV.2). The limit is most often smoothed Coulomb
     friction: the slope of mu tanh(u / u_s) at rest, mu / u_s, over a small inertia.
 
+    A curve of stiffness counts with its steepest segment, wherever its drive is.
+
     In a motion the limit of a beam or spring changes with the configuration and the
     speeds: take the least over the states of the motion. A stable step is not an
     accurate one. Vibrations near the limit lose their energy within a few steps, which
@@ -77,7 +81,7 @@ def longest_step(robot: Robot, q: Any, u: Any = None, *, t: float = 0.0) -> Long
     u = np.zeros(n) if u is None else constant(u, (n,), 'u', InputError)
     if not (n and _may_limit_step(robot.model, robot.friction)):
         return LongestStep(math.inf)
-    values, vectors = np.linalg.eig(_state_matrix(robot, q, u, t))
+    values, vectors = np.linalg.eig(_state_matrix(_steepest(robot), q, u, t))
     # The step limit of an eigenvalue depends on its angle. An unstable equilibrium (an
     # inverted arm) does not limit the step.
     angles = np.angle(np.minimum(values.real, 0.0) + 1j * np.abs(values.imag))
@@ -153,6 +157,31 @@ def possible_integrators(robot: Robot, integrator: str | None) -> tuple[str, ...
     if _may_limit_step(robot.model, robot.friction):
         return 'rk4', 'implicit'
     return ('rk4',)
+
+
+_STEEPEST: WeakKeyDictionary[Robot, Robot] = WeakKeyDictionary()
+
+
+def _steepest(robot: Robot) -> Robot:
+    """Return a robot whose drives have the steepest stiffness of their curves."""
+    curves = [elastic.name for elastic in robot.model.drives
+              if isinstance(elastic.drive.stiffness, StiffnessCurve)]
+    if not curves:
+        return robot
+    other = _STEEPEST.get(robot)
+    if other is None:
+        bodies = []
+        for body in robot.model.bodies:
+            joint = body.joint
+            if joint.name in curves:
+                assert joint.drive is not None
+                drive = replace(joint.drive, stiffness=steepest_slope(joint.drive))
+                body = replace(body, joint=replace(joint, drive=drive))
+            bodies.append(body)
+        other = Robot(replace(robot.model, bodies=tuple(bodies)), **robot.options)
+        _STEEPEST[robot] = other
+    other.parameters.block[:] = robot.parameters.block
+    return other
 
 
 _WITHOUT_COULOMB: WeakKeyDictionary[Robot, Robot] = WeakKeyDictionary()

@@ -15,10 +15,12 @@ unconditionally stable. T is constant in the linearization, and so are all other
 from collections.abc import Callable
 import math
 
-from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
-from kane_dynamics.mechanics.ball_joints import coordinate_rates
+from kane_dynamics._util.typing import Matrix, Scalar, Vector
+from kane_dynamics.mechanics.algebra.vector import is_zero
+from kane_dynamics.mechanics.ball_joints import coordinate_rates, joint_positions
 from kane_dynamics.mechanics.constraints.mechanism import congruent
-from kane_dynamics.mechanics.elastic_joints import linear_drives
+from kane_dynamics.mechanics.elastic_joints import (damping_slope, drive_matrix,
+                                                    spring_slope)
 from kane_dynamics.mechanics.equations import Equations
 from kane_dynamics.mechanics.friction import friction_over_rate, viscous_over_rate
 from kane_dynamics.mechanics.integrators.held_joints import (
@@ -57,17 +59,24 @@ class ImplicitStep:
                 self._K[block] += body.beam.stiffness
                 if self._tree.friction:
                     self._C[block] += body.beam.damping
-        stiffness, damping = linear_drives(equations.model)
-        self._K += stiffness
         if self._tree.friction:
-            self._C += damping
+            self._C += drive_matrix(equations.model, damping_slope).astype(float)
 
         # Joints whose rates are implicit. Those of a loop remain compatible: all, or
         # none.
-        sprung = self._K.any(axis=0)
+        sprung = np.array([column.any() for column in self._K.T], dtype=bool)
+        for elastic in equations.model.drives:
+            sprung[[elastic.link, elastic.motor]] = True
         if not equations.in_joint_rates:
             sprung = np.full(self.n, sprung.any())
         self._sprung = sprung.astype(float)
+
+    def _stiffness(self, q: Vector) -> Matrix:
+        """Return the stiffness of springs, beams and drives at q, (n_j, n_j)."""
+        model = self.equations.model
+        if not model.drives:
+            return self._K
+        return self._K + drive_matrix(model, spring_slope, joint_positions(model, q))
 
     def resistance(self, v: Vector, loads: Vector | None = None, *,
                    viscous: bool = False) -> Vector:
@@ -135,7 +144,7 @@ class ImplicitStep:
             T = np.eye(self.n)
         v = system.v
         first_v, first_udot = first
-        K = self._K
+        K = self._stiffness(q)
 
         # Each stage evaluates its own friction over speed; otherwise stopping joints
         # reverse.
@@ -214,9 +223,9 @@ class Rosenbrock:
         return np.concatenate([q_1, u_1, quadratures + (0.5 * h) * rates])
 
 
-def _scaled(A: Array, factor: Scalar) -> Matrix:
-    """Return a constant matrix times a scalar; zero entries cause no arithmetic."""
+def _scaled(A: Matrix, factor: Scalar) -> Matrix:
+    """Return a matrix times a scalar; zero entries cause no arithmetic."""
     rows = []
     for row in A.tolist():
-        rows.append([factor * x if x else 0.0 for x in row])
+        rows.append([0.0 if is_zero(x) else factor * x for x in row])
     return np.array(rows)

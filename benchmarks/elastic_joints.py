@@ -1,0 +1,158 @@
+"""
+Time of elastic joints: an FR3 with seven of them, rigid joints, and MuJoCo with two masses.
+
+Forward dynamics with elastic joints is compared with that of the rigid arm, in interleaved
+batches of calls from Python and natively. Simulations at 1 ms, where the stiffest mode has
+200 Hz, are compared with MuJoCo with the same masses and springs at its largest stable step,
+of the integrator with which that takes least time: native steps, and `simulate` with its
+checks of energy and limits.
+
+Run: `.venv/bin/python benchmarks/elastic_joints.py`; it prints the ratios.
+"""
+
+from collections.abc import Callable
+import sys
+import time
+
+from kane_dynamics import (Drive, load_urdf, longest_step, natural_vibration, Robot, simulate,
+                           with_drives)
+from kane_dynamics._util.resources import resource_path
+from kane_dynamics.demo.two_mass_arm import TwoMassArm
+from kane_dynamics.simulation.step_kernels import step_kernel
+import mujoco
+import numpy as np
+
+URDF = resource_path('urdf', 'fr3.urdf')
+JOINTS = [f'fr3_joint{k}' for k in range(1, 8)]
+STIFFNESS = np.array([14e3, 14e3, 14e3, 14e3, 3e3, 3e3, 2950.0])  # N m/rad
+INERTIA = np.array([0.6, 0.6, 0.5, 0.5, 0.2, 0.2, 0.2])  # kg m^2
+DAMPING = 0.2  # N m s/rad
+HOME = np.array([0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8])
+STEP, DURATION, ROUNDS = 1e-3, 4.0, 12
+FIRST_STEP, STEP_CHANGE = 1e-3, 5e-5  # s, in MuJoCo
+INTEGRATORS = ('EULER', 'IMPLICITFAST', 'IMPLICIT', 'RK4')
+MOST_FD, LEAST_RATIO = 1.5, 10.0  # asked for
+GROWTH = 1.5  # of the largest deflection: more is unstable
+
+
+def arms() -> tuple[Robot, Robot]:
+    """Return the rigid FR3 with the rotors as armature, and that with elastic joints."""
+    armature = {name: {'armature': float(B)} for name, B in zip(JOINTS, INERTIA)}
+    rigid = load_urdf(URDF, joints=JOINTS, supplement={'joints': armature})
+    drives = {name: Drive(float(k), DAMPING) for name, k in zip(JOINTS, STIFFNESS)}
+    return Robot(rigid), Robot(with_drives(rigid, drives))
+
+
+def least_times(calls: dict[str, Callable[[], object]]) -> dict[str, float]:
+    """Return the least processor time of each call, s, in interleaved rounds."""
+    times = dict.fromkeys(calls, np.inf)
+    for _ in range(ROUNDS):
+        for name, call in calls.items():
+            begin = time.process_time()
+            call()
+            times[name] = min(times[name], time.process_time() - begin)
+    return times
+
+
+def forward_dynamics_ratio(rigid: Robot, elastic: Robot) -> tuple[float, float]:
+    """Return the ratios of the times of forward dynamics: single calls, native batches."""
+    rng = np.random.default_rng(0)
+    single, batches = {}, {}
+    for name, robot in (('rigid', rigid), ('elastic', elastic)):
+        q = np.tile(HOME, robot.n // 7)
+        u, tau = rng.normal(size=(2, robot.n))
+        rows = [np.tile(x, (20_000, 1)) for x in (q, u, tau)]
+
+        def calls(robot: Robot = robot, state: tuple[np.ndarray, ...] = (q, u, tau)) -> None:
+            for _ in range(2000):
+                robot.forward_dynamics(*state)
+
+        def batch(robot: Robot = robot, rows: list[np.ndarray] = rows) -> None:
+            robot.forward_dynamics(*rows)
+        single[name], batches[name] = calls, batch
+    of_calls, of_batches = least_times(single), least_times(batches)
+    return (of_calls['elastic'] / of_calls['rigid'],
+            of_batches['elastic'] / of_batches['rigid'])
+
+
+def native_steps(robot: Robot, tau: np.ndarray, integrator: str) -> Callable[[], object]:
+    """Return a call that computes the native steps of `DURATION` from rest at home."""
+    kernel = step_kernel(robot, False, integrator)
+    states = np.zeros((round(DURATION / STEP) + 1, 2 * robot.n))
+    states[0, :robot.n] = np.tile(HOME, robot.n // 7)
+    constants = np.concatenate([[STEP], robot.parameters.block])
+    return lambda: kernel.scan([states[:-1], tau[None]], states[1:], constants=constants)
+
+
+def largest_deflection(arm: TwoMassArm, q0: np.ndarray, tau: np.ndarray) -> float:
+    """Return the largest deflection, rad, of a simulation in MuJoCo; infinite if it diverges."""
+    arm.put(q0, np.zeros(14))
+    worst = 0.0
+    for _ in range(50):
+        arm.step(tau, round(DURATION / 50 / arm.model.opt.timestep))
+        q = arm.state[0]
+        unstable = sum(warning.number for warning in arm.data.warning)
+        if unstable or not np.isfinite(q).all():
+            return np.inf
+        worst = max(worst, float(np.abs(q[7:] - q[:7]).max()))
+    return worst
+
+
+def largest_stable(elastic: Robot, q0: np.ndarray, tau: np.ndarray,
+                   integrator: str) -> TwoMassArm:
+    """Return the arm in MuJoCo with its largest stable step, found from short ones upward."""
+    mujoco.set_mju_user_warning(lambda text: None)  # unstable steps are looked for
+    text = URDF.read_text(encoding='utf-8')
+    fine = TwoMassArm(text, elastic.model, 1e-4, 'RK4')
+    expected = largest_deflection(fine, q0, tau)
+    step = FIRST_STEP
+    while True:
+        arm = TwoMassArm(text, elastic.model, step + STEP_CHANGE, integrator)
+        if not largest_deflection(arm, q0, tau) < GROWTH * expected:
+            return TwoMassArm(text, elastic.model, step, integrator)
+        step += STEP_CHANGE
+
+
+def main() -> int:
+    """Print the ratios, and return 0 if they are those asked for."""
+    rigid, elastic = arms()
+    q0 = np.tile(HOME, 2)
+    modes = natural_vibration(elastic, q0).frequencies / (2.0 * np.pi)
+    locked = natural_vibration(elastic, q0, held=[f'{name}_motor' for name in JOINTS])
+    print(f'stiffest mode {modes[-1]:.0f} Hz; first mode with motors locked '
+          f'{locked.frequencies[0] / (2.0 * np.pi):.1f} Hz; longest Runge-Kutta step '
+          f'{1e3 * longest_step(elastic, q0).step:.2f} ms')
+    singly, in_batches = forward_dynamics_ratio(rigid, elastic)
+    print(f'forward dynamics, elastic to rigid: {singly:.2f} from Python, {in_batches:.2f} in '
+          'batches')
+
+    # The motors hold the arm against gravity; the links sag and vibrate.
+    gravity = rigid.gravity_force(HOME)
+    tau = np.concatenate([np.zeros(7), gravity])
+    calls: dict[str, Callable[[], object]] = {}
+    for integrator in ('rk4', 'implicit'):
+        calls[f'{integrator}, rigid'] = native_steps(rigid, gravity, integrator)
+        calls[f'{integrator}, elastic'] = native_steps(elastic, tau, integrator)
+    calls['simulate'] = lambda: simulate(elastic, q0, np.zeros(14), DURATION, step=STEP,
+                                         torque=tau, sample=DURATION)
+    for integrator in INTEGRATORS:
+        arm = largest_stable(elastic, q0, tau, integrator)
+
+        def peer_steps(arm: TwoMassArm = arm) -> None:
+            arm.put(q0, np.zeros(14))
+            arm.step(tau, round(DURATION / arm.model.opt.timestep))
+        calls[f'MuJoCo {integrator} at {1e3 * arm.model.opt.timestep:.2f} ms'] = peer_steps
+    times = least_times(calls)
+    for name, seconds in times.items():
+        print(f'{name}: {1e3 * seconds / DURATION:.2f} ms for 1 s')
+    peer = min(seconds for name, seconds in times.items() if name.startswith('MuJoCo'))
+    ratios = {name: peer / times[name]
+              for name in ('rk4, elastic', 'implicit, elastic', 'simulate')}
+    for name, ratio in ratios.items():
+        print(f'MuJoCo to {name}: {ratio:.1f}')
+    return int(not (in_batches <= MOST_FD and singly <= MOST_FD
+                    and ratios['rk4, elastic'] >= LEAST_RATIO))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

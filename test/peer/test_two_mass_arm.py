@@ -1,0 +1,62 @@
+"""An FR3 with elastic joints moves as MuJoCo's, whose joints have a rotor and a spring each."""
+
+from kane_dynamics import (Drive, load_urdf, ModelError, Robot, simulate, StiffnessCurve,
+                           with_drives)
+from kane_dynamics._util.resources import resource_path
+import numpy as np
+import pytest
+
+pytest.importorskip('mujoco')
+
+URDF = resource_path('urdf', 'fr3.urdf')
+JOINTS = [f'fr3_joint{k}' for k in range(1, 8)]
+HOME = np.array([0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8])
+
+
+def arm(**drive):
+    """Return the FR3 with drives of one kind at all seven joints."""
+    options = {'stiffness': 9000.0, 'damping': 1.0, 'rotor_inertia': 0.3} | drive
+    rigid = load_urdf(URDF, joints=JOINTS)
+    return with_drives(rigid, {name: Drive(**options) for name in JOINTS})
+
+
+def in_mujoco(model, **options):
+    """Return the same arm in MuJoCo."""
+    from kane_dynamics.demo.two_mass_arm import TwoMassArm
+    return TwoMassArm(URDF.read_text(encoding='utf-8'), model, **options)
+
+
+def test_accelerations_of_links_and_motors_are_those_of_mujoco():
+    model = arm()
+    robot, peer = Robot(model, friction=False), in_mujoco(model, friction=False)
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        q = np.tile(HOME, 2) + 0.1 * rng.normal(size=14)
+        u, tau = rng.normal(size=(2, 14))
+        peer.put(q, u)
+        expected = peer.accelerations(tau)
+        scale = np.abs(expected).max()
+        np.testing.assert_allclose(robot.forward_dynamics(q, u, tau), expected,
+                                   atol=1e-12 * scale)
+
+
+def test_a_vibrating_arm_moves_as_in_mujoco():
+    model = arm(damping=0.0)
+    robot = Robot(model, friction=False)
+    peer = in_mujoco(model, step=1e-4, integrator='RK4', friction=False)
+    q0 = np.tile(HOME, 2)
+    tau = np.concatenate([np.zeros(7), robot.gravity_force(q0)[:7]])
+    motion = simulate(robot, q0, np.zeros(14), 0.2, step=1e-4, torque=tau)
+    peer.put(q0, np.zeros(14))
+    peer.step(tau, 2000)
+    q, u = peer.state
+    assert np.abs(q[7:] - q[:7]).max() > 1e-3  # rad: the links sag and vibrate
+    np.testing.assert_allclose(motion.q[-1], q, atol=1e-9)
+    np.testing.assert_allclose(motion.u[-1], u, atol=1e-7)
+
+
+def test_the_arm_in_mujoco_refuses_what_mujoco_lacks():
+    with pytest.raises(ModelError, match="fr3_joint1': a curve of stiffness"):
+        in_mujoco(arm(stiffness=StiffnessCurve([0.01, 0.02], [0.0, 10.0])))
+    with pytest.raises(ModelError, match=r"\['stribeck_speed'\] of the motor"):
+        in_mujoco(arm(friction={'stribeck_speed': 0.1}))
