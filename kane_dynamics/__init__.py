@@ -8,6 +8,7 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
     from kane_dynamics.control.computed_torque import ComputedTorque
     from kane_dynamics.control.controller import Controller, Mode
+    from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
     from kane_dynamics.control.exported_controller import controller_kernels
     from kane_dynamics.control.friction_error import FrictionError
     from kane_dynamics.control.momentum_observer import MomentumObserver
@@ -34,8 +35,8 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.mechanics.constraints.yaml_file import load_constraints
     from kane_dynamics.mjcf import load_mjcf
     from kane_dynamics.model.builder import ModelBuilder
-    from kane_dynamics.model.editing import with_locked, with_model, with_names, with_tool
     from kane_dynamics.model.drive import Drive, StiffnessCurve
+    from kane_dynamics.model.editing import with_locked, with_model, with_names, with_tool
     from kane_dynamics.model.elastic_model import with_drives, with_rigid_joints
     from kane_dynamics.model.flexible_link import FlexibleLink
     from kane_dynamics.model.flexible_model import stiffened, with_beam
@@ -63,8 +64,8 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
 
 __all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMotion', 'Closure',
            'CollisionDetector', 'CompileError', 'ComputedTorque', 'ConstraintError',
-           'Controller', 'controller_kernels', 'Coupling', 'DependentSpeeds', 'Drive',
-           'DeviceError', 'FilledTrajectory', 'FlexibleLink', 'Frame', 'FrictionError',
+           'Controller', 'controller_kernels', 'Coupling', 'DependentSpeeds',
+           'DeviceError', 'Drive', 'ElasticFeedforward', 'FilledTrajectory', 'FlexibleLink', 'Frame', 'FrictionError',
            'HandGuiding', 'HybridForce', 'Inertial', 'InputError',
            'InverseKinematics', 'Joint', 'JointImpedance', 'KaneError', 'Limits',
            'LinkDistances', 'LinkShape', 'LoopError',
@@ -92,6 +93,7 @@ _NAMES_BY_MODULE = {
     'control.collision_detection': 'CollisionDetector frame_wrench',
     'control.computed_torque': 'ComputedTorque',
     'control.controller': 'Controller Mode',
+    'control.elastic_feedforward': 'ElasticFeedforward',
     'control.exported_controller': 'controller_kernels',
     'control.friction_error': 'FrictionError',
     'control.momentum_observer': 'MomentumObserver',

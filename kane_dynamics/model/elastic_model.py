@@ -101,6 +101,28 @@ def with_rigid_joints(model: Model) -> Model:
                    coordinate_names=quaternion_names(names, bodies, model.balls))
 
 
+def link_side(model: Model) -> Model:
+    """Return the links of an elastic model alone: without motors, drives and rotors."""
+    motors = {elastic.drive.motor for elastic in model.drives}
+    kept = [k for k, name in enumerate(model.joint_names) if name not in motors]
+    numbers = {WORLD: WORLD}  # of the bodies that stay
+    bodies: list[Body] = []
+    for index, body in enumerate(model.bodies):
+        joint = body.joint
+        if joint.name in motors:
+            continue
+        numbers[index] = len(bodies)
+        joint = replace(joint, drive=None, coordinate=kept.index(joint.coordinate),
+                        deflection=renumbered(joint.deflection, kept.index))
+        bodies.append(replace(body, parent=numbers[body.parent], joint=joint,
+                              beam=renumbered(body.beam, kept.index)))
+    frames = [replace(frame, body=numbers[frame.body]) for frame in model.frames]
+    balls = tuple(numbers[first] for first in model.balls)
+    names = [model.joint_names[k] for k in kept]
+    return replace(model, bodies=tuple(bodies), frames=tuple(frames), balls=balls,
+                   coordinate_names=quaternion_names(names, bodies, balls))
+
+
 def _driven_body(model: Model, name: str, drive: Drive) -> int:
     """Return the index of the body whose joint gets a drive."""
     valid = []

@@ -12,6 +12,7 @@ import numbers
 from typing import Any
 
 from kane_dynamics._util.typing import Scalar
+from kane_dynamics.mechanics.algebra.jet import chosen, Jet
 from kane_dynamics.mechanics.algebra.vector import is_zero
 import numpy as np
 
@@ -132,6 +133,8 @@ def select(condition: Scalar, x: Scalar, y: Scalar) -> Scalar:
     if isinstance(x, Dual) or isinstance(y, Dual):
         value = select(condition, _value(x), _value(y))
         return _dual(value, select(condition, _rate(x), _rate(y)))
+    if isinstance(x, Jet) or isinstance(y, Jet):
+        return chosen(condition, x, y, select)
     return condition.select(x, y)
 
 

@@ -1,0 +1,189 @@
+"""Feedforward of elastic joints: motor motion and torques for a motion of the links."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from kane_dynamics._util.attribute_hints import fixed
+from kane_dynamics._util.checks import instance
+from kane_dynamics._util.fork_safety import lazy_property
+from kane_dynamics._util.typing import Array, Matrix, Vector
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.elastic_inverse_dynamics import (drive_sides,
+                                                              elastic_inverse_dynamics)
+from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.model.drive import StiffnessCurve
+from kane_dynamics.model.elastic_model import link_side
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+
+ROWS = ('gear_torque', 'gear_torque_rate', 'gear_torque_acceleration', 'motor_position',
+        'motor_speed', 'motor_acceleration', 'motor_torque')
+GRAVITY_RATES = np.zeros((2, 3)).astype(object)  # of a base at rest
+
+
+@fixed
+class ElasticFeedforward:
+    """
+    Inverse dynamics of elastic joints to the fourth order, compiled.
+
+    From position, speed and three derivatives of the speeds of the links it computes the
+    torque of each gear and two time derivatives, the motor's position, speed and
+    acceleration, and the motor's torque, all joint-side. Friction of both sides, payload,
+    gravity and wrenches are those of the robot. Rigid joints have a motor that moves with
+    the link.
+
+    Parameters
+    ----------
+    robot : Robot
+        With drives, as a tree in joint rates. Its parameters, gravity and payload, may
+        change.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        The joints of the links, in the order of all arguments and columns.
+    kernel : Kernel
+        The compiled function, also of batches.
+
+    Raises
+    ------
+    InputError
+        The robot has no drives, constraints or chosen speeds; or the motor's motion does
+        not follow from four derivatives of q. With damping of a spring, the deflection is
+        a state of its own. With a dead zone it is not determined at rest. With
+        `full_coupling` the torque of a gear depends on the acceleration of the motors
+        behind it, so that the motor of the first of n joints needs 2 (n + 1) derivatives.
+
+    Examples
+    --------
+    >>> feedforward = ElasticFeedforward(robot)
+    >>> rows = feedforward(q, u, udot, jerk, snap)
+    >>> theta, motor_torque = rows[3], rows[6]
+
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        instance(robot, Robot, 'robot')
+        _check(robot)
+        model = link_side(robot.model)
+        self.robot = robot
+        self.joint_names = model.joint_names
+        options = robot.options
+        self._frames = tuple(options['wrench_frames'])
+        self._tree = TreeEquations(model, wrench_frames=self._frames,
+                                   payload_frame=options['payload_frame'],
+                                   friction=robot.friction)
+        self._sides = drive_sides(robot.model, model.joint_names)
+        shapes: dict[str, tuple[int, ...]] = {'q': (len(model.coordinate_names),)}
+        for name in ('u', 'udot', 'jerk', 'snap'):
+            shapes[name] = (model.n,)
+        self._shapes = shapes
+        self.kernel = robot.compiled(self._law, name='elastic_feedforward',
+                                     shape=(len(ROWS), model.n), **shapes)
+        self._call = self.kernel.entry('', self.kernel)
+
+    def __call__(self, q: Any, u: Any, udot: Any, jerk: Any, snap: Any,
+                 gravity_rates: Any = None, wrenches: Any = None) -> Array:
+        """
+        Return the rows `ROWS`, (7, n), or (N, 7, n) of a batch.
+
+        Parameters
+        ----------
+        q : (n_q,) or (N, n_q) array_like
+            Coordinates of the links, rad or m.
+        u, udot, jerk, snap : (n,) or (N, n) array_like
+            Speeds of the links and their first, second and third time derivatives.
+        gravity_rates : (2, 3) or (N, 2, 3) array_like, optional
+            First and second time derivatives of gravity, as of a moving base; m/s^3 and
+            m/s^4. Default: zero.
+        wrenches : (3, k, 6) or (N, 3, k, 6) array_like, optional
+            Wrenches at the robot's `wrench_frames`, and two time derivatives; force, then
+            moment, world axes. Default: zero.
+
+        Returns
+        -------
+        (7, n) or (N, 7, n) array
+            tau_J, tau_J', tau_J'', theta, theta', theta'' and tau_m; N m and rad, or N and
+            m.
+
+        Raises
+        ------
+        InputError
+            An argument has a wrong shape or is not finite, or the robot has no frames
+            for wrenches.
+
+        """
+        if gravity_rates is None and wrenches is None:
+            rows: Array = self._call(q, u, udot, jerk, snap)
+            return rows
+        batch = np.shape(u)[:-1]
+        if gravity_rates is None:
+            gravity_rates = np.zeros((*batch, 2, 3))
+        frames = len(self._frames)
+        if wrenches is None:
+            wrenches = np.zeros((*batch, 3, frames, 6))
+        elif not frames:
+            raise InputError('wrenches: the robot has no frames for them; expected '
+                             'Robot(..., wrench_frames=)')
+        inputs = [q, u, udot, jerk, snap, gravity_rates]
+        if frames:
+            inputs.append(wrenches)
+        return np.asarray(self._general_kernel(*inputs))
+
+    @lazy_property
+    def _general_kernel(self) -> Kernel:
+        """Return the function with derivatives of gravity, and wrenches if declared."""
+        shapes = {**self._shapes, 'gravity_rates': (2, 3)}
+        if self._frames:
+            shapes['wrenches'] = (3, len(self._frames), 6)
+        law = self._loaded_law if self._frames else self._moved_law
+        return self.robot.compiled(law, name='elastic_feedforward_general',
+                                   shape=self.kernel.shape, **shapes)
+
+    def _law(self, q: Vector, u: Vector, udot: Vector, jerk: Vector, snap: Vector, *,
+             parameters: Vector) -> Matrix:
+        """Return the rows with constant gravity and without wrenches; traced."""
+        return self._moved_law(q, u, udot, jerk, snap, GRAVITY_RATES,
+                               parameters=parameters)
+
+    def _moved_law(self, q: Vector, u: Vector, udot: Vector, jerk: Vector, snap: Vector,
+                   gravity_rates: Matrix, *, parameters: Vector) -> Matrix:
+        """Return the rows without wrenches; traced."""
+        return self._loaded_law(q, u, udot, jerk, snap, gravity_rates, None,
+                                parameters=parameters)
+
+    def _loaded_law(self, q: Vector, u: Vector, udot: Vector, jerk: Vector,
+                    snap: Vector, gravity_rates: Matrix, wrenches: Any, *,
+                    parameters: Vector) -> Matrix:
+        """Return the rows; traced."""
+        gravity = np.stack([parameters[:3], *gravity_rates])
+        return elastic_inverse_dynamics(self._tree, self._sides, q,
+                                        np.stack([u, udot, jerk, snap]), wrenches,
+                                        gravity, parameters[3:])
+
+
+def _check(robot: Robot) -> None:
+    """Raise InputError for a robot whose motors do not follow from four derivatives."""
+    what = 'elastic feedforward'
+    if not robot.drives:
+        raise InputError(f"{what}: robot '{robot.model.name}' without drives; expected "
+                         'elastic joints (with_drives)')
+    if robot.constraint_names or robot.options['speeds'] is not None:
+        raise InputError(f"{what}: robot '{robot.model.name}' with constraints or chosen "
+                         'speeds; expected a tree in joint rates')
+    for name, drive, _, _ in robot.drives:
+        curve = drive.stiffness
+        reason = ''
+        if drive.damping and robot.friction:
+            reason = (f'damping {drive.damping:g} in its drive; expected none, because '
+                      'the deflection is then a state of its own')
+        elif drive.full_coupling:
+            reason = ('full_coupling; expected the reduced model, because the motors '
+                      'then depend on more than four derivatives of q')
+        elif isinstance(curve, StiffnessCurve) and curve.dead_zone:
+            reason = (f'a dead zone of {curve.dead_zone:g}; expected none, because no '
+                      'torque does not determine the deflection')
+        if reason:
+            raise InputError(f"{what}: joint '{name}' with {reason}")

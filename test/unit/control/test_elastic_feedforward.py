@@ -1,0 +1,239 @@
+"""Inverse dynamics of elastic joints to the fourth order, against differentiated definitions."""
+
+from dataclasses import replace
+import math
+
+from differentiated import taylor_motion, time_derivatives
+from kane_dynamics import (Closure, Drive, Inertial, InputError, ModelBuilder, point_mass,
+                           Robot, rod, StiffnessCurve, with_drives)
+from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
+from kane_dynamics.mechanics.definition import kane
+from kane_dynamics.model.elastic_model import link_side
+from mechanisms import random_model
+import numpy as np
+from numpy.testing import assert_allclose
+import pytest
+
+SMOOTH = {'damping': 0.7, 'friction': 1.2, 'friction_speed': 2.0, 'friction_offset': 0.1}
+CURVE = StiffnessCurve([0.01, 0.03], [6.0, 40.0], rounding=0.01)
+
+
+def elastic_robot(seed, **options):
+    """Return a random tree with springs, curves and rigid joints, and a motion of its links."""
+    model = random_model(seed, 5)
+    bodies = []
+    for body in model.bodies:  # friction that changes slowly, for the reference
+        bodies.append(replace(body, joint=replace(body.joint, friction_speed=2.0)))
+    model = replace(model, bodies=tuple(bodies))
+    drives = {}
+    for k, name in enumerate(model.joint_names[:-1]):
+        stiffness = 900.0 if k % 2 else CURVE
+        drives[name] = Drive(stiffness, rotor_inertia=0.2 + 0.1 * k, friction=SMOOTH)
+    rates = np.random.default_rng(seed).normal(size=(5, model.n))
+    return Robot(with_drives(model, drives), **options), rates
+
+
+def assert_rows(rows, robot, motion, torque_at, tolerance=1e-9):
+    """Compare rows with differentiated torques, and with the equations of the elastic robot."""
+    links = [elastic.link for elastic in robot.drives]
+    expected = time_derivatives(torque_at, 2)
+    for order in range(3):
+        size = np.abs(expected[order]).max()
+        assert_allclose(rows[order], expected[order], rtol=0, atol=tolerance * size)
+    # Links and motors together satisfy the equations of second order.
+    q, u, udot = motion(0.0)
+    n = len(q)
+    full = np.zeros((3, robot.n))
+    full[:, :n] = q, u, udot
+    for elastic in robot.drives:
+        full[:, elastic.motor] = rows[3:6, elastic.link]
+    tau = robot.inverse_dynamics(*full)
+    size = np.abs(rows[6]).max() + np.abs(rows[0]).max()
+    assert_allclose(tau[[e.motor for e in robot.drives]], rows[6, links],
+                    rtol=0, atol=tolerance * size)
+    return tau[:n], links, size
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_outputs_are_those_of_the_differentiated_definition(seed):
+    robot, rates = elastic_robot(seed)
+    links = link_side(robot.model)
+    motion = taylor_motion(*rates)
+    rows = ElasticFeedforward(robot)(*rates)
+
+    def torque_at(t):
+        return kane.inverse_dynamics(links, *motion(t))
+    tau, elastic, size = assert_rows(rows, robot, motion, torque_at)
+    assert_allclose(tau[elastic], 0.0, atol=1e-9 * size)
+
+    # The motor's motion, from the differentiated deflection k(delta) = tau_J.
+    def motor_at(t):
+        q, u, udot = motion(t)
+        torque = kane.inverse_dynamics(links, q, u, udot)
+        for e in robot.drives:
+            q[e.link] = q[e.link] + deflection(e.drive, torque[e.link])
+        return q
+    expected = time_derivatives(motor_at, 2)
+    for order in range(3):
+        assert_allclose(rows[3 + order], expected[order], rtol=0,
+                        atol=1e-9 * np.abs(expected[order]).max())
+
+
+def deflection(drive, torque):
+    """Return the deflection of a spring by bisection of its curve as the docs state it."""
+    if not isinstance(drive.stiffness, StiffnessCurve):
+        return torque / drive.stiffness
+    x, y = CURVE.deflection, CURVE.torque
+    k1, k2 = y[0] / x[0], (y[1] - y[0]) / (x[1] - x[0])
+
+    def ramp(z):
+        return 0.5 * (z + math.sqrt(z * z + CURVE.rounding**2))
+    low, high = -10.0, 10.0
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        value = k1 * middle + (k2 - k1) * (ramp(middle - x[0]) - ramp(-middle - x[0]))
+        low, high = (middle, high) if value < torque else (low, middle)
+    return 0.5 * (low + high)
+
+
+def test_payload_wrenches_and_gravity_may_vary_in_time():
+    robot, rates = elastic_robot(1)
+    frame = robot.model.frames[-1].name
+    robot = Robot(robot.model, wrench_frames=(frame,), payload_frame=frame)
+    robot.parameters.payload = Inertial(2.0, (0.1, 0.0, 0.2), 0.01 * np.eye(3))
+    rng = np.random.default_rng(5)
+    gravity, wrench = rng.normal(size=(3, 3)), rng.normal(size=(3, 1, 6))
+    robot.parameters.gravity = gravity[0]
+    links = Robot(link_side(robot.model), wrench_frames=(frame,), payload_frame=frame)
+    links.parameters.payload = robot.parameters.payload
+    motion = taylor_motion(*rates)
+
+    def torque_at(t):
+        weights = np.array([1.0, t, 0.5 * t * t])
+        links.parameters.gravity = weights @ gravity
+        at_t = np.tensordot(weights, wrench, 1)
+        return links.inverse_dynamics(*motion(t), wrench=at_t)
+    feedforward = ElasticFeedforward(robot)
+    rows = feedforward(*rates, gravity[1:], wrench)
+    assert_rows(rows, robot, motion, torque_at)
+    # Constant gravity without wrenches is the default.
+    assert_allclose(feedforward(*rates), feedforward(*rates, np.zeros((2, 3)),
+                                                     np.zeros((3, 1, 6))), rtol=1e-13)
+    with pytest.raises(InputError, match='no frames for them'):
+        ElasticFeedforward(Robot(robot.model))(*rates, gravity[1:], wrench)
+
+
+def test_batches_are_rows_of_single_states():
+    robot, _ = elastic_robot(2)
+    feedforward = ElasticFeedforward(robot)
+    states = np.random.default_rng(0).normal(size=(5, 9, 5))
+    rows = feedforward(*states)
+    assert rows.shape == (9, 7, 5)
+    for k in range(9):
+        assert_allclose(rows[k], feedforward(*states[:, k]), rtol=1e-10, atol=1e-10)
+
+
+def test_bases_with_a_quaternion_carry_elastic_arms():
+    b = ModelBuilder()
+    b.body('base', 'world', 'free', inertial=Inertial(5.0, (0.1, 0, 0), np.diag([1, 2, 2.5])))
+    b.body('arm', 'base', axis=(0, 1, 0), inertial=rod(2, (0, 0, 0), (0.1, 0.2, 0.8)),
+           drive=Drive(500.0, rotor_inertia=0.1))
+    robot = Robot(b.model())
+    links = Robot(link_side(robot.model))
+    rng = np.random.default_rng(1)
+    rates = rng.normal(size=(4, links.n))
+    q0 = np.array([0.1, 0.2, 0.3, 0.5, -0.1, 0.7, 0.5, 0.4])
+    q0[3:7] /= np.linalg.norm(q0[3:7])
+    rows = ElasticFeedforward(robot)(q0, *rates)
+
+    def rates_at(t):
+        return taylor_motion(*rates)(t)[:2]
+
+    def torque_at(t):
+        # q' = G(q) u, by many short Runge-Kutta steps.
+        q, steps = q0.copy(), 12
+        h = t / steps
+        for k in range(steps):
+            def slope(s, x):
+                return links.joint_rates(x, rates_at(s)[0])
+            s = k * h
+            a = slope(s, q)
+            b = slope(s + h / 2, q + h / 2 * a)
+            c = slope(s + h / 2, q + h / 2 * b)
+            d = slope(s + h, q + h * c)
+            q = q + h / 6 * (a + 2 * b + 2 * c + d)
+        u, udot = rates_at(t)
+        return links.inverse_dynamics(q, u, udot)
+    expected = time_derivatives(torque_at, 2, window=0.05)
+    for order in range(3):
+        assert_allclose(rows[order], expected[order], rtol=0,
+                        atol=1e-7 * np.abs(expected[order]).max())
+
+
+def test_spongs_single_link_arm_in_closed_form():
+    """
+    I q'' + M g L sin q + k (q - theta) = 0, J theta'' + k (theta - q) = u.
+
+    M. W. Spong, Modeling and control of elastic joint robots, 1987, with the numbers of
+    the textbook example: M g L = 10, k = 100, I = J = 1.
+    """
+    b = ModelBuilder(gravity=(0, 0, -10.0))
+    b.body('link', axis=(0, -1, 0), inertial=point_mass(1.0, (0, 0, -1.0)),
+           drive=Drive(100.0, rotor_inertia=1.0))
+    q, u, a, j, s = 0.4, -0.3, 0.8, 1.1, -2.0
+    rows = ElasticFeedforward(Robot(b.model()))([q], [u], [a], [j], [s])[:, 0]
+    sine, cosine = math.sin(q), math.cos(q)
+    gear = a + 10.0 * sine
+    gear_rate = j + 10.0 * cosine * u
+    gear_acceleration = s + 10.0 * (cosine * a - sine * u * u)
+    acceleration = a + gear_acceleration / 100.0
+    assert_allclose(rows, [gear, gear_rate, gear_acceleration, q + gear / 100.0,
+                           u + gear_rate / 100.0, acceleration, acceleration + gear],
+                    rtol=1e-14)
+
+
+def test_two_masses_on_a_spring():
+    """With m q'' = k (theta - q), a sine of q needs the torque of both masses' inertia."""
+    m, B, k, w, t = 3.0, 0.5, 200.0, 7.0, 0.3
+    b = ModelBuilder(gravity=(0, 0, 0))
+    b.body('mass', 'world', 'prismatic', axis=(1, 0, 0), inertial=point_mass(m),
+           drive=Drive(k, rotor_inertia=B))
+    phases = [math.sin(w * t + 0.5 * math.pi * order) * w**order for order in range(5)]
+    rows = ElasticFeedforward(Robot(b.model()))(*[[x] for x in phases])[:, 0]
+    amplification = 1.0 - m * w * w / k
+    assert rows[3] == pytest.approx(amplification * phases[0], rel=1e-14)
+    assert rows[6] == pytest.approx((m + B * amplification) * phases[2], rel=1e-13)
+
+
+def refused(**drive):
+    """Return an elastic robot of one joint."""
+    b = ModelBuilder()
+    stiffness = drive.pop('stiffness', 100.0)
+    b.body('link', axis=(0, 1, 0), inertial=rod(1, (0, 0, 0), (1, 0, 0)),
+           drive=Drive(stiffness, rotor_inertia=1.0, **drive))
+    return Robot(b.model())
+
+
+@pytest.mark.parametrize('drive, message', [
+    ({'damping': 2.0}, 'deflection is then a state of its own'),
+    ({'full_coupling': True}, 'more than four derivatives'),
+    ({'stiffness': StiffnessCurve([0.1, 0.2], [0.0, 1.0])}, 'a dead zone of 0.1'),
+])
+def test_motors_that_do_not_follow_from_four_derivatives_are_refused(drive, message):
+    with pytest.raises(InputError, match=message):
+        ElasticFeedforward(refused(**drive))
+
+
+def test_other_robots_are_refused():
+    model = random_model(0, 2)
+    with pytest.raises(InputError, match='without drives'):
+        ElasticFeedforward(Robot(model))
+    b = ModelBuilder()
+    for k, on in enumerate(('world', 'l0', 'l1')):
+        b.body(f'l{k}', on, at=(0.0 if k == 0 else 1.0, 0, 0), axis=(0, 1, 0),
+               inertial=rod(1, (0, 0, 0), (1, 0, 0)), drive=Drive(9.0, rotor_inertia=1.0))
+    b.frame('end', 'l2', at=(1, 0, 0))
+    b.frame('post', 'world', at=(1, 0, 0))
+    closed = Robot(b.model(), constraints=[Closure('end', 'post', 'revolute', axis=(0, 1, 0))])
+    with pytest.raises(InputError, match='constraints or chosen speeds'):
+        ElasticFeedforward(closed)
