@@ -38,6 +38,10 @@ CLEARLY = 0.5  # largest ratio of errors, with and without a correction, of a fa
 ONCE = math.log(1.0 / CLEARLY)  # the fall of one joint's logarithm of errors that is needed
 MOST_ROWS = 1500  # used rows, evenly distributed
 MOST_FAULTS = 8
+REVERSED_EFFORTS = ('efforts of {} have the opposite sign of torques on the joints: '
+                    'multiply them by -1')
+REVERSED = (f'{REVERSED_EFFORTS}; or the positions of that joint have the opposite sign, '
+            'which explains the torques as well')
 MOST_PAUSES = 3  # of which the times are named
 EFFORT_UNITS = ((1e3, 'mN m'), (1e2, 'N cm'), (1e-3, 'kN m'))
 LARGE_UNITS = 1e3, 1e2, 10.0  # of efforts beyond limits
@@ -337,7 +341,26 @@ def _best_repair(robot: Robot, recording: Recording, errors: Array, gravity_adde
         if fall > repair.needed and reduces_all and fall > largest_fall + 1e-3:
             best = repair, remaining
             largest_fall = fall
+    if best is not None and best[0].kind == REVERSED_EFFORTS:
+        repair, remaining = best
+        best = _with_reversed_positions(robot, recording, repair, remaining), remaining
     return best
+
+
+def _with_reversed_positions(robot: Robot, recording: Recording, repair: _Repair,
+                             remaining: Array) -> _Repair:
+    """
+    Return reversed efforts, with reversed positions in words where these fit as well.
+
+    Friction and armature change their sign with the efforts as with the positions. Only
+    gravity and the torques of other joints tell the two apart, and a last joint around
+    the center of mass of its link has neither.
+    """
+    if len(repair.joints) > 1:
+        return repair
+    turned = _turned(recording, repair.joints[0])
+    fits_as_well = (_errors(robot, turned) <= 1.01 * remaining).all()
+    return repair._replace(kind=REVERSED) if fits_as_well else repair
 
 
 def _within_limits(robot: Robot,
@@ -422,8 +445,7 @@ def _sign_and_gravity_repairs(robot: Robot, r: Recording,
     gravity = robot.gravity_force(r.q)
     is_loaded = np.abs(gravity).max(axis=0) > 1e-6
     for joints in joint_sets:
-        yield _Repair('efforts of {} have the opposite sign of torques on the joints: '
-                      'multiply them by -1', joints, _with_torque(r, joints, -r.tau),
+        yield _Repair(REVERSED_EFFORTS, joints, _with_torque(r, joints, -r.tau),
                       ONCE * len(joints))
         loaded = int(is_loaded[list(joints)].sum())
         if not loaded:
@@ -469,12 +491,17 @@ def _scale_repairs(robot: Robot, r: Recording, rigid: Array, errors: Array,
 def _reversed_encoders(robot: Robot, r: Recording) -> Iterator[_Repair]:
     """Yield recordings with the positions of one joint in the other direction."""
     for j in range(robot.n):
-        sign = np.ones(robot.n)
-        sign[j] = -1.0
-        turned = replace(r, q=r.q * sign, u=r.u * sign, udot=r.udot * sign)
+        turned = _turned(r, j)
         yield _Repair('positions of {} have the opposite sign', (j,), turned, 2.0 * ONCE)
         yield _Repair('positions and efforts of {} have the opposite sign', (j,),
-                      replace(turned, tau=r.tau * sign), 2.0 * ONCE)
+                      _with_torque(turned, (j,), -r.tau), 2.0 * ONCE)
+
+
+def _turned(r: Recording, j: int) -> Recording:
+    """Return a recording with the positions of one joint in the other direction."""
+    sign = np.ones(r.q.shape[1])
+    sign[j] = -1.0
+    return replace(r, q=r.q * sign, u=r.u * sign, udot=r.udot * sign)
 
 
 def _exchanged_joints(robot: Robot, r: Recording) -> Iterator[_Repair]:
