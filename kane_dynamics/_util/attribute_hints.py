@@ -27,7 +27,7 @@ COUNTERPARTS = {
     'jacobian(frame, q)': 'jac framejacobian computeframejacobian getframejacobian '
                           'jacobians computejointjacobians computejointjacobian mjjac j '
                           'calcjacobianspatialvelocity geometricjacobian '
-                          'calcbodyjacobian',
+                          'calcbodyjacobian jacobianmatrix jacob0 jacobe',
     'jacobian_rate(frame, q, u)': 'jacobiandot jdot jacobiantimederivative djacobian '
                                   'computejointjacobianstimevariation '
                                   'jacobianderivative partialvelocityrates',
@@ -51,7 +51,7 @@ COUNTERPARTS = {
     'forward_dynamics_derivatives(q, u, tau)': 'computeabaderivatives abaderivatives',
     'kinetic_energy(q, u)': 'computekineticenergy calckineticenergy',
     'potential_energy(q)': 'computepotentialenergy calcpotentialenergy',
-    'n': 'nv numvelocities dof dofs ndof numdofs degreesoffreedom',
+    'n': 'nv numvelocities dof dofs ndof numdofs degreesoffreedom njoints numjoints',
     'n_q': 'nq numpositions',
     'joint_names': 'names joints jointnames',
     'frame_names': 'frames links linknames framenames bodies bodynames',
@@ -63,6 +63,8 @@ COUNTERPARTS = {
     'model.name': 'name',
 }
 _BY_NAME = {name: ours for ours, names in COUNTERPARTS.items() for name in names.split()}
+# Members of Robot by their names, for those who look for them in the package.
+_OF_ROBOT = {ours.partition('(')[0].replace('_', ''): ours for ours in COUNTERPARTS}
 # What is no method of Robot here, but one in other libraries.
 FUNCTIONS = {
     'kane_dynamics.inverse_kinematics(robot, frame, target)':
@@ -84,6 +86,11 @@ FUNCTIONS = {
                                                         'computetotalmass',
     'kane_dynamics.Motion.from_points(times, positions, joint_names=...)':
         'trajectory jtraj plan',
+    'kane_dynamics.feasibility.time_optimal(robot, waypoints)':
+        'timeoptimal toppra retime retiming timeparameterization',
+    'kane_dynamics.identification.identify(model, recording)':
+        'identify identification sysid',
+    'kane_dynamics.load_urdf(path), which expands xacro': 'loadxacro fromxacro',
 }
 _FUNCTION_BY_NAME = {name: ours for ours, names in FUNCTIONS.items()
                      for name in names.split()}
@@ -179,8 +186,9 @@ def module_hint(name: str, public: Sequence[str]) -> str:
         return ''
     plain = name.lower().replace('_', '')
     text = _FUNCTION_BY_NAME.get(plain)
-    if text is None and plain in _BY_NAME:
-        text = f'robot.{_BY_NAME[plain]}'
+    of_robot = _BY_NAME.get(plain, _OF_ROBOT.get(plain))
+    if text is None and of_robot is not None:
+        text = f'robot.{of_robot}'
     if text is None:
         text = next(iter(difflib.get_close_matches(name, public, 1)), None)
     return '' if text is None else f'; expected {text}'

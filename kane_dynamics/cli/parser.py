@@ -59,6 +59,15 @@ SYNONYMS = {  # names of options in other tools
     'position': 'q', 'positions': 'q', 'tau': 'torque', 'dt': 'step', 'timestep': 'step',
     'time': 'duration', 'output': 'out', 'tool': 'tip', 'ee': 'tip',
     'end-effector': 'tip'}
+# Names of commands in other tools, and what is a part of a command here.
+COMMAND_SYNONYMS = {
+    'ik': 'inverse-kinematics', 'jac': 'jacobian', 'fk': 'inspect --frames',
+    'frames': 'inspect --frames', 'info': 'inspect', 'show': 'view', 'check': 'doctor',
+    'validate': 'doctor', 'id': 'torque', 'rnea': 'torque', 'dynamics': 'torque',
+    'gravity': 'torque', 'sim': 'simulate', 'fd': 'simulate', 'export-c': 'export',
+    'plot': '--plot of torque, simulate, identify and others',
+    'constraints': '--constraints of torque, simulate and others',
+    'payload': 'identify --payload', 'time-optimal': 'feasible'}
 
 
 INVALID = 2  # exit code of invalid input
@@ -166,6 +175,8 @@ def _as_expected(message: str) -> str:
         name, value, listed = choice.groups()
         choices = re.findall(r"'(.*?)'", listed)
         near = difflib.get_close_matches(value, choices, 1)
+        if name == 'COMMAND' and value in COMMAND_SYNONYMS:
+            near = [COMMAND_SYNONYMS[value]]
         hint = f'{near[0]}, or one of ' if near else 'one of '
         return f"{name}: '{value}'; expected {hint}{', '.join(choices)}"
     number = re.fullmatch(r"(.*?): invalid (float|int) value: '(.*)'", message)
@@ -174,7 +185,8 @@ def _as_expected(message: str) -> str:
         return f"{number[1]}: '{number[3]}'; expected {kind}"
     missing = re.fullmatch(r'the following arguments are required: (.*)', message)
     if missing is not None:
-        return f'{missing[1]}: missing; expected all of them'
+        expected = 'all of them' if ', ' in missing[1] else 'it'
+        return f'{missing[1]}: missing; expected {expected}'
     excluded = re.fullmatch(r'(.*?): not allowed with argument (.*)', message)
     if excluded is not None:
         return f'{excluded[1]}: given with {excluded[2]}; expected one of them'
@@ -193,6 +205,13 @@ def _flags(parser: argparse.ArgumentParser, command: str) -> list[str]:
     """Return the options of a command."""
     actions = _command(parser, command)._option_string_actions
     return [flag for flag in actions if flag.startswith('--')]
+
+
+def _positionals(parser: argparse.ArgumentParser, command: str) -> list[str]:
+    """Return the names of the arguments of a command that are no options."""
+    return [str(action.metavar or action.dest).upper()
+            for action in _command(parser, command)._actions
+            if not action.option_strings]
 
 
 def _with_option_names(parser: argparse.ArgumentParser, command: str, text: str) -> str:
@@ -217,7 +236,12 @@ def _refuse_unknown(parser: argparse.ArgumentParser,
     if f'--{synonym}' in flags:
         nearest = [f'--{synonym}']
     hint = 'expected no further ones'
-    if nearest:
+    positional = first.lstrip('-').upper()
+    if positional in _positionals(parser, options.command):
+        hint = f'expected {positional} without --{first.lstrip("-")}'
+    elif first == '--payload' and '--supplement' in flags:
+        hint = "expected --supplement FILE with the entry 'payload'"
+    elif nearest:
         hint = f'expected {nearest[0]}?'
     _command(parser, options.command).error(
         f'unrecognized arguments: {" ".join(options.unknown)}; {hint}')

@@ -99,6 +99,9 @@ def inverse_kinematics(robot: Robot, frame: str, target: ArrayLike,
 
     """
     instance(robot, Robot, 'robot')
+    if not isinstance(frame, str):
+        raise InputError(f'frame: a {type(frame).__name__}; expected a name (str): the '
+                         'order is (robot, frame, target)')
     goal = _checked_target(target)
     iterations = integer(iterations, 'iterations', 1)
     starts = integer(starts, 'starts', 1)

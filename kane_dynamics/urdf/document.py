@@ -66,6 +66,9 @@ def read_source(source: str | bytes | os.PathLike[str]) -> str:
     if not isinstance(source, (str, os.PathLike)):
         raise InputError(f'source: {type(source).__name__}; expected a path, or the XML '
                          'as str or bytes')
+    if source == '':  # a path would be this directory
+        raise UrdfError('source: an empty text; expected the path of a URDF file, or its '
+                        'XML as str or bytes')
     if os.fspath(source).endswith(SUFFIX):
         return expand_xacro(source)
     try:

@@ -9,7 +9,7 @@ from typing import Any
 from kane_dynamics._util.text import listing
 from kane_dynamics.errors import InputError, UrdfError
 from kane_dynamics.model.joint_expansion import expand_joint, Mimic, StatedJoint
-from kane_dynamics.urdf.tree import check_mimics, UrdfTree
+from kane_dynamics.urdf.tree import check_mimics, ROOT_KINDS, UrdfTree
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,10 @@ def _path(singles: Iterable[StatedJoint], base: str, tip: str) -> set[str]:
 def _link(tree: UrdfTree, name: Any, argument: str) -> str:
     """Return a link's name; InputError lists the valid ones if it is unknown."""
     if not isinstance(name, str) or name not in tree.links:
-        raise InputError(f'{argument}: {name!r} is no link; expected one of '
+        hint = ''
+        if argument == 'base' and name in ROOT_KINDS:
+            hint = f'root_joint={name!r} for a base that moves, or '
+        raise InputError(f'{argument}: {name!r} is no link; expected {hint}one of '
                          f'{listing(tree.links)}')
     return name
 

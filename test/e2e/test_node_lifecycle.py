@@ -107,7 +107,7 @@ def test_an_invalid_urdf_leaves_the_node_unconfigured_with_the_reason(client, st
 ])
 def test_an_invalid_initial_parameter_ends_the_process_with_the_reason(start, words, parameters):
     node = start(**parameters)
-    assert wait_until(lambda: not node.alive())
+    assert wait_until(lambda: not node.alive(), 60.0)
     assert node.end()[0] == 2  # which launch does not start again
     assert words in node.log
 

@@ -16,8 +16,12 @@ def guards(start, **parameters):
     return start(module=GUARD, **parameters)
 
 
-def publish_states(client, condition, seconds=5.0):
-    """Publish joint states at rest until a condition holds; return whether it does."""
+def publish_states(client, condition, seconds=30.0):
+    """
+    Publish joint states at rest until a condition holds; return whether it does.
+
+    The time is no promise of the guard: a busy machine delays whole processes by seconds.
+    """
     rest = np.zeros(len(client.joints))
     end = time.monotonic() + seconds
     while not (holds := condition()) and time.monotonic() < end:
@@ -38,7 +42,8 @@ def test_a_second_guard_waits_until_the_first_one_ends_and_one_of_another_arm_re
         second = guards(start)
         second.wait_for(ANOTHER)
         watched = second.log.count(WATCHING)  # until it finds the first one
-        assert client.rest() is not None
+        # States are best effort, and one may be lost.
+        assert wait_until(lambda: client.rest() is not None)
         first.end(signal.SIGKILL)
         assert wait_until(lambda: second.log.count(WATCHING) > watched, 30.0), second.log
         description.publish(String(data=URDF.replace('mass value="3.0"', 'mass value="9.0"')))

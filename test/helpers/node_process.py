@@ -14,7 +14,7 @@ from kane_dynamics.urdf import load_urdf
 from lifecycle_msgs.srv import ChangeState, GetState
 import numpy as np
 from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.srv import SetParametersAtomically
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 import rclpy
 from rclpy.action import ActionClient
 from rclpy.exceptions import InvalidHandle
@@ -192,6 +192,7 @@ class Client(Node):
         self.spinner.add_node(self)
         self._ended = False
         self._service_clients = {}
+        self._discovered = {}  # by service, the servers that have answered
         self._action_clients = {}
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
@@ -273,10 +274,41 @@ class Client(Node):
         assert self._service_clients[name].wait_for_service(timeout), name
         return self._service_clients[name]
 
+    def _await_discovery(self, name, timeout):
+        """
+        Wait until the process of a service has discovered this client.
+
+        `wait_for_service` tells what this side has discovered. A server that has not discovered
+        the client's reader sends its answer nowhere, after 0.1 s (rmw_fastrtps), and a busy
+        machine discovers later than that. Endpoints are announced reliably and in order, so that
+        the answer to a client that is made last shows that all others are discovered. Only the
+        first call of a process's service waits for it, by reading no parameters, repeatedly.
+        """
+        # The publishers of a service's answers are new with each process.
+        servers = frozenset(bytes(publisher.endpoint_gid) for publisher in
+                            self.get_publishers_info_by_topic(f'rr{name}Reply', no_mangle=True))
+        if servers and self._discovered.get(name) == servers:
+            return
+        node, _, _ = name.rpartition('/')
+        probe = self.create_client(GetParameters, f'{node}/get_parameters')
+        answers = []
+
+        def answered():
+            if not answers or time.monotonic() - answers[-1][0] > 1.0:
+                answers.append((time.monotonic(), probe.call_async(GetParameters.Request())))
+            return any(future.done() for _, future in answers)
+        try:
+            assert probe.wait_for_service(timeout), f'{node} has no parameters'
+            assert wait_until(answered, timeout), f'{node} does not answer get_parameters'
+        finally:
+            self.destroy_client(probe)
+        self._discovered[name] = servers
+
     def call(self, kind, name, timeout=20.0, **fields):
         """Call a service; return its response."""
         name = name if name.startswith('/') else f'{NAME}/{name}'
         client = self._service_client(kind, name, timeout)
+        self._await_discovery(name, timeout)
         future = client.call_async(kind.Request(**fields))
         assert wait_until(future.done, timeout), f'{name} does not answer'
         return future.result()

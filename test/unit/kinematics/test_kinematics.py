@@ -187,6 +187,11 @@ def test_a_bad_target_is_refused_by_name(target, options, words):
         inverse_kinematics(arm(), 'tool0', target, **options)
 
 
+def test_the_order_of_other_libraries_is_answered_with_ours():
+    with pytest.raises(InputError, match=r'frame: a ndarray; .* \(robot, frame, target\)'):
+        inverse_kinematics(arm(), np.zeros(6), 'tool0')
+
+
 @pytest.mark.parametrize('seed', range(4))
 def test_the_center_of_mass_is_the_mean_place_of_mass_and_its_jacobian_the_slope(seed):
     model = random_model(seed, 5, mimics=1)

@@ -63,6 +63,7 @@ def test_a_name_of_another_library_is_answered_with_its_counterpart(name, ours):
 @pytest.mark.parametrize(('name', 'words'), [
     ('inverse_kinematics', r'kane_dynamics.inverse_kinematics\(robot, frame, target\)'),
     ('ik', r'kane_dynamics.inverse_kinematics\('), ('simulate', r'kane_dynamics.simulate\('),
+    ('njoints', 'robot.n$'), ('jacobian_matrix', r'robot.jacobian\('),
     ('gravload', r'robot.gravity_force\(q\)'), ('rne', r'robot.inverse_dynamics\('),
     ('teach', r'kane_dynamics.view.Window\(robot\)'), ('plot', 'functions of kane_dynamics.plot'),
     ('fkine', r'robot.forward_kinematics\(frame, q\)'), ('mass', r'sum\(body.inertial.mass'),
@@ -75,7 +76,10 @@ def test_a_method_of_another_library_is_answered_with_the_place_of_ours(name, wo
 @pytest.mark.parametrize(('name', 'words'), [
     ('buildModelFromUrdf', r'load_urdf\(path\)'), ('loadURDF', r'load_urdf\(path\)'),
     ('from_urdf', 'load_urdf'), ('ik', 'inverse_kinematics'), ('rnea', 'robot.inverse_dynamics'),
-    ('simulat', 'expected simulate')])
+    ('simulat', 'expected simulate'), ('jacobian', r'robot.jacobian\(frame, q\)'),
+    ('forward_kinematics', 'robot.forward_kinematics'),
+    ('time_optimal', r'kane_dynamics.feasibility.time_optimal\('),
+    ('load_xacro', r'load_urdf\(path\), which expands xacro')])
 def test_names_of_other_libraries_in_the_package_are_answered(name, words):
     with pytest.raises(AttributeError, match=f"module 'kane_dynamics' has no.*'{name}'.*{words}"):
         getattr(kane_dynamics, name)

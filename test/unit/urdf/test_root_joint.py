@@ -69,7 +69,8 @@ def test_a_floating_base_with_angles_has_motions():
     ({'floating': 'quaternion'}, "no floating joint; expected root_joint='free'"),
     ({'root_joint': 'ball'}, "'ball'; expected one of fixed, free, floating, planar"),
     ({'root_joint': 'free', 'joints': LEG}, 'expected them among the joints that move'),
-    ({'root_joint': 'free', 'base': 'tail'}, "base: 'tail' is no link")])
+    ({'root_joint': 'free', 'base': 'tail'}, "base: 'tail' is no link"),
+    ({'base': 'free'}, "base: 'free' is no link; expected root_joint='free'")])
 def test_a_root_joint_that_cannot_be_added_is_refused(options, words):
     with pytest.raises(InputError, match=words):
         load(LEGS, **options)

@@ -47,6 +47,7 @@ def test_names_are_kept_exactly():
     (b'<?xml version="1.0" encoding="utf-7"?><robot/>', ("'utf-7'", 'UTF-8, UTF-16')),
     (b'<?xml version="1.0" encoding="rot13"?><robot/>', ("'rot13'", 'UTF-8, UTF-16')),
     ('<robot name="\ud800"/>', ('surrogate', 'Unicode')),
+    ('', ('empty text', 'path of a URDF')),
     ('/nowhere/arm.urdf', ("'/nowhere/arm.urdf'", 'no such file', 'path of a URDF')),
     ('arm\0.urdf', ('null', 'path of a URDF')),
     ('robot ' * 1000, ('path of a URDF', '...')),
