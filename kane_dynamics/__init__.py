@@ -8,6 +8,8 @@ if TYPE_CHECKING:  # each name is imported at its first use: numpy and LLVM take
     from kane_dynamics.control.collision_detection import CollisionDetector, frame_wrench
     from kane_dynamics.control.computed_torque import ComputedTorque
     from kane_dynamics.control.controller import Controller, Mode
+    from kane_dynamics.control.elastic_control import (JointTorqueFeedback,
+                                                       LinkSideControl, MotorSideControl)
     from kane_dynamics.control.elastic_feedforward import ElasticFeedforward
     from kane_dynamics.control.exported_controller import controller_kernels
     from kane_dynamics.control.friction_error import FrictionError
@@ -68,10 +70,12 @@ __all__ = ['ArmCoupling', 'Bending', 'Body', 'CartesianImpedance', 'CartesianMot
            'DeviceError', 'Drive',
            'ElasticFeedforward', 'FilledTrajectory', 'FlexibleLink', 'Frame', 'FrictionError',
            'HandGuiding', 'HybridForce', 'Inertial', 'InputError',
-           'InverseKinematics', 'Joint', 'JointImpedance', 'KaneError', 'Limits',
-           'LinkDistances', 'LinkShape', 'LoopError',
+           'InverseKinematics', 'Joint', 'JointImpedance',
+           'JointTorqueFeedback', 'KaneError', 'Limits',
+           'LinkDistances', 'LinkShape', 'LinkSideControl', 'LoopError',
            'LoopTracker', 'Mode', 'Model', 'ModelBuilder', 'ModelError', 'ModelWarning',
-           'MomentumObserver', 'Motion', 'OperationalSpace', 'PartnerState', 'PointVelocity',
+           'MomentumObserver', 'Motion', 'MotorSideControl',
+           'OperationalSpace', 'PartnerState', 'PointVelocity',
            'PoseFilter',
            'PoseLimits', 'PoseMotion', 'PosePath',
            'Prescribed', 'QuasiStatic', 'Robot',
@@ -94,6 +98,7 @@ _NAMES_BY_MODULE = {
     'control.collision_detection': 'CollisionDetector frame_wrench',
     'control.computed_torque': 'ComputedTorque',
     'control.controller': 'Controller Mode',
+    'control.elastic_control': 'JointTorqueFeedback LinkSideControl MotorSideControl',
     'control.elastic_feedforward': 'ElasticFeedforward',
     'control.exported_controller': 'controller_kernels',
     'control.friction_error': 'FrictionError',

@@ -1,0 +1,525 @@
+"""
+Control of arms with elastic joints: feedforward of the motors, and three laws.
+
+With the motor's position theta and the link's q on the joint's side, delta = theta - q,
+
+    M(q) q'' + h(q, q') = tau_J,    tau_J = k(delta) + D delta'
+    B theta'' + friction(theta') + tau_J = tau_m
+
+A motion q(t) of the links has one motion of the motors and one motor torque: the gear's
+torque is the inverse dynamics of the links, which determines the deflection, and with two
+time derivatives more also theta' and theta'' (A. De Luca, Decoupling and feedback
+linearization of robots with mixed rigid/elastic joints, Int. J. Robust Nonlinear Control
+8, 1998). So the motor torque depends on four derivatives of q.
+
+Every law is a function over any scalar; derivatives along the motion are those of jets.
+Vectors of joints are in the order of the link coordinates; tau has the entries of links
+and motors, as in `Robot`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from kane_dynamics._util.attribute_hints import hinting
+from kane_dynamics._util.checks import constant, instance, per_joint
+from kane_dynamics._util.typing import Array, Matrix, Scalar, Vector
+from kane_dynamics.control.trajectory_feedforward import (FilledTrajectory, MOST_POINTS,
+                                                          PROBES)
+from kane_dynamics.errors import InputError
+from kane_dynamics.mechanics.algebra.jet import (derivative, Jet, moving_jets, series_of,
+                                                 value_of)
+from kane_dynamics.mechanics.algebra.ltdl import solve
+from kane_dynamics.mechanics.elastic_inverse_dynamics import (drive_sides, DriveSide,
+                                                              elastic_inverse_dynamics)
+from kane_dynamics.mechanics.elastic_joints import (damping_torque, spring_deflection,
+                                                    spring_slope, spring_torque)
+from kane_dynamics.mechanics.friction import friction_torque
+from kane_dynamics.mechanics.recursive.tree_equations import TreeEquations
+from kane_dynamics.model.elastic_model import link_side
+from kane_dynamics.motion.motion import Motion
+from kane_dynamics.native.runtime.kernel import Kernel
+from kane_dynamics.robot.robot import Robot
+import numpy as np
+from numpy.typing import ArrayLike
+
+DERIVATIVES = 5  # of a motion: position to snap
+COMMAND = 5  # rows of a command: theta, theta', theta'', tau_m, tau_J
+BANDWIDTH = 30.0  # rad/s
+
+
+class MotorCommand(NamedTuple):
+    """
+    What the motors do along a motion of the links; joint-side, (n,) or (K, n) each.
+
+    Attributes
+    ----------
+    positions, velocities, accelerations : arrays
+        Of the motors divided by their ratio, rad or m, and s; of a rigid joint, its own.
+    torques : arrays
+        Of the motors times their ratio, N m or N.
+    gear_torques : arrays
+        That the gears transmit to the links, N m or N.
+
+    """
+
+    positions: Array
+    velocities: Array
+    accelerations: Array
+    torques: Array
+    gear_torques: Array
+
+
+class ElasticArm:
+    """
+    The equations of an arm with elastic joints as control needs them, over any scalar.
+
+    Parameters
+    ----------
+    robot : Robot
+        With drives (`with_drives`), without constraints, chosen speeds, ball joints and
+        beams.
+    every : bool
+        Whether every joint needs a drive.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The n joints of the links; everything of joints is in their order.
+    tree : TreeEquations
+        Of the links alone.
+    links, motors : list of int
+        Indices of the links in q and tau, and of the motor of each; of a rigid joint,
+        its own.
+
+    Raises
+    ------
+    InputError
+        No such robot; or a drive with the rotor's full coupling, with which the links
+        feel the motors' accelerations and no feedforward in closed form exists.
+
+    """
+
+    def __init__(self, robot: Robot, every: bool = False) -> None:
+        """Check the robot and collect the indices."""
+        instance(robot, Robot, 'robot')
+        model = robot.model
+        if not model.drives:
+            raise InputError('robot: with rigid joints; expected one with elastic '
+                             'joints, from with_drives')
+        if not robot.equations.in_joint_rates:
+            raise InputError('robot: with constraints, chosen speeds or ball joints; '
+                             'expected a tree in joint rates')
+        if model.modal_coordinates:
+            raise InputError('robot: with beams; expected rigid links, such as '
+                             'stiffened(model), because no motor moves the coordinates '
+                             'of bending')
+        self.robot = robot
+        self.n = robot.n
+        links = link_side(model)
+        self.names = links.joint_names
+        self.tree = TreeEquations(links, payload_frame=robot.options['payload_frame'],
+                                  friction=robot.friction)
+        self.sides = drive_sides(model, self.names)
+        for name, drive, _, _ in model.drives:
+            if drive.full_coupling:
+                raise InputError(f"joint '{name}': a drive with full_coupling; expected "
+                                 "Spong's reduced model")
+        # By the links' order: the drive of each joint, if it has one, and its indices.
+        self.drives: dict[int, DriveSide] = {side.link: side for side in self.sides}
+        joint_names = list(model.joint_names)
+        self.links = [joint_names.index(name) for name in self.names]
+        self.motors = list(self.links)
+        for side in self.sides:
+            self.motors[side.link] = joint_names.index(side.motor.name)
+        rigid = [name for k, name in enumerate(self.names) if k not in self.drives]
+        if every and rigid:
+            raise InputError(f'robot: rigid joints {rigid}; expected a drive at every '
+                             'joint, because the torque of a rigid one would jump '
+                             'through the derivatives of the others')
+
+    def accelerations(self, q: Vector, torques: Vector, parameters: Vector) -> Vector:
+        """Return what torques beside inverse dynamics accelerate the links by, (n,)."""
+        return solve(self.tree.factors(q, parameters), self.tree.order, torques)
+
+    def motor_torque(self, side: DriveSide, theta_rate: Scalar,
+                     theta_acceleration: Scalar, gear_torque: Scalar) -> Scalar:
+        """Return tau_m = B theta'' + tau_J + friction(theta') of an elastic joint."""
+        load = side.drive.rotor_inertia * theta_acceleration + gear_torque
+        if not self.robot.friction:
+            return load
+        return load + friction_torque(side.motor, theta_rate, load)
+
+    def in_tau(self, torques: Vector) -> Vector:
+        """Return tau, (n_tau,), with torques of the motors or rigid joints, (n,)."""
+        tau = np.zeros(self.n).astype(object)
+        tau[self.motors] = torques
+        return tau
+
+    def gear_torque(self, side: DriveSide, q: Vector, u: Vector) -> Scalar:
+        """Return the torque that a drive transmits in a state of links and motors."""
+        deflection, rate = self.deflection(side, q), self.deflection(side, u)
+        torque = spring_torque(side.drive, deflection)
+        if not self.robot.friction:
+            return torque
+        return torque + damping_torque(side.drive, rate)
+
+    def deflection(self, side: DriveSide, x: Vector) -> Scalar:
+        """Return the difference of a drive's motor and link in x, (n_tau,)."""
+        return x[self.motors[side.link]] - x[self.links[side.link]]
+
+    def motor_command(self, motion: Matrix, parameters: Vector) -> Matrix:
+        """Return the rows of `MotorCommand`, (5, n), for q to its fourth derivative, (5, n)."""
+        gravity = np.concatenate([parameters[:3][None], np.zeros((2, 3)).astype(object)])
+        rows = elastic_inverse_dynamics(self.tree, self.sides, motion[0], motion[1:], None,
+                                        gravity, parameters[3:])
+        command = np.concatenate([rows[3:], rows[:1]])
+        for side in self.sides:
+            if side.drive.damping and self.robot.friction:
+                torque = moving_jets(*rows[:3, [side.link]])[0]
+                command[:, side.link] = self._damped_command(side, motion, torque)
+        return command
+
+    def _damped_command(self, side: DriveSide, motion: Matrix, torque: Scalar) -> Vector:
+        """
+        Return the rows of `MotorCommand` of one drive with damping, (5,).
+
+        D delta' is subtracted from the torque, with delta' of the spring alone: position
+        and rate are right to the first order of the drive's time constant D / k. In the
+        acceleration, D / k times the third derivative is left out, which would need the
+        fifth one of the motion.
+        """
+        drive = side.drive
+        of_spring = series_of(spring_deflection(drive, torque), 3)
+        rate = Jet((of_spring[1], 2.0 * of_spring[2], 0.0))
+        deflection = spring_deflection(drive, torque - drive.damping * rate)
+        position, speed, half_acceleration = series_of(deflection, 3)
+        link = motion[:, side.link]
+        theta = [link[0] + position, link[1] + speed, link[2] + 2.0 * half_acceleration]
+        gear_torque = value_of(torque)
+        motor = self.motor_torque(side, theta[1], theta[2], gear_torque)
+        return np.array([*theta, motor, gear_torque])
+
+    def linearizing_torque(self, q: Vector, u: Vector, desired: Matrix, gains: Matrix,
+                           parameters: Vector) -> Vector:
+        """
+        Return tau, (n_tau,), with which the links have the corrected fourth derivative.
+
+        `desired`, (5, n), is the motion; `gains`, (4, n), are those of position to jerk.
+
+        Friction is that of the measured rates, because it decides the acceleration that
+        the law takes for that of the links.
+        """
+        tree = self.tree
+        ql, ul = q[self.links], u[self.links]
+        gear_torques = np.array([self.gear_torque(side, q, u) for side in self.sides])
+
+        # Acceleration and jerk of the links from the measured state.
+        bias = tree.inverse_dynamics(ql, ul, tree.zeros, None, parameters)
+        udot = self.accelerations(ql, gear_torques - bias, parameters)
+        needed = tree.inverse_dynamics(moving_jets(ql, ul), moving_jets(ul, udot),
+                                       moving_jets(udot, tree.zeros), None, parameters)
+        spring_rates = []
+        for side in self.sides:
+            slope = spring_slope(side.drive, self.deflection(side, q))
+            spring_rates.append(slope * self.deflection(side, u))
+        jerk = self.accelerations(ql, np.array(spring_rates) - derivative(needed, 1),
+                                  parameters)
+
+        # The fourth derivative, with the errors of the lower ones fed back.
+        snap = desired[4]
+        for gain, wanted, actual in zip(gains, desired, (ql, ul, udot, jerk)):
+            snap = snap + gain * (wanted - actual)
+
+        # The second derivative of the gears' torques that it needs, and theta''.
+        needed = tree.inverse_dynamics(
+            moving_jets(ql, ul, udot), moving_jets(ul, udot, jerk),
+            moving_jets(udot, jerk, snap), None, parameters)
+        second_rates = derivative(needed, 2)
+        torques = []
+        for side in self.sides:
+            k = side.link
+            deflection, rate = self.deflection(side, q), self.deflection(side, u)
+            # k'' delta'^2 is the second derivative of the spring at delta'' = 0.
+            moving_spring = spring_torque(side.drive, Jet((deflection, rate, 0.0)))
+            curvature = 2.0 * series_of(moving_spring, 3)[2]
+            change = (second_rates[k] - curvature) / spring_slope(side.drive, deflection)
+            torques.append(self.motor_torque(side, u[self.motors[k]], udot[k] + change,
+                                             gear_torques[k]))
+        return self.in_tau(np.array(torques))
+
+    def motor_side_torque(self, q: Vector, u: Vector, desired: Matrix, kp: Vector,
+                          kd: Vector, parameters: Vector) -> Vector:
+        """Return tau, (n_tau,), of the feedforward and PD on the motors."""
+        theta, theta_rate, _, torque, _ = self.motor_command(desired, parameters)
+        error = theta - q[self.motors]
+        error_rate = theta_rate - u[self.motors]
+        return self.in_tau(torque + kp * error + kd * error_rate)
+
+    def shaped_torque(self, q: Vector, u: Vector, torque: Vector,
+                      inertia: Vector) -> Vector:
+        """Return tau, (n_tau,), with which motors have other inertias under torques, (n,)."""
+        torques = list(torque)
+        for side in self.sides:
+            k = side.link
+            gear_torque = self.gear_torque(side, q, u)
+            ratio = side.drive.rotor_inertia / inertia[k]
+            torques[k] = gear_torque + ratio * (torque[k] - gear_torque)
+        return self.in_tau(np.array(torques))
+
+
+class _MotionLaw:
+    """A law along a motion of the links, called by `simulate` as torque(t, q, u)."""
+
+    def __init__(self, robot: Robot, motion: Motion, every: bool = False) -> None:
+        self.arm = ElasticArm(robot, every)
+        self.robot = robot
+        instance(motion, Motion, 'motion')
+        if motion.joint_names != self.arm.names:
+            raise InputError(f'motion: of the joints {list(motion.joint_names)}; '
+                             f'expected {list(self.arm.names)}, those of the links')
+        self.motion = motion
+
+    def _compiled(self, law: Callable[..., Any], **inputs: tuple[int, ...]) -> Kernel:
+        """Return a law as native code; inputs are q and u, and these."""
+        n = self.robot.n
+        return self.robot.compiled(law, name=f'elastic_{law.__name__}', q=(n,), u=(n,),
+                                   shape=(n,), **inputs)
+
+    def desired(self, t: float) -> Array:
+        """Return the motion and its four derivatives at a time, (5, n)."""
+        return np.asarray(derivatives_of(self.motion, np.array([t]))[0])
+
+
+@hinting
+class MotorSideControl(_MotionLaw):
+    """
+    PD of the motors around the elastic feedforward: the passive law.
+
+    tau_m = tau_m,d + kp (theta_d - theta) + kd (theta'_d - theta')
+
+    It needs no sensor of the links. Spring and damper between the motor and its desired
+    position cannot feed energy into the arm, whatever the model's errors (P. Tomei, A
+    simple PD controller for robots with elastic joints, IEEE Trans. Autom. Control 36,
+    1991).
+
+    Parameters
+    ----------
+    robot : Robot
+        With elastic joints, all or some.
+    motion : Motion
+        Of the links, in their order.
+    kp, kd : float or (n,) array_like
+        N m/rad and N m s/rad, joint-side.
+
+    Raises
+    ------
+    InputError
+        The robot has no elastic joints; it has constraints, chosen speeds, ball joints,
+        beams or drives with `full_coupling`; the motion is of other joints; or a gain is
+        invalid.
+
+    """
+
+    def __init__(self, robot: Robot, motion: Motion, *, kp: ArrayLike,
+                 kd: ArrayLike) -> None:
+        """Check the gains and compile the law."""
+        super().__init__(robot, motion)
+        names = self.arm.names
+        self.kp, self.kd = per_joint(kp, 'kp', names), per_joint(kd, 'kd', names)
+        n = len(names)
+        self._law = self._compiled(self.arm.motor_side_torque, desired=(DERIVATIVES, n),
+                                   kp=(n,), kd=(n,))
+        self._command = robot.compiled(self.arm.motor_command, name='elastic_command',
+                                       motion=(DERIVATIVES, n), shape=(COMMAND, n))
+
+    def command(self, times: ArrayLike) -> MotorCommand:
+        """
+        Return the desired motion and torques of the motors, for drives that close the loop.
+
+        Parameters
+        ----------
+        times : (K,) array_like
+            s from the start of the motion. Of a torque that is held for a cycle, the
+            middle of the cycle is best: the beginning is late by half a cycle.
+
+        """
+        t = constant(times, np.shape(times), 'times', InputError)
+        if t.ndim != 1:
+            raise InputError(f'times: shape {t.shape}; expected one axis of times in s')
+        rows = self._command(derivatives_of(self.motion, t))
+        return MotorCommand(*np.moveaxis(np.asarray(rows), 1, 0).copy())
+
+    def trajectory(self, tolerance: ArrayLike, *,
+                   max_points: int = MOST_POINTS) -> FilledTrajectory:
+        """
+        Return the motors' motion as a trajectory for joint_trajectory_controller.
+
+        Its positions are those of the motors, for arms whose encoders are there; its
+        efforts are the motors' torques. The controller moves between the points by
+        quintics and interpolates efforts linearly.
+
+        Parameters
+        ----------
+        tolerance : float or (n,) array_like
+            Largest error of the interpolated effort, N m or N, positive: points are
+            inserted between those of the motion where it is larger, at seven times
+            between each two points.
+        max_points : int
+            Largest number of points.
+
+        Raises
+        ------
+        InputError
+            An invalid tolerance, or one that needs more points.
+
+        """
+        allowed = per_joint(tolerance, 'tolerance', self.arm.names)
+        if not (allowed > 0.0).all():
+            raise InputError(f'tolerance: {allowed.tolist()}; expected positive numbers')
+        times = self.motion.times.copy()
+        count = len(times)
+        while True:
+            torques = self.command(times).torques
+            # Between the points, the torques that act and those that are needed.
+            between = times[:-1, None] + PROBES * np.diff(times)[:, None]
+            needed = self.command(between.ravel()).torques
+            needed = needed.reshape(*between.shape, -1)
+            shares = PROBES[:, None]
+            acting = (1.0 - shares) * torques[:-1, None] + shares * torques[1:, None]
+            errors = np.abs(needed - acting).max(axis=1)
+            wrong = (errors > allowed).any(axis=1)
+            if not wrong.any():
+                break
+            times = np.sort(np.append(times, 0.5 * (times[:-1] + times[1:])[wrong]))
+            if len(times) > max_points:
+                raise InputError(f'tolerance: {allowed.tolist()} needs more than '
+                                 f'{max_points} points; expected a larger one, or a '
+                                 'motion whose fourth derivative does not jump')
+        command = self.command(times)
+        # At its end the motion rests, and the controller holds the last effort.
+        return FilledTrajectory(self.arm.names, times, command.positions,
+                                command.velocities, command.accelerations,
+                                command.torques, len(times) - count,
+                                errors.max(axis=0, initial=0.0))
+
+    def __call__(self, t: float, q: ArrayLike, u: ArrayLike) -> Array:
+        """Return tau, (n_tau,), at a time and a state of links and motors."""
+        return np.asarray(self._law(q, u, self.desired(t), self.kp, self.kd))
+
+
+@hinting
+class LinkSideControl(_MotionLaw):
+    """
+    Computed torque of the links through the elasticity (feedback linearization).
+
+    From the state of links and motors follow acceleration and jerk of the links; the
+    motor torque gives them the fourth derivative
+
+        q'''' = q_d'''' + k_3 e''' + k_2 e'' + k_1 e' + k_0 e,    e = q_d - q
+
+    so that every joint has four poles at -bandwidth: k = (w^4, 4 w^3, 6 w^2, 4 w).
+
+    Friction is that of the measured rates, which decides the acceleration. The law is as
+    good as the model: friction that it lacks counts as an acceleration times k / M, so
+    that stiff drives need exact friction and a fast cycle. `MotorSideControl` does not.
+
+    Damping D of a drive acts in the law's acceleration, but not in its jerk: with it, the
+    motor's acceleration changes the jerk at once, by D / k, and the exact law would
+    divide by D. The errors this leaves are of the order w D / k.
+
+    Parameters
+    ----------
+    robot : Robot
+        With a drive at every joint.
+    motion : Motion
+        Of the links, in their order.
+    bandwidth : float or (n,) array_like
+        w, rad/s.
+
+    Raises
+    ------
+    InputError
+        As of `MotorSideControl`; a rigid joint, or an invalid bandwidth.
+
+    """
+
+    def __init__(self, robot: Robot, motion: Motion, *,
+                 bandwidth: ArrayLike = BANDWIDTH) -> None:
+        """Check the bandwidth and compile the law."""
+        super().__init__(robot, motion, every=True)
+        w = per_joint(bandwidth, 'bandwidth', self.arm.names)
+        self.gains = np.array([w**4, 4.0 * w**3, 6.0 * w**2, 4.0 * w])
+        n = len(self.arm.names)
+        self._law = self._compiled(self.arm.linearizing_torque, desired=(DERIVATIVES, n),
+                                   gains=(4, n))
+
+    def __call__(self, t: float, q: ArrayLike, u: ArrayLike) -> Array:
+        """Return tau, (n_tau,), at a time and a state of links and motors."""
+        return np.asarray(self._law(q, u, self.desired(t), self.gains))
+
+
+@hinting
+class JointTorqueFeedback:
+    """
+    Feedback of the gears' torques, which gives the motors another inertia.
+
+    tau_m = tau_J + (B / B_d) (torque - tau_J)
+
+    With it the motor moves under `torque` as one of inertia B_d, with its friction times
+    B_d / B: lighter motors with less friction (C. Ott, A. Albu-Schaeffer,
+    A. Kugi, G. Hirzinger, On the passivity-based impedance control of flexible joint
+    robots, IEEE Trans. Robotics 24, 2008).
+
+    Parameters
+    ----------
+    robot : Robot
+        With elastic joints, all or some.
+    inertia : float or (n,) array_like
+        B_d, joint-side, kg m^2, positive.
+
+    Raises
+    ------
+    InputError
+        As of `MotorSideControl`, or an inertia that is not positive.
+
+    """
+
+    def __init__(self, robot: Robot, *, inertia: ArrayLike) -> None:
+        """Check the inertias and compile the law."""
+        self.arm = ElasticArm(robot)
+        self.robot = robot
+        self.inertia = per_joint(inertia, 'inertia', self.arm.names)
+        for name, value in zip(self.arm.names, self.inertia):
+            if value == 0.0:
+                raise InputError(f"inertia: 0 of joint '{name}'; expected a positive "
+                                 'number')
+        n = len(self.arm.names)
+        self._law = robot.compiled(self.arm.shaped_torque, name='elastic_shaped_torque',
+                                   q=(robot.n,), u=(robot.n,), torque=(n,), inertia=(n,),
+                                   shape=(robot.n,))
+
+    def torque(self, q: ArrayLike, u: ArrayLike, torque: ArrayLike) -> Array:
+        """Return tau, (n_tau,), for torques of the joints, (n,), in a state."""
+        return np.asarray(self._law(q, u, torque, self.inertia))
+
+
+def derivatives_of(motion: Motion, t: Array) -> Array:
+    """Return a motion and its first four derivatives at times (K,), (K, 5, n)."""
+    n = motion.n
+    result = np.zeros((len(t), DERIVATIVES, n))
+    q, u, udot = motion.sample(t)
+    result[:, 0], result[:, 1], result[:, 2] = q, u, udot
+    if len(motion.times) < 2:
+        return result
+    inside = (t >= motion.times[0]) & (t < motion.times[-1])
+    k = np.searchsorted(motion.times, t[inside], side='right') - 1
+    length = np.diff(motion.times)[k]
+    x = ((t[inside] - motion.times[k]) / length)[:, None]
+    c = motion.coefficients[k]
+    jerk = 6.0 * c[:, 3] + x * (24.0 * c[:, 4] + x * (60.0 * c[:, 5]))
+    snap = 24.0 * c[:, 4] + x * (120.0 * c[:, 5])
+    result[inside, 3] = jerk / length[:, None]**3
+    result[inside, 4] = snap / length[:, None]**4
+    return result
