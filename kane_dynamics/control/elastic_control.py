@@ -51,7 +51,7 @@ BANDWIDTH = 30.0  # rad/s
 
 class MotorCommand(NamedTuple):
     """
-    What the motors do along a motion of the links; joint-side, (n,) or (K, n) each.
+    Motion and torques of the motors along a motion of the links, joint-side, (K, n) each.
 
     Attributes
     ----------
